@@ -1,0 +1,103 @@
+"""The app: every route, every error in one shape, OpenAPI at /docs."""
+
+from collections.abc import Sequence
+from http import HTTPStatus
+from typing import Final
+
+from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+
+from api import docs, routes, stream, wire
+from api.desk import Desk
+from api.guard import Guard
+from api.problems import echo, error_response, from_pydantic, invalid_response
+from gcs.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
+from gcs.service import Service
+
+STATUS: Final[dict[type[GcsError], HTTPStatus]] = {
+    InvalidError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    RefusedError: HTTPStatus.CONFLICT,
+    UnknownError: HTTPStatus.NOT_FOUND,
+    LinkError: HTTPStatus.SERVICE_UNAVAILABLE,
+}
+
+DESCRIPTION: Final = """
+Fly a formation: start and stop the show; change formation, target, orbit and obstacles while it flies.
+
+Lengths are metres, positions are in the show frame (x along the show's heading, y to its right, heights
+positive up) or latitude and longitude; headings are degrees clockwise from north. Commands answer 202 with an
+order, whose outcome per vehicle is at `/api/v1/orders/{id}`. `/api/v1/stream?rate_hz=10` is a WebSocket that
+sends what `/api/v1/fleet` answers, the newest state each time.
+"""
+
+
+def create_app(service: Service, *, host_names: Sequence[str] = ("localhost",)) -> FastAPI:
+    """The REST API and the stream over one service.
+
+    Args:
+        service: the control side.
+        host_names: by which a browser may call this service, besides its IP addresses.
+    """
+    app = FastAPI(
+        title="Formation ground station",
+        version="1",
+        description=DESCRIPTION,
+        docs_url=None,  # the framework's page loads its scripts from the internet, which a field may not have
+        redoc_url=None,
+        redirect_slashes=False,
+        generate_unique_id_function=lambda route: route.name,
+        responses=routes.errors(403, 500),
+    )
+    app.state.desk = Desk(service)
+    app.include_router(docs.router)
+    app.include_router(routes.health)
+    app.include_router(routes.api, prefix="/api/v1")
+    app.include_router(stream.router, prefix="/api/v1")
+    app.add_middleware(Guard, names=host_names)
+    _install(app)
+    return app
+
+
+async def _on_gcs_error(_request: Request, error: Exception) -> Response:
+    status = next((STATUS[kind] for kind in type(error).__mro__ if kind in STATUS), None)
+    if status is None:  # ours, but nothing that a request can cause: a bug
+        raise error
+    if isinstance(error, InvalidError):
+        return invalid_response(
+            [wire.Problem(field=error.field, value=echo(error.value), allowed=error.allowed)]
+        )
+    return error_response(status, str(error))
+
+
+async def _on_validation_error(_request: Request, error: Exception) -> Response:
+    if not isinstance(error, RequestValidationError):
+        raise error
+    return invalid_response([from_pydantic(each) for each in error.errors()])
+
+
+async def _on_http_error(request: Request, error: Exception) -> Response:
+    if not isinstance(error, HTTPException):
+        raise error
+    details = {
+        HTTPStatus.NOT_FOUND: f"there is no {request.url.path} here; /docs lists what there is",
+        HTTPStatus.METHOD_NOT_ALLOWED: f"{request.method} is not possible on {request.url.path}",
+    }
+    response = error_response(error.status_code, details.get(HTTPStatus(error.status_code), error.detail))
+    response.headers.update(error.headers or {})
+    return response
+
+
+async def _on_bug(_request: Request, _error: Exception) -> Response:
+    """Answer in the one shape; the server raises the error again and logs it."""
+    return error_response(HTTPStatus.INTERNAL_SERVER_ERROR, "an error of this service; its log says more")
+
+
+def _install(app: FastAPI) -> None:
+    """Let every error of `app` leave in the one shape."""
+    app.add_exception_handler(GcsError, _on_gcs_error)
+    app.add_exception_handler(RequestValidationError, _on_validation_error)
+    app.add_exception_handler(HTTPException, _on_http_error)
+    app.add_exception_handler(Exception, _on_bug)

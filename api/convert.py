@@ -1,0 +1,249 @@
+"""Between the service's types and the wire's, in both directions."""
+
+from dataclasses import replace
+from math import degrees, hypot, pi, radians
+from typing import Final
+
+import numpy as np
+
+from api import wire
+from gcs import plan
+from gcs.errors import InvalidError, RefusedError
+from gcs.frames import ShowFrame
+from gcs.lifecycle import ShowEvent, ShowPhase, advance_show
+from gcs.service import FleetView, OrderRecord, ShowAction, VehicleView
+
+Triple = tuple[float, float, float]
+
+VIEW_AGE_MAX_S: Final = 1.0
+"""PX4 gives up on a silent ground station after 1.0 s: an older state tells nothing about now."""
+
+
+def health_problem(view: FleetView, now_s: float) -> str:
+    """Why control cannot be called alive at `now_s` (loop clock); empty when it can."""
+    age_s = now_s - view.time_s
+    if not abs(age_s) <= VIEW_AGE_MAX_S:  # so written that NaN is unhealthy, too
+        return f"the newest state is {age_s:.1f} s old: the control loop does not run"
+    if not view.control_alive:
+        return "the control loop has completed no tick within the deadman's time: no setpoints are sent"
+    return ""
+
+
+def _above(down_m: float) -> float:
+    return 0.0 - down_m  # not -down_m: that makes -0.0
+
+
+def _velocity(vector_m_s: Triple | None) -> wire.VelocityOut | None:
+    if vector_m_s is None:
+        return None
+    return wire.VelocityOut(x_m_s=vector_m_s[0], y_m_s=vector_m_s[1], up_m_s=_above(vector_m_s[2]))
+
+
+def heading_deg(yaw_rad: float, frame: ShowFrame) -> float:
+    """A yaw of the show frame as degrees clockwise from north, 0 up to but not including 360."""
+    heading = (degrees(yaw_rad) + frame.heading_deg) % 360.0
+    return 0.0 if heading == 360.0 else heading  # a negative hair rounds up to 360
+
+
+def yaw_rad(heading: float, frame: ShowFrame) -> float:
+    """Degrees clockwise from north as a yaw of the show frame, within [-pi, pi)."""
+    return (radians(heading - frame.heading_deg) + pi) % (2 * pi) - pi
+
+
+def vehicle(view: VehicleView, frame: ShowFrame) -> wire.Vehicle:
+    """One vehicle for the wire."""
+    x_m, y_m, down_m = view.position_m if view.position_m is not None else (None, None, None)
+    return wire.Vehicle(
+        id=view.id,
+        system_id=view.system_id,
+        link=view.link,
+        phase=view.phase,
+        reason=view.reason,
+        mode=view.mode,
+        armed=view.armed,
+        landed=view.landed.name.lower(),
+        ready=view.ready,
+        position=wire.Position(
+            x_m=x_m,
+            y_m=y_m,
+            height_m=None if down_m is None else _above(down_m),
+            latitude_deg=view.latitude_deg,
+            longitude_deg=view.longitude_deg,
+            altitude_amsl_m=view.altitude_amsl_m,
+        ),
+        velocity=_velocity(view.velocity_m_s),
+        heading_deg=None if view.yaw_rad is None else heading_deg(view.yaw_rad, frame),
+        battery_remaining=view.battery_remaining,
+        position_age_s=view.position_age_s,
+        heartbeat_age_s=view.heartbeat_age_s,
+        setpoint=_velocity(view.setpoint_m_s),
+        restrained_by=view.restrained_by,
+    )
+
+
+def _possible(phase: ShowPhase, action: ShowAction) -> bool:
+    try:
+        advance_show(phase, ShowEvent(action.value))
+    except RefusedError:
+        return False
+    return True
+
+
+def show(view: FleetView) -> wire.Show:
+    """The show for the wire."""
+    possible = [action for action in ShowAction if _possible(view.show, action)]
+    return wire.Show(phase=view.show, reason=view.reason, possible=possible)
+
+
+def order(record: OrderRecord) -> wire.Order:
+    """An order for the wire."""
+    return wire.Order(
+        id=record.id,
+        action=record.action,
+        accepted_unix_time_s=record.accepted_time_s,
+        outcome=record.outcome,
+        vehicles={
+            vehicle_id: wire.OrderPart(outcome=part.outcome, reason=part.reason)
+            for vehicle_id, part in record.outcomes.items()
+        },
+    )
+
+
+def formation(wanted: plan.Formation, view: FleetView) -> wire.Formation:
+    """The formation for the wire: wanted, and commanded now."""
+    return wire.Formation(
+        radius_m=wanted.radius_m,
+        height_m=wanted.height_m,
+        radius_now_m=view.radius_m,
+        height_now_m=None if view.center_m is None else _above(view.center_m[2]),
+    )
+
+
+def center(view: FleetView, frame: ShowFrame) -> wire.Center | None:
+    """The formation's centre for the wire; None while no formation flies."""
+    if view.center_m is None:
+        return None
+    latitude_deg, longitude_deg, altitude_amsl_m = frame.geodetic(np.array([view.center_m]))
+    return wire.Center(
+        position=wire.Position(
+            x_m=view.center_m[0],
+            y_m=view.center_m[1],
+            height_m=_above(view.center_m[2]),
+            latitude_deg=float(latitude_deg[0]),
+            longitude_deg=float(longitude_deg[0]),
+            altitude_amsl_m=float(altitude_amsl_m[0]),
+        ),
+        velocity=_velocity(view.center_velocity_m_s),
+    )
+
+
+def target(wanted: plan.Target, position_m: tuple[float, float], frame: ShowFrame) -> wire.Target:
+    """The target for the wire, in both frames; `position_m` is where it is now."""
+    latitude_deg, longitude_deg, _ = frame.geodetic(np.array([[*position_m, 0.0]]))
+    ned_m_s = frame.into_ned(np.array([[wanted.velocity_x_m_s, wanted.velocity_y_m_s, 0.0]]))
+    return wire.Target(
+        x_m=position_m[0],
+        y_m=position_m[1],
+        velocity_x_m_s=wanted.velocity_x_m_s,
+        velocity_y_m_s=wanted.velocity_y_m_s,
+        latitude_deg=float(latitude_deg[0]),
+        longitude_deg=float(longitude_deg[0]),
+        velocity_north_m_s=float(ned_m_s[0, 0]),
+        velocity_east_m_s=float(ned_m_s[0, 1]),
+    )
+
+
+def orbit(wanted: plan.Orbit) -> wire.Orbit:
+    """The orbit for the wire."""
+    return wire.Orbit(radius_m=wanted.radius_m, speed_m_s=wanted.speed_m_s, direction=wanted.direction)
+
+
+def yaw(wanted: plan.Yaw, frame: ShowFrame) -> wire.Yaw:
+    """The yaw for the wire."""
+    return wire.Yaw(policy=wanted.policy, heading_deg=heading_deg(wanted.fixed_rad, frame))
+
+
+def obstacle(box: plan.Obstacle) -> wire.Obstacle:
+    """An obstacle for the wire."""
+    return wire.Obstacle(
+        id=box.id,
+        x_m=box.x_m,
+        y_m=box.y_m,
+        half_length_x_m=box.half_length_x_m,
+        half_length_y_m=box.half_length_y_m,
+        height_m=box.height_m,
+    )
+
+
+def fleet(view: FleetView, frame: ShowFrame, problem: str) -> wire.Fleet:
+    """Everything for the wire; `problem` is `health_problem`'s answer."""
+    return wire.Fleet(
+        time_s=view.time_s,
+        unix_time_s=view.unix_time_s,
+        control_alive=not problem,
+        control_reason=problem,
+        show=show(view),
+        origin=wire.Origin(
+            latitude_deg=frame.latitude_deg,
+            longitude_deg=frame.longitude_deg,
+            altitude_amsl_m=frame.altitude_amsl_m,
+            heading_deg=frame.heading_deg,
+        ),
+        formation=formation(view.plan.formation, view),
+        center=center(view, frame),
+        target=target(view.plan.target, view.target_m, frame),
+        orbit=orbit(view.plan.orbit),
+        yaw=yaw(view.plan.yaw, frame),
+        obstacles=[obstacle(box) for box in view.plan.obstacles],
+        minimum_separation_m=view.minimum_separation_m,
+        setpoints_sent=view.setpoints_sent,
+        tick=wire.Tick(
+            rate_hz=view.tick.rate_hz,
+            count=view.tick.count,
+            missed=view.tick.missed,
+            duration_p50_ms=view.tick.duration_p50_ms,
+            duration_p99_ms=view.tick.duration_p99_ms,
+            lateness_p99_ms=view.tick.lateness_p99_ms,
+        ),
+        vehicles=[vehicle(each, frame) for each in view.vehicles],
+    )
+
+
+def target_wanted(body: wire.ShowTarget | wire.GeodeticTarget, frame: ShowFrame, now_s: float) -> plan.Target:
+    """The target in the show frame, at `now_s`.
+
+    Raises: InvalidError when a place on the globe is too far away for a flat frame.
+    """
+    if isinstance(body, wire.ShowTarget):
+        return plan.Target(**body.model_dump(), time_s=now_s)
+    place_m = frame.position_m(
+        np.array([body.latitude_deg]),
+        np.array([body.longitude_deg]),
+        np.array([frame.altitude_amsl_m]),
+    )
+    velocity_m_s = frame.from_ned(np.array([[body.velocity_north_m_s, body.velocity_east_m_s, 0.0]]))
+    x_m, y_m = float(place_m[0, 0]), float(place_m[0, 1])
+    # With z: seen from here, the other side of the globe is straight below.
+    if not hypot(x_m, y_m, float(place_m[0, 2])) <= wire.LENGTH_MAX_M:
+        allowed = f"within {wire.LENGTH_MAX_M / 1000:.0f} km of the show's origin"
+        raise InvalidError(
+            "latitude_deg, longitude_deg", f"{body.latitude_deg}, {body.longitude_deg}", allowed
+        )
+    return plan.Target(x_m, y_m, float(velocity_m_s[0, 0]), float(velocity_m_s[0, 1]), now_s)
+
+
+def yaw_wanted(body: wire.YawChange, current: plan.Yaw, frame: ShowFrame) -> plan.Yaw:
+    """The yaw after a change."""
+    given = body.given()
+    fixed_rad = yaw_rad(given["heading_deg"], frame) if "heading_deg" in given else current.fixed_rad
+    return replace(current, policy=given.get("policy", current.policy), fixed_rad=fixed_rad)
+
+
+def obstacle_wanted(body: wire.Box, obstacle_id: str) -> plan.Obstacle:
+    """The box under the id that it shall have."""
+    return plan.Obstacle(id=obstacle_id, **body.model_dump(exclude={"id"}))
+
+
+def fleet_json(view: FleetView, frame: ShowFrame, problem: str) -> str:
+    """Everything, as JSON text."""
+    return fleet(view, frame, problem).model_dump_json()

@@ -1,0 +1,97 @@
+"""What one app holds: the service, and the little that must be remembered between two requests."""
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from typing import Annotated, Final, cast
+
+from fastapi import Depends
+from starlette.requests import HTTPConnection
+
+from api import convert
+from gcs.errors import RefusedError
+from gcs.frames import ShowFrame
+from gcs.plan import Plan
+from gcs.service import FleetView, Service
+
+VIEWERS_MAX: Final = 32
+"""Each viewer costs time of the event loop, and memory for what it has not read yet."""
+
+
+class Desk:
+    """The service as requests see it.
+
+    The service shows a changed plan with its next tick. Between the two, this remembers what was accepted,
+    so that a second change starts from the first, and a reader finds what was just written.
+    """
+
+    def __init__(self, service: Service) -> None:
+        self.service = service
+        self._accepted = service.view.value.plan
+        self._accepted_during = service.view.value
+        self._text = ""
+        self._text_of: tuple[FleetView, str] | None = None
+        self._viewers = 0
+        self._numbers = count(1)
+
+    @property
+    def view(self) -> FleetView:
+        """The newest state."""
+        return self.service.view.value
+
+    @property
+    def frame(self) -> ShowFrame:
+        """Where the show's origin lies."""
+        return self.service.frame
+
+    @property
+    def plan(self) -> Plan:
+        """What is wanted, with everything that was accepted so far."""
+        return self._accepted if self._accepted_during is self.view else self.view.plan
+
+    def accepted(self, plan: Plan) -> None:
+        """Remember `plan`, which the service has just accepted, until the next state shows it."""
+        self._accepted, self._accepted_during = plan, self.view
+
+    def now_s(self) -> float:
+        """The loop's clock, which is the service's."""
+        return asyncio.get_running_loop().time()
+
+    def age_s(self) -> float:
+        """Since the newest state was made."""
+        return self.now_s() - self.view.time_s
+
+    def health_problem(self) -> str:
+        """Why control cannot be called alive now; empty when it can."""
+        return convert.health_problem(self.view, self.now_s())
+
+    def fleet_json(self) -> str:
+        """Everything as JSON text, written once per state however many viewers there are."""
+        view, problem = self.view, self.health_problem()
+        if self._text_of is None or self._text_of[0] is not view or self._text_of[1] != problem:
+            self._text, self._text_of = convert.fleet_json(view, self.frame, problem), (view, problem)
+        return self._text
+
+    def new_obstacle_id(self) -> str:
+        """An id that no obstacle has and that none was given before."""
+        taken = {box.id for box in self.plan.obstacles}
+        return next(name for number in self._numbers if (name := f"box-{number}") not in taken)
+
+    @contextmanager
+    def seat(self) -> Iterator[None]:
+        """One viewer's place. Raises: RefusedError when all are taken."""
+        if self._viewers >= VIEWERS_MAX:
+            raise RefusedError(f"{VIEWERS_MAX} viewers watch already: close one of them")
+        self._viewers += 1
+        try:
+            yield
+        finally:
+            self._viewers -= 1
+
+
+async def _desk_of(connection: HTTPConnection) -> Desk:
+    return cast("Desk", connection.app.state.desk)
+
+
+DeskDep = Annotated[Desk, Depends(_desk_of)]

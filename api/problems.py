@@ -1,0 +1,63 @@
+"""The one shape in which every error leaves, and what is wrong with a request in our words."""
+
+import json
+from collections.abc import Sequence
+from http import HTTPStatus
+from math import isfinite, isnan
+from typing import Any, Final
+
+from starlette.responses import Response
+
+from api import wire
+
+ECHO_MAX: Final = 120
+"""Characters of a wrong value that are sent back; enough to recognise it."""
+
+
+def echo(value: object) -> str | int | float | bool | None:
+    """A value from outside in a form that is JSON and short."""
+    if isinstance(value, float) and not isfinite(value):
+        return "NaN" if isnan(value) else "Infinity" if value > 0 else "-Infinity"
+    if value is None or isinstance(value, bool | float):
+        return value
+    if isinstance(value, int) and value.bit_length() < 54:  # exact in every reader of JSON
+        return value
+    text = value if isinstance(value, str) else repr(value)
+    return text if len(text) <= ECHO_MAX else text[:ECHO_MAX] + "…"
+
+
+def error_response(status: int, detail: str, problems: Sequence[wire.Problem] = ()) -> Response:
+    """An error in its one shape. Plain ASCII, so that no text from outside can break it."""
+    body = {"detail": detail, "problems": [problem.model_dump() for problem in problems]}
+    text = json.dumps(body, allow_nan=False, ensure_ascii=True)
+    return Response(text, status_code=status, media_type="application/json")
+
+
+def invalid_response(problems: Sequence[wire.Problem]) -> Response:
+    """Fields that are wrong: 422."""
+    detail = "; ".join(f"{problem.field} = {problem.value}: {problem.allowed}" for problem in problems)
+    return error_response(HTTPStatus.UNPROCESSABLE_ENTITY, detail, problems)
+
+
+def from_pydantic(error: dict[str, Any]) -> wire.Problem:
+    """One complaint of pydantic's, in our words."""
+    kind, value = error["type"], error["input"]
+    path = [str(part) for part in error["loc"][1:]]
+    if len(path) > 1 and path[0] in wire.TARGET_FRAMES:  # which of two forms was meant: no field
+        path = path[1:]
+    field = ".".join(path) or "body"
+    allowed = error["msg"].removeprefix("Input should be ")
+    if kind == "json_invalid":
+        field, value, allowed = "body", None, f"JSON; at character {path[0]}: {error['ctx']['error']}"
+    elif kind == "missing":
+        value, allowed = None, "required" if path else "a JSON object, which is required"
+    elif kind == "extra_forbidden":
+        allowed = "not a field of this request"
+    elif field == "body" and not isinstance(value, dict):
+        allowed = "a JSON object, sent as Content-Type: application/json"
+    return wire.Problem(field=_short(field), value=echo(value), allowed=allowed)
+
+
+def _short(name: str) -> str:
+    """A name from outside, short."""
+    return name if len(name) <= ECHO_MAX else name[:ECHO_MAX] + "…"

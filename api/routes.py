@@ -1,0 +1,314 @@
+"""Every route: it translates, and decides nothing."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from http import HTTPStatus
+from typing import Any, Final
+
+from fastapi import APIRouter, Depends, Response
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+
+from api import convert, wire
+from api.desk import Desk, DeskDep
+from gcs.errors import InvalidError, UnknownError
+from gcs.plan import Obstacle
+from gcs.service import ShowAction, VehicleAction
+
+MEANING: Final = {
+    400: "The body cannot be read.",
+    403: "A foreign web page, or a host name that is not this service's.",
+    404: "No such thing.",
+    409: "Proper, but not now; `detail` says why and what to do.",
+    413: "The body is too large.",
+    422: "Bad input; `problems` names each field, its value and what is allowed.",
+    500: "A bug of this service.",
+    503: "Control is not alive; `detail` says why.",
+}
+
+
+def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """How the errors that a route may answer are documented."""
+    return {status: {"model": wire.ErrorBody, "description": MEANING[status]} for status in statuses}
+
+
+async def _no_body(request: Request) -> None:
+    """Whoever sends details with a command that has none means something that would not happen."""
+    body = await request.body()
+    if body.strip() not in (b"", b"{}", b"null"):
+        raise InvalidError("body", body.decode(errors="replace"), "empty: this request has no fields")
+
+
+NO_BODY: Final = [Depends(_no_body)]
+READ: Final = errors(422)
+WRITE: Final = errors(400, 413, 422)
+COMMAND: Final = WRITE | errors(409, 503)
+
+health = APIRouter(tags=["health"])
+api = APIRouter()
+
+
+@health.get("/healthz", summary="Is control alive?", responses=errors(503))
+async def healthz(desk: DeskDep) -> wire.Health:
+    """200 only while the control loop runs and its newest state is fresh, judged by the clock."""
+    problem = desk.health_problem()
+    if problem:
+        raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, problem)
+    return wire.Health(alive=True, view_age_s=max(0.0, desk.age_s()), tick_rate_hz=desk.view.tick.rate_hz)
+
+
+# Fleet
+
+
+@api.get("/fleet", tags=["fleet"], summary="Everything at one instant", response_model=wire.Fleet)
+async def get_fleet(desk: DeskDep) -> Response:
+    """The show, the formation, the target, the obstacles and every vehicle, as the newest tick left them."""
+    return Response(desk.fleet_json(), media_type="application/json")
+
+
+@api.get("/vehicles", tags=["fleet"], summary="Every vehicle")
+async def list_vehicles(desk: DeskDep) -> list[wire.Vehicle]:
+    """All configured vehicles, heard or not."""
+    return [convert.vehicle(each, desk.frame) for each in desk.view.vehicles]
+
+
+@api.get("/vehicles/{vehicle_id}", tags=["fleet"], summary="One vehicle", responses=READ | errors(404))
+async def get_vehicle(vehicle_id: str, desk: DeskDep) -> wire.Vehicle:
+    """One vehicle, as the service believes it to be."""
+    for each in desk.view.vehicles:
+        if each.id == vehicle_id:
+            return convert.vehicle(each, desk.frame)
+    known = ", ".join(each.id for each in desk.view.vehicles)
+    raise UnknownError(f"there is no vehicle {vehicle_id!r}; there are {known}")
+
+
+VEHICLE_SUMMARY: Final = {
+    VehicleAction.HOLD: "Leave the formation and hold position",
+    VehicleAction.JOIN: "Back from hold into the formation",
+    VehicleAction.RETURN: "Come home and land",
+    VehicleAction.LAND: "Land where it is",
+    VehicleAction.KILL: "Stop the motors now, even in the air",
+    VehicleAction.HAND_BACK: "Take a pilot's vehicle back, into hold",
+    VehicleAction.CONFIRM_DOWN: "Say that a lost vehicle was seen on the ground",
+}
+
+SHOW_SUMMARY: Final = {
+    ShowAction.STOP: "Come home and land",
+    ShowAction.PAUSE: "Stand still where they are",
+    ShowAction.RESUME: "Go on after a pause",
+    ShowAction.ABORT: "Filtered descent to distinct places, now",
+}
+
+
+def _accepted(response: Response, order: wire.Order) -> wire.Order:
+    response.headers["Location"] = f"/api/v1/orders/{order.id}"
+    return order
+
+
+def _vehicle_command(action: VehicleAction) -> Callable[..., Awaitable[wire.Order]]:
+    async def command(vehicle_id: str, desk: DeskDep, response: Response) -> wire.Order:
+        return _accepted(response, convert.order(desk.service.command_vehicle(vehicle_id, action)))
+
+    return command
+
+
+def _show_command(action: ShowAction) -> Callable[..., Awaitable[wire.Order]]:
+    async def command(desk: DeskDep, response: Response) -> wire.Order:
+        return _accepted(response, convert.order(desk.service.command_show(action)))
+
+    return command
+
+
+for _vehicle_action, _summary in VEHICLE_SUMMARY.items():
+    api.add_api_route(
+        f"/vehicles/{{vehicle_id}}/{_vehicle_action}",
+        _vehicle_command(_vehicle_action),
+        methods=["POST"],
+        name=f"{_vehicle_action.value.replace('-', '_')}_vehicle",
+        summary=_summary,
+        description="Accepted as an order; `409` when its phase forbids it.",
+        status_code=HTTPStatus.ACCEPTED,
+        tags=["fleet"],
+        dependencies=NO_BODY,
+        responses=COMMAND | errors(404),
+    )
+
+
+# Show
+
+
+@api.get("/show", tags=["show"], summary="Where the show stands")
+async def get_show(desk: DeskDep) -> wire.Show:
+    """The show's phase, and what may be asked of it now."""
+    return convert.show(desk.view)
+
+
+@api.post(
+    "/show/start",
+    tags=["show"],
+    summary="Check, take off, assemble and fly",
+    status_code=HTTPStatus.ACCEPTED,
+    responses=COMMAND | errors(404),
+)
+async def start_show(desk: DeskDep, response: Response, body: wire.StartBody | None = None) -> wire.Order:
+    """Start with the vehicles named, or with all that are online."""
+    vehicles = None if body is None else body.vehicles
+    return _accepted(response, convert.order(desk.service.command_show(ShowAction.START, vehicles)))
+
+
+for _show_action, _summary in SHOW_SUMMARY.items():
+    api.add_api_route(
+        f"/show/{_show_action}",
+        _show_command(_show_action),
+        methods=["POST"],
+        name=f"{_show_action.value}_show",
+        summary=_summary,
+        description="Accepted as an order; `409` when the show's phase forbids it.",
+        status_code=HTTPStatus.ACCEPTED,
+        tags=["show"],
+        dependencies=NO_BODY,
+        responses=COMMAND,
+    )
+
+
+@api.get("/orders/{order_id}", tags=["show"], summary="An order's outcome", responses=READ | errors(404))
+async def get_order(order_id: str, desk: DeskDep) -> wire.Order:
+    """How far an accepted order has got, vehicle by vehicle."""
+    return convert.order(desk.service.order(order_id))
+
+
+# Formation, target, orbit, yaw
+
+
+@api.get("/formation", tags=["formation"], summary="Radius and height, wanted and now")
+async def get_formation(desk: DeskDep) -> wire.Formation:
+    """What was asked for, and what is commanded now on the way there."""
+    return convert.formation(desk.plan.formation, desk.view)
+
+
+@api.patch("/formation", tags=["formation"], summary="Change radius or height", responses=COMMAND)
+async def change_formation(body: wire.FormationChange, desk: DeskDep) -> wire.Formation:
+    """It follows without a jump. A radius too small for the fleet is refused with the smallest that works."""
+    wanted = replace(desk.plan.formation, **body.given())
+    desk.service.set_formation(wanted)
+    desk.accepted(replace(desk.plan, formation=wanted))
+    return convert.formation(wanted, desk.view)
+
+
+@api.get("/target", tags=["target"], summary="Where the target is now")
+async def get_target(desk: DeskDep) -> wire.Target:
+    """The target's place and velocity, in both frames; it goes on with its velocity."""
+    target = desk.plan.target
+    return convert.target(target, target.position_m(desk.now_s()), desk.frame)
+
+
+@api.put("/target", tags=["target"], summary="Say where the target is", responses=COMMAND)
+async def put_target(body: wire.TargetPut, desk: DeskDep) -> wire.Target:
+    """In the show frame or as latitude and longitude. A velocity left out is 0."""
+    now_s = desk.now_s()
+    wanted = convert.target_wanted(body, desk.frame, now_s)
+    desk.service.set_target(wanted)
+    desk.accepted(replace(desk.plan, target=wanted))
+    return convert.target(wanted, wanted.position_m(now_s), desk.frame)
+
+
+@api.get("/orbit", tags=["target"], summary="How the formation circles the target")
+async def get_orbit(desk: DeskDep) -> wire.Orbit:
+    """Radius, speed and direction."""
+    return convert.orbit(desk.plan.orbit)
+
+
+@api.patch("/orbit", tags=["target"], summary="Change the orbit", responses=COMMAND)
+async def change_orbit(body: wire.OrbitChange, desk: DeskDep) -> wire.Orbit:
+    """The formation follows without a jump."""
+    wanted = replace(desk.plan.orbit, **body.given())
+    desk.service.set_orbit(wanted)
+    desk.accepted(replace(desk.plan, orbit=wanted))
+    return convert.orbit(wanted)
+
+
+@api.get("/yaw", tags=["formation"], summary="Where the vehicles look")
+async def get_yaw(desk: DeskDep) -> wire.Yaw:
+    """The policy, and the heading for the policy `fixed`."""
+    return convert.yaw(desk.plan.yaw, desk.frame)
+
+
+@api.patch("/yaw", tags=["formation"], summary="Change where the vehicles look", responses=COMMAND)
+async def change_yaw(body: wire.YawChange, desk: DeskDep) -> wire.Yaw:
+    """The policy, the heading for the policy `fixed`, or both."""
+    wanted = convert.yaw_wanted(body, desk.plan.yaw, desk.frame)
+    desk.service.set_yaw(wanted)
+    desk.accepted(replace(desk.plan, yaw=wanted))
+    return convert.yaw(wanted, desk.frame)
+
+
+# Obstacles
+
+
+def _box(desk: Desk, obstacle_id: str) -> Obstacle:
+    for box in desk.plan.obstacles:
+        if box.id == obstacle_id:
+            return box
+    raise UnknownError(f"there is no obstacle {obstacle_id!r}")
+
+
+@api.get("/obstacles", tags=["obstacles"], summary="Every obstacle")
+async def list_obstacles(desk: DeskDep) -> list[wire.Obstacle]:
+    """All boxes that the fleet keeps clear of."""
+    return [convert.obstacle(box) for box in desk.plan.obstacles]
+
+
+@api.get("/obstacles/{obstacle_id}", tags=["obstacles"], summary="One obstacle", responses=READ | errors(404))
+async def get_obstacle(obstacle_id: str, desk: DeskDep) -> wire.Obstacle:
+    """One box."""
+    return convert.obstacle(_box(desk, obstacle_id))
+
+
+@api.post(
+    "/obstacles",
+    tags=["obstacles"],
+    summary="Add an obstacle",
+    status_code=HTTPStatus.CREATED,
+    responses=COMMAND,
+)
+async def add_obstacle(body: wire.ObstaclePost, desk: DeskDep, response: Response) -> wire.Obstacle:
+    """Refused when its id is taken, or when it would stand on a vehicle in the air."""
+    box = convert.obstacle_wanted(body, body.id or desk.new_obstacle_id())
+    desk.service.add_obstacle(box)
+    desk.accepted(replace(desk.plan, obstacles=(*desk.plan.obstacles, box)))
+    response.headers["Location"] = f"/api/v1/obstacles/{box.id}"
+    return convert.obstacle(box)
+
+
+@api.put(
+    "/obstacles/{obstacle_id}",
+    tags=["obstacles"],
+    summary="Move or resize an obstacle",
+    responses=COMMAND | errors(404),
+)
+async def change_obstacle(obstacle_id: str, body: wire.ObstaclePut, desk: DeskDep) -> wire.Obstacle:
+    """Replace the box of this id. Refused when it would stand on a vehicle in the air."""
+    if body.id and body.id != obstacle_id:
+        raise InvalidError("id", body.id, f"{obstacle_id!r}, as in the path, or absent")
+    box = convert.obstacle_wanted(body, obstacle_id)
+    desk.service.change_obstacle(box)
+    others = desk.plan.obstacles
+    desk.accepted(
+        replace(desk.plan, obstacles=tuple(box if each.id == obstacle_id else each for each in others))
+    )
+    return convert.obstacle(box)
+
+
+@api.delete(
+    "/obstacles/{obstacle_id}",
+    tags=["obstacles"],
+    summary="Remove an obstacle",
+    status_code=HTTPStatus.NO_CONTENT,
+    dependencies=NO_BODY,
+    responses=COMMAND | errors(404),
+)
+async def remove_obstacle(obstacle_id: str, desk: DeskDep) -> None:
+    """Forget a box."""
+    desk.service.remove_obstacle(obstacle_id)
+    left = tuple(box for box in desk.plan.obstacles if box.id != obstacle_id)
+    desk.accepted(replace(desk.plan, obstacles=left))

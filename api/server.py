@@ -1,0 +1,123 @@
+"""The HTTP server, inside the caller's event loop.
+
+It installs no signal handlers and configures no logging: both are the composition root's. To stop it, cancel
+it; it then closes every connection, viewers included, within `SHUTDOWN_S`.
+"""
+
+import asyncio
+import errno
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+import uvicorn
+from fastapi import FastAPI
+
+from gcs.errors import LinkError
+
+HOST: Final = "127.0.0.1"
+PORT: Final = 8000
+PORT_MAX: Final = 65_535
+
+SHUTDOWN_S: Final = 2
+
+SEND_BUFFER_BYTES: Final = 64 * 1024
+"""Of the kernel, per connection: what a slow viewer has not read yet is old, so little of it is kept."""
+
+STALLED_MS: Final = 20_000
+"""A connection whose peer takes nothing for so long is cut."""
+
+
+class _Server(uvicorn.Server):
+    """Uvicorn without its signal handlers, which also says when it listens."""
+
+    def __init__(self, config: uvicorn.Config, listening: asyncio.Future[int] | None) -> None:
+        super().__init__(config)
+        self._listening = listening
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave the signals to whoever owns the process."""
+        yield
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start, then tell the port."""
+        await super().startup(sockets=sockets)
+        if sockets and self._listening is not None and not self._listening.done():
+            self._listening.set_result(sockets[0].getsockname()[1])
+
+    def cut(self) -> None:
+        """Drop the connections that did not close in time: their peers read nothing."""
+        for connection in list(self.server_state.connections):
+            connection.transport.abort()
+
+
+async def serve(
+    app: FastAPI, host: str = HOST, port: int = PORT, *, listening: asyncio.Future[int] | None = None
+) -> None:
+    """Serve until cancelled.
+
+    Args:
+        app: from `create_app`.
+        host: name or address of the interface.
+        port: 0: any that is free.
+        listening: is given the port as soon as requests are answered.
+
+    Raises: LinkError when the address cannot be had.
+    """
+    listener = await _listen(host, port)
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        access_log=False,
+        lifespan="off",
+        proxy_headers=False,
+        server_header=False,
+        ws_max_size=4096,  # viewers have nothing to say
+        ws_per_message_deflate=False,  # compression would take time from the control loop beside us
+        timeout_graceful_shutdown=SHUTDOWN_S,
+    )
+    server = _Server(config, listening)
+    running = asyncio.create_task(server.serve(sockets=[listener]), name="api/http")
+    try:
+        await asyncio.shield(running)
+    finally:
+        server.should_exit = True
+        try:
+            await running
+        finally:
+            server.cut()
+            listener.close()
+
+
+async def _listen(host: str, port: int) -> socket.socket:
+    if not 0 <= port <= PORT_MAX:  # the resolver would silently take it modulo 65536
+        raise LinkError(f"cannot listen on {host} port {port}: a port is from 0 to {PORT_MAX}")
+    try:
+        found = await asyncio.get_running_loop().getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )
+    except socket.gaierror as error:
+        raise LinkError(f"cannot listen on {host} port {port}: {error}") from error
+    family, kind, protocol, _, address = found[0]
+    listener = socket.socket(family, kind, protocol)
+    try:
+        # Accepted connections inherit these from the listener.
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, STALLED_MS)
+        listener.bind(address)
+        listener.listen()
+        listener.setblocking(False)
+    except OSError as error:
+        listener.close()
+        raise LinkError(_cause(host, port, error)) from error
+    return listener
+
+
+def _cause(host: str, port: int, error: OSError) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return f"port {port} is in use on {host}: stop what listens there, or choose another port"
+    return f"cannot listen on {host} port {port}: {error}"

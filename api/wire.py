@@ -1,0 +1,374 @@
+"""Every JSON name of the REST API, and nothing else: what comes in, what goes out.
+
+Units are in the names. Positions are in the show frame, with heights positive up (`height_m`, above the
+show's origin); headings are degrees clockwise from north. A number that is not known is null, never NaN.
+What comes in is strict: an unknown field, a number in quotes, NaN and infinities are refused.
+"""
+
+from math import isfinite
+from typing import Annotated, Any, Final
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
+
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.plan import Direction, YawPolicy
+from gcs.service import Outcome, ShowAction
+from gcs.state import Mode
+
+LENGTH_MAX_M: Final = 100_000.0
+"""Beyond this a flat show frame means nothing, and geodesy answers nonsense."""
+
+SPEED_MAX_M_S: Final = 1_000.0
+"""No bound of flight, only of sense: what may be flown is the service's decision."""
+
+
+def _known(value: object) -> object:
+    """What is not a finite number is not known."""
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def _whole_change(value: object) -> object:
+    """A change that changes nothing is a mistake somewhere."""
+    if isinstance(value, dict) and not value:
+        raise PydanticCustomError("empty_change", "at least one field")
+    return value
+
+
+def _without_defaults(schema: dict[str, Any]) -> None:
+    """An absent field is left as it is; the placeholder that says so is nobody's business."""
+    for field in schema.get("properties", {}).values():
+        field.pop("default", None)
+
+
+ABSENT: Final[Any] = None
+"""Placeholder of fields that may be left out; never read, for only what was given counts."""
+
+Measured = Annotated[float | None, BeforeValidator(_known)]
+Coordinate = Annotated[float, Field(ge=-LENGTH_MAX_M, le=LENGTH_MAX_M, examples=[12.5])]
+Length = Annotated[float, Field(gt=0, le=LENGTH_MAX_M, examples=[10.0])]
+Speed = Annotated[float, Field(gt=0, le=SPEED_MAX_M_S, examples=[2.0])]
+Velocity = Annotated[float, Field(ge=-SPEED_MAX_M_S, le=SPEED_MAX_M_S, examples=[0.5])]
+Heading = Annotated[float, Field(ge=-360, le=360, description="Clockwise from north.", examples=[90.0])]
+ObstacleId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$", examples=["tower"])]
+Sense = Annotated[Direction, Field(strict=False, description="Seen from above.")]
+Policy = Annotated[YawPolicy, Field(strict=False)]
+
+
+class Inward(BaseModel):
+    """What comes from outside: strict, and complete before anything is done with it."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class Change(Inward):
+    """Fields to change; those absent stay as they are."""
+
+    model_config = ConfigDict(json_schema_extra=_without_defaults)
+
+    _something = model_validator(mode="before")(_whole_change)
+
+    def given(self) -> dict[str, Any]:
+        """The fields that were sent, by name."""
+        return self.model_dump(exclude_unset=True)
+
+
+class Outward(BaseModel):
+    """What goes out. An older client passes over fields it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+# In
+
+
+class FormationChange(Change):
+    """Another radius or height of the formation; it follows without a jump."""
+
+    radius_m: Length = Field(default=ABSENT, description="Of the virtual sphere.")
+    height_m: Coordinate = Field(default=ABSENT, description="Of its centre, above the show's origin.")
+
+
+class OrbitChange(Change):
+    """Another way for the formation's centre to circle the target."""
+
+    radius_m: Annotated[float, Field(ge=0, le=LENGTH_MAX_M)] = Field(
+        default=ABSENT, description="0: the formation stands above the target.", examples=[30.0]
+    )
+    speed_m_s: Speed = Field(default=ABSENT, description="Relative to the target.")
+    direction: Sense = Field(default=ABSENT)
+
+
+class YawChange(Change):
+    """Another way for the vehicles to look; the heading counts for the policy `fixed`."""
+
+    policy: Policy = Field(default=ABSENT)
+    heading_deg: Heading = Field(default=ABSENT)
+
+
+class ShowTarget(Inward):
+    """The target's place and velocity in the show frame."""
+
+    x_m: Coordinate
+    y_m: Coordinate
+    velocity_x_m_s: Velocity = 0.0
+    velocity_y_m_s: Velocity = 0.0
+
+
+class GeodeticTarget(Inward):
+    """The target's place and velocity on the globe, WGS84."""
+
+    latitude_deg: Annotated[float, Field(ge=-90, le=90, examples=[47.3977])]
+    longitude_deg: Annotated[float, Field(ge=-180, le=180, examples=[8.5456])]
+    velocity_north_m_s: Velocity = 0.0
+    velocity_east_m_s: Velocity = 0.0
+
+
+TARGET_FRAMES: Final[dict[str, type[Inward]]] = {"show frame": ShowTarget, "geodetic": GeodeticTarget}
+
+
+def _target_frame(value: object) -> str | None:
+    """Which of the two forms was meant; None: neither, or a mixture."""
+    if not isinstance(value, dict):
+        return None
+    meant = [tag for tag, model in TARGET_FRAMES.items() if value.keys() & model.model_fields.keys()]
+    return meant[0] if len(meant) == 1 else None
+
+
+TargetPut = Annotated[
+    Annotated[ShowTarget, Tag("show frame")] | Annotated[GeodeticTarget, Tag("geodetic")],
+    Discriminator(
+        _target_frame,
+        custom_error_type="target_frame",
+        custom_error_message=(
+            "either x_m, y_m, velocity_x_m_s, velocity_y_m_s or latitude_deg, longitude_deg,"
+            " velocity_north_m_s, velocity_east_m_s: one frame, not both"
+        ),
+    ),
+]
+
+
+class Box(Inward):
+    """A box standing on the ground, edges along the show frame's axes."""
+
+    x_m: Coordinate = Field(description="Of its centre.")
+    y_m: Coordinate
+    half_length_x_m: Length
+    half_length_y_m: Length
+    height_m: Length = Field(description="Of its top, above the show's origin.")
+
+
+class ObstaclePost(Box):
+    """A new obstacle; without an id it is given one."""
+
+    model_config = ConfigDict(json_schema_extra=_without_defaults)
+
+    id: ObstacleId = Field(default=ABSENT, description="Absent: one is made.")
+
+
+class ObstaclePut(Box):
+    """The obstacle as it shall be; an id, where given, must be the path's."""
+
+    model_config = ConfigDict(json_schema_extra=_without_defaults)
+
+    id: ObstacleId = Field(default=ABSENT, description="May be left out: the path names it.")
+
+
+class StartBody(Inward):
+    """Who flies."""
+
+    model_config = ConfigDict(json_schema_extra=_without_defaults)
+
+    vehicles: Annotated[list[str], Field(min_length=1, max_length=10_000, examples=[["d1", "d2"]])] = Field(
+        default=ABSENT, description="Absent: every vehicle that is online."
+    )
+
+
+# Out
+
+
+class Problem(Outward):
+    """One field that is wrong."""
+
+    field: str = Field(description="Dotted name; `body` for the whole.", examples=["radius_m"])
+    value: str | int | float | bool | None = Field(
+        description='What was given; text where JSON has no word for it ("NaN").', examples=[1.0]
+    )
+    allowed: str = Field(description="What would be right.", examples=["at least 6.2 m for 12 vehicles"])
+
+
+class ErrorBody(Outward):
+    """The one shape of every error."""
+
+    detail: str = Field(description="For a person.", examples=["radius_m = 1.0: at least 6.2 m"])
+    problems: list[Problem] = Field(description="For a program; empty when no field is to blame.")
+
+
+class Health(Outward):
+    """The control loop runs and its newest state is fresh."""
+
+    alive: bool
+    view_age_s: float = Field(description="Since the newest state was made.")
+    tick_rate_hz: Measured
+
+
+class Position(Outward):
+    """A place, in both frames as far as known."""
+
+    x_m: Measured
+    y_m: Measured
+    height_m: Measured
+    latitude_deg: Measured
+    longitude_deg: Measured
+    altitude_amsl_m: Measured
+
+
+class VelocityOut(Outward):
+    """A velocity in the show frame, positive up."""
+
+    x_m_s: Measured
+    y_m_s: Measured
+    up_m_s: Measured
+
+
+class Vehicle(Outward):
+    """One vehicle, as the service believes it to be."""
+
+    id: str
+    system_id: int
+    link: str
+    phase: Phase
+    reason: str
+    mode: Mode
+    armed: bool
+    landed: str = Field(description="As the autopilot reports it.", examples=["on_ground"])
+    ready: bool
+    position: Position
+    velocity: VelocityOut | None
+    heading_deg: Measured
+    battery_remaining: Measured = Field(description="0 to 1.")
+    position_age_s: Measured
+    heartbeat_age_s: Measured
+    setpoint: VelocityOut | None = Field(description="Sent in the last tick; null: not commanded.")
+    restrained_by: str = Field(description="What the safety filter held it back for, empty when it did not.")
+
+
+class Show(Outward):
+    """Where the show stands, and what may be asked of it now."""
+
+    phase: ShowPhase
+    reason: str
+    possible: list[ShowAction]
+
+
+class OrderPart(Outward):
+    """One vehicle's part of an order."""
+
+    outcome: Outcome
+    reason: str
+
+
+class Order(Outward):
+    """An accepted order and what has become of it."""
+
+    id: str
+    action: str
+    accepted_unix_time_s: float
+    outcome: Outcome = Field(description="pending while any vehicle is, then failed if any has, else done.")
+    vehicles: dict[str, OrderPart]
+
+
+class Formation(Outward):
+    """What the formation shall be, and what it is commanded to be now, on its way there."""
+
+    radius_m: float
+    height_m: float
+    radius_now_m: Measured
+    height_now_m: Measured
+
+
+class Center(Outward):
+    """The formation's centre as commanded now."""
+
+    position: Position
+    velocity: VelocityOut | None
+
+
+class Target(Outward):
+    """Where the target is now, and how it moves, in both frames."""
+
+    x_m: Measured
+    y_m: Measured
+    velocity_x_m_s: float
+    velocity_y_m_s: float
+    latitude_deg: Measured
+    longitude_deg: Measured
+    velocity_north_m_s: float
+    velocity_east_m_s: float
+
+
+class Orbit(Outward):
+    """How the formation's centre circles the target."""
+
+    radius_m: float
+    speed_m_s: float
+    direction: Direction
+
+
+class Yaw(Outward):
+    """Where the vehicles look."""
+
+    policy: YawPolicy
+    heading_deg: float = Field(description="Counts for the policy `fixed`.")
+
+
+class Obstacle(Outward):
+    """A box standing on the ground."""
+
+    id: str
+    x_m: float
+    y_m: float
+    half_length_x_m: float
+    half_length_y_m: float
+    height_m: float
+
+
+class Origin(Outward):
+    """Where the show frame lies: its origin, and which way its x axis points."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_amsl_m: float
+    heading_deg: float
+
+
+class Tick(Outward):
+    """How the control loop keeps its time."""
+
+    rate_hz: Measured
+    count: int
+    missed: int
+    duration_p50_ms: Measured
+    duration_p99_ms: Measured
+    lateness_p99_ms: Measured
+
+
+class Fleet(Outward):
+    """Everything, at one instant."""
+
+    time_s: float = Field(description="The service's monotonic clock.")
+    unix_time_s: float
+    control_alive: bool = Field(description="False also when this state is old.")
+    control_reason: str = Field(description="Why it is not alive, empty when it is.")
+    show: Show
+    origin: Origin
+    formation: Formation
+    center: Center | None = Field(description="null while no formation flies.")
+    target: Target
+    orbit: Orbit
+    yaw: Yaw
+    obstacles: list[Obstacle]
+    minimum_separation_m: Measured
+    setpoints_sent: int
+    tick: Tick
+    vehicles: list[Vehicle]

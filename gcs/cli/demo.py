@@ -1,0 +1,211 @@
+"""`gcs demo`: fake fleet, service and API on one machine, and a story flown over them."""
+
+import argparse
+import asyncio
+import json
+import logging
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from math import ceil, sqrt
+from pathlib import Path
+
+import numpy as np
+
+from gcs import config as configuration
+from gcs.cli import logs, report
+from gcs.cli.serve import running
+from gcs.cli.story import ORBIT_RADIUS_M, Marks, StoppedEarlyError, Story, shortest_s
+from gcs.client import Client
+from gcs.errors import ConfigError, GcsError
+from gcs.feasibility import smallest_formation_radius_m
+from gcs.orchestrator import Orchestrator
+
+VEHICLES_MAX = 50
+CHILD_ENDS_S = 5.0
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `gcs demo`."""
+    parser.add_argument("--vehicles", type=int, default=8, metavar="N", help="2 to 50; 8")
+    parser.add_argument("--seconds", type=float, default=240.0, metavar="S", help="of the whole flight; 240")
+    parser.add_argument("--json", action="store_true", help="the last line is one JSON object")
+    parser.add_argument("--seed", type=int, default=0, help="of the fake fleet")
+    parser.add_argument("--api-port", type=int, metavar="P", help="8000; 0: any that is free")
+    parser.add_argument("--port-base", type=int, default=14540, metavar="P", help="UDP port of the first")
+    parser.add_argument("--truth", metavar="DIR", help="keep the vehicles' true states there")
+    parser.add_argument("--verbose", action="store_true", help="log every change of state, on stderr")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fly. Returns: 0 when all landed and nothing touched, 1 otherwise."""
+    logs.set_up(logging.INFO if arguments.verbose else logging.ERROR)
+    config = make_config(arguments)
+    try:
+        with tempfile.TemporaryDirectory(prefix="gcs-demo-") as temporary:
+            folder = Path(arguments.truth or temporary)
+            folder.mkdir(parents=True, exist_ok=True)
+            truth_files = [folder / f"truth-{i + 1}.jsonl" for i in range(arguments.vehicles)]
+            figures = asyncio.run(_fly(config, arguments, truth_files))
+    except StoppedEarlyError as stopped:
+        print(f"gcs demo: {stopped}; the fleet is down")
+        return INTERRUPTED
+    except GcsError as error:
+        print(f"gcs demo: {error}", file=sys.stderr)
+        return 1
+    print(report.summary(figures))
+    if arguments.json:
+        print(json.dumps(figures))
+    good = figures["landed"] == arguments.vehicles and not figures["separation_violations"]
+    return 0 if good and not figures["obstacle_penetrations"] else 1
+
+
+def make_config(arguments: argparse.Namespace) -> configuration.Config:
+    """The shipped demo configuration for that many vehicles. Raises: ConfigError."""
+    count = arguments.vehicles
+    if not 2 <= count <= VEHICLES_MAX:
+        raise ConfigError(f"--vehicles {count}: 2 to {VEHICLES_MAX} is possible")
+    if arguments.seconds < shortest_s(count):
+        raise ConfigError(
+            f"--seconds {arguments.seconds:g}: at least {shortest_s(count):g} for {count} vehicles"
+        )
+    raw = configuration.load(configuration.find("demo")).model_dump()
+    link = raw["links"][0]
+    link["listen"] = f"udpin://127.0.0.1:{arguments.port_base}"
+    link["ports"] = link["vehicles"]["count"] = count
+    if arguments.api_port is not None:
+        raw["api"]["port"] = arguments.api_port
+    base = configuration.Config.model_validate(raw)
+    radius_m = max(base.formation.radius_m, smallest_formation_radius_m(count, base.control.safety) * 1.2)
+    raw["formation"] = {"radius_m": radius_m, "height_m": radius_m + 10.0}
+    return configuration.Config.model_validate(raw)
+
+
+async def _fly(
+    config: configuration.Config, arguments: argparse.Namespace, truth_files: list[Path]
+) -> dict[str, object]:
+    began_s = time.monotonic()
+
+    def say(text: str) -> None:
+        print(f"[{time.monotonic() - began_s:6.1f} s] {text}", flush=True)
+
+    with fake_fleet(config, arguments, truth_files):
+        async with running(config) as (orchestrator, port):
+            url = f"http://{config.api.host}:{port}"
+            say(f"{arguments.vehicles} fake vehicles; API at {url}/docs")
+            history = History()
+            recorder = asyncio.create_task(history.follow(orchestrator), name="history")
+            marks, failure = await _tell(url, arguments.seconds, say)
+            recorder.cancel()
+            tick_p99_ms = orchestrator.view.value.tick.duration_p99_ms
+            sent = orchestrator.view.value.setpoints_sent
+    if failure is not None:
+        raise failure
+    figures = _judge(truth_files, history.commanded(), marks, config)
+    return figures | {"tick_p99_ms": round(tick_p99_ms, 3), "setpoints_sent": sent}
+
+
+async def _tell(url: str, seconds: float, say: Callable[[str], None]) -> tuple[Marks, GcsError | None]:
+    """Tell the story on a thread of its own; Ctrl-C brings the fleet home.
+
+    Returns: what happened when, and what ended the story early, if anything did.
+    """
+    with Client(url) as client:
+        story = Story(client, seconds, say)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, story.interrupt)
+        try:
+            await asyncio.to_thread(story.fly)
+        except GcsError as failure:
+            return story.marks, failure
+        return story.marks, None
+
+
+class History:
+    """What the service commanded, tick by tick."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[float, ...]] = []
+
+    async def follow(self, orchestrator: Orchestrator) -> None:
+        """Note every view until cancelled."""
+        async for view in orchestrator.view.values():
+            center_m = view.center_m or (np.nan, np.nan, np.nan)
+            radius_m = np.nan if view.radius_m is None else view.radius_m
+            self._rows.append((view.time_s, *center_m, radius_m, *view.target_m))
+
+    def commanded(self) -> report.Commanded:
+        """As arrays."""
+        table = np.array(self._rows, dtype=np.float64)
+        return report.Commanded(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:7])
+
+
+@contextmanager
+def fake_fleet(
+    config: configuration.Config, arguments: argparse.Namespace, truth_files: list[Path]
+) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """One process of the fake autopilot for each vehicle, ended with the block."""
+    frame, count = config.show_frame, arguments.vehicles
+    common = [sys.executable, "-m", "sim", "--count", "1", "--port-base", str(arguments.port_base)]
+    common += ["--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"]
+    common += ["--grid-columns", str(ceil(sqrt(count))), "--seed", str(arguments.seed)]
+    children: list[subprocess.Popen[bytes]] = []
+    try:
+        for i, truth in enumerate(truth_files):
+            # a session of its own: Ctrl-C brings the fleet home instead of killing it in the air
+            child = subprocess.Popen(  # noqa: S603
+                [*common, "--first", str(i), "--truth", str(truth)],
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+            children.append(child)
+        yield children
+    finally:
+        for child in children:
+            child.terminate()
+        for child in children:
+            try:
+                child.wait(CHILD_ENDS_S)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+
+
+def _judge(
+    files: list[Path], commanded: report.Commanded, marks: Marks, config: configuration.Config
+) -> dict[str, object]:
+    """The figures of the flight, from the true states."""
+    truth = report.read_truth(files, config.frame)
+    smallest_m, violations = report.separation(truth, config.control.safety.floor)
+    figures: dict[str, object] = {
+        "vehicles": len(files),
+        "landed": int(truth.landed_at_end.sum()),
+        "min_separation_m": round(smallest_m, 3),
+        "separation_violations": violations,
+    }
+    shapes = {
+        name: report.shape(truth.between(*window), commanded)
+        for name, window in (("before", marks.before), ("after", marks.after))
+        if window is not None
+    }
+    for name, worst in (("radius_error_m", max), ("energy_ratio", max), ("nearest_ratio", min)):
+        values = {part: round(shape[name], 5) for part, shape in shapes.items()}
+        figures[name] = worst(values.values(), default=None)
+        figures |= {f"{name}_{part}": value for part, value in values.items()}
+    if marks.orbit is not None:
+        error_m = report.orbit_error_m(truth.between(*marks.orbit), commanded, ORBIT_RADIUS_M)
+        figures["orbit_radius_error_m"] = round(error_m, 3)
+    if marks.target_from_m and marks.target_to_m:
+        moved_m = np.hypot(*np.subtract(marks.target_to_m, marks.target_from_m))
+        figures["target_moved_m"] = round(float(moved_m), 1)
+    inside = 0
+    if marks.obstacle is not None and marks.obstacle_time_s is not None:
+        inside = report.penetrations(truth.between(marks.obstacle_time_s, np.inf), marks.obstacle)
+    figures["obstacle_penetrations"] = inside
+    return figures

@@ -1,0 +1,56 @@
+"""Arguments of `gcs`, and where each goes."""
+
+import argparse
+import logging
+import sys
+from collections.abc import Sequence
+
+import gcs.cli.demo as demo_command
+import gcs.cli.serve as serve_command
+import sim.cli
+from gcs import config as configuration
+from gcs.cli import logs
+from gcs.errors import ConfigError
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """`gcs demo`, `gcs serve`, `gcs sim`."""
+    parser = argparse.ArgumentParser(prog="gcs", description="Fly a self-organising formation of drones.")
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    demo_parser = commands.add_parser("demo", help="fly the whole story with an embedded fake fleet")
+    demo_command.add_arguments(demo_parser)
+    demo_parser.set_defaults(run=demo_command.run)
+
+    serve_parser = commands.add_parser("serve", help="run the service and its REST API")
+    serve_parser.add_argument(
+        "--config", required=True, metavar="FILE", help="a YAML file, or the name of one that is shipped"
+    )
+    serve_parser.add_argument("--host", help="where the API listens; 127.0.0.1 unless told otherwise")
+    serve_parser.add_argument("--port", type=int, help="of the API; 8000 unless told otherwise")
+    serve_parser.add_argument("--quiet", action="store_true", help="log warnings only")
+    serve_parser.set_defaults(run=_serve)
+
+    sim_parser = commands.add_parser("sim", help="run a fake fleet alone, as python -m sim does")
+    sim.cli.add_arguments(sim_parser)
+    sim_parser.set_defaults(run=sim.cli.run)
+    return parser
+
+
+def _serve(arguments: argparse.Namespace) -> int:
+    logs.set_up(logging.WARNING if arguments.quiet else logging.INFO)
+    config = configuration.load(configuration.find(arguments.config))
+    changes = {"host": arguments.host, "port": arguments.port}
+    api = config.api.model_dump() | {key: value for key, value in changes.items() if value is not None}
+    config = configuration.Config.model_validate(config.model_dump() | {"api": api})
+    return serve_command.run(config, lambda text: print(text, flush=True))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point. Returns: the exit code; 2 for bad arguments or configuration."""
+    parsed = build_parser().parse_args(arguments)
+    try:
+        return int(parsed.run(parsed))
+    except ConfigError as error:
+        print(f"gcs: {error}", file=sys.stderr)
+        return 2

@@ -1,0 +1,157 @@
+"""What a flight was like, judged by the vehicles' true states alone."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gcs.errors import GcsError
+from gcs.formation.thomson import best_configuration, energy, nearest_m
+from gcs.frames import ShowFrame
+from gcs.plan import Obstacle
+from gcs.safety.separation import Floor, minimum_separation, pairs_that_count, scaled_distance_m
+from gcs.state import Array, Mask
+
+SAMPLE_S = 0.02
+PENETRATION_M = 1.0
+"""A drone this close to a box's walls, or above its top, counts as inside."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """True states of n vehicles at k common times of the monotonic clock. Show frame."""
+
+    time_s: Array  # (k,)
+    position_m: Array  # (k, n, 3)
+    airborne: Mask  # (k, n)
+    landed_at_end: Mask  # (n,) on the ground, disarmed
+
+    def between(self, start_s: float, end_s: float) -> "Truth":
+        """The part within a window."""
+        rows = (self.time_s >= start_s) & (self.time_s <= end_s)
+        return Truth(self.time_s[rows], self.position_m[rows], self.airborne[rows], self.landed_at_end)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Commanded:
+    """What the service commanded, tick by tick. Show frame."""
+
+    time_s: Array  # (k,)
+    center_m: Array  # (k, 3), NaN while no formation flew
+    radius_m: Array  # (k,)
+    target_m: Array  # (k, 2)
+
+    def at(self, time_s: Array) -> "Commanded":
+        """Interpolated at other times."""
+
+        def values(array: Array) -> Array:
+            columns = array.reshape(len(self.time_s), -1)
+            picked = [np.interp(time_s, self.time_s, columns[:, i]) for i in range(columns.shape[1])]
+            return np.stack(picked, axis=1).reshape(len(time_s), *array.shape[1:])
+
+        return Commanded(time_s, values(self.center_m), values(self.radius_m), values(self.target_m))
+
+
+def read_truth(files: Sequence[Path], frame: ShowFrame) -> Truth:
+    """Join the truth files of all vehicles, one vehicle a file.
+
+    Args:
+        files: as `python -m sim --truth` writes them, their origin that of the show.
+        frame: to rotate into the show frame.
+
+    Raises: GcsError when a file is empty.
+    """
+    tracks = [_read_track(path) for path in files]
+    start_s, end_s = max(t[0][0] for t in tracks), min(t[0][-1] for t in tracks)
+    time_s = np.arange(start_s, end_s, SAMPLE_S)
+    position_m, airborne = [], []
+    for at_s, ned_m, flying, _ in tracks:
+        position_m.append(
+            frame.from_ned(np.stack([np.interp(time_s, at_s, ned_m[:, i]) for i in range(3)], axis=1))
+        )
+        airborne.append(np.interp(time_s, at_s, flying.astype(float)) > 0.5)
+    down = np.array([track[3] for track in tracks])
+    return Truth(time_s, np.stack(position_m, axis=1), np.stack(airborne, axis=1), down)
+
+
+def _read_track(path: Path) -> tuple[Array, Array, Mask, bool]:
+    """Times, NED positions, whether in the air, and whether it ended on the ground with motors off."""
+    rows = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            sample = json.loads(line)
+        except json.JSONDecodeError:
+            continue  # the last line of a process that was killed while writing it
+        one = sample["vehicles"][0]
+        place = (one["north_m"], one["east_m"], one["down_m"])
+        rows.append((sample["time_s"], *place, not one["landed"], one["armed"]))
+    if not rows:
+        raise GcsError(f"{path}: no true states were written")
+    table = np.array(rows, dtype=np.float64)
+    flying = table[:, 4] > 0.5
+    return table[:, 0], table[:, 1:4], flying, bool(not flying[-1] and table[-1, 5] < 0.5)
+
+
+def separation(truth: Truth, floor: Floor) -> tuple[float, int]:
+    """Smallest distance of the pairs that count, and how often a pair came inside the floor."""
+    smallest_m, violations = np.inf, 0
+    inside_before: set[tuple[int, int]] = set()
+    for position_m, airborne in zip(truth.position_m, truth.airborne, strict=True):
+        distance_m, _ = minimum_separation(position_m, airborne, floor)
+        smallest_m = min(smallest_m, distance_m)
+        first, second = pairs_that_count(position_m, airborne, floor)
+        close = scaled_distance_m(position_m, first, second, floor) < floor.horizontal_m
+        inside = set(zip(first[close].tolist(), second[close].tolist(), strict=True))
+        violations += len(inside - inside_before)
+        inside_before = inside
+    return smallest_m, violations
+
+
+def shape(truth: Truth, commanded: Commanded) -> dict[str, float]:
+    """The formation over a steady window, noise averaged out: mean place of each drone about the centre.
+
+    Returns: energy and nearest distance over those of the best known configuration, and the mean radius
+        error of the worst drone in metres.
+    """
+    wanted = commanded.at(truth.time_s)
+    offset_m = truth.position_m - wanted.center_m[:, None, :]
+    radius_m = np.linalg.norm(offset_m, axis=2)
+    error_m = np.abs(radius_m - wanted.radius_m[:, None]).mean(axis=0).max()
+    mean_m = offset_m.mean(axis=0)
+    direction = mean_m / np.linalg.norm(mean_m, axis=1, keepdims=True)
+    best = best_configuration(len(direction))
+    return {
+        "energy_ratio": energy(direction) / energy(best),
+        "nearest_ratio": nearest_m(direction) / nearest_m(best),
+        "radius_error_m": float(error_m),
+    }
+
+
+def orbit_error_m(truth: Truth, commanded: Commanded, orbit_radius_m: float) -> float:
+    """Root mean square of the true centroid's distance to the true target, less the orbit's radius."""
+    wanted = commanded.at(truth.time_s)
+    distance_m = np.linalg.norm(truth.position_m.mean(axis=1)[:, :2] - wanted.target_m, axis=1)
+    return float(np.sqrt(np.mean((distance_m - orbit_radius_m) ** 2)))
+
+
+def penetrations(truth: Truth, obstacle: Obstacle) -> int:
+    """How often a drone came inside the box grown by a metre on all sides."""
+    inside = (
+        (np.abs(truth.position_m[:, :, 0] - obstacle.x_m) < obstacle.half_length_x_m + PENETRATION_M)
+        & (np.abs(truth.position_m[:, :, 1] - obstacle.y_m) < obstacle.half_length_y_m + PENETRATION_M)
+        & (-truth.position_m[:, :, 2] < obstacle.height_m + PENETRATION_M)
+    )
+    entered = inside & ~np.vstack([np.zeros((1, inside.shape[1]), dtype=bool), inside[:-1]])
+    return int(entered.sum())
+
+
+def summary(figures: Mapping[str, object]) -> str:
+    """The figures as a table for people."""
+    width = max(len(name) for name in figures)
+    return "\n".join(f"  {name:<{width}}  {_plain(value)}" for name, value in figures.items())
+
+
+def _plain(value: object) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

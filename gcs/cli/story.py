@@ -1,0 +1,206 @@
+"""The demonstration: a flight flown through the REST API like anybody else's."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from math import ceil
+
+import numpy as np
+
+from gcs.client import Client
+from gcs.errors import GcsError, OrderError, RefusedError
+from gcs.formation.orbit import orbit_velocity
+from gcs.plan import Direction, Obstacle
+
+ORBIT_RADIUS_M = 15.0
+ORBIT_SPEED_M_S = 2.5
+TARGET_VELOCITY_M_S = (0.8, -0.4)
+CONNECT_S = 20.0
+READY_S = 30.0
+LANDING_S = 75.0
+"""Kept for the way home."""
+
+SETTLE_S = 20.0
+"""From assembled or past the obstacle until the shape counts as steady."""
+
+AHEAD_S = 13.0
+"""How far ahead on its path the formation meets the obstacle."""
+
+
+class StoppedEarlyError(GcsError):
+    """Somebody pressed Ctrl-C: the fleet is home, the story is not told to its end."""
+
+
+@dataclass(slots=True)
+class Marks:
+    """When what happened, on the monotonic clock, for the report. None: it did not."""
+
+    before: tuple[float, float] | None = None  # steady formation before the obstacle
+    after: tuple[float, float] | None = None
+    orbit: tuple[float, float] | None = None  # steady orbit
+    obstacle: Obstacle | None = None
+    obstacle_time_s: float | None = None
+    target_from_m: tuple[float, float] | None = None
+    target_to_m: tuple[float, float] | None = None
+
+
+def shortest_s(vehicles: int) -> float:
+    """The shortest flight in which the whole story fits."""
+    return ceil((120.0 + 1.5 * vehicles + LANDING_S) / 10.0) * 10.0
+
+
+class Story:
+    """Tells the story; every step is an API call."""
+
+    def __init__(self, client: Client, seconds: float, say: Callable[[str], None]) -> None:
+        self._client = client
+        self._say = say
+        self._end_s = time.monotonic() + seconds
+        self.marks = Marks()
+        self._stopped = False
+
+    def interrupt(self) -> None:
+        """Come home now (from any thread)."""
+        self._stopped = True
+
+    def fly(self) -> None:
+        """The whole flight. Raises: OrderError when vehicles do not connect, start or land in time."""
+        try:
+            self._take_off()
+            self._orbit()
+            self._obstacle()
+            self._stay()
+        finally:
+            self._come_home()
+
+    # the chapters
+
+    def _take_off(self) -> None:
+        self._until("every vehicle ready", CONNECT_S, lambda: all(v.ready for v in self._client.vehicles()))
+        order = self._client.start()
+        self._say(f"start: {len(order.vehicles)} vehicles take off, one after the other, straight up")
+        self._until(
+            "take-off",
+            READY_S + 2.0 * len(order.vehicles),
+            lambda: self._phase() in {"assembling", "running"},
+        )
+        self._say("all up; they organise themselves on the sphere")
+        self._until("assembly", 60.0, lambda: self._phase() == "running")
+        self._say("assembled; the formation settles above the target")
+        self._sleep(SETTLE_S)
+
+    def _orbit(self) -> None:
+        steady_s = time.monotonic()
+        self._client.change_orbit(radius_m=ORBIT_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
+        self._say(f"orbit: {ORBIT_RADIUS_M:g} m around the target at {ORBIT_SPEED_M_S:g} m/s")
+        self._sleep(12.0)
+        target = self._client.target()
+        self.marks.target_from_m = (target.x_m or 0.0, target.y_m or 0.0)
+        x, y = TARGET_VELOCITY_M_S
+        self._client.set_target(target.x_m or 0.0, target.y_m or 0.0, velocity_x_m_s=x, velocity_y_m_s=y)
+        self._say(f"the target moves off at ({x:g}, {y:g}) m/s; they follow")
+        self._sleep(max(20.0, self._left_s() * 0.14))
+        self.marks.before = (steady_s, time.monotonic() - 0.5)
+
+    def _obstacle(self) -> None:
+        for try_s in range(6):
+            x_m, y_m = self._ahead_m(AHEAD_S + 2.0 * try_s)
+            box = Obstacle("tower", round(x_m, 1), round(y_m, 1), 3.0, 3.0, 45.0)
+            try:
+                self._client.add_obstacle(
+                    x_m=box.x_m,
+                    y_m=box.y_m,
+                    half_length_x_m=box.half_length_x_m,
+                    half_length_y_m=box.half_length_y_m,
+                    height_m=box.height_m,
+                    obstacle_id=box.id,
+                )
+            except RefusedError as refused:
+                self._say(f"not there: {refused}")
+                continue
+            self.marks.obstacle, self.marks.obstacle_time_s = box, time.monotonic()
+            self._say(f"a tower of 6 x 6 x 45 m stands in their way at ({box.x_m:g}, {box.y_m:g})")
+            self._sleep(10.0)
+            self._until("passing the tower", 60.0, partial(self._clear_of, box))
+            self._say("past the tower; they re-form")
+            self._sleep(SETTLE_S)
+            return
+        raise OrderError("no place for the obstacle was accepted")
+
+    def _stay(self) -> None:
+        steady_s = time.monotonic()
+        self._sleep(max(20.0, self._left_s() - LANDING_S))
+        self.marks.after = self.marks.orbit = (steady_s, time.monotonic() - 0.5)
+        target = self._client.target()
+        self.marks.target_to_m = (target.x_m or 0.0, target.y_m or 0.0)
+
+    def _come_home(self) -> None:
+        self._stopped = False  # from here on it is what was asked for
+        if self._phase() in {"idle", "landed"}:
+            return
+        try:
+            self._client.stop()
+        except RefusedError as refused:
+            self._say(f"stop: {refused}")
+        self._say("come home, and land")
+        self._until("landing", 180.0, lambda: self._phase() == "landed")
+        self._say("landed")
+
+    # their parts
+
+    def _phase(self) -> str:
+        return self._client.show().phase
+
+    def _left_s(self) -> float:
+        return self._end_s - time.monotonic()
+
+    def _sleep(self, seconds: float) -> None:
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            self._check_stopped()
+            time.sleep(0.1)
+
+    def _until(self, what: str, seconds: float, reached: Callable[[], bool]) -> None:
+        end_s = time.monotonic() + seconds
+        while not reached():
+            self._check_stopped()
+            if time.monotonic() > end_s:
+                raise OrderError(f"{what}: not within {seconds:g} s ({self._client.show().reason})")
+            time.sleep(0.25)
+
+    def _check_stopped(self) -> None:
+        if self._stopped:
+            raise StoppedEarlyError("stopped by hand")
+
+    def _ahead_m(self, seconds: float) -> tuple[float, float]:
+        """Where the formation's centre will be, by its own law."""
+        fleet = self._client.fleet()
+        if fleet.center is None:
+            raise OrderError("no formation flies")
+        target = fleet.target
+        center_m = np.array([fleet.center.position.x_m, fleet.center.position.y_m], dtype=np.float64)
+        target_m = np.array([target.x_m, target.y_m], dtype=np.float64)
+        target_m_s = np.array([target.velocity_x_m_s, target.velocity_y_m_s])
+        step_s = 0.05
+        for _ in range(round(seconds / step_s)):
+            around_m_s = orbit_velocity(
+                center_m - target_m,
+                radius_m=fleet.orbit.radius_m,
+                speed_m_s=fleet.orbit.speed_m_s,
+                direction=Direction(fleet.orbit.direction),
+                braking_m_s2=1.0,
+            )
+            center_m = center_m + step_s * (target_m_s + around_m_s)
+            target_m = target_m + step_s * target_m_s
+        return float(center_m[0]), float(center_m[1])
+
+    def _clear_of(self, box: Obstacle) -> bool:
+        """Whether every vehicle has passed: none near, and the formation moves away."""
+        fleet = self._client.fleet()
+        if fleet.center is None or fleet.center.velocity is None:
+            return False
+        places = [(v.position.x_m, v.position.y_m) for v in fleet.vehicles if v.phase == "formation"]
+        offset_m = np.array(places, dtype=np.float64) - (box.x_m, box.y_m)
+        velocity = np.array([fleet.center.velocity.x_m_s, fleet.center.velocity.y_m_s], dtype=np.float64)
+        return bool((offset_m @ velocity > 0.0).all() or (np.hypot(*offset_m.T) > 20.0).all())

@@ -1,0 +1,289 @@
+"""Typed Python client of the REST API.
+
+    with Client("http://127.0.0.1:8000") as client:
+        order = client.start()
+        client.wait_for(order.id, timeout_s=120)
+        client.change_formation(radius_m=15)
+
+Everything that the service refuses is raised as the error that the service raised itself.
+"""
+
+import json
+import time
+from types import TracebackType
+from typing import Any, Final, Self, TypeVar
+from urllib.parse import quote
+
+import httpx
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from api import wire
+from gcs.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
+
+M = TypeVar("M", bound=BaseModel)
+
+URL: Final = "http://127.0.0.1:8000"
+
+PENDING: Final = "pending"
+
+ASK_AGAIN_S: Final = 0.2
+"""Between two looks at an order: outcomes come with the autopilots' heartbeats, once a second."""
+
+
+class Client:
+    """One service, by its address. Not for use by several threads at once.
+
+    Every call raises LinkError when the service cannot be reached or control is not alive, InvalidError for
+    a value that can never be accepted, RefusedError for what is not possible now, UnknownError for what does
+    not exist.
+    """
+
+    def __init__(self, url: str = URL, *, timeout_s: float = 5.0) -> None:
+        # Proxies of the environment are not for a station on the same machine or field network.
+        self._http = httpx.Client(base_url=url, timeout=timeout_s, trust_env=False)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._http.close()
+
+    def health(self) -> wire.Health:
+        """Raises: LinkError, saying why, when control is not alive."""
+        return self._one(wire.Health, "GET", "/healthz")
+
+    def fleet(self) -> wire.Fleet:
+        """Everything at one instant."""
+        return self._one(wire.Fleet, "GET", "/api/v1/fleet")
+
+    def vehicles(self) -> list[wire.Vehicle]:
+        """Every vehicle."""
+        return self._many(wire.Vehicle, "/api/v1/vehicles")
+
+    def vehicle(self, vehicle_id: str) -> wire.Vehicle:
+        """One vehicle."""
+        return self._one(wire.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
+
+    def command(self, vehicle_id: str, action: str) -> wire.Order:
+        """Order one vehicle: hold, join, return, land, kill, hand-back or confirm-down."""
+        return self._one(wire.Order, "POST", f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}")
+
+    def show(self) -> wire.Show:
+        """Where the show stands."""
+        return self._one(wire.Show, "GET", "/api/v1/show")
+
+    def start(self, vehicles: list[str] | None = None) -> wire.Order:
+        """Start the show with `vehicles`, or with all that are online."""
+        body = None if vehicles is None else {"vehicles": vehicles}
+        return self._one(wire.Order, "POST", "/api/v1/show/start", body)
+
+    def stop(self) -> wire.Order:
+        """Everybody comes home and lands."""
+        return self._one(wire.Order, "POST", "/api/v1/show/stop")
+
+    def pause(self) -> wire.Order:
+        """Everybody stands still."""
+        return self._one(wire.Order, "POST", "/api/v1/show/pause")
+
+    def resume(self) -> wire.Order:
+        """Go on after a pause."""
+        return self._one(wire.Order, "POST", "/api/v1/show/resume")
+
+    def abort(self) -> wire.Order:
+        """Everybody descends to distinct places, now."""
+        return self._one(wire.Order, "POST", "/api/v1/show/abort")
+
+    def order(self, order_id: str) -> wire.Order:
+        """How far an order has got."""
+        return self._one(wire.Order, "GET", f"/api/v1/orders/{_part(order_id)}")
+
+    def wait_for(self, order_id: str, timeout_s: float) -> wire.Order:
+        """The order once it is done or has failed, which its `outcome` says.
+
+        Raises: OrderError naming the vehicles that are still at it after `timeout_s`.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            order = self.order(order_id)
+            if order.outcome != PENDING:
+                return order
+            left_s = deadline_s - time.monotonic()
+            if left_s <= 0:
+                pending = [name for name, part in order.vehicles.items() if part.outcome == PENDING]
+                raise OrderError(f"{order.action} not done after {timeout_s:g} s by {', '.join(pending)}")
+            time.sleep(min(ASK_AGAIN_S, left_s))
+
+    def formation(self) -> wire.Formation:
+        """Radius and height, wanted and now."""
+        return self._one(wire.Formation, "GET", "/api/v1/formation")
+
+    def change_formation(
+        self, *, radius_m: float | None = None, height_m: float | None = None
+    ) -> wire.Formation:
+        """Change what is given."""
+        body = _given(radius_m=radius_m, height_m=height_m)
+        return self._one(wire.Formation, "PATCH", "/api/v1/formation", body)
+
+    def target(self) -> wire.Target:
+        """Where the target is now."""
+        return self._one(wire.Target, "GET", "/api/v1/target")
+
+    def set_target(
+        self, x_m: float, y_m: float, *, velocity_x_m_s: float = 0.0, velocity_y_m_s: float = 0.0
+    ) -> wire.Target:
+        """Say where the target is, in the show frame."""
+        body = {"x_m": x_m, "y_m": y_m, "velocity_x_m_s": velocity_x_m_s, "velocity_y_m_s": velocity_y_m_s}
+        return self._one(wire.Target, "PUT", "/api/v1/target", body)
+
+    def set_target_geodetic(
+        self,
+        latitude_deg: float,
+        longitude_deg: float,
+        *,
+        velocity_north_m_s: float = 0.0,
+        velocity_east_m_s: float = 0.0,
+    ) -> wire.Target:
+        """Say where the target is, on the globe."""
+        body = {
+            "latitude_deg": latitude_deg,
+            "longitude_deg": longitude_deg,
+            "velocity_north_m_s": velocity_north_m_s,
+            "velocity_east_m_s": velocity_east_m_s,
+        }
+        return self._one(wire.Target, "PUT", "/api/v1/target", body)
+
+    def orbit(self) -> wire.Orbit:
+        """How the formation circles the target."""
+        return self._one(wire.Orbit, "GET", "/api/v1/orbit")
+
+    def change_orbit(
+        self,
+        *,
+        radius_m: float | None = None,
+        speed_m_s: float | None = None,
+        direction: str | None = None,
+    ) -> wire.Orbit:
+        """Change what is given."""
+        body = _given(radius_m=radius_m, speed_m_s=speed_m_s, direction=direction)
+        return self._one(wire.Orbit, "PATCH", "/api/v1/orbit", body)
+
+    def yaw(self) -> wire.Yaw:
+        """Where the vehicles look."""
+        return self._one(wire.Yaw, "GET", "/api/v1/yaw")
+
+    def change_yaw(self, *, policy: str | None = None, heading_deg: float | None = None) -> wire.Yaw:
+        """Change what is given."""
+        return self._one(wire.Yaw, "PATCH", "/api/v1/yaw", _given(policy=policy, heading_deg=heading_deg))
+
+    def obstacles(self) -> list[wire.Obstacle]:
+        """Every obstacle."""
+        return self._many(wire.Obstacle, "/api/v1/obstacles")
+
+    def obstacle(self, obstacle_id: str) -> wire.Obstacle:
+        """One obstacle."""
+        return self._one(wire.Obstacle, "GET", f"/api/v1/obstacles/{_part(obstacle_id)}")
+
+    def add_obstacle(
+        self,
+        *,
+        x_m: float,
+        y_m: float,
+        half_length_x_m: float,
+        half_length_y_m: float,
+        height_m: float,
+        obstacle_id: str | None = None,
+    ) -> wire.Obstacle:
+        """Add a box; without an id it is given one."""
+        body = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m) | _given(id=obstacle_id)
+        return self._one(wire.Obstacle, "POST", "/api/v1/obstacles", body)
+
+    def change_obstacle(
+        self,
+        obstacle_id: str,
+        *,
+        x_m: float,
+        y_m: float,
+        half_length_x_m: float,
+        half_length_y_m: float,
+        height_m: float,
+    ) -> wire.Obstacle:
+        """Replace the box of this id."""
+        body = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
+        return self._one(wire.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
+
+    def remove_obstacle(self, obstacle_id: str) -> None:
+        """Forget a box."""
+        self._call("DELETE", f"/api/v1/obstacles/{_part(obstacle_id)}")
+
+    def _one(self, model: type[M], method: str, path: str, body: dict[str, Any] | None = None) -> M:
+        try:
+            return model.model_validate_json(self._call(method, path, body))
+        except ValidationError as error:
+            raise LinkError(f"{path} answered what this client does not understand") from error
+
+    def _many(self, model: type[M], path: str) -> list[M]:
+        try:
+            return TypeAdapter(list[model]).validate_json(self._call("GET", path))  # type: ignore[valid-type]
+        except ValidationError as error:
+            raise LinkError(f"{path} answered what this client does not understand") from error
+
+    def _call(self, method: str, path: str, body: dict[str, Any] | None = None) -> bytes:
+        # Not httpx's own JSON: it stumbles over NaN, which the service refuses with the field's name.
+        content = None if body is None else json.dumps(body).encode()
+        headers = {} if body is None else {"Content-Type": "application/json"}
+        try:
+            answer = self._http.request(method, path, content=content, headers=headers)
+        except httpx.HTTPError as error:
+            raise LinkError(
+                f"no answer from {self._http.base_url}: {str(error) or type(error).__name__}"
+            ) from error
+        if not answer.is_success:
+            raise _error(answer)
+        return answer.content
+
+
+def _error(answer: httpx.Response) -> GcsError:
+    """The error that the service raised."""
+    try:
+        body = wire.ErrorBody.model_validate_json(answer.content)
+    except ValidationError:
+        return LinkError(f"{answer.url} answered {answer.status_code}, and not as this service does")
+    if answer.status_code == httpx.codes.UNPROCESSABLE_ENTITY and body.problems:
+        first = body.problems[0]
+        invalid = InvalidError(first.field, first.value, first.allowed)
+        if len(body.problems) > 1:
+            invalid.add_note(body.detail)
+        return invalid
+    kinds = {
+        httpx.codes.CONFLICT: RefusedError,
+        httpx.codes.NOT_FOUND: UnknownError,
+        httpx.codes.SERVICE_UNAVAILABLE: LinkError,
+    }
+    return kinds.get(httpx.codes(answer.status_code), GcsError)(body.detail)
+
+
+def _part(name: str) -> str:
+    """A name as one part of a path, whatever is in it."""
+    return quote(name, safe="")
+
+
+def _given(**fields: object) -> dict[str, Any]:
+    return {name: value for name, value in fields.items() if value is not None}
+
+
+def _box(
+    x_m: float, y_m: float, half_length_x_m: float, half_length_y_m: float, height_m: float
+) -> dict[str, Any]:
+    return {
+        "x_m": x_m,
+        "y_m": y_m,
+        "half_length_x_m": half_length_x_m,
+        "half_length_y_m": half_length_y_m,
+        "height_m": height_m,
+    }

@@ -1,0 +1,359 @@
+"""What is done with the fleet on an order, and what follows by itself."""
+
+import logging
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from gcs.control import ellipses_of
+from gcs.errands import Errands
+from gcs.errors import InvalidError, OrderError, RefusedError, UnknownError
+from gcs.feasibility import check_formation, check_obstacle
+from gcs.flight import Flight
+from gcs.landing import distinct_places_m
+from gcs.lifecycle import AIRBORNE, FLOWN, IN_THE_AIR, Event, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.links import Order, Verb
+from gcs.orders import OrderBook
+from gcs.preflight import check_fleet
+from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.state import Array, Mode, VehicleId
+from gcs.vehicle import Heard, Vehicle, require_phase
+
+log = logging.getLogger(__name__)
+
+STOPS_WITHIN_S = 0.8
+"""On pause, everybody's place is where their velocity takes them in this time."""
+
+BEATS_MAY_LACK_S = 1.5
+"""Heartbeats come once a second, positions many times: one that is lost makes nobody silent. Who has been
+silent is heard again with a fresh heartbeat only: an old one does not tell whether a pilot has taken over.
+"""
+
+TRY_AGAIN_S = 5.0
+"""Between two attempts at something that the service does by itself."""
+
+EVENT_OF = {
+    VehicleAction.HOLD: Event.HOLD,
+    VehicleAction.JOIN: Event.ENGAGE,
+    VehicleAction.RETURN: Event.COME_HOME,
+    VehicleAction.LAND: Event.DESCEND,
+    VehicleAction.KILL: Event.KILL,
+    VehicleAction.HAND_BACK: Event.HANDED_BACK,
+    VehicleAction.CONFIRM_DOWN: Event.CONFIRMED_DOWN,
+}
+
+Errand = Callable[[Vehicle], Coroutine[None, None, None]]
+
+
+class Director:
+    """Turns orders into errands, and lets the show go on by itself where it can."""
+
+    def __init__(self, flight: Flight, errands: Errands, book: OrderBook) -> None:
+        self._flight = flight
+        self._errands = errands
+        self._book = book
+
+    # once a tick
+
+    def watch(self) -> None:
+        """Let the telemetry change phases, and end errands that no longer apply."""
+        flight = self._flight
+        silence_s = flight.config.operation.silence_s
+        for vehicle in flight.vehicles.values():
+            telemetry, at = flight.telemetry[vehicle.id]
+            beats_may_lack_s = 0.0 if vehicle.phase in {Phase.OFFLINE, Phase.LOST} else BEATS_MAY_LACK_S
+            beat_s = telemetry.heartbeat_time_s[at] + beats_may_lack_s
+            age_s = float(flight.fleet.time_s - min(beat_s, telemetry.position_time_s[at]))
+            position_m = flight.position_m(vehicle)
+            if age_s <= silence_s and np.isfinite(position_m).all():
+                vehicle.last_m = position_m.copy()
+                vehicle.last_velocity_m_s = flight.fleet.velocity_m_s[vehicle.row].copy()
+            heard = Heard(age_s, telemetry.mode[at], telemetry.armed[at], telemetry.landed[at])
+            if vehicle.observe(heard, silence_s):
+                if vehicle.phase in {Phase.LOST, Phase.PILOT}:
+                    self._errands.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
+            elif self._errands.running(vehicle):
+                continue
+            elif vehicle.phase is Phase.OFFLINE and flight.fleet.time_s - beat_s <= silence_s:
+                vehicle.reason = "heard, but it has no position yet"
+            elif vehicle.phase is Phase.LOST and age_s <= silence_s and heard.mode is not Mode.LAND:
+                self._by_itself(vehicle, self._errands.hold)  # comes back through HOLD
+            elif vehicle.phase is Phase.STANDBY and heard.mode is Mode.OFFBOARD and not heard.armed:
+                self._by_itself(vehicle, self._errands.rest)
+            elif vehicle.phase in FLOWN and not vehicle.handed_over and heard.mode is Mode.HOLD:
+                vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
+
+    def _by_itself(self, vehicle: Vehicle, errand: Errand) -> None:
+        """Do what nobody ordered: not recorded as an order, and not again at once when it fails."""
+        if self._flight.fleet.time_s >= vehicle.try_again_s:
+            vehicle.try_again_s = self._flight.fleet.time_s + TRY_AGAIN_S
+            self._errands.start(vehicle, errand, lambda _outcome, _reason: None)
+
+    def advance(self) -> None:
+        """Let the show go on: all up, assembled, all down."""
+        flight = self._flight
+        busy = any(self._errands.running(vehicle) for vehicle in (*flight.airborne, *self.waiting))
+        if flight.show in {ShowPhase.IDLE, ShowPhase.LANDED} and flight.airborne:
+            self._move_show(ShowEvent.TAKEN_ON, "a vehicle in the air has become ours")
+        if flight.show is ShowPhase.ARMING and not busy:
+            if not flight.airborne:
+                self._move_show(ShowEvent.ALL_DOWN, "nobody took off")
+            elif flight.in_phase(Phase.FORMATION):
+                self._move_show(ShowEvent.ALL_UP, "everybody who flies is up")
+        elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
+            self._move_show(ShowEvent.ASSEMBLED, "the sphere stands")
+        flying = flight.show in IN_THE_AIR | {ShowPhase.ABORTING} and flight.show is not ShowPhase.ARMING
+        if flying and not busy and not flight.airborne:
+            others = [vehicle.id for vehicle in flight.in_phase(Phase.LOST, Phase.PILOT)]
+            named = f"; not ours to land: {', '.join(others)}" if others else ""
+            self._move_show(ShowEvent.ALL_DOWN, f"everybody we answer for is down{named}")
+
+    def _move_show(self, event: ShowEvent, reason: str) -> None:
+        flight = self._flight
+        before, flight.show = flight.show, advance_show(flight.show, event)
+        flight.reason = reason
+        log.info("show_phase", extra={"was": before.value, "phase": flight.show.value, "reason": reason})
+
+    # orders to the show
+
+    def command_show(self, action: ShowAction, vehicles: Sequence[VehicleId] | None) -> OrderRecord:
+        """Carry out an order to the whole show. Raises: RefusedError, UnknownError, InvalidError."""
+        if vehicles is not None and action is not ShowAction.START:
+            raise InvalidError("vehicles", list(vehicles), "only with start")
+        orders = {
+            ShowAction.STOP: self._stop,
+            ShowAction.PAUSE: self._pause,
+            ShowAction.RESUME: self._resume,
+            ShowAction.ABORT: self._abort,
+        }
+        return self._start(vehicles) if action is ShowAction.START else orders[action]()
+
+    def _start(self, wanted: Sequence[VehicleId] | None) -> OrderRecord:
+        flight = self._flight
+        advance_show(flight.show, ShowEvent.START)
+        chosen, left_out = self._choose(wanted)
+        self._check(chosen)
+        check_formation(flight.plan.formation, len(chosen), flight.config.control.safety)
+        pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
+        for obstacle in flight.plan.obstacles:
+            check_obstacle(obstacle, flight.config.control.law.avoidance, {}, pads_m)
+        self._move_show(ShowEvent.START, "checks every vehicle")
+        self._move_show(ShowEvent.CHECKED, f"{len(chosen)} vehicles take off one after the other")
+        record = self._book.open("start", chosen, left_out)
+        for turn, name in enumerate(chosen):
+            vehicle = flight.vehicles[name]
+            vehicle.home_m = flight.position_m(vehicle).copy()
+            delay_s = turn * flight.config.operation.takeoff_stagger_s
+            errand = self._errands.take_off(delay_s, lambda one: self._check([one.id]))
+            self._errands.start(vehicle, errand, self._closer(record, vehicle))
+        return record
+
+    def _check(self, chosen: Sequence[VehicleId]) -> None:
+        """Raises: RefusedError with everything that speaks against their taking off."""
+        flight = self._flight
+        findings = check_fleet(
+            chosen,
+            flight.fleet,
+            flight.telemetry,
+            {name: text for link in flight.links for name, text in link.conflicts.items()},
+            age_max_s=flight.config.control.telemetry_age_max_s,
+            floor=flight.config.control.safety.floor,
+            fence=flight.config.control.safety.fence,
+        )
+        if findings:
+            raise RefusedError("; ".join(f"{found.vehicle_id}: {found.problem}" for found in findings))
+
+    def _choose(self, wanted: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
+        """Who flies, and why the others do not. Raises: UnknownError, RefusedError."""
+        flight = self._flight
+        for name in wanted or ():
+            self.vehicle(name)
+        left_out: dict[VehicleId, str] = {}
+        chosen: list[VehicleId] = []
+        for name, vehicle in flight.vehicles.items():
+            if wanted is not None and name not in wanted:
+                left_out[name] = "not chosen"
+            elif vehicle.phase is Phase.STANDBY:
+                chosen.append(name)
+            elif wanted is None and vehicle.phase is Phase.OFFLINE:
+                left_out[name] = f"offline: {vehicle.reason}"
+            else:
+                raise RefusedError(f"{name} is {vehicle.phase}: {vehicle.reason}; only standby can start")
+        if not chosen:
+            raise RefusedError("no vehicle is online")
+        return chosen, left_out
+
+    def _stop(self) -> OrderRecord:
+        """Everybody home; who has not left the ground stays there."""
+        flying, waiting = self._flight.airborne, self.waiting
+        self._move_show(ShowEvent.STOP, "everybody comes home")
+        record = self._book.open("stop", [v.id for v in (*flying, *waiting)], self._not_ours())
+        homeless_m = self._places_m([vehicle for vehicle in flying if vehicle.home_m is None])
+        for vehicle in flying:
+            place_m = homeless_m.get(vehicle.id)  # its start is not known: down where it is
+            errand = self._errands.come_home if place_m is None else self._errands.descend(place_m)
+            self._errands.start(vehicle, errand, self._closer(record, vehicle))
+        for vehicle in waiting:
+            self._errands.start(vehicle, self._errands.stay_down, self._closer(record, vehicle))
+        return record
+
+    def _not_ours(self) -> dict[VehicleId, str]:
+        """Vehicles that no collective order reaches, and why."""
+        out_of_hand = self._flight.in_phase(Phase.LOST, Phase.PILOT, Phase.KILLED)
+        return {vehicle.id: f"{vehicle.phase}: {vehicle.reason}" for vehicle in out_of_hand}
+
+    def _pause(self) -> OrderRecord:
+        """Everybody of the formation stops in place."""
+        flight = self._flight
+        advance_show(flight.show, ShowEvent.PAUSE)
+        for vehicle in flight.in_phase(Phase.FORMATION):
+            stop_m = flight.fleet.velocity_m_s[vehicle.row] * STOPS_WITHIN_S
+            vehicle.hold_m = flight.position_m(vehicle) + stop_m
+        self._move_show(ShowEvent.PAUSE, "everybody holds in place")
+        return self._done("pause")
+
+    def _resume(self) -> OrderRecord:
+        self._move_show(ShowEvent.RESUME, "re-forms, then goes on")
+        return self._done("resume")
+
+    def _done(self, action: str) -> OrderRecord:
+        """An order that the next tick carries out for all of the formation."""
+        formed = self._flight.in_phase(Phase.FORMATION)
+        record = self._book.open(action, [vehicle.id for vehicle in formed], {})
+        for vehicle in formed:
+            self._book.close(record.id, vehicle.id, Outcome.DONE)
+        return self._book.get(record.id)
+
+    def _abort(self) -> OrderRecord:
+        """A filtered descent of everybody, lowest first, to distinct places."""
+        flying, waiting = self._flight.airborne, self.waiting
+        self._move_show(ShowEvent.ABORT, "everybody comes down")
+        places_m = self._places_m([vehicle for vehicle in flying if not vehicle.comes_down_alone])
+        record = self._book.open("abort", [v.id for v in (*flying, *waiting)], self._not_ours())
+        for vehicle in flying:
+            alone = vehicle.comes_down_alone
+            errand = self._errands.autopilot_land if alone else self._errands.descend(places_m[vehicle.id])
+            self._errands.start(vehicle, errand, self._closer(record, vehicle))
+        for vehicle in waiting:
+            self._errands.start(vehicle, self._errands.stay_down, self._closer(record, vehicle))
+        return record
+
+    @property
+    def waiting(self) -> list[Vehicle]:
+        """On the ground, but about to take off."""
+        on_ground = self._flight.in_phase(Phase.STANDBY) if self._flight.show is ShowPhase.ARMING else []
+        return [vehicle for vehicle in on_ground if self._errands.running(vehicle)]
+
+    def _places_m(self, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
+        """(3,) for each: where it comes down, clear of obstacles, of everybody's pads, and of the others."""
+        flight = self._flight
+        if not vehicles:
+            return {}
+        wanted_m = np.array([flight.position_m(vehicle)[:2] for vehicle in vehicles])
+        coming_down = {vehicle.id for vehicle in vehicles}
+        taken_m = [
+            place_m[:2]
+            for vehicle in flight.vehicles.values()
+            if vehicle.id not in coming_down
+            for place_m in (
+                vehicle.home_m,
+                vehicle.last_m if vehicle.phase not in AIRBORNE or vehicle.handed_over else None,
+                vehicle.goal_m if vehicle.phase is Phase.LANDING else None,
+            )
+            if place_m is not None
+        ]
+        places_m = distinct_places_m(
+            wanted_m,
+            np.array(taken_m).reshape(-1, 2),
+            flight.config.operation.place_spacing_m,
+            ellipses_of(flight.plan, flight.config.control),
+        )
+        ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
+        return {
+            vehicle.id: np.array([place_m[0], place_m[1], z_m])
+            for vehicle, place_m, z_m in zip(vehicles, places_m, ground_z_m, strict=True)
+        }
+
+    # orders to one vehicle
+
+    def vehicle(self, vehicle_id: VehicleId) -> Vehicle:
+        """Raises: UnknownError."""
+        try:
+            return self._flight.vehicles[vehicle_id]
+        except KeyError:
+            known = ", ".join(self._flight.vehicles)
+            raise UnknownError(f"there is no vehicle {vehicle_id}; there are {known}") from None
+
+    def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
+        """Carry out an order to one vehicle. Raises: RefusedError, UnknownError."""
+        vehicle = self.vehicle(vehicle_id)
+        if not (action is VehicleAction.HOLD and vehicle.phase is Phase.HOLD):
+            require_phase(vehicle, EVENT_OF[action])
+        if action is VehicleAction.KILL:
+            return self._kill(vehicle)
+        if action is VehicleAction.CONFIRM_DOWN:
+            vehicle.apply(Event.CONFIRMED_DOWN, "an operator has seen it on the ground")
+            vehicle.last_m = None
+            record = self._book.open(action, [vehicle.id], {})
+            self._book.close(record.id, vehicle.id, Outcome.DONE)
+            return self._book.get(record.id)
+        if action is VehicleAction.JOIN and self._flight.show not in IN_THE_AIR - {ShowPhase.RETURNING}:
+            raise RefusedError(f"{vehicle_id} has no formation to join: the show is {self._flight.show}")
+        if action is VehicleAction.JOIN:
+            self._check_room(vehicle)
+        if action is VehicleAction.RETURN and vehicle.home_m is None:
+            raise RefusedError(f"{vehicle_id} cannot return: where it started is not known; use land")
+        if action is VehicleAction.RETURN and vehicle.handed_over:
+            raise RefusedError(f"{vehicle_id} cannot return: its autopilot touches it down already")
+        errands: dict[VehicleAction, Errand] = {
+            VehicleAction.HOLD: self._errands.hold,
+            VehicleAction.JOIN: self._errands.join,
+            VehicleAction.RETURN: self._errands.come_home,
+            VehicleAction.HAND_BACK: self._errands.hand_back,
+        }
+        if action is VehicleAction.LAND:
+            return self._send([vehicle], self._errands.descend(self._places_m([vehicle])[vehicle.id]), action)
+        return self._send([vehicle], errands[action], action)
+
+    def _check_room(self, vehicle: Vehicle) -> None:
+        """Raises: RefusedError when the sphere is too small for one more."""
+        flight = self._flight
+        others = [other for other in flight.airborne if other is not vehicle]
+        formed = [other for other in others if other.engaging or other.phase is Phase.FORMATION]
+        try:
+            check_formation(flight.plan.formation, len(formed) + 1, flight.config.control.safety)
+        except InvalidError as error:
+            raise RefusedError(f"{vehicle.id} cannot join: {error}") from None
+
+    def _kill(self, vehicle: Vehicle) -> OrderRecord:
+        """Motors off. The phase changes at once: nothing else is sent from here on."""
+        flown = vehicle.phase in FLOWN
+        vehicle.apply(Event.KILL, "motors stopped on order")
+        log.warning("kill", extra={"vehicle": vehicle.id, "was_flown": flown})
+
+        async def errand(killed: Vehicle) -> None:
+            try:
+                await self._flight.execute(Order(killed.id, Verb.KILL))
+            except OrderError as error:
+                raise RefusedError(f"the kill was sent, but not seen to work: {error}") from None
+
+        return self._send([vehicle], errand, "kill")
+
+    # both
+
+    def _send(
+        self,
+        vehicles: Iterable[Vehicle],
+        errand: Errand,
+        action: str,
+        left_out: Mapping[str, str] | None = None,
+    ) -> OrderRecord:
+        """Send vehicles on the same errand, under one order."""
+        chosen = list(vehicles)
+        record = self._book.open(action, [vehicle.id for vehicle in chosen], left_out or {})
+        for vehicle in chosen:
+            self._errands.start(vehicle, errand, self._closer(record, vehicle))
+        return record
+
+    def _closer(self, record: OrderRecord, vehicle: Vehicle) -> Callable[[Outcome, str], None]:
+        return lambda outcome, reason: self._book.close(record.id, vehicle.id, outcome, reason)

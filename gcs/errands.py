@@ -1,0 +1,332 @@
+"""What one vehicle is led through, step by step: take off, join, come home, come down.
+
+An errand is a task of the control group. A vehicle has at most one; a new one replaces it. A refused order
+ends the errand and leaves the vehicle where its phase says it is.
+"""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from typing import Protocol
+
+import numpy as np
+
+from gcs.config import OperationSettings
+from gcs.errors import OrderError, RefusedError
+from gcs.lifecycle import FLOWN, Event, Phase
+from gcs.links import Order, Verb
+from gcs.service import Outcome
+from gcs.state import Array, FleetState, Mode
+from gcs.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
+
+MODES_OF = {
+    Verb.TAKEOFF: frozenset({Mode.TAKEOFF, Mode.HOLD}),  # PX4 holds by itself at the top
+    Verb.HOLD: frozenset({Mode.HOLD}),
+    Verb.OFFBOARD: frozenset({Mode.OFFBOARD}),
+    Verb.LAND: frozenset({Mode.LAND}),
+    Verb.RETURN: frozenset({Mode.RETURN}),
+}
+"""Modes that an order explains once it is obeyed."""
+
+IN_PLACE_M = 0.8
+SETPOINTS_FIRST_S = 0.3
+RETRY_S = 1.0
+ENGAGE_TRIES = 3
+NO_PROGRESS_S = 30.0
+"""A way home or down that takes longer than this is worth a word to the operator."""
+
+
+Done = Callable[[Outcome, str], None]
+
+
+class Surroundings(Protocol):
+    """What errands need of the orchestrator."""
+
+    @property
+    def fleet(self) -> FleetState:
+        """Newest state."""
+        ...
+
+    async def ticked(self) -> None:
+        """Return after the next tick."""
+        ...
+
+    async def execute(self, order: Order) -> None:
+        """Pass an order to the vehicle's link. Raises: OrderError."""
+        ...
+
+    @property
+    def vehicles(self) -> Mapping[str, Vehicle]:
+        """All of the fleet."""
+        ...
+
+    def mode(self, vehicle: Vehicle) -> Mode:
+        """As its newest heartbeat says."""
+        ...
+
+    def may_sink(self, vehicle: Vehicle) -> bool:
+        """Whether everybody lower has come to its column, so that this one may come down."""
+        ...
+
+
+class Errands:
+    """Starts, replaces and ends errands."""
+
+    def __init__(self, group: asyncio.TaskGroup, around: Surroundings, settings: OperationSettings) -> None:
+        self._group = group
+        self._around = around
+        self._settings = settings
+        self._running: dict[str, tuple[asyncio.Task[None], Done]] = {}
+
+    def running(self, vehicle: Vehicle) -> bool:
+        """Whether the vehicle is on an errand."""
+        return vehicle.id in self._running
+
+    def stop(self, vehicle: Vehicle, reason: str) -> None:
+        """End the vehicle's errand, if any; it has failed for that reason."""
+        running = self._running.pop(vehicle.id, None)
+        vehicle.engaging = False
+        if running is not None:
+            task, done = running
+            task.cancel()
+            done(Outcome.FAILED, reason)  # here: a task cancelled before its first step says nothing
+
+    def start(self, vehicle: Vehicle, errand: Callable[[Vehicle], Awaitable[None]], done: Done) -> None:
+        """Send the vehicle on `errand` instead of any other; `done` is called once with the outcome."""
+        self.stop(vehicle, "replaced by another order")
+        task = self._group.create_task(self._run(vehicle, errand, done), name=f"errand/{vehicle.id}")
+        self._running[vehicle.id] = task, done
+        task.add_done_callback(lambda ended: self._forget(vehicle, ended))
+
+    def _forget(self, vehicle: Vehicle, ended: asyncio.Task[None]) -> None:
+        running = self._running.get(vehicle.id)
+        if running is not None and running[0] is ended:
+            del self._running[vehicle.id]
+
+    async def _run(self, vehicle: Vehicle, errand: Callable[[Vehicle], Awaitable[None]], done: Done) -> None:
+        outcome, reason = Outcome.DONE, ""
+        try:
+            await errand(vehicle)
+        except (OrderError, RefusedError) as error:
+            outcome, reason = Outcome.FAILED, str(error)
+            log.warning("order_failed", extra={"vehicle": vehicle.id, "reason": reason})
+        # Not reached when `stop` cancels: it has done both, and the vehicle may be on its next errand.
+        vehicle.engaging = False
+        done(outcome, reason)
+
+    # the errands
+
+    def take_off(
+        self, delay_s: float, check: Callable[[Vehicle], None]
+    ) -> Callable[[Vehicle], Coroutine[None, None, None]]:
+        """Wait for one's turn, arm, climb straight up, wait there for the others, join.
+
+        `check` raises RefusedError when the vehicle may no longer fly: its turn may come late.
+        """
+
+        async def errand(vehicle: Vehicle) -> None:
+            await asyncio.sleep(delay_s)
+            check(vehicle)
+            # after a landing PX4 reverts to OFFBOARD, and refuses to arm
+            await self._order(vehicle, Verb.HOLD)
+            await self._order(vehicle, Verb.ARM)
+            if vehicle.phase is not Phase.STANDBY:
+                await self._order(vehicle, Verb.DISARM)
+                raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
+            vehicle.apply(Event.TAKE_OFF, "climbs straight up")
+            await self._order(vehicle, Verb.TAKEOFF, self._settings.takeoff_height_m)
+            try:
+                async with asyncio.timeout(self._settings.takeoff_timeout_s):
+                    await self._until(vehicle, lambda: self._is_up(vehicle), frozenset({Phase.TAKEOFF}))
+            except TimeoutError:
+                raise OrderError(
+                    f"{vehicle.id} did not reach {self._settings.takeoff_height_m:g} m"
+                    f" within {self._settings.takeoff_timeout_s:g} s"
+                ) from None
+            await self._order(vehicle, Verb.HOLD)
+            vehicle.apply(Event.HOLD, "up, waits for the others")
+            await self._until(vehicle, self._all_up, frozenset({Phase.HOLD}))
+            await self.join(vehicle)
+
+        return errand
+
+    async def join(self, vehicle: Vehicle) -> None:
+        """From HOLD under the service's control, at first in place."""
+        if vehicle.phase is Phase.TAKEOFF:
+            raise RefusedError(f"{vehicle.id} still climbs")
+        await self._engage(vehicle)
+        vehicle.apply(Event.ENGAGE, "flies with the formation")
+
+    async def come_home(self, vehicle: Vehicle) -> None:
+        """Fly above one's own start, come down there, and land."""
+        home_m = vehicle.home_m
+        if vehicle.comes_down_alone or home_m is None:
+            await self.autopilot_land(vehicle)
+            return
+        if not await self._under_control(vehicle, Event.COME_HOME, "on its way home"):
+            return
+        # sideways at its own height, but not lower than where everybody climbed to
+        height_z_m = min(
+            float(self._position_m(vehicle)[2]), float(home_m[2]) - self._settings.takeoff_height_m
+        )
+        vehicle.goal_m = np.array([home_m[0], home_m[1], height_z_m])
+        await self._until(vehicle, lambda: self._above(vehicle, home_m))
+        vehicle.apply(Event.DESCEND, "above its start, comes down")
+        await self._sink(vehicle, home_m)
+
+    def descend(self, place_m: Array) -> Callable[[Vehicle], Coroutine[None, None, None]]:
+        """Come down on `place_m` (3,), the lowest of all first."""
+
+        async def errand(vehicle: Vehicle) -> None:
+            if vehicle.comes_down_alone:
+                await self.autopilot_land(vehicle)
+                return
+            if not await self._under_control(vehicle, Event.DESCEND, "comes down"):
+                return
+            here_m = self._position_m(vehicle)
+            vehicle.goal_m = np.array([place_m[0], place_m[1], here_m[2]])
+            await self._around.ticked()  # until then all who were sent down together have begun, and count
+            await self._until(
+                vehicle, lambda: self._above(vehicle, place_m) and self._around.may_sink(vehicle)
+            )
+            await self._sink(vehicle, place_m)
+
+        return errand
+
+    async def hold(self, vehicle: Vehicle) -> None:
+        """Leave whatever it does; the autopilot holds position."""
+        await self._order(vehicle, Verb.HOLD)
+        if vehicle.phase is not Phase.HOLD:
+            vehicle.apply(Event.HOLD, "holds on order")
+
+    async def stay_down(self, vehicle: Vehicle) -> None:
+        """Not in the air yet, and no longer wanted there: motors off, should they run already."""
+        await self._order(vehicle, Verb.DISARM)
+
+    async def rest(self, vehicle: Vehicle) -> None:
+        """On the ground: leave OFFBOARD, to which PX4 reverts, and in which it does not pass its checks."""
+        await self._order(vehicle, Verb.HOLD)
+
+    async def hand_back(self, vehicle: Vehicle) -> None:
+        """A pilot's vehicle becomes ours again, in HOLD."""
+        await self._order(vehicle, Verb.HOLD)
+        vehicle.apply(Event.HANDED_BACK, "handed back, holds")
+
+    async def autopilot_land(self, vehicle: Vehicle) -> None:
+        """Straight down by the autopilot alone: from a climb, or as a last resort."""
+        if vehicle.phase is not Phase.LANDING:
+            vehicle.apply(Event.DESCEND, "its autopilot lands it")
+        vehicle.handed_over = True
+        await self._touch_down(vehicle)
+
+    # their parts
+
+    def _position_m(self, vehicle: Vehicle) -> Array:
+        position_m: Array = self._around.fleet.position_m[vehicle.row]
+        return position_m
+
+    def _height_m(self, vehicle: Vehicle, place_m: Array) -> float:
+        return float(place_m[2] - self._position_m(vehicle)[2])
+
+    def _all_up(self) -> bool:
+        """Whether nobody climbs any more, nor waits on the ground for its turn."""
+        return not any(
+            vehicle.phase is Phase.TAKEOFF or (vehicle.phase is Phase.STANDBY and self.running(vehicle))
+            for vehicle in self._around.vehicles.values()
+        )
+
+    def _is_up(self, vehicle: Vehicle) -> bool:
+        home_m = vehicle.home_m
+        return home_m is not None and self._height_m(vehicle, home_m) > 0.85 * self._settings.takeoff_height_m
+
+    def _above(self, vehicle: Vehicle, place_m: Array) -> bool:
+        here_m = self._position_m(vehicle)
+        return bool(np.hypot(here_m[0] - place_m[0], here_m[1] - place_m[1]) < IN_PLACE_M)
+
+    async def _until(
+        self, vehicle: Vehicle, reached: Callable[[], bool], phases: frozenset[Phase] = FLOWN
+    ) -> None:
+        """Wait while it is in one of `phases`. Raises: RefusedError when it leaves them."""
+        loop = asyncio.get_running_loop()
+        since_s = loop.time()
+        while not reached():
+            if vehicle.phase not in phases:
+                raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
+            if phases is FLOWN and loop.time() - since_s > NO_PROGRESS_S:
+                vehicle.reason = f"{vehicle.phase} for more than {NO_PROGRESS_S:g} s: something is in its way"
+                log.warning("no_progress", extra={"vehicle": vehicle.id, "phase": vehicle.phase.value})
+                since_s = loop.time()
+            await self._around.ticked()
+
+    async def _engage(self, vehicle: Vehicle) -> None:
+        """Setpoints first, standing still, then OFFBOARD: PX4 refuses it without."""
+        vehicle.hold_m = self._position_m(vehicle).copy()
+        vehicle.engaging = True
+        await asyncio.sleep(SETPOINTS_FIRST_S)
+        for left in reversed(range(ENGAGE_TRIES)):
+            try:
+                await self._order(vehicle, Verb.OFFBOARD)
+            except OrderError:
+                if left == 0:
+                    raise
+                await asyncio.sleep(RETRY_S)
+            else:
+                return
+
+    async def _under_control(self, vehicle: Vehicle, event: Event, reason: str) -> bool:
+        """Have the service fly it. Where its autopilot refuses that, the last resort is its own LAND.
+
+        Returns: False when the autopilot has landed it instead.
+        """
+        obeys = vehicle.modes == MODES_OF[Verb.OFFBOARD] and self._around.mode(vehicle) is Mode.OFFBOARD
+        if vehicle.phase is Phase.HOLD or not obeys:
+            try:
+                await self._engage(vehicle)
+            except OrderError as error:
+                log.error("offboard_refused", extra={"vehicle": vehicle.id, "reason": str(error)})
+                await self.autopilot_land(vehicle)
+                return False
+        if vehicle.phase is Phase.LANDING and event is Event.DESCEND:
+            return True
+        vehicle.goal_m = self._position_m(vehicle).copy()
+        goal_m = vehicle.goal_m
+        vehicle.apply(event, reason)
+        vehicle.goal_m = goal_m
+        return True
+
+    async def _sink(self, vehicle: Vehicle, place_m: Array) -> None:
+        """Through the filter to just above the place, then the autopilot touches down."""
+        vehicle.goal_m = np.array([place_m[0], place_m[1], place_m[2]])
+        await self._until(
+            vehicle,
+            lambda: (
+                self._height_m(vehicle, place_m) < self._settings.handover_height_m
+                and self._above(vehicle, place_m)
+            ),
+        )
+        await self._touch_down(vehicle)
+
+    async def _touch_down(self, vehicle: Vehicle) -> None:
+        while vehicle.phase is Phase.LANDING:
+            try:
+                await self._order(vehicle, Verb.LAND)
+            except OrderError as error:
+                log.warning("land_refused", extra={"vehicle": vehicle.id, "reason": str(error)})
+                await asyncio.sleep(RETRY_S)
+                continue
+            vehicle.handed_over = True
+            break
+        while vehicle.phase is Phase.LANDING:
+            await self._around.ticked()
+        if vehicle.phase is not Phase.STANDBY:
+            raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
+
+    async def _order(self, vehicle: Vehicle, verb: Verb, height_m: float = 0.0) -> None:
+        """Execute, while both the old and the new mode count as ours."""
+        obeyed = MODES_OF.get(verb, frozenset())
+        vehicle.modes = vehicle.modes | obeyed
+        await self._around.execute(Order(vehicle.id, verb, height_m))
+        if obeyed:
+            vehicle.modes = obeyed

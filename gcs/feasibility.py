@@ -1,0 +1,174 @@
+"""Whether a wish fits the fleet and the moment. Pure; refuses with what would work."""
+
+from collections.abc import Mapping
+from math import ceil, floor, hypot
+from typing import Literal
+
+import numpy as np
+
+from gcs.control import ControlSettings
+from gcs.errors import InvalidError, RefusedError
+from gcs.formation.law import LawSettings
+from gcs.formation.obstacles import AvoidanceSettings, Ellipse
+from gcs.formation.orbit import CLEAR_OF_FENCE_M, followed_target, target_reach_m
+from gcs.formation.thomson import smallest_radius_m
+from gcs.plan import Formation, Obstacle, Orbit, Plan, Target
+from gcs.safety.filter import SafetySettings
+from gcs.safety.walls import Fence
+from gcs.state import Array, VehicleId
+
+NEARLY_M = 1e-9
+"""What arithmetic may lose; nothing is refused for that."""
+
+
+def _up(value: float) -> float:
+    """To the next tenth above: a limit that is told must be one that is accepted."""
+    return ceil(value * 10.0 - NEARLY_M) / 10.0
+
+
+def _down(value: float) -> float:
+    """To the next tenth below."""
+    return floor(value * 10.0 + NEARLY_M) / 10.0
+
+
+def smallest_formation_radius_m(count: int, safety: SafetySettings) -> float:
+    """The smallest radius that keeps floor and margin for `count`, rounded up to a tenth of a metre."""
+    return _up(smallest_radius_m(count, safety.floor.widest_m))
+
+
+def check_formation(formation: Formation, count: int, safety: SafetySettings) -> None:
+    """Raises: InvalidError when the sphere is too small for `count`, or leaves the permitted heights."""
+    smallest_m = smallest_formation_radius_m(count, safety)
+    if formation.radius_m < smallest_m:
+        raise InvalidError(
+            "radius_m",
+            formation.radius_m,
+            f"at least {smallest_m:.1f} m for {count} vehicles {safety.floor.widest_m:.1f} m apart",
+        )
+    lowest_m, highest_m = safety.fence.height_min_m, safety.fence.height_max_m
+    if formation.height_m < lowest_m + formation.radius_m - NEARLY_M:
+        raise InvalidError(
+            "height_m",
+            formation.height_m,
+            f"at least {_up(lowest_m + formation.radius_m):.1f} m, so that a sphere"
+            f" of {formation.radius_m:g} m stays above the least height of {lowest_m:g} m",
+        )
+    if formation.height_m > highest_m - formation.radius_m + NEARLY_M:
+        raise InvalidError(
+            "height_m",
+            formation.height_m,
+            f"at most {_down(highest_m - formation.radius_m):.1f} m, so that a sphere"
+            f" of {formation.radius_m:g} m stays below the greatest height of {highest_m:g} m",
+        )
+
+
+def check_orbit(orbit: Orbit, law: LawSettings) -> None:
+    """Raises: InvalidError when the centre could not fly that circle within its limits."""
+    if orbit.speed_m_s > law.center_speed_max_m_s:
+        raise InvalidError(
+            "speed_m_s", orbit.speed_m_s, f"at most the centre's {law.center_speed_max_m_s:g} m/s"
+        )
+    tightest_m = orbit.speed_m_s**2 / law.center_acceleration_max_m_s2
+    if 0.0 < orbit.radius_m < tightest_m - NEARLY_M:
+        raise InvalidError(
+            "radius_m",
+            orbit.radius_m,
+            f"0, or at least {_up(tightest_m):.1f} m at {orbit.speed_m_s:g} m/s,"
+            f" so that the centre turns with no more than {law.center_acceleration_max_m_s2:g} m/s^2",
+        )
+
+
+def check_target(
+    target: Target,
+    orbit: Orbit,
+    formation: Formation,
+    control: ControlSettings,
+    *,
+    changed: Literal["target", "orbit", "formation"] = "target",
+) -> None:
+    """Whether the target can be followed on that orbit with that sphere, from where it is.
+
+    Args:
+        target: at its `x_m` and `y_m`: see `followed` for one that moves.
+        orbit: round it.
+        formation: that flies it.
+        control: speeds, and the fence.
+        changed: what the caller wants to be different, and so what the refusal speaks of.
+
+    Raises: InvalidError when the target is too fast, or following it would cross the fence.
+    """
+    law, safety = control.law, control.safety
+    if changed == "target" and target.speed_m_s > law.center_speed_max_m_s:
+        raise InvalidError(
+            "velocity", f"{target.speed_m_s:.2f} m/s", f"at most {law.center_speed_max_m_s:g} m/s"
+        )
+    fence_m, away_m = safety.fence.distance_max_m, hypot(target.x_m, target.y_m)
+    if orbit.radius_m + formation.radius_m + away_m + CLEAR_OF_FENCE_M <= fence_m + NEARLY_M:
+        return
+    inside = f"so that orbit and sphere stay inside the fence at {fence_m:g} m"
+    if changed == "target":
+        place = f"({target.x_m:g}, {target.y_m:g}) m"
+        reach_m = target_reach_m(fence_m, orbit.radius_m, formation.radius_m)
+        raise InvalidError("position", place, f"within {_down(reach_m):.1f} m of the origin, {inside}")
+    radius_m, other_m = (
+        (orbit.radius_m, formation.radius_m) if changed == "orbit" else (formation.radius_m, orbit.radius_m)
+    )
+    most_m = max(0.0, fence_m - other_m - away_m - CLEAR_OF_FENCE_M)
+    from_origin = f"round a target {away_m:.1f} m from the origin"
+    raise InvalidError("radius_m", radius_m, f"at most {_down(most_m):.1f} m {from_origin}, {inside}")
+
+
+def followed(plan: Plan, time_s: float, fence: Fence) -> Target:
+    """The target where it is followed at `time_s`: where it is by then, or as near to that as is possible.
+
+    A target that went on beyond reach is taken at its limit, so that whatever keeps orbit and sphere as
+    large as they are, or makes them smaller, can still be wished for.
+    """
+    reach_m = target_reach_m(fence.distance_max_m, plan.orbit.radius_m, plan.formation.radius_m)
+    place_m, velocity_m_s = followed_target(
+        np.array(plan.target.position_m(time_s)), np.array(plan.target.velocity_m_s), reach_m
+    )
+    (x_m, y_m), (velocity_x_m_s, velocity_y_m_s) = place_m.tolist(), velocity_m_s.tolist()
+    return Target(x_m, y_m, velocity_x_m_s, velocity_y_m_s, time_s)
+
+
+def check_obstacle(
+    obstacle: Obstacle,
+    avoidance: AvoidanceSettings,
+    airborne_m: Mapping[VehicleId, Array],
+    homes_m: Mapping[VehicleId, Array],
+) -> None:
+    """An obstacle may not stand on a vehicle in the air, nor on the place where one is to land.
+
+    Args:
+        obstacle: in the show frame.
+        avoidance: the margins kept beside and above it.
+        airborne_m: (3,) position of every vehicle in the air.
+        homes_m: (3,) landing place of every vehicle that flies.
+
+    Raises: RefusedError naming the vehicles.
+    """
+    margin_m, headroom_m = avoidance.margin_m, avoidance.headroom_m
+    ellipse = Ellipse.around(obstacle, margin_m=margin_m, headroom_m=headroom_m)
+
+    def near(places_m: Mapping[VehicleId, Array], clear_m: float, highest_m: float) -> list[VehicleId]:
+        return [
+            name
+            for name, place_m in places_m.items()
+            if np.isfinite(place_m).all()
+            and ellipse.distance_m(place_m[None])[0] < clear_m
+            and -place_m[2] < highest_m
+        ]
+
+    hit = near(airborne_m, 0.0, ellipse.top_height_m)
+    if hit:
+        raise RefusedError(
+            f"obstacle {obstacle.id} would stand on {', '.join(hit)} (margin {margin_m:g} m, headroom"
+            f" {headroom_m:g} m included); move it, or the formation, away first"
+        )
+    blocked = near(homes_m, avoidance.near_m, np.inf)  # nearer, the ellipse would push those who come home
+    if blocked:
+        raise RefusedError(
+            f"obstacle {obstacle.id} would stand on the landing place of {', '.join(blocked)}, or too near"
+            f" (margin {margin_m:g} m and {avoidance.near_m:g} m to land beside it included)"
+        )

@@ -1,0 +1,138 @@
+"""Motion of the formation's centre around a moving ground target (article, section 3, corrected)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.plan import Direction
+from gcs.state import Array
+
+NEAR_M = 1e-3
+"""Closer to the target than this the field has no direction of its own; it then points along x."""
+
+
+CLEAR_OF_FENCE_M = 2.0
+"""Kept between the fence and the farthest point of the sphere on the farthest point of the orbit."""
+
+
+def target_reach_m(distance_max_m: float, orbit_radius_m: float, sphere_radius_m: float) -> float:
+    """How far from the show's origin a target can be followed, 0 or more: orbit and sphere stay inside."""
+    return max(0.0, distance_max_m - orbit_radius_m - sphere_radius_m - CLEAR_OF_FENCE_M)
+
+
+def followed_target(target_m: Array, velocity_m_s: Array, reach_m: float) -> tuple[Array, Array]:
+    """The target itself, or its projection on the circle within which it can be followed.
+
+    Dead reckoning knows no fence: a target that nobody corrects goes on for ever, the formation does not.
+
+    Args:
+        target_m: (2,) from the show's origin.
+        velocity_m_s: (2,) of the target.
+        reach_m: radius of that circle, 0 or more.
+
+    Returns: (2,) place and (2,) velocity of what is followed. Beyond the circle that is the velocity of the
+        projection: nothing of the target's outward motion, and of its motion round the origin as much as
+        the smaller circle leaves.
+    """
+    distance_m = float(np.hypot(target_m[0], target_m[1]))
+    if distance_m <= reach_m:
+        return target_m, velocity_m_s
+    outward = target_m / distance_m
+    across_m_s = velocity_m_s - (velocity_m_s @ outward) * outward
+    return outward * reach_m, across_m_s * (reach_m / distance_m)
+
+
+def held_within(velocity_m_s: Array, position_m: Array, reach_m: float, braking_m_s2: float) -> Array:
+    """As much of the velocity as lets its owner stop within `reach_m` of the show's origin, (2,) each.
+
+    Only the outward part is shortened. From beyond, nothing leads farther out.
+    """
+    distance_m = max(float(np.hypot(position_m[0], position_m[1])), NEAR_M)
+    outward = position_m / distance_m
+    possible_m_s = np.sqrt(2.0 * braking_m_s2 * max(reach_m - distance_m, 0.0))
+    excess_m_s = max(float(velocity_m_s @ outward) - possible_m_s, 0.0)
+    held_m_s: Array = velocity_m_s - excess_m_s * outward
+    return held_m_s
+
+
+def orbit_velocity(
+    offset_m: Array, *, radius_m: float, speed_m_s: float, direction: Direction, braking_m_s2: float
+) -> Array:
+    """Velocity of the centre relative to the target that leads onto the orbit and round it.
+
+    The article prints the factor ``v_d / (rho^2 + r^2)``, whose speed is ``v_d rho``; the field it comes
+    from divides by rho too and has the speed v_d everywhere. That is what this is.
+
+    Args:
+        offset_m: (2,) centre minus target, show frame (x ahead, y right).
+        radius_m: of the orbit; 0 leads to the target itself and stops there.
+        speed_m_s: v_d, kept everywhere for a radius above 0.
+        direction: seen from above. The article's signs are counter-clockwise in this frame.
+        braking_m_s2: for radius 0: how the approach slows down.
+
+    Returns: (2,) in m/s.
+    Source: article, section 3; Lawrence, Frew and Pisano 2008, "Lyapunov vector fields for autonomous
+        unmanned aircraft flight control".
+    """
+    rho_m = float(np.hypot(offset_m[0], offset_m[1]))
+    if radius_m == 0.0:
+        approach_m_s = min(speed_m_s, rho_m * braking_m_s2 / max(speed_m_s, NEAR_M))
+        return -offset_m / max(rho_m, NEAR_M) * approach_m_s
+    x, y = (offset_m[0], offset_m[1]) if rho_m > NEAR_M else (NEAR_M, 0.0)
+    rho_m = max(rho_m, NEAR_M)
+    turn = 1.0 if direction is Direction.COUNTERCLOCKWISE else -1.0
+    inward = rho_m**2 - radius_m**2
+    around = turn * 2.0 * rho_m * radius_m
+    factor = speed_m_s / (rho_m * (rho_m**2 + radius_m**2))
+    return factor * np.array([-x * inward + y * around, -y * inward - x * around])
+
+
+def within_ground_speed(target_m_s: Array, relative_m_s: Array, limit_m_s: float) -> Array:
+    """Target's velocity plus as much of the relative one as keeps the sum within the limit.
+
+    Args:
+        target_m_s: (2,).
+        relative_m_s: (2,).
+        limit_m_s: of the sum's length. A target faster than that cannot be followed: its velocity is
+            then scaled to the limit.
+
+    Returns: (2,) in m/s.
+    """
+    target_speed_m_s = float(np.hypot(target_m_s[0], target_m_s[1]))
+    if target_speed_m_s >= limit_m_s:
+        return target_m_s * (limit_m_s / target_speed_m_s)
+    a = float(relative_m_s @ relative_m_s)
+    b = float(target_m_s @ relative_m_s)
+    c = target_speed_m_s**2 - limit_m_s**2
+    share = 1.0 if a == 0.0 else (-b + np.sqrt(b * b - a * c)) / a
+    return target_m_s + min(1.0, float(share)) * relative_m_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Center:
+    """The formation's commanded centre: a point that moves within its own limits. Show frame, (3,) each."""
+
+    position_m: Array
+    velocity_m_s: Array
+    acceleration_m_s2: Array
+
+    @staticmethod
+    def at_rest(position_m: Array) -> "Center":
+        """A centre that stands still at `position_m`, (3,)."""
+        return Center(np.array(position_m, dtype=np.float64), np.zeros(3), np.zeros(3))
+
+
+def advance_center(center: Center, wanted_m_s: Array, dt_s: float, acceleration_max_m_s2: float) -> Center:
+    """Move the centre for `dt_s` towards the wanted velocity, (3,), no harder than the limit.
+
+    The acceleration that results is fed forward to every drone, so it must be one that they can follow.
+    """
+    change_m_s = wanted_m_s - center.velocity_m_s
+    size_m_s = float(np.linalg.norm(change_m_s))
+    possible_m_s = acceleration_max_m_s2 * dt_s
+    if size_m_s > possible_m_s:
+        change_m_s = change_m_s * (possible_m_s / size_m_s)
+    velocity_m_s = center.velocity_m_s + change_m_s
+    return Center(
+        center.position_m + dt_s * (center.velocity_m_s + velocity_m_s) / 2, velocity_m_s, change_m_s / dt_s
+    )

@@ -1,0 +1,191 @@
+"""Distinct places to come down on, and what a lost vehicle may sweep. Pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+
+from gcs.formation.obstacles import Ellipse
+from gcs.state import Array
+
+ROUNDS = 60
+"""Of pushing apart; what that leaves undone is searched for. A landing is ordered between two ticks."""
+
+RINGS = np.concatenate([np.arange(13) / 4.0, 3.0 * 1.1 ** np.arange(1, 48)]).reshape(-1, 6)
+"""Rings around a place on which the nearest free one is searched, in spacings: close by, and up to 260, no
+finer outwards than the directions on a ring. Looked at six at a time.
+"""
+
+TINY = 1e-6
+
+DRIFT_S = 2.2
+"""For so long a vehicle that nobody commands any more flies on with its last velocity, at most: 0.2 s until
+the deadman ends its setpoints, 1.0 s until it notices (COM_OF_LOSS_T), and 1.0 s more for its stop. Its
+last position has been brought forward already by the 0.5 s after which nobody commands it.
+"""
+
+COLUMNS_APART_M = 3.0
+"""At most, between the columns under a drift: less than the width that each of them keeps free."""
+
+OVERSHOOT_M = 1.0
+"""A take-off may end this much too high."""
+
+CLEAR_M = 3.0
+"""To obstacles, as AvoidanceSettings.near_m: nearer, the ellipse would push those who come down."""
+
+
+def distinct_places_m(
+    wanted_m: Array, taken_m: Array, spacing_m: float, ellipses: Mapping[str, Ellipse]
+) -> Array:
+    """Places on the ground near where everybody is, no two closer than `spacing_m`, none near an obstacle.
+
+    Pushes places that are too close apart, as little as needed, until none is. Where that gets stuck (in
+    the middle of others that stay), the nearest free place is taken instead.
+
+    Args:
+        wanted_m: (n, 2) where they would come down by themselves, show frame.
+        taken_m: (m, 2) places that others stand on or will land on; they stay.
+        spacing_m: between any two.
+        ellipses: obstacles with their margins; places keep CLEAR_M to them.
+
+    Returns: (n, 2), row by row for those who wanted them; NaN for those whose own is not known.
+    """
+    place_m = np.array(wanted_m, dtype=np.float64)
+    known = np.isfinite(place_m).all(axis=1)
+    if not known.all():
+        place_m[known] = distinct_places_m(place_m[known], taken_m, spacing_m, ellipses)
+        place_m[~known] = np.nan
+        return place_m
+    taken_m = taken_m.reshape(-1, 2)
+    walls = _Walls.of(ellipses)
+    n = len(place_m)
+    # two in exactly the same place have no direction to part in: a fixed, tiny spiral gives them one
+    angle_rad = np.arange(n) * 2.399963
+    place_m += TINY * np.arange(1, n + 1)[:, None] * np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1)
+    for _ in range(ROUNDS):
+        offset_m, distance_m = _offsets(place_m, np.vstack([place_m, taken_m]))
+        distance_m[np.arange(n), np.arange(n)] = np.inf
+        clear_m, outward = walls.distance_m(place_m), walls.outward(place_m)
+        if distance_m.min(initial=np.inf) >= spacing_m and clear_m.min(initial=np.inf) >= CLEAR_M:
+            return place_m
+        share = np.maximum(spacing_m * 1.01 - distance_m, 0.0) / np.maximum(distance_m, TINY / 100)
+        inside_m = np.maximum(CLEAR_M + 0.1 - clear_m, 0.0)
+        push_m = (offset_m * share).sum(axis=2).T + (outward * inside_m).sum(axis=2).T
+        length_m = np.linalg.norm(push_m, axis=1, keepdims=True)
+        place_m = place_m + push_m * np.minimum(0.5, spacing_m / 4.0 / np.maximum(length_m, TINY))
+    return _nearest_free_m(place_m, taken_m, spacing_m, walls)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Walls:
+    """All ellipses at once: `Ellipse.distance_m` and `Ellipse.outward` for k of them."""
+
+    center_m: Array  # (k, 2)
+    semi_m: Array  # (k, 2)
+
+    @staticmethod
+    def of(ellipses: Mapping[str, Ellipse]) -> "_Walls":
+        center_m = [(ellipse.x_m, ellipse.y_m) for ellipse in ellipses.values()]
+        semi_m = [(ellipse.semi_x_m, ellipse.semi_y_m) for ellipse in ellipses.values()]
+        return _Walls(np.array(center_m).reshape(-1, 2), np.array(semi_m).reshape(-1, 2))
+
+    def distance_m(self, place_m: Array) -> Array:
+        """(n, k) of (n, 2) places, negative inside."""
+        point, slope = self._point_and_slope(place_m)
+        radius = _length(point)
+        distance_m: Array = np.where(
+            radius > TINY, (radius - 1.0) * radius / np.maximum(slope, TINY**2), -self.semi_m.min(axis=1)
+        )
+        return distance_m
+
+    def outward(self, place_m: Array) -> Array:
+        """(2, n, k) unit normals away from each ellipse; along x at its very centre."""
+        point, slope = self._point_and_slope(place_m)
+        normal = point / self.semi_m.T[:, None] / np.maximum(slope, TINY**2)
+        normal[0] += slope <= TINY**2
+        return normal
+
+    def _point_and_slope(self, place_m: Array) -> tuple[Array, Array]:
+        """(2, n, k) places where each ellipse is the unit circle, and (n, k) how steep it is there."""
+        point = (place_m.T[:, :, None] - self.center_m.T[:, None]) / self.semi_m.T[:, None]
+        return point, _length(point / self.semi_m.T[:, None])
+
+
+def _offsets(place_m: Array, other_m: Array) -> tuple[Array, Array]:
+    """(2, n, m) from each of the others (m, 2) to each place (n, 2), and (n, m) how far that is."""
+    offset_m = place_m.T[:, :, None] - other_m.T[:, None]
+    return offset_m, _length(offset_m)
+
+
+def _length(vector: Array) -> Array:
+    """Of (2, n, m) vectors, (n, m); many times faster than a norm along an axis."""
+    length: Array = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1])
+    return length
+
+
+def _nearest_free_m(place_m: Array, taken_m: Array, spacing_m: float, walls: _Walls) -> Array:
+    """One after the other: the place itself where it is free, else the nearest free one around it."""
+    turn_rad = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    circle = np.stack([np.cos(turn_rad), np.sin(turn_rad)], axis=1)
+    around_m = [(spacing_m * rings[:, None, None] * circle).reshape(-1, 2) for rings in RINGS]
+    found_m = np.array(place_m)
+    for row, wanted_m in enumerate(place_m):
+        settled_m = np.vstack([found_m[:row], taken_m])
+        for offset_m in (np.zeros((1, 2)), *around_m):
+            candidate_m = wanted_m + offset_m
+            candidate_m = candidate_m[walls.distance_m(candidate_m).min(axis=1, initial=np.inf) >= CLEAR_M]
+            apart_m = _offsets(candidate_m, settled_m)[1].min(axis=1, initial=np.inf)
+            fit = np.flatnonzero(apart_m >= spacing_m)
+            if len(fit):
+                found_m[row] = candidate_m[fit[0]]
+                break
+    return found_m
+
+
+def swept_segments_m(
+    last_m: Array,
+    last_velocity_m_s: Array | None,
+    home_m: Array | None,
+    action: str,
+    return_height_m: float,
+    *,
+    climbing_to_m: float | None = None,
+) -> Array:
+    """The straight pieces of the way a vehicle takes by itself once nobody commands it.
+
+    It flies on for DRIFT_S with its last velocity at most, stops somewhere on that way, and does the rest
+    from there. Columns stand at both ends, and between them so close that nobody passes through.
+
+    Args:
+        last_m: (3,) where it was last seen, show frame.
+        last_velocity_m_s: (3,) and how it moved; None where nobody knows.
+        home_m: (3,) its own start, where known.
+        action: "descend" and "land": straight down; "hold": stays, and may come down later; "return":
+            climbs to `return_height_m`, flies home at that height and comes down there.
+        return_height_m: above its home (RTL_RETURN_ALT).
+        climbing_to_m: above its home; where it was last seen lower than that, it may still be on its way up
+            (a take-off goes on without us). None: it does not climb by itself.
+
+    Returns: (m, 2, 3).
+    """
+    drift_m = np.zeros(3) if last_velocity_m_s is None else last_velocity_m_s * DRIFT_S
+    if not np.isfinite(drift_m).all():
+        drift_m = np.zeros(3)
+    steps = ceil(float(np.hypot(drift_m[0], drift_m[1])) / COLUMNS_APART_M)
+    stops_m = last_m + np.linspace(0.0, 1.0, steps + 1)[:, None] * drift_m
+    stops_m[:, 2] = min(float(last_m[2]), float(last_m[2] + drift_m[2]))
+    lowest_z_m = max(0.0, float(last_m[2]))
+    columns = [np.array([stop_m, (stop_m[0], stop_m[1], lowest_z_m)]) for stop_m in stops_m]
+    ways = [np.array([stops_m[0], stops_m[-1]])] if steps else []
+    if climbing_to_m is not None and home_m is not None and home_m[2] - last_m[2] < climbing_to_m:
+        top_m = home_m - (0.0, 0.0, climbing_to_m + OVERSHOOT_M)
+        columns.append(np.array([top_m, home_m]))
+    if action != "return" or home_m is None:
+        return np.array([*columns, *ways])
+    top_z_m = min(float(stops_m[0, 2]), float(home_m[2]) - return_height_m)
+    above_home = np.array([home_m[0], home_m[1], top_z_m])
+    for stop_m in stops_m:
+        corner = np.array([stop_m[0], stop_m[1], top_z_m])
+        ways += [np.array([stop_m, corner]), np.array([corner, above_home])]
+    return np.array([*columns, *ways, np.array([above_home, home_m])])

@@ -1,0 +1,157 @@
+"""Phases of a vehicle and of the show, as tables. What a table does not name is refused."""
+
+from enum import StrEnum
+from typing import Final
+
+from gcs.errors import RefusedError
+
+
+class Phase(StrEnum):
+    """Where one vehicle stands."""
+
+    OFFLINE = "offline"  # not heard, and not known to be in the air
+    STANDBY = "standby"  # heard, on the ground
+    TAKEOFF = "takeoff"  # the autopilot climbs, straight up
+    HOLD = "hold"  # in the air, the autopilot holds position
+    FORMATION = "formation"  # flown by the law
+    RETURN = "return"  # flown home by the service
+    LANDING = "landing"  # descends at its place
+    LOST = "lost"  # was in the air, then silent: nothing is sent
+    PILOT = "pilot"  # a person has taken over: nothing is sent
+    KILLED = "killed"  # motors were stopped on order
+
+
+class Event(StrEnum):
+    """What can happen to one vehicle."""
+
+    HEARD = "heard"  # telemetry is fresh, on the ground
+    HEARD_IN_AIR = "heard in the air"
+    SILENT = "silent"
+    TAKE_OFF = "take off"
+    HOLD = "hold"
+    ENGAGE = "engage"  # offboard accepted, the law flies it
+    COME_HOME = "come home"
+    DESCEND = "descend"
+    TOUCHED_DOWN = "touched down"
+    TAKEN_OVER = "taken over"
+    HANDED_BACK = "handed back"
+    KILL = "kill"
+    CONFIRMED_DOWN = "confirmed down"
+
+
+AIRBORNE: Final = frozenset({Phase.TAKEOFF, Phase.HOLD, Phase.FORMATION, Phase.RETURN, Phase.LANDING})
+"""Phases in which the service answers for a vehicle in the air."""
+
+FLOWN: Final = frozenset({Phase.FORMATION, Phase.RETURN, Phase.LANDING})
+"""Phases in which the tick may send setpoints."""
+
+NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
+    (Phase.OFFLINE, Event.HEARD): Phase.STANDBY,
+    (Phase.OFFLINE, Event.HEARD_IN_AIR): Phase.PILOT,  # found flying: somebody else's until handed over
+    (Phase.STANDBY, Event.SILENT): Phase.OFFLINE,
+    (Phase.STANDBY, Event.HEARD_IN_AIR): Phase.PILOT,
+    (Phase.STANDBY, Event.TAKE_OFF): Phase.TAKEOFF,
+    (Phase.TAKEOFF, Event.HOLD): Phase.HOLD,
+    (Phase.TAKEOFF, Event.DESCEND): Phase.LANDING,
+    (Phase.TAKEOFF, Event.TOUCHED_DOWN): Phase.STANDBY,
+    (Phase.HOLD, Event.ENGAGE): Phase.FORMATION,
+    (Phase.HOLD, Event.COME_HOME): Phase.RETURN,
+    (Phase.HOLD, Event.DESCEND): Phase.LANDING,
+    (Phase.HOLD, Event.TOUCHED_DOWN): Phase.STANDBY,
+    (Phase.FORMATION, Event.HOLD): Phase.HOLD,
+    (Phase.FORMATION, Event.COME_HOME): Phase.RETURN,
+    (Phase.FORMATION, Event.DESCEND): Phase.LANDING,
+    (Phase.FORMATION, Event.TOUCHED_DOWN): Phase.STANDBY,
+    (Phase.RETURN, Event.COME_HOME): Phase.RETURN,
+    (Phase.RETURN, Event.HOLD): Phase.HOLD,
+    (Phase.RETURN, Event.DESCEND): Phase.LANDING,
+    (Phase.RETURN, Event.TOUCHED_DOWN): Phase.STANDBY,
+    (Phase.LANDING, Event.HOLD): Phase.HOLD,
+    (Phase.LANDING, Event.COME_HOME): Phase.RETURN,
+    (Phase.LANDING, Event.TOUCHED_DOWN): Phase.STANDBY,
+    (Phase.LOST, Event.HOLD): Phase.HOLD,
+    (Phase.LOST, Event.HEARD): Phase.STANDBY,
+    (Phase.LOST, Event.CONFIRMED_DOWN): Phase.OFFLINE,
+    (Phase.PILOT, Event.HANDED_BACK): Phase.HOLD,
+    (Phase.PILOT, Event.TOUCHED_DOWN): Phase.STANDBY,
+    (Phase.PILOT, Event.SILENT): Phase.LOST,
+    (Phase.KILLED, Event.CONFIRMED_DOWN): Phase.OFFLINE,
+    **{(phase, Event.SILENT): Phase.LOST for phase in AIRBORNE},
+    **{(phase, Event.TAKEN_OVER): Phase.PILOT for phase in AIRBORNE | {Phase.LOST}},
+    **{(phase, Event.KILL): Phase.KILLED for phase in (set(Phase) - {Phase.OFFLINE})},  # and again
+}
+
+
+def advance(phase: Phase, event: Event) -> Phase:
+    """The phase after `event`. Raises: RefusedError when the table does not name the pair."""
+    try:
+        return NEXT[phase, event]
+    except KeyError:
+        possible = sorted({known.value for known, what in NEXT if what is event})
+        raise RefusedError(
+            f"'{event}' is not possible while {phase}; it is from {', '.join(possible)}"
+        ) from None
+
+
+class ShowPhase(StrEnum):
+    """Where the show stands."""
+
+    IDLE = "idle"
+    PREFLIGHT = "preflight"
+    ARMING = "arming"  # arming and taking off, one after the other
+    ASSEMBLING = "assembling"
+    RUNNING = "running"
+    PAUSED = "paused"
+    RETURNING = "returning"
+    ABORTING = "aborting"
+    LANDED = "landed"
+
+
+class ShowEvent(StrEnum):
+    """What can happen to the show."""
+
+    START = "start"
+    CHECKED = "checked"
+    CHECK_FAILED = "check failed"
+    ALL_UP = "all up"
+    ASSEMBLED = "assembled"
+    PAUSE = "pause"
+    RESUME = "resume"
+    STOP = "stop"
+    ABORT = "abort"
+    ALL_DOWN = "all down"
+    TAKEN_ON = "taken on"  # a vehicle in the air became ours while no show flew
+
+
+IN_THE_AIR: Final = frozenset(
+    {ShowPhase.ARMING, ShowPhase.ASSEMBLING, ShowPhase.RUNNING, ShowPhase.PAUSED, ShowPhase.RETURNING}
+)
+
+SHOW_NEXT: Final[dict[tuple[ShowPhase, ShowEvent], ShowPhase]] = {
+    (ShowPhase.IDLE, ShowEvent.START): ShowPhase.PREFLIGHT,
+    (ShowPhase.LANDED, ShowEvent.START): ShowPhase.PREFLIGHT,
+    (ShowPhase.PREFLIGHT, ShowEvent.CHECKED): ShowPhase.ARMING,
+    (ShowPhase.PREFLIGHT, ShowEvent.CHECK_FAILED): ShowPhase.IDLE,
+    (ShowPhase.PREFLIGHT, ShowEvent.ABORT): ShowPhase.IDLE,
+    (ShowPhase.ARMING, ShowEvent.ALL_UP): ShowPhase.ASSEMBLING,
+    (ShowPhase.ASSEMBLING, ShowEvent.ASSEMBLED): ShowPhase.RUNNING,
+    (ShowPhase.ASSEMBLING, ShowEvent.PAUSE): ShowPhase.PAUSED,
+    (ShowPhase.RUNNING, ShowEvent.PAUSE): ShowPhase.PAUSED,
+    (ShowPhase.PAUSED, ShowEvent.RESUME): ShowPhase.ASSEMBLING,
+    (ShowPhase.IDLE, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
+    (ShowPhase.LANDED, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
+    **{(phase, ShowEvent.STOP): ShowPhase.RETURNING for phase in IN_THE_AIR | {ShowPhase.ABORTING}},
+    **{(phase, ShowEvent.ABORT): ShowPhase.ABORTING for phase in IN_THE_AIR | {ShowPhase.ABORTING}},
+    **{(phase, ShowEvent.ALL_DOWN): ShowPhase.LANDED for phase in IN_THE_AIR | {ShowPhase.ABORTING}},
+}
+
+
+def advance_show(phase: ShowPhase, event: ShowEvent) -> ShowPhase:
+    """The show's phase after `event`. Raises: RefusedError when the table does not name the pair."""
+    try:
+        return SHOW_NEXT[phase, event]
+    except KeyError:
+        possible = sorted({known.value for known, what in SHOW_NEXT if what is event})
+        raise RefusedError(
+            f"'{event}' is not possible while the show is {phase}; it is from {', '.join(possible)}"
+        ) from None

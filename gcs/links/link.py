@@ -1,0 +1,78 @@
+"""The boundary between the fleet and a transport."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from gcs.state import Setpoints, Telemetry, VehicleId
+
+
+class Verb(StrEnum):
+    """What an autopilot can be ordered to do."""
+
+    ARM = "arm"
+    DISARM = "disarm"
+    TAKEOFF = "takeoff"
+    HOLD = "hold"
+    OFFBOARD = "offboard"
+    LAND = "land"
+    RETURN = "return"
+    KILL = "kill"
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """One order to one vehicle."""
+
+    vehicle_id: VehicleId
+    verb: Verb
+    height_m: float = 0.0  # TAKEOFF only: above the place where it stands
+
+
+class Link(Protocol):
+    """Many vehicles behind one transport. Raises LinkError; the supervisor retries `run`."""
+
+    @property
+    def name(self) -> str:
+        """As the configuration calls it."""
+        ...
+
+    @property
+    def ids(self) -> tuple[VehicleId, ...]:
+        """The vehicles configured on this link, heard or not; never changes."""
+        ...
+
+    @property
+    def conflicts(self) -> Mapping[VehicleId, str]:
+        """Vehicles whose system id was heard lately from two addresses: both named in the text."""
+        ...
+
+    @property
+    def setpoints_sent(self) -> int:
+        """How many setpoints have left, in all."""
+        ...
+
+    async def run(self) -> None:
+        """Move bytes until cancelled. Raises LinkError when the transport cannot be had."""
+        ...
+
+    def snapshot(self) -> Telemetry:
+        """The newest known of every vehicle, with arrival times. Never blocks."""
+        ...
+
+    def send(self, setpoints: Setpoints) -> None:
+        """Hand over one tick's orders. Never blocks.
+
+        A vehicle of this link that is not listed gets no further setpoint from the moment of the call; one
+        that is listed gets none later than the deadman's time after the last call that listed it.
+        """
+        ...
+
+    async def execute(self, order: Order) -> None:
+        """Order, and return when the vehicle is seen to obey (by its heartbeat).
+
+        OFFBOARD needs setpoints already flowing for that vehicle. TAKEOFF returns when the climb has begun.
+        Raises: OrderError with a reason a person can act on, when it refuses or does not answer in time.
+        """
+        ...

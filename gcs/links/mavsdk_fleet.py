@@ -1,0 +1,172 @@
+"""MAVSDK, typed: the one place that imports it. One instance on raw bytes, and its vehicles."""
+
+import logging
+from collections.abc import Callable, Collection
+from math import nan
+from threading import Lock
+from typing import Any, Final, NamedTuple
+
+from mavsdk import ComponentType, Configuration, ConnectionResult, Mavsdk
+from mavsdk.exceptions import MavsdkError
+from mavsdk.logging import LogLevel, log_subscribe
+from mavsdk.plugins.action import Action
+from mavsdk.plugins.offboard import Offboard, VelocityNedYaw
+from mavsdk.plugins.telemetry import Telemetry
+
+from gcs.errors import LinkError, OrderError
+from gcs.links.link import Verb
+from gcs.state import Landed
+
+log = logging.getLogger(__name__)
+
+SYSTEM_ID: Final = 245  # MAVSDK's own as a ground station, with component 190
+COMPONENT_ID: Final = 190
+
+_HEADING_MAX_DEG: Final = 360.0  # above: unknown on the wire
+
+
+class Motion(NamedTuple):
+    """Where MAVSDK last saw a vehicle; NaN before the first."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_amsl_m: float
+    north_m_s: float
+    east_m_s: float
+    down_m_s: float
+    yaw_deg: float
+
+
+class MavsdkVehicle:
+    """One vehicle's plugins. Getters and `set_velocity` take microseconds; `command` blocks for seconds."""
+
+    def __init__(self, system: Any) -> None:
+        """Raises: RuntimeError from MAVSDK when the system is gone already."""
+        self._system = system
+        self._telemetry: Any = Telemetry(system)
+        self._offboard: Any = Offboard(system)
+        self._action: Any = Action(system)
+
+    def motion(self) -> Motion:
+        """Position, velocity and heading, all from the same GLOBAL_POSITION_INT."""
+        position = self._telemetry.position()
+        velocity = self._telemetry.velocity_ned()
+        yaw_deg = self._telemetry.heading().heading_deg
+        return Motion(
+            position.latitude_deg,
+            position.longitude_deg,
+            position.absolute_altitude_m,
+            velocity.north_m_s,
+            velocity.east_m_s,
+            velocity.down_m_s,
+            yaw_deg if yaw_deg <= _HEADING_MAX_DEG else nan,
+        )
+
+    def battery_remaining(self) -> float:
+        """0 to 1, NaN when unknown."""
+        remaining: float = self._telemetry.battery().remaining_percent / 100
+        return remaining if remaining >= 0 else nan
+
+    def landed(self) -> Landed:
+        """MAV_LANDED_STATE; MAVSDK numbers it alike."""
+        return Landed(int(self._telemetry.landed_state()))
+
+    def healthy(self) -> bool:
+        """Sensors present and calibrated, position and home known."""
+        ok: bool = self._telemetry.health_all_ok()
+        return ok
+
+    def set_velocity(self, north_m_s: float, east_m_s: float, down_m_s: float, yaw_deg: float) -> bool:
+        """Have MAVSDK send this at once, and then at 20 Hz until told otherwise; whether it agreed."""
+        try:
+            self._offboard.set_velocity_ned(VelocityNedYaw(north_m_s, east_m_s, down_m_s, yaw_deg))
+        except MavsdkError:
+            return False
+        return True
+
+    def command(self, verb: Verb, height_m: float) -> None:
+        """Send an order and wait for its acknowledgement: up to 2 s, or 3 s for a parameter.
+
+        Raises: OrderError with MAVSDK's name for the failure.
+        """
+        calls: dict[Verb, Callable[[], object]] = {
+            Verb.ARM: self._action.arm,
+            Verb.DISARM: self._action.disarm,
+            Verb.TAKEOFF: lambda: self._take_off(height_m),
+            Verb.HOLD: self._action.hold,
+            Verb.OFFBOARD: self._offboard.start,
+            Verb.LAND: self._action.land,
+            Verb.RETURN: self._action.return_to_launch,
+            Verb.KILL: self._action.kill,
+        }
+        try:
+            calls[verb]()
+        except MavsdkError as error:
+            raise OrderError(error.result.name) from error
+
+    def _take_off(self, height_m: float) -> None:
+        self._action.set_takeoff_altitude(height_m)
+        self._action.takeoff()
+
+
+class MavsdkFleet:
+    """One MAVSDK instance whose bytes we move ourselves.
+
+    `open`, `discover` and `destroy` block for milliseconds and belong on another thread than the loop's. A
+    thread cannot be cancelled, so they exclude each other, and after `destroy` the others do nothing: MAVSDK
+    itself would crash.
+    """
+
+    def __init__(self, send: Callable[[bytes], None]) -> None:
+        """`send` gets what MAVSDK wants sent, on MAVSDK's thread."""
+        self._send = send
+        self._mavsdk: Any = None
+        self._destroyed = False
+        self._lock = Lock()
+
+    def open(self) -> None:
+        """Start MAVSDK. Raises: LinkError."""
+        with self._lock:
+            if self._destroyed:
+                return
+            log_subscribe(_pass_on)
+            configuration: Any = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
+            self._mavsdk = Mavsdk(configuration)
+            configuration.destroy()
+            result = self._mavsdk.add_any_connection("raw://")
+            if result != ConnectionResult.SUCCESS:
+                raise LinkError(f"MAVSDK's raw connection: {result.name}")
+            self._mavsdk.subscribe_raw_bytes_to_be_sent(self._send)
+
+    def receive(self, data: bytes) -> None:
+        """Hand over bytes that arrived; only between `open` and `destroy`."""
+        self._mavsdk.pass_received_raw_bytes(data)
+
+    def discover(self, wanted: Collection[int]) -> dict[int, MavsdkVehicle]:
+        """Those of the wanted systems that MAVSDK has met, with fresh plugins."""
+        found: dict[int, MavsdkVehicle] = {}
+        with self._lock:
+            for system in () if self._destroyed else self._mavsdk.get_systems():
+                system_id: int = system.get_system_id()
+                if system_id not in wanted or not system.has_autopilot():
+                    system.destroy()
+                    continue
+                try:
+                    found[system_id] = MavsdkVehicle(system)
+                except RuntimeError as error:  # a plugin could not be made; it is tried again soon
+                    log.warning("vehicle_not_met", extra={"system_id": system_id, "cause": str(error)})
+                    system.destroy()
+        return found
+
+    def destroy(self) -> None:
+        """End its threads; no plugin of it may be used afterwards."""
+        with self._lock:
+            self._destroyed = True
+            if self._mavsdk is not None:
+                self._mavsdk.destroy()
+
+
+def _pass_on(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
+    """MAVSDK prints to stdout unless somebody takes its messages."""
+    log.log(logging.DEBUG if level < LogLevel.WARN else logging.INFO, "mavsdk", extra={"said": message})
+    return True

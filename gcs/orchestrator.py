@@ -1,0 +1,237 @@
+"""The control group: links, tick, orders. Implements `gcs.service.Service`.
+
+Everything here runs on one event loop. A link that fails is retried; a bug anywhere in the group ends it,
+and with it all setpoints (the deadman in the links sees to that).
+"""
+
+import asyncio
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+from gcs.config import Config
+from gcs.control import Tick, tick
+from gcs.director import Director
+from gcs.errands import Errands
+from gcs.errors import LinkError, RefusedError, UnknownError
+from gcs.feasibility import check_formation, check_obstacle, check_orbit, check_target, followed
+from gcs.flight import Flight
+from gcs.frames import ShowFrame
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.links import Link
+from gcs.orders import OrderBook
+from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
+from gcs.service import FleetView, Latest, OrderRecord, ShowAction, VehicleAction
+from gcs.state import VehicleId
+from gcs.timing import TickClock, ticks
+from gcs.vehicle import Vehicle
+from gcs.views import fleet_view
+
+log = logging.getLogger(__name__)
+
+RETRY_S = 0.25  # well below the second after which vehicles in OFFBOARD begin their failsafe
+SETTLED_S = 1.0
+"""A link that ran this long had worked: its next failure is news."""
+
+
+class Orchestrator:
+    """Flies the fleet of one configuration. A `gcs.service.Service`."""
+
+    def __init__(self, config: Config, links: Sequence[Link]) -> None:
+        """Nothing moves before `run`; must be made on the running event loop.
+
+        Args:
+            config: checked.
+            links: one for each of the configuration's, with its vehicles.
+        """
+        now_s = asyncio.get_running_loop().time()
+        self._config = config
+        self._flight = Flight(config, links, now_s)
+        self._book = OrderBook()
+        self._clock = TickClock(config.tick_rate_hz)
+        self._director: Director | None = None
+        self._view = Latest(self._make_view(self._decide()))
+
+    # the loop
+
+    async def run(self) -> None:
+        """Fly until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            errands = Errands(group, self._flight, self._config.operation)
+            self._director = Director(self._flight, errands, self._book)
+            for link in self._flight.links:
+                group.create_task(keep_open(link), name=f"link/{link.name}")
+            group.create_task(self._control(self._director), name="control")
+
+    async def _control(self, director: Director) -> None:
+        loop = asyncio.get_running_loop()
+        async for now_s, due_s, missed in ticks(1.0 / self._config.tick_rate_hz):
+            began_s = loop.time()
+            result = self._tick(now_s, director)
+            self._clock.note(began_s, loop.time() - began_s, began_s - due_s, missed)
+            self._view.set(self._make_view(result))
+            self._flight.wake()
+
+    def _tick(self, now_s: float, director: Director) -> Tick:
+        """Hear, decide, send: one tick, without waiting for anybody."""
+        flight = self._flight
+        flight.hear(now_s)
+        director.watch()
+        director.advance()
+        result = self._decide()
+        flight.memory = result.memory
+        for link in flight.links:
+            link.send(result.setpoints.only(link.ids))
+        return result
+
+    def _decide(self) -> Tick:
+        flight = self._flight
+        return tick(
+            flight.fleet, flight.tasks(), flight.plan, flight.charge, flight.memory, self._config.control
+        )
+
+    def _make_view(self, result: Tick) -> FleetView:
+        flight = self._flight
+        return fleet_view(
+            fleet=flight.fleet,
+            tick=result,
+            vehicles=tuple(flight.vehicles.values()),
+            telemetry=flight.telemetry,
+            show=flight.show,
+            reason=flight.reason,
+            plan=flight.plan,
+            timing=self._clock.summary(),
+            control_alive=self._clock.gap_s <= self._config.deadman_s,
+            setpoints_sent=sum(link.setpoints_sent for link in flight.links),
+        )
+
+    # the service
+
+    @property
+    def view(self) -> Latest[FleetView]:
+        """Newest state, set once a tick."""
+        return self._view
+
+    @property
+    def frame(self) -> ShowFrame:
+        """Where the show's origin lies."""
+        return self._config.frame
+
+    def order(self, order_id: str) -> OrderRecord:
+        """An accepted order. Raises: UnknownError."""
+        return self._book.get(order_id)
+
+    def command_show(self, action: ShowAction, vehicles: Sequence[VehicleId] | None = None) -> OrderRecord:
+        """Order the whole show."""
+        return self._running().command_show(action, vehicles)
+
+    def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
+        """Order one vehicle."""
+        return self._running().command_vehicle(vehicle_id, action)
+
+    def _running(self) -> Director:
+        if self._director is None:
+            raise RefusedError("the service does not run yet")
+        return self._director
+
+    def set_formation(self, formation: Formation) -> None:
+        """Change radius and height; refused with what would work."""
+        flight = self._flight
+        show_is_over = flight.show in {ShowPhase.IDLE, ShowPhase.LANDED}
+        count = 1 if show_is_over else max(1, len(self._taking_part()))
+        check_formation(formation, count, self._config.control.safety)
+        target, control = self._followed(), self._config.control
+        check_target(target, flight.plan.orbit, formation, control, changed="formation")
+        flight.plan = replace(flight.plan, formation=formation)
+
+    def set_orbit(self, orbit: Orbit) -> None:
+        """Change how the centre circles the target."""
+        flight = self._flight
+        control = self._config.control
+        check_orbit(orbit, control.law)
+        check_target(self._followed(), orbit, flight.plan.formation, control, changed="orbit")
+        flight.plan = replace(flight.plan, orbit=orbit)
+
+    def set_target(self, target: Target) -> None:
+        """Tell where the target is now and how it moves."""
+        flight = self._flight
+        now = replace(target, time_s=asyncio.get_running_loop().time())
+        check_target(now, flight.plan.orbit, flight.plan.formation, self._config.control)
+        flight.plan = replace(flight.plan, target=now)
+
+    def _followed(self) -> Target:
+        """The target where it is followed now."""
+        now_s = asyncio.get_running_loop().time()
+        return followed(self._flight.plan, now_s, self._config.control.safety.fence)
+
+    def set_yaw(self, yaw: Yaw) -> None:
+        """Change where the vehicles look."""
+        self._flight.plan = replace(self._flight.plan, yaw=yaw)
+
+    def add_obstacle(self, obstacle: Obstacle) -> None:
+        """Add a box."""
+        if any(known.id == obstacle.id for known in self._flight.plan.obstacles):
+            raise RefusedError(f"there is an obstacle {obstacle.id} already; change or remove it")
+        if len(self._flight.plan.obstacles) >= MAX_OBSTACLES:
+            raise RefusedError(f"there are {MAX_OBSTACLES} obstacles already, the most possible; remove one")
+        self._place_obstacle(obstacle)
+
+    def change_obstacle(self, obstacle: Obstacle) -> None:
+        """Replace the box of the same id."""
+        self._need_obstacle(obstacle.id)
+        self._place_obstacle(obstacle)
+
+    def remove_obstacle(self, obstacle_id: str) -> None:
+        """Forget a box."""
+        self._need_obstacle(obstacle_id)
+        self._set_obstacles([known for known in self._flight.plan.obstacles if known.id != obstacle_id])
+
+    def _need_obstacle(self, obstacle_id: str) -> None:
+        known = [obstacle.id for obstacle in self._flight.plan.obstacles]
+        if obstacle_id not in known:
+            raise UnknownError(f"there is no obstacle {obstacle_id}; there are {', '.join(known) or 'none'}")
+
+    def _place_obstacle(self, obstacle: Obstacle) -> None:
+        flight = self._flight
+        comes_down_m = {
+            vehicle.id: vehicle.goal_m if vehicle.phase is Phase.LANDING else vehicle.home_m
+            for vehicle in self._taking_part()
+        }
+        check_obstacle(
+            obstacle,
+            self._config.control.law.avoidance,
+            {vehicle.id: flight.position_m(vehicle) for vehicle in flight.airborne},
+            {name: place_m for name, place_m in comes_down_m.items() if place_m is not None},
+        )
+        others = [known for known in flight.plan.obstacles if known.id != obstacle.id]
+        self._set_obstacles([*others, obstacle])
+
+    def _taking_part(self) -> list[Vehicle]:
+        """In the air, or about to be."""
+        waiting = [] if self._director is None else self._director.waiting
+        return [*self._flight.airborne, *waiting]
+
+    def _set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
+        self._flight.plan = replace(self._flight.plan, obstacles=tuple(obstacles))
+
+
+def leaves(group: BaseExceptionGroup[LinkError]) -> list[LinkError]:
+    """The errors within a group, however deep."""
+    inner = [leaves(e) if isinstance(e, BaseExceptionGroup) else [e] for e in group.exceptions]
+    return [error for errors in inner for error in errors]
+
+
+async def keep_open(link: Link) -> None:
+    """Run a link for ever; when it fails, say so once and try again."""
+    loop = asyncio.get_running_loop()
+    failed = ""
+    while True:
+        began_s = loop.time()
+        try:
+            await link.run()
+        except* LinkError as group:  # bare, or from a task of the link's own
+            cause = "; ".join(str(error) for error in leaves(group))
+            if cause != failed or loop.time() - began_s > SETTLED_S:  # it had worked meanwhile
+                log.error("link_failed", extra={"link": link.name, "cause": cause})
+            failed = cause
+        await asyncio.sleep(RETRY_S)

@@ -1,0 +1,156 @@
+"""What the operator wants: formation, target, orbit, obstacles. Immutable; a change is a new value.
+
+Every constructor refuses what can never be flown, with the field's name and what would be right. Whether
+it fits the fleet and the moment (radius for N, height, limits) is `gcs.feasibility`'s question.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from math import hypot, isfinite
+
+from gcs.errors import InvalidError
+
+MAX_OBSTACLES = 32
+"""Every tick looks at each of them, and a landing at each for every place."""
+
+
+class Direction(StrEnum):
+    """Sense of the orbit, seen from above."""
+
+    CLOCKWISE = "clockwise"
+    COUNTERCLOCKWISE = "counterclockwise"
+
+
+class YawPolicy(StrEnum):
+    """Where the vehicles look: as at engagement, one way, or at the target."""
+
+    HELD = "held"
+    FIXED = "fixed"
+    TARGET = "target"
+
+
+def require_finite(**values: float) -> None:
+    """Raises: InvalidError naming the first of `values` that is NaN or infinite."""
+    for field, value in values.items():
+        if not isfinite(value):
+            raise InvalidError(field, value, "a finite number")
+
+
+def require_positive(**values: float) -> None:
+    """Raises: InvalidError naming the first of `values` that is not finite and above zero."""
+    for field, value in values.items():
+        if not (isfinite(value) and value > 0):
+            raise InvalidError(field, value, "greater than 0")
+
+
+@dataclass(frozen=True, slots=True)
+class Formation:
+    """The virtual sphere: its radius, and its centre's height above the show's origin."""
+
+    radius_m: float
+    height_m: float
+
+    def __post_init__(self) -> None:
+        require_positive(radius_m=self.radius_m)
+        require_finite(height_m=self.height_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Orbit:
+    """How the formation's centre circles the target; radius 0: it sits above the target.
+
+    `speed_m_s` is relative to the target.
+    """
+
+    radius_m: float = 0.0
+    speed_m_s: float = 2.0
+    direction: Direction = Direction.COUNTERCLOCKWISE
+
+    def __post_init__(self) -> None:
+        require_finite(radius_m=self.radius_m)
+        if self.radius_m < 0:
+            raise InvalidError("radius_m", self.radius_m, "0 or more")
+        require_positive(speed_m_s=self.speed_m_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """The ground target in the show frame, as last told; it goes on with its velocity."""
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    velocity_x_m_s: float = 0.0
+    velocity_y_m_s: float = 0.0
+    time_s: float = 0.0  # loop clock: when it was there
+
+    def __post_init__(self) -> None:
+        require_finite(
+            x_m=self.x_m,
+            y_m=self.y_m,
+            velocity_x_m_s=self.velocity_x_m_s,
+            velocity_y_m_s=self.velocity_y_m_s,
+            time_s=self.time_s,
+        )
+
+    def position_m(self, time_s: float) -> tuple[float, float]:
+        """(x, y) at `time_s`, by dead reckoning."""
+        elapsed_s = time_s - self.time_s
+        return self.x_m + self.velocity_x_m_s * elapsed_s, self.y_m + self.velocity_y_m_s * elapsed_s
+
+    @property
+    def velocity_m_s(self) -> tuple[float, float]:
+        """(x, y), over the ground."""
+        return self.velocity_x_m_s, self.velocity_y_m_s
+
+    @property
+    def speed_m_s(self) -> float:
+        """Over the ground."""
+        return hypot(self.velocity_x_m_s, self.velocity_y_m_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """A box standing on the ground, edges along the show frame's axes."""
+
+    id: str
+    x_m: float  # centre
+    y_m: float
+    half_length_x_m: float
+    half_length_y_m: float
+    height_m: float  # of its top, above the show's origin
+
+    def __post_init__(self) -> None:
+        if not self.id:
+            raise InvalidError("id", self.id, "at least one character")
+        require_finite(x_m=self.x_m, y_m=self.y_m)
+        require_positive(
+            half_length_x_m=self.half_length_x_m,
+            half_length_y_m=self.half_length_y_m,
+            height_m=self.height_m,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Yaw:
+    """Where every vehicle looks. `fixed_rad` counts for FIXED: from the show's x axis towards y."""
+
+    policy: YawPolicy = YawPolicy.HELD
+    fixed_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_finite(fixed_rad=self.fixed_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Everything the operator may change while the show flies."""
+
+    formation: Formation
+    orbit: Orbit = Orbit()
+    target: Target = Target()
+    obstacles: tuple[Obstacle, ...] = ()
+    yaw: Yaw = Yaw()
+
+    def __post_init__(self) -> None:
+        if len(self.obstacles) > MAX_OBSTACLES:
+            raise InvalidError("obstacles", len(self.obstacles), f"at most {MAX_OBSTACLES}")

@@ -1,0 +1,105 @@
+"""Before take-off: who may fly, and why not. Pure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.safety.separation import Floor
+from gcs.safety.walls import Fence
+from gcs.state import Array, FleetState, Telemetry, VehicleId
+
+BATTERY_MIN = 0.25
+
+PAD_HEIGHT_MAX_M = 3.0
+"""A pad may lie this much above or below the show's origin: obstacles, heights and landing places count from
+there. More is a wrong origin, or an altitude of another datum (ellipsoid instead of AMSL: tens of metres).
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something that keeps a vehicle on the ground, and what to do about it."""
+
+    vehicle_id: VehicleId
+    problem: str
+
+
+def check_fleet(
+    vehicles: Sequence[VehicleId],
+    fleet: FleetState,
+    telemetry: Mapping[VehicleId, tuple[Telemetry, int]],
+    conflicts: Mapping[VehicleId, str],
+    *,
+    age_max_s: float,
+    floor: Floor,
+    fence: Fence,
+) -> list[Finding]:
+    """Everything that speaks against taking off with `vehicles`.
+
+    Args:
+        vehicles: those who are to fly.
+        fleet: where everybody is.
+        telemetry: for each vehicle, its link's telemetry and its row there.
+        conflicts: system ids heard from two addresses.
+        age_max_s: of a position.
+        floor: pads closer than floor and margin would break it on the way up.
+        fence: pads beyond its distance are not where the show is.
+    """
+    findings = []
+    for vehicle_id in vehicles:
+        row = fleet.ids.index(vehicle_id)
+        heard, at = telemetry[vehicle_id]
+        battery = float(heard.battery_remaining[at])
+        if vehicle_id in conflicts:
+            findings.append(
+                Finding(vehicle_id, f"{conflicts[vehicle_id]}: give each vehicle a system id of its own")
+            )
+        if not fleet.age_s[row] <= age_max_s:
+            heard_lately = fleet.time_s - heard.position_time_s[at] <= age_max_s
+            findings.append(Finding(vehicle_id, _no_position(float(fleet.age_s[row]), bool(heard_lately))))
+        elif not heard.ready[at]:
+            findings.append(Finding(vehicle_id, "its autopilot does not yet pass its own arming checks"))
+        if not battery >= BATTERY_MIN:
+            level = "unknown" if np.isnan(battery) else f"at {battery:.0%}"
+            findings.append(Finding(vehicle_id, f"battery {level}, at least {BATTERY_MIN:.0%} is needed"))
+        if fleet.age_s[row] <= age_max_s:
+            findings += _origin(vehicle_id, fleet.position_m[row], fence)
+    return findings + _pads(vehicles, fleet, floor)
+
+
+def _no_position(age_s: float, heard_lately: bool) -> str:
+    """Why there is none: never heard, heard too long ago, or heard and not believed (`gcs.table`)."""
+    if np.isinf(age_s) and heard_lately:
+        return "no position to believe: it jumped, or is kilometres away; check its GPS and show_frame"
+    return "no position yet" if np.isinf(age_s) else f"no position for {age_s:.1f} s"
+
+
+def _origin(vehicle_id: VehicleId, place_m: Array, fence: Fence) -> list[Finding]:
+    """Whether the pad at `place_m` (3,) lies where the show's origin says that pads are."""
+    findings = []
+    height_m, distance_m = -float(place_m[2]), float(np.hypot(place_m[0], place_m[1]))
+    if abs(height_m) > PAD_HEIGHT_MAX_M:
+        beside = f"{abs(height_m):.1f} m {'above' if height_m > 0.0 else 'below'} the show's origin"
+        problem = f"stands {beside}, at most {PAD_HEIGHT_MAX_M:g} m is possible: check show_frame"
+        findings.append(Finding(vehicle_id, problem))
+    if distance_m > fence.distance_max_m:
+        beyond = f"stands {distance_m:.0f} m from the show's origin, beyond the fence"
+        problem = f"{beyond} at {fence.distance_max_m:g} m: check show_frame"
+        findings.append(Finding(vehicle_id, problem))
+    return findings
+
+
+def _pads(vehicles: Sequence[VehicleId], fleet: FleetState, floor: Floor) -> list[Finding]:
+    """Who stands too close to anybody, whether that one flies or not, to climb beside it."""
+    needed_m = floor.horizontal_m + floor.margin_m
+    place_m = fleet.position_m[:, :2]
+    distance_m = np.linalg.norm(place_m[:, None] - place_m[None], axis=2)
+    findings = []
+    for row, name in enumerate(fleet.ids):
+        for other, neighbour in enumerate(fleet.ids):
+            told_already = neighbour in vehicles and other < row
+            if name in vehicles and other != row and not told_already and distance_m[row, other] < needed_m:
+                problem = f"stands {distance_m[row, other]:.1f} m from {neighbour}"
+                findings.append(Finding(name, f"{problem}, at least {needed_m:g} m is needed"))
+    return findings

@@ -1,0 +1,1 @@
+"""The last word before sending. Pure; only shrinks or deflects, and fails closed."""

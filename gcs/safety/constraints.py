@@ -1,0 +1,74 @@
+"""What no velocity may do, as half-spaces: ``normal . (v_i - v_j) >= bound``."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.errors import ShapeError
+from gcs.settings import Positive, Settings
+from gcs.state import Array
+
+NOBODY = -1
+"""In place of j: the constraint concerns vehicle i alone."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Constraints:
+    """k half-spaces over the velocities of n vehicles. Owns its arrays."""
+
+    first: np.ndarray[tuple[int], np.dtype[np.intp]]  # (k,) row i
+    second: np.ndarray[tuple[int], np.dtype[np.intp]]  # (k,) row j, or NOBODY
+    normal: Array  # (k, 3)
+    bound_m_s: Array  # (k,)
+    reason: tuple[str, ...]  # (k,) in words, for the operator
+
+    def __post_init__(self) -> None:
+        k = len(self.reason)
+        shapes = (self.first.shape, self.second.shape, self.normal.shape, self.bound_m_s.shape)
+        if shapes != ((k,), (k,), (k, 3), (k,)):
+            raise ShapeError(f"constraints: {shapes} for {k} of them")
+
+    def __len__(self) -> int:
+        return len(self.reason)
+
+    def slack_m_s(self, velocity_m_s: Array) -> Array:
+        """(k,) how far each is from being broken by velocities (n, 3); negative: broken."""
+        relative = velocity_m_s[self.first] - np.where(
+            (self.second == NOBODY)[:, None], 0.0, velocity_m_s[self.second]
+        )
+        slack: Array = (self.normal * relative).sum(axis=1) - self.bound_m_s
+        return slack
+
+    @staticmethod
+    def none() -> "Constraints":
+        """No constraint at all."""
+        nobody = np.zeros(0, dtype=np.intp)
+        return Constraints(nobody, nobody, np.zeros((0, 3)), np.zeros(0), ())
+
+    @staticmethod
+    def joined(*parts: "Constraints") -> "Constraints":
+        """All of them in one."""
+        return Constraints(
+            np.concatenate([part.first for part in parts]),
+            np.concatenate([part.second for part in parts]),
+            np.concatenate([part.normal for part in parts]),
+            np.concatenate([part.bound_m_s for part in parts]),
+            tuple(reason for part in parts for reason in part.reason),
+        )
+
+
+class Braking(Settings):
+    """How surely a vehicle stops, from the recorded response (docs/decisions/0004)."""
+
+    reaction_s: Positive = 0.8  # delay and build-up of the answer, as if nothing happened meanwhile
+    deceleration_m_s2: Positive = 2.0  # then, on the average of the stop
+    escape_rate_per_s: Positive = 0.5  # speed away from what one is already too close to, per metre
+
+    def speed_m_s(self, gap_m: Array) -> Array:
+        """Fastest approach from which one stops within `gap_m` (any shape).
+
+        Solves ``v t + v^2 / (2 a) = gap``. Negative for a negative gap: moving away is then demanded.
+        """
+        a, t = self.deceleration_m_s2, self.reaction_s
+        stop: Array = a * (np.sqrt(t * t + 2.0 * np.maximum(gap_m, 0.0) / a) - t)
+        return np.where(gap_m < 0.0, self.escape_rate_per_s * gap_m, stop)

@@ -1,0 +1,218 @@
+"""The one narrow interface between control and everything above it: orders in, newest state out.
+
+The API, the console and the command line know the service by this file alone, so that control can move to
+a process of its own without a change on their side.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Generic, Protocol, TypeVar
+
+from gcs.frames import ShowFrame
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
+from gcs.state import Landed, Mode, VehicleId
+
+T = TypeVar("T")
+
+
+class ShowAction(StrEnum):
+    """What can be asked of the whole show."""
+
+    START = "start"
+    STOP = "stop"  # come home and land
+    PAUSE = "pause"
+    RESUME = "resume"
+    ABORT = "abort"  # filtered descent to distinct places, now
+
+
+class VehicleAction(StrEnum):
+    """What can be asked of one vehicle."""
+
+    HOLD = "hold"  # leaves the formation, the autopilot holds position
+    JOIN = "join"  # from HOLD back into the formation
+    RETURN = "return"  # home through the filter, and land
+    LAND = "land"  # filtered descent where it is
+    KILL = "kill"  # motors off, now
+    HAND_BACK = "hand-back"  # a pilot's vehicle becomes ours again, in HOLD
+    CONFIRM_DOWN = "confirm-down"  # an operator has seen a lost vehicle on the ground
+
+
+class Outcome(StrEnum):
+    """How far an order has got with one vehicle."""
+
+    PENDING = "pending"
+    DONE = "done"
+    FAILED = "failed"
+    NOT_INCLUDED = "not-included"  # the order does not touch it; the reason says why
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleOutcome:
+    """One vehicle's part of an order."""
+
+    outcome: Outcome
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class OrderRecord:
+    """An accepted order and what has become of it, vehicle by vehicle."""
+
+    id: str
+    action: str
+    accepted_time_s: float  # Unix time
+    outcomes: dict[VehicleId, VehicleOutcome]
+
+    @property
+    def outcome(self) -> Outcome:
+        """PENDING while any vehicle is, then FAILED if any has, else DONE."""
+        seen = {part.outcome for part in self.outcomes.values()}
+        for worst in (Outcome.PENDING, Outcome.FAILED):
+            if worst in seen:
+                return worst
+        return Outcome.DONE
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleView:
+    """One vehicle, as the service believes it to be. None: not known."""
+
+    id: VehicleId
+    system_id: int
+    link: str
+    phase: Phase
+    reason: str  # why it is in that phase, in words
+    mode: Mode
+    armed: bool
+    landed: Landed
+    ready: bool
+    position_m: tuple[float, float, float] | None  # show frame
+    velocity_m_s: tuple[float, float, float] | None
+    yaw_rad: float | None
+    latitude_deg: float | None
+    longitude_deg: float | None
+    altitude_amsl_m: float | None
+    battery_remaining: float | None  # 0 to 1
+    position_age_s: float | None
+    heartbeat_age_s: float | None
+    setpoint_m_s: tuple[float, float, float] | None  # sent in the last tick; None: not commanded
+    restrained_by: str  # what the safety filter held it back for, "" when it did not
+
+
+@dataclass(frozen=True, slots=True)
+class TickView:
+    """How the control loop keeps its time."""
+
+    rate_hz: float
+    count: int
+    missed: int  # dropped, never made up
+    duration_p50_ms: float
+    duration_p99_ms: float
+    lateness_p99_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class FleetView:
+    """The newest state of everything, complete in itself."""
+
+    time_s: float  # loop clock (monotonic)
+    unix_time_s: float
+    show: ShowPhase
+    reason: str
+    vehicles: tuple[VehicleView, ...]
+    plan: Plan
+    center_m: tuple[float, float, float] | None  # commanded; None while no formation flies
+    center_velocity_m_s: tuple[float, float, float] | None
+    radius_m: float | None  # commanded now, on its way to the plan's
+    target_m: tuple[float, float]  # now
+    minimum_separation_m: float | None  # believed, between centres, of pairs that count
+    tick: TickView
+    control_alive: bool  # this tick came within the deadman's time of the one before; its age says the rest
+    setpoints_sent: int
+
+
+class Latest(Generic[T]):
+    """The newest value of something, for any number of readers, none of whom can delay the writer."""
+
+    def __init__(self, value: T) -> None:
+        self._value = value
+        self._changed = asyncio.Event()
+
+    @property
+    def value(self) -> T:
+        """The newest."""
+        return self._value
+
+    def set(self, value: T) -> None:
+        """Replace it and wake everybody who waits."""
+        self._value = value
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    async def values(self) -> AsyncIterator[T]:
+        """The value now, then the newest after each change; a slow reader misses those between."""
+        while True:
+            changed = self._changed  # taken first, so that no change is missed
+            yield self._value
+            await changed.wait()
+
+
+class Service(Protocol):
+    """What the API may do.
+
+    Every call returns at once. Raises: InvalidError (never right), RefusedError (not now), UnknownError (no
+    such thing); then nothing has changed.
+    """
+
+    @property
+    def view(self) -> Latest[FleetView]:
+        """Newest state, set once a tick."""
+        ...
+
+    @property
+    def frame(self) -> ShowFrame:
+        """Where the show's origin lies."""
+        ...
+
+    def command_show(self, action: ShowAction, vehicles: Sequence[VehicleId] | None = None) -> OrderRecord:
+        """Order the whole show. `vehicles`, for START only: those that fly; None: all that are online."""
+        ...
+
+    def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
+        """Order one vehicle."""
+        ...
+
+    def order(self, order_id: str) -> OrderRecord:
+        """An accepted order, with its newest outcomes."""
+        ...
+
+    def set_formation(self, formation: Formation) -> None:
+        """Change radius and height; the formation follows within its limits."""
+        ...
+
+    def set_orbit(self, orbit: Orbit) -> None:
+        """Change how the centre circles the target."""
+        ...
+
+    def set_target(self, target: Target) -> None:
+        """Tell where the target is and how it moves; `time_s` is overwritten with now."""
+        ...
+
+    def set_yaw(self, yaw: Yaw) -> None:
+        """Change where the vehicles look."""
+        ...
+
+    def add_obstacle(self, obstacle: Obstacle) -> None:
+        """Add a box; RefusedError when the id is taken or it would stand on a vehicle in the air."""
+        ...
+
+    def change_obstacle(self, obstacle: Obstacle) -> None:
+        """Replace the box of the same id."""
+        ...
+
+    def remove_obstacle(self, obstacle_id: str) -> None:
+        """Forget a box."""
+        ...

@@ -1,0 +1,138 @@
+"""Batches that cross the boundaries: one array row per vehicle, frozen, checked where they are made.
+
+Times are seconds of the event loop's clock (``loop.time()``, monotonic). The show frame is x along the
+show's heading, y to its right, z down; see ``gcs.frames``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.errors import ShapeError
+
+Array: TypeAlias = NDArray[np.float64]
+Mask: TypeAlias = NDArray[np.bool_]
+VehicleId: TypeAlias = str
+
+
+class Mode(StrEnum):
+    """Flight mode as the autopilot's heartbeat names it; OTHER is any mode we never order."""
+
+    UNKNOWN = "unknown"
+    READY = "ready"
+    TAKEOFF = "takeoff"
+    HOLD = "hold"
+    OFFBOARD = "offboard"
+    RETURN = "return"
+    LAND = "land"
+    POSITION = "position"
+    OTHER = "other"
+
+
+class Landed(IntEnum):
+    """MAV_LANDED_STATE, as EXTENDED_SYS_STATE carries it."""
+
+    UNKNOWN = 0
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+def freeze(array: Array, shape: tuple[int, ...], what: str) -> None:
+    """Make an array read-only, after checking its shape.
+
+    Raises: ShapeError, naming `what`, when the shape differs.
+    """
+    if array.shape != shape:
+        raise ShapeError(f"{what}: {array.shape} where {shape} is needed")
+    array.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Telemetry:
+    """What one link last heard from each of its vehicles. Owns its arrays.
+
+    Never older values dressed as new: every group of values has its own time of arrival, ``-inf`` before
+    the first.
+    """
+
+    ids: tuple[VehicleId, ...]
+    position_time_s: Array  # (n,) arrival of the newest global position
+    heartbeat_time_s: Array  # (n,) arrival of the newest heartbeat
+    latitude_deg: Array  # (n,) WGS84, NaN before the first
+    longitude_deg: Array  # (n,)
+    altitude_amsl_m: Array  # (n,)
+    velocity_ned_m_s: Array  # (n, 3)
+    yaw_deg: Array  # (n,) clockwise from north
+    battery_remaining: Array  # (n,) 0 to 1, NaN when unknown
+    armed: tuple[bool, ...]  # from the heartbeat
+    mode: tuple[Mode, ...]  # from the heartbeat
+    landed: tuple[Landed, ...]
+    ready: tuple[bool, ...]  # the autopilot says that it can be armed
+
+    def __post_init__(self) -> None:
+        n = len(self.ids)
+        freeze(self.velocity_ned_m_s, (n, 3), "velocity_ned_m_s")
+        for name in (
+            "position_time_s",
+            "heartbeat_time_s",
+            "latitude_deg",
+            "longitude_deg",
+            "altitude_amsl_m",
+            "yaw_deg",
+            "battery_remaining",
+        ):
+            freeze(getattr(self, name), (n,), name)
+        for name in ("armed", "mode", "landed", "ready"):
+            if len(getattr(self, name)) != n:
+                raise ShapeError(f"{name}: {len(getattr(self, name))} values for {n} vehicles")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FleetState:
+    """Where every vehicle is at one instant, in the show frame. Owns its arrays.
+
+    Positions are brought forward from their arrival to `time_s` with the reported velocity. Rows of
+    vehicles never heard are NaN.
+    """
+
+    time_s: float
+    ids: tuple[VehicleId, ...]
+    position_m: Array  # (n, 3)
+    velocity_m_s: Array  # (n, 3)
+    yaw_rad: Array  # (n,) from the show's x axis, towards y
+    age_s: Array  # (n,) since the newest position arrived, inf before the first
+
+    def __post_init__(self) -> None:
+        n = len(self.ids)
+        freeze(self.position_m, (n, 3), "position_m")
+        freeze(self.velocity_m_s, (n, 3), "velocity_m_s")
+        freeze(self.yaw_rad, (n,), "yaw_rad")
+        freeze(self.age_s, (n,), "age_s")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setpoints:
+    """Velocity orders of one tick, in the show frame. A vehicle not listed is not commanded."""
+
+    time_s: float
+    ids: tuple[VehicleId, ...]
+    velocity_m_s: Array  # (n, 3)
+    yaw_rad: Array  # (n,)
+
+    def __post_init__(self) -> None:
+        freeze(self.velocity_m_s, (len(self.ids), 3), "velocity_m_s")
+        freeze(self.yaw_rad, (len(self.ids),), "yaw_rad")
+
+    def only(self, ids: Sequence[VehicleId]) -> "Setpoints":
+        """The rows of those of `ids` that are listed, in this batch's order."""
+        wanted = set(ids)
+        rows = [row for row, vehicle_id in enumerate(self.ids) if vehicle_id in wanted]
+        return Setpoints(
+            self.time_s, tuple(self.ids[row] for row in rows), self.velocity_m_s[rows], self.yaw_rad[rows]
+        )

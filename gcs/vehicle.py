@@ -1,0 +1,134 @@
+"""One vehicle as the service runs it: its phase, what it may do, and what its telemetry says of it."""
+
+import logging
+from dataclasses import dataclass, field
+
+from gcs.control import Task
+from gcs.errors import RefusedError
+from gcs.lifecycle import AIRBORNE, FLOWN, Event, Phase, ShowPhase, advance
+from gcs.state import Array, Landed, Mode, VehicleId
+
+log = logging.getLogger(__name__)
+
+SHOW_FLIES = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What the telemetry says of one vehicle at one tick."""
+
+    age_s: float  # of the older of heartbeat and position; a heartbeat may lack for a while
+    mode: Mode
+    armed: bool
+    landed: Landed
+
+
+@dataclass(slots=True, eq=False)
+class Vehicle:
+    """Runtime state of one vehicle. Changed only on the event loop, by the orchestrator and its errands."""
+
+    id: VehicleId
+    row: int
+    system_id: int
+    link: str
+    charge: float = 1.0
+    phase: Phase = Phase.OFFLINE
+    reason: str = "not heard yet"
+    home_m: Array | None = None  # (3,) show frame, where it took off
+    last_m: Array | None = None  # (3,) where it was last known to be
+    hold_m: Array | None = None  # (3,) where it waits while the show does not move it
+    goal_m: Array | None = None  # (3,) of RETURN and LANDING
+    engaging: bool = False  # in HOLD, setpoints already flow so that OFFBOARD can be accepted
+    handed_over: bool = False  # in LANDING, the autopilot's own LAND touches down
+    last_velocity_m_s: Array | None = None  # (3,) with last_m
+    try_again_s: float = 0.0  # when what the service does by itself may be tried again
+    modes: frozenset[Mode] = field(default_factory=frozenset)  # those that an order of ours explains
+
+    @property
+    def comes_down_alone(self) -> bool:
+        """Whether a descent from here is the autopilot's: it climbs straight up, or touches down already."""
+        return self.phase is Phase.TAKEOFF or self.handed_over
+
+    def apply(self, event: Event, reason: str) -> None:
+        """Advance the phase, and log the change. Raises: RefusedError when the table does not allow it."""
+        before, self.phase = self.phase, advance(self.phase, event)
+        self.reason = reason
+        if self.phase not in FLOWN:
+            self.goal_m = None
+        self.engaging = False
+        self.handed_over = False
+        log.info(
+            "vehicle_phase",
+            extra={"vehicle": self.id, "was": before.value, "phase": self.phase.value, "reason": reason},
+        )
+
+    def task(self, show: ShowPhase) -> tuple[Task, Array | None]:
+        """What the tick does with it now, and the goal where there is one."""
+        if self.phase is Phase.FORMATION:
+            if show in SHOW_FLIES:
+                return Task.FORMATION, None
+            return (Task.NONE, None) if self.hold_m is None else (Task.GOAL, self.hold_m)
+        if self.phase in {Phase.RETURN, Phase.LANDING} and self.goal_m is not None and not self.handed_over:
+            return Task.GOAL, self.goal_m
+        if self.engaging and self.hold_m is not None:
+            return Task.GOAL, self.hold_m
+        return Task.NONE, None
+
+    def observe(self, heard: Heard, silence_s: float) -> bool:
+        """Let the telemetry change the phase. Returns: whether it did.
+
+        Nothing that a person or the autopilot decided is undone here: an unordered mode means hands off.
+        """
+        event = self._noticed(heard, silence_s)
+        if event is None:
+            return False
+        self.apply(*event)
+        return True
+
+    def _noticed(self, heard: Heard, silence_s: float) -> tuple[Event, str] | None:
+        if not heard.age_s <= silence_s:
+            return self._silent(heard.age_s)
+        if self.phase in AIRBORNE | {Phase.PILOT}:
+            return self._heard_in_flight(heard)
+        if self.phase is Phase.LOST:
+            return self._heard_again(heard)
+        flies = heard.armed and heard.landed is not Landed.ON_GROUND  # unknown is not "on the ground"
+        if self.phase is Phase.OFFLINE:
+            if heard.landed is Landed.UNKNOWN:
+                self.reason = "heard, but it does not say yet whether it flies"
+                return None
+            if flies:
+                return Event.HEARD_IN_AIR, "found in the air, and not by our order"
+            return Event.HEARD, "on the ground"
+        if self.phase is Phase.STANDBY and flies:
+            return Event.HEARD_IN_AIR, "took off, and not by our order"
+        return None
+
+    def _silent(self, age_s: float) -> tuple[Event, str] | None:
+        if self.phase in AIRBORNE | {Phase.PILOT}:
+            return Event.SILENT, f"silent for {age_s:.1f} s in the air"
+        return (Event.SILENT, f"silent for {age_s:.1f} s") if self.phase is Phase.STANDBY else None
+
+    def _heard_in_flight(self, heard: Heard) -> tuple[Event, str] | None:
+        if not heard.armed:
+            return Event.TOUCHED_DOWN, "on the ground, motors off"
+        if self.phase in AIRBORNE and heard.mode not in self.modes:
+            why = "was ordered by nobody here: a pilot, or the autopilot's own failsafe"
+            return Event.TAKEN_OVER, f"mode {heard.mode} {why}"
+        return None
+
+    def _heard_again(self, heard: Heard) -> tuple[Event, str] | None:
+        """Back from LOST: only one that still waits for us is taken on (by an order to HOLD)."""
+        if not heard.armed:
+            return Event.HEARD, "heard again, on the ground, motors off"
+        if heard.mode not in self.modes | {Mode.OFFBOARD, Mode.HOLD}:
+            return Event.TAKEN_OVER, f"heard again in mode {heard.mode}, which nobody here ordered"
+        return None
+
+
+def require_phase(vehicle: Vehicle, event: Event) -> None:
+    """Raises: RefusedError naming the vehicle when `event` is not possible now."""
+    try:
+        advance(vehicle.phase, event)
+    except RefusedError as error:
+        raise RefusedError(f"{vehicle.id}: {error}") from None

@@ -1,0 +1,1 @@
+"""A fake autopilot: point masses that speak MAVLink 2 like PX4."""

@@ -1,0 +1,57 @@
+"""PX4's flight modes and how a HEARTBEAT spells them."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+ARMED, MANUAL_INPUT, STABILIZE, GUIDED, AUTO, CUSTOM = 128, 64, 16, 8, 4, 1
+
+
+class Mode(Enum):
+    """A mode: PX4's main and sub mode, and the base_mode bits that go with them."""
+
+    MANUAL = (1, 0, MANUAL_INPUT | CUSTOM)
+    ALTITUDE = (2, 0, MANUAL_INPUT | STABILIZE | CUSTOM)
+    POSITION = (3, 0, MANUAL_INPUT | STABILIZE | CUSTOM)
+    TAKEOFF = (4, 2, STABILIZE | GUIDED | AUTO | CUSTOM)
+    HOLD = (4, 3, STABILIZE | GUIDED | AUTO | CUSTOM)
+    RETURN = (4, 5, STABILIZE | GUIDED | AUTO | CUSTOM)
+    LAND = (4, 6, STABILIZE | GUIDED | AUTO | CUSTOM)
+    OFFBOARD = (6, 0, STABILIZE | CUSTOM)
+    STABILIZED = (7, 0, MANUAL_INPUT | STABILIZE | CUSTOM)
+
+    @property
+    def custom_mode(self) -> int:
+        """The HEARTBEAT's custom_mode field."""
+        return self.value[0] << 16 | self.value[1] << 24
+
+    @property
+    def base_mode(self) -> int:
+        """The HEARTBEAT's base_mode field while disarmed."""
+        return self.value[2]
+
+    @property
+    def title(self) -> str:
+        """The name PX4 uses in texts."""
+        return self.name.capitalize()
+
+    @staticmethod
+    def find(main: int, sub: int) -> Mode | None:
+        """The mode DO_SET_MODE asks for, or None."""
+        for mode in Mode:
+            if mode.value[0] == main and mode.value[1] == sub:
+                return mode
+        return None
+
+
+NEEDS_PILOT = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.STABILIZED})
+PREVENTS_ARMING = frozenset({Mode.LAND, Mode.RETURN})
+# COM_OBL_RC_ACT to the mode shown after setpoints are lost; 6 and 7 stop the motors instead.
+OFFBOARD_LOSS_MODE = {
+    0: Mode.POSITION,
+    1: Mode.ALTITUDE,
+    2: Mode.MANUAL,
+    3: Mode.RETURN,
+    4: Mode.LAND,
+    5: Mode.HOLD,
+}

@@ -1,0 +1,125 @@
+"""The parameters of PX4 v1.16.1, typed, as one vehicle holds them.
+
+The table is what a PX4 v1.16.1 SITL listed (px4_params.json: whole numbers are INT32, the others FLOAT).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from functools import cache
+from importlib import resources
+from types import MappingProxyType
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+Value: TypeAlias = int | float
+
+INT32, REAL32 = 6, 9  # MAV_PARAM_TYPE
+INT32_RANGE = range(-(2**31), 2**31)
+REAL32_MAX = 3.4028234e38
+
+
+class ParameterError(ValueError):
+    """A parameter does not exist, or does not take that value."""
+
+
+@cache
+def defaults() -> Mapping[str, Value]:
+    """The recorded table, sorted by name, read-only."""
+    text = resources.files("sim").joinpath("px4_params.json").read_text(encoding="ascii")
+    table: dict[str, Value] = json.loads(text)
+    return MappingProxyType(dict(sorted(table.items())))
+
+
+@cache
+def _indices() -> Mapping[str, int]:
+    return MappingProxyType({name: index for index, name in enumerate(defaults())})
+
+
+class Parameters:
+    """One vehicle's parameters. Only existing ones can be set, only to finite values of their type."""
+
+    def __init__(self, settings: Mapping[str, Value] | None = None) -> None:
+        """Start from the defaults, changed by settings.
+
+        Raises:
+            ParameterError: as in set.
+        """
+        self._changed: dict[str, Value] = {}
+        for name, value in (settings or {}).items():
+            self.set(name, value)
+
+    def __len__(self) -> int:
+        """How many parameters there are."""
+        return len(defaults())
+
+    def __contains__(self, name: object) -> bool:
+        """Whether there is such a parameter."""
+        return name in defaults()
+
+    def __getitem__(self, name: str) -> Value:
+        """The value; KeyError where there is no such parameter."""
+        value = self._changed.get(name)
+        return defaults()[name] if value is None else value
+
+    def names(self) -> Iterable[str]:
+        """All names, in the order of their indices."""
+        return defaults().keys()
+
+    def set(self, name: str, value: Value) -> None:
+        """Change one value.
+
+        Raises:
+            ParameterError: no such parameter, or a value that is not finite, not in range, or (for an
+                INT32) not whole.
+        """
+        if name not in defaults():
+            raise ParameterError(f"{name}: PX4 v1.16 has no such parameter")
+        if not math.isfinite(value) or abs(value) > REAL32_MAX:
+            raise ParameterError(f"{name}: {value} is not a finite number that a parameter can hold")
+        if kind(name) == INT32:
+            if value != int(value) or int(value) not in INT32_RANGE:
+                raise ParameterError(f"{name}: {value} is not a whole number of 32 bits")
+            self._changed[name] = int(value)
+        else:
+            self._changed[name] = float(value)
+
+
+def kind(name: str) -> int:
+    """INT32 or REAL32."""
+    return INT32 if isinstance(defaults()[name], int) else REAL32
+
+
+def index(name: str) -> int:
+    """The place of a parameter in the list."""
+    return _indices()[name]
+
+
+def name_at(place: int) -> str | None:
+    """The parameter at that place in the list, or None."""
+    names = tuple(defaults())
+    return names[place] if 0 <= place < len(names) else None
+
+
+def to_wire(name: str, value: Value) -> float:
+    """PX4's bytewise encoding: an INT32's four bytes travel in the float field."""
+    if kind(name) == REAL32:
+        return float(value)
+    return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
+
+
+def from_wire(name: str, param_type: int, value: float) -> Value:
+    """Undo to_wire.
+
+    Raises:
+        ParameterError: the sender believes the parameter to be of another type.
+    """
+    if param_type != kind(name):
+        raise ParameterError(f"{name} is of MAV_PARAM_TYPE {kind(name)}, not {param_type}")
+    if param_type == REAL32:
+        return value
+    return int(struct.unpack("<i", struct.pack("<f", value))[0])

@@ -1,0 +1,66 @@
+"""`gcs demo`, as a user runs it: the whole story, judged by the vehicles' true states."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from ground import free_ports, last_truth
+
+
+@pytest.mark.xdist_group("demo")
+def test_the_demo_flies_its_story_and_nothing_touches() -> None:
+    command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "8", "--seconds", "210", "--json"]
+    command += ["--api-port", "0", "--port-base", str(free_ports(8))]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=400, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    figures = json.loads(done.stdout.splitlines()[-1])
+    assert figures["landed"] == figures["vehicles"] == 8
+    assert figures["separation_violations"] == 0
+    assert figures["min_separation_m"] > 2.0
+    assert figures["obstacle_penetrations"] == 0
+    for part in ("before", "after"):
+        assert figures[f"energy_ratio_{part}"] <= 1.002
+        assert figures[f"nearest_ratio_{part}"] >= 0.97
+    assert figures["radius_error_m"] < 1.0
+    assert figures["orbit_radius_error_m"] < 0.8
+    assert figures["target_moved_m"] > 40.0
+    assert figures["setpoints_sent"] > 8 * 20 * 100
+    assert figures["tick_p99_ms"] < 50.0  # within its period
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--vehicles", "1"], "--vehicles 1: 2 to 50"),
+        (["--vehicles", "8", "--seconds", "20"], "--seconds 20: at least 210"),
+    ],
+)
+def test_a_demo_that_cannot_be_flown_is_refused_in_words(arguments: list[str], says: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "gcs", "demo", *arguments], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert says in done.stderr
+
+
+@pytest.mark.xdist_group("e2e")
+def test_ctrl_c_brings_the_fleet_home(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "2", "--truth", str(tmp_path)]
+    command += ["--api-port", "0", "--port-base", str(free_ports(2))]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as demo:
+        assert demo.stdout is not None
+        said = ""
+        while "organise" not in said:
+            said = demo.stdout.readline()
+            assert said, "ended before it flew"
+        demo.send_signal(signal.SIGINT)
+        rest, _ = demo.communicate(timeout=120)
+    assert "landed" in rest
+    assert demo.returncode == 130
+    for file in sorted(tmp_path.glob("truth-*.jsonl")):
+        state = last_truth(file)
+        assert state["landed"], file.name
+        assert not state["armed"], file.name

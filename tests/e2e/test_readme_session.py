@@ -1,0 +1,91 @@
+"""The README's session, command by command as it stands there, against processes of their own."""
+
+import json
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+from ground import ORIGIN, free_ports, wait_until
+
+from gcs import config as configuration
+
+pytestmark = pytest.mark.xdist_group("e2e")
+
+README = Path(__file__).parents[2] / "README.md"
+
+
+def session() -> list[tuple[str, str, object]]:
+    """Method, path and body of every curl command in the README's session."""
+    block = re.search(r"```sh\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    assert block is not None
+    commands = []
+    for line in block[1].splitlines():
+        words = shlex.split(line, comments=True)
+        if words[:1] != ["curl"]:
+            continue
+        method = words[words.index("-X") + 1] if "-X" in words else "GET"
+        body = json.loads(words[words.index("-d") + 1]) if "-d" in words else None
+        (path,) = (word.removeprefix("$api") for word in words if word.startswith("$api"))
+        commands.append((method, path, body))
+    return commands
+
+
+@contextmanager
+def station(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Four fake vehicles and `gcs serve` with the SITL configuration, on ports that are free."""
+    base = free_ports(10)
+    text = configuration.find("px4-sitl").read_text(encoding="utf-8").replace("14540", str(base))
+    config = folder / "sitl.yaml"
+    config.write_text(text, encoding="utf-8")
+    sim = [sys.executable, "-m", "sim", "--count", "4", "--port-base", str(base), "--origin", ORIGIN]
+    sim += ["--truth", str(folder / "truth.jsonl")]
+    serve = [sys.executable, "-m", "gcs", "serve", "--config", str(config), "--port", "0", "--quiet"]
+    with (
+        subprocess.Popen(sim, stdout=subprocess.DEVNULL) as vehicles,
+        subprocess.Popen(serve, stdout=subprocess.PIPE, text=True) as service,
+    ):
+        try:
+            assert service.stdout is not None
+            address = re.search(r"http://\S+:\d+", service.stdout.readline())
+            assert address is not None
+            yield address[0], service
+        finally:
+            service.kill()
+            vehicles.terminate()
+
+
+def test_the_readme_session_flies(tmp_path: Path) -> None:
+    commands = session()
+    assert [command[:2] for command in commands][-1] == ("POST", "/show/stop")
+    with station(tmp_path) as (address, service), httpx.Client(base_url=f"{address}/api/v1") as api:
+
+        def phase() -> str:
+            return str(api.get("/show").json()["phase"])
+
+        def ready() -> int:
+            return sum(vehicle["ready"] for vehicle in api.get("/vehicles").json())
+
+        wait_until("four ready", 30, lambda: ready() == 4)
+        for method, path, body in commands:
+            answer = api.request(method, path, json=body)
+            assert answer.is_success, f"{method} {path}: {answer.text}"
+            if path == "/show/start":
+                wait_until("running", 60, lambda: phase() == "running")
+            if path == "/target":
+                wait_until("12 m", 30, lambda: abs(api.get("/formation").json()["radius_now_m"] - 12.0) < 0.1)
+        outcomes = api.get("/orders/o1").json()["vehicles"]
+        assert [outcomes[f"d{i}"]["outcome"] for i in range(1, 6)] == ["done"] * 4 + ["not-included"]
+        assert any(vehicle["armed"] for vehicle in api.get("/vehicles").json())
+        service.send_signal(signal.SIGINT)
+        assert service.wait(120) == 0
+        landed = json.loads((tmp_path / "truth.jsonl").read_text(encoding="utf-8").splitlines()[-2])
+        for vehicle in landed["vehicles"]:
+            assert vehicle["landed"], "whoever stops the service on the way home waits for the landing"
+            assert not vehicle["armed"]

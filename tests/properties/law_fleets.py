@@ -1,0 +1,43 @@
+"""Fleets for the property tests of law and safety."""
+
+import numpy as np
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from gcs.plan import Obstacle
+from gcs.state import Array, Mask
+
+
+def within(low: float, high: float) -> st.SearchStrategy[float]:
+    """Finite numbers, none of them so small that only its square is lost."""
+    return st.floats(low, high, allow_subnormal=False).map(lambda value: round(value, 6))
+
+
+@st.composite
+def vectors(draw: st.DrawFn, count: int, bound: float) -> Array:
+    """(count, 3), each component within the bound."""
+    array: Array = draw(arrays.arrays(np.float64, (count, 3), elements=within(-bound, bound)))
+    return array
+
+
+@st.composite
+def places(draw: st.DrawFn, count: int) -> Array:
+    """(count, 3) in the air above a field of 80 by 80 m."""
+    return draw(vectors(count, 40.0)) * (1.0, 1.0, 0.5) - (0.0, 0.0, 30.0)
+
+
+@st.composite
+def masks(draw: st.DrawFn, count: int) -> Mask:
+    """(count,) of True and False."""
+    return np.array(draw(st.lists(st.booleans(), min_size=count, max_size=count)), dtype=bool)
+
+
+@st.composite
+def obstacles(draw: st.DrawFn) -> Obstacle:
+    """A box somewhere on the field."""
+    x_m, y_m = draw(within(-40.0, 40.0)), draw(within(-40.0, 40.0))
+    half_x_m, half_y_m = draw(within(0.5, 20.0)), draw(within(0.5, 20.0))
+    return Obstacle("box", x_m, y_m, half_x_m, half_y_m, draw(within(1.0, 60.0)))
+
+
+COUNTS = st.integers(1, 6)

@@ -1,0 +1,54 @@
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as dialect
+
+from gcs.links.heard import Heard
+from gcs.links.mavlink_frames import moves, split, target_system
+
+PACKER = dialect.MAVLink(None, srcSystem=7, srcComponent=1)
+FRAMES = [
+    bytes(message.pack(PACKER, force_mavlink1=version_1))
+    for version_1 in (False, True)
+    for message in (
+        dialect.MAVLink_heartbeat_message(2, 12, 0x81, 6 << 16, 4, 3),
+        dialect.MAVLink_statustext_message(4, b"Preflight Fail: something"),
+        dialect.MAVLink_sys_status_message(0, 0, 1 << 28, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+        dialect.MAVLink_global_position_int_message(0, 1, 2, 3, 4, 5, 6, 7, 8),
+        dialect.MAVLink_command_long_message(5, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0),
+    )
+]
+
+
+@st.composite
+def mutated(draw: st.DrawFn) -> bytes:
+    """Frames end to end, then bytes changed, cut out and put in."""
+    data = bytearray(b"".join(draw(st.lists(st.sampled_from(FRAMES), max_size=4))))
+    for _ in range(draw(st.integers(0, 4))):
+        place = draw(st.integers(0, len(data)))
+        data[place : place + draw(st.integers(0, 3))] = draw(st.binary(max_size=3))
+    return bytes(data)
+
+
+@given(st.one_of(mutated(), st.binary(max_size=600)), st.booleans())
+@settings(max_examples=300)
+def test_whatever_arrives_is_frames_or_garbage_and_never_an_exception(data: bytes, checked: bool) -> None:
+    frames, garbage_bytes, unknown_bytes = split(data, checked=checked)
+    assert sum(len(frame.raw) for frame in frames) + garbage_bytes + unknown_bytes == len(data)
+    heard = Heard()
+    for frame in frames:
+        assert 0 <= target_system(frame) <= 255
+        if checked:
+            heard.take(frame, 1.0)
+            moves(frame)
+
+
+@given(mutated(), st.sampled_from(FRAMES))
+@settings(max_examples=300)
+def test_a_whole_frame_behind_garbage_is_found(data: bytes, whole: bytes) -> None:
+    assert split(data + whole).frames[-1].raw == whole
+
+
+@given(st.lists(st.sampled_from(FRAMES), max_size=6))
+def test_frames_come_out_as_they_went_in(parts: list[bytes]) -> None:
+    frames, *rest = split(b"".join(parts))
+    assert ([frame.raw for frame in frames], rest) == (parts, [0, 0])

@@ -1,0 +1,210 @@
+"""A real `gcs.service.Service` that flies nothing: tables, plan and refusals are true, motion is not.
+
+Like the real one it shows a changed plan only with its next tick, which here comes when `tick` is called.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import sqrt
+
+from gcs.errors import InvalidError, RefusedError, UnknownError
+from gcs.frames import ShowFrame
+from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
+from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
+from gcs.service import (
+    FleetView,
+    Latest,
+    OrderRecord,
+    Outcome,
+    ShowAction,
+    TickView,
+    VehicleAction,
+    VehicleOutcome,
+    VehicleView,
+)
+from gcs.state import Landed, Mode
+
+FRAME = ShowFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_amsl_m=488.0, heading_deg=90.0)
+HEIGHT_MIN_M = 2.0
+
+EVENT = {
+    VehicleAction.HOLD: Event.HOLD,
+    VehicleAction.JOIN: Event.ENGAGE,
+    VehicleAction.RETURN: Event.COME_HOME,
+    VehicleAction.LAND: Event.DESCEND,
+    VehicleAction.KILL: Event.KILL,
+    VehicleAction.HAND_BACK: Event.HANDED_BACK,
+    VehicleAction.CONFIRM_DOWN: Event.CONFIRMED_DOWN,
+}
+
+
+class FakeService:
+    """Vehicles d1, d2 ... on the ground, 5 m apart along y."""
+
+    def __init__(self, count: int = 3, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._clock_s = clock_s
+        self.phases: dict[str, Phase] = {}
+        self.orders: dict[str, OrderRecord] = {}
+        self.ticks = 0
+        self.control_alive = True
+        self._begin(count)
+        self._view = Latest(self._look())
+
+    @property
+    def view(self) -> Latest[FleetView]:
+        return self._view
+
+    @property
+    def frame(self) -> ShowFrame:
+        return FRAME
+
+    def reset(self) -> None:
+        """As new."""
+        self._begin(len(self.phases))
+        self.tick()
+
+    def _begin(self, count: int) -> None:
+        self.phases = {f"d{index + 1}": Phase.STANDBY for index in range(count)}
+        self.show = ShowPhase.IDLE
+        self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
+        self.orders = {}
+
+    def tick(self) -> None:
+        """Make a new state."""
+        self.ticks += 1
+        self._view.set(self._look())
+
+    def finish(self, order_id: str, outcome: Outcome = Outcome.DONE, reason: str = "") -> None:
+        """Let an order come to its end with every vehicle."""
+        record = self.orders[order_id]
+        self.orders[order_id] = replace(
+            record, outcomes={name: VehicleOutcome(outcome, reason) for name in record.outcomes}
+        )
+
+    def fly(self) -> None:
+        """Bring everybody into the formation, and the show to running."""
+        self.show = ShowPhase.RUNNING
+        self.phases = dict.fromkeys(self.phases, Phase.FORMATION)
+        self.tick()
+
+    def command_show(self, action: ShowAction, vehicles: Sequence[str] | None = None) -> OrderRecord:
+        for name in vehicles or ():
+            self._require(name)
+        self.show = advance_show(self.show, ShowEvent(action.value))
+        return self._accept(f"show {action}", vehicles or tuple(self.phases))
+
+    def command_vehicle(self, vehicle_id: str, action: VehicleAction) -> OrderRecord:
+        self._require(vehicle_id)
+        self.phases[vehicle_id] = advance(self.phases[vehicle_id], EVENT[action])
+        return self._accept(f"{action} {vehicle_id}", (vehicle_id,))
+
+    def order(self, order_id: str) -> OrderRecord:
+        if order_id not in self.orders:
+            raise UnknownError(f"there is no order {order_id!r}")
+        return self.orders[order_id]
+
+    def set_formation(self, formation: Formation) -> None:
+        smallest_m = 3.0 * sqrt(len(self.phases))
+        if formation.radius_m < smallest_m:
+            allowed = f"at least {smallest_m:.1f} m for {len(self.phases)} vehicles"
+            raise InvalidError("radius_m", formation.radius_m, allowed)
+        if formation.height_m - formation.radius_m < HEIGHT_MIN_M:
+            allowed = f"at least {formation.radius_m + HEIGHT_MIN_M} m with this radius"
+            raise InvalidError("height_m", formation.height_m, allowed)
+        self.plan = replace(self.plan, formation=formation)
+
+    def set_orbit(self, orbit: Orbit) -> None:
+        self.plan = replace(self.plan, orbit=orbit)
+
+    def set_target(self, target: Target) -> None:
+        self.plan = replace(self.plan, target=replace(target, time_s=self._clock_s()))
+
+    def set_yaw(self, yaw: Yaw) -> None:
+        self.plan = replace(self.plan, yaw=yaw)
+
+    def add_obstacle(self, obstacle: Obstacle) -> None:
+        if any(box.id == obstacle.id for box in self.plan.obstacles):
+            raise RefusedError(
+                f"there is an obstacle {obstacle.id!r} already: change it, or choose another id"
+            )
+        self._require_clear(obstacle)
+        self.plan = replace(self.plan, obstacles=(*self.plan.obstacles, obstacle))
+
+    def change_obstacle(self, obstacle: Obstacle) -> None:
+        self._require_box(obstacle.id)
+        self._require_clear(obstacle)
+        boxes = tuple(obstacle if box.id == obstacle.id else box for box in self.plan.obstacles)
+        self.plan = replace(self.plan, obstacles=boxes)
+
+    def remove_obstacle(self, obstacle_id: str) -> None:
+        self._require_box(obstacle_id)
+        left = tuple(box for box in self.plan.obstacles if box.id != obstacle_id)
+        self.plan = replace(self.plan, obstacles=left)
+
+    def _require(self, vehicle_id: str) -> None:
+        if vehicle_id not in self.phases:
+            raise UnknownError(f"there is no vehicle {vehicle_id!r}")
+
+    def _require_box(self, obstacle_id: str) -> None:
+        if all(box.id != obstacle_id for box in self.plan.obstacles):
+            raise UnknownError(f"there is no obstacle {obstacle_id!r}")
+
+    def _require_clear(self, box: Obstacle) -> None:
+        for index, (name, phase) in enumerate(self.phases.items()):
+            inside = abs(box.x_m) <= box.half_length_x_m and abs(box.y_m - 5.0 * index) <= box.half_length_y_m
+            if phase in AIRBORNE and inside:
+                raise RefusedError(f"obstacle {box.id!r} would stand on {name}, which is in the air")
+
+    def _accept(self, action: str, vehicles: Sequence[str]) -> OrderRecord:
+        order_id = f"o{len(self.orders) + 1}"
+        pending = VehicleOutcome(Outcome.PENDING)
+        self.orders[order_id] = OrderRecord(order_id, action, time.time(), dict.fromkeys(vehicles, pending))
+        return self.orders[order_id]
+
+    def _look(self) -> FleetView:
+        now_s = self._clock_s()
+        flying = self.show is ShowPhase.RUNNING
+        return FleetView(
+            time_s=now_s,
+            unix_time_s=time.time(),
+            show=self.show,
+            reason="",
+            vehicles=tuple(self._vehicle(index) for index in range(len(self.phases))),
+            plan=self.plan,
+            center_m=(1.0, 2.0, -20.0) if flying else None,
+            center_velocity_m_s=(0.5, 0.0, 0.0) if flying else None,
+            radius_m=9.0 if flying else None,
+            target_m=self.plan.target.position_m(now_s),
+            minimum_separation_m=5.0 if flying else None,
+            tick=TickView(20.0, self.ticks, 0, float("nan"), float("nan"), float("nan")),
+            control_alive=self.control_alive,
+            setpoints_sent=self.ticks * len(self.phases),
+        )
+
+    def _vehicle(self, index: int) -> VehicleView:
+        name, phase = list(self.phases.items())[index]
+        heard = phase not in (Phase.OFFLINE, Phase.LOST)
+        airborne = phase in AIRBORNE
+        return VehicleView(
+            id=name,
+            system_id=index + 1,
+            link="fake",
+            phase=phase,
+            reason="",
+            mode=Mode.OFFBOARD if phase is Phase.FORMATION else Mode.HOLD,
+            armed=airborne,
+            landed=Landed.IN_AIR if airborne else Landed.ON_GROUND,
+            ready=heard,
+            position_m=(0.0, 5.0 * index, -20.0 if airborne else 0.0) if heard else None,
+            velocity_m_s=(0.1, 0.2, 0.3) if heard else None,
+            yaw_rad=0.0 if heard else None,
+            latitude_deg=47.3977 if heard else None,
+            longitude_deg=8.5456 if heard else None,
+            altitude_amsl_m=488.0 if heard else float("nan"),
+            battery_remaining=0.9,
+            position_age_s=0.05,
+            heartbeat_age_s=float("inf"),
+            setpoint_m_s=(1.0, 0.0, -1.0) if phase is Phase.FORMATION else None,
+            restrained_by="",
+        )

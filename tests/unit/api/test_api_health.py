@@ -1,0 +1,87 @@
+import asyncio
+import math
+from dataclasses import replace
+
+import pytest
+from api_fake_service import FRAME, FakeService
+from api_harness import Api
+
+from api import convert
+from api.desk import VIEWERS_MAX, Desk
+from gcs.errors import RefusedError
+
+
+def test_health_is_green_while_ticks_come() -> None:
+    api = Api()
+    api.service.tick()
+    answer = api("GET", "/healthz")
+    assert answer.status_code == 200
+    assert answer.json()["alive"] is True
+    assert 0.0 <= answer.json()["view_age_s"] < convert.VIEW_AGE_MAX_S
+
+
+@pytest.mark.parametrize("age_s", [1.5, 3600.0, -5.0, math.nan])
+def test_health_is_red_once_the_state_is_not_of_now_whatever_it_says(age_s: float) -> None:
+    api = Api()
+    view = api.service.view.value
+    api.service.view.set(replace(view, time_s=view.time_s - age_s, control_alive=True))
+    answer = api("GET", "/healthz")
+    assert answer.status_code == 503
+    assert "the control loop does not run" in answer.json()["detail"]
+    fleet = api("GET", "/api/v1/fleet").json()
+    assert (fleet["control_alive"], bool(fleet["control_reason"])) == (False, True)
+
+
+def test_health_is_red_when_control_says_so_itself() -> None:
+    api = Api()
+    api.service.control_alive = False
+    api.service.tick()
+    answer = api("GET", "/healthz")
+    assert answer.status_code == 503
+    assert "no setpoints are sent" in answer.json()["detail"]
+
+
+async def texts_around_the_moment_a_state_gets_old() -> list[str]:
+    service = FakeService()
+    desk = Desk(service)
+    service.view.set(replace(service.view.value, time_s=desk_time_s() - convert.VIEW_AGE_MAX_S + 0.1))
+    fresh = [desk.fleet_json(), desk.fleet_json()]
+    await asyncio.sleep(0.15)
+    old = desk.fleet_json()
+    service.tick()
+    return [*fresh, old, desk.fleet_json()]
+
+
+def desk_time_s() -> float:
+    return asyncio.get_running_loop().time()
+
+
+def test_the_json_of_a_state_is_written_once_for_all_viewers_until_it_gets_old() -> None:
+    first, second, old, next_state = asyncio.run(texts_around_the_moment_a_state_gets_old())
+    assert first is second
+    assert '"control_alive":true' in first
+    assert '"control_alive":false' in old
+    assert '"control_alive":true' in next_state
+
+
+def test_there_are_seats_for_so_many_viewers_and_they_are_given_back() -> None:
+    desk = Desk(FakeService())
+    for _ in range(2 * VIEWERS_MAX):
+        with desk.seat():
+            pass
+    seats = [desk.seat() for _ in range(VIEWERS_MAX + 1)]
+    for seat in seats[:-1]:
+        seat.__enter__()
+    with pytest.raises(RefusedError, match="32 viewers"):
+        seats[-1].__enter__()
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.1, 90.0, 179.9, 180.0, 270.0, 359.9])
+def test_a_heading_survives_the_way_into_the_show_frame_and_back(heading: float) -> None:
+    assert convert.heading_deg(convert.yaw_rad(heading, FRAME), FRAME) == pytest.approx(heading, abs=1e-9)
+
+
+def test_a_heading_is_below_360() -> None:
+    north = replace(FRAME, heading_deg=0.0)
+    assert convert.heading_deg(-1e-18, north) == 0.0
+    assert convert.heading_deg(-math.pi / 2, north) == pytest.approx(270.0)

@@ -1,0 +1,83 @@
+import json
+from typing import Any
+
+import pytest
+from api_harness import Api
+
+
+@pytest.fixture(scope="module")
+def document() -> Any:
+    return Api()("GET", "/openapi.json").json()
+
+
+@pytest.fixture(scope="module")
+def operations(document: Any) -> dict[str, Any]:
+    return {
+        f"{method} {path}": operation
+        for path, methods in document["paths"].items()
+        for method, operation in methods.items()
+    }
+
+
+def test_every_operation_has_a_name_of_its_own_a_summary_and_a_tag(operations: dict[str, Any]) -> None:
+    names = [operation["operationId"] for operation in operations.values()]
+    assert len(names) == len(set(names)) == 31
+    assert all(name.isidentifier() for name in names)
+    assert all(operation["summary"] and operation["description"] for operation in operations.values())
+    assert all(len(operation["tags"]) == 1 for operation in operations.values())
+
+
+def test_every_documented_error_has_the_one_shape(operations: dict[str, Any]) -> None:
+    errors = [
+        (name, answer)
+        for name, operation in operations.items()
+        for status, answer in operation["responses"].items()
+        if int(status) >= 400
+    ]
+    assert len(errors) > 100
+    for name, answer in errors:
+        schema = answer["content"]["application/json"]["schema"]
+        assert schema == {"$ref": "#/components/schemas/ErrorBody"}, name
+
+
+def test_every_command_documents_what_it_may_answer(operations: dict[str, Any]) -> None:
+    for name, operation in operations.items():
+        documented = set(operation["responses"])
+        assert documented >= {"403", "500"}, name
+        if not name.startswith("get"):
+            assert documented >= {"400", "409", "413", "422", "503"}, name
+        if "{" in name:
+            assert documented >= {"404", "422"}, name
+    assert "202" in operations["post /api/v1/show/start"]["responses"]
+    assert "201" in operations["post /api/v1/obstacles"]["responses"]
+    assert "503" in operations["get /healthz"]["responses"]
+
+
+def test_every_reference_leads_somewhere_and_no_placeholder_leaks(document: Any) -> None:
+    text = json.dumps(document)
+    schemas = document["components"]["schemas"]
+    used = {part.split('"')[0] for part in text.split('"#/components/schemas/')[1:]}
+    assert used <= set(schemas)
+    assert "HTTPValidationError" not in schemas
+    assert '"default": null' not in text
+    assert schemas["FormationChange"]["properties"]["radius_m"]["exclusiveMinimum"] == 0
+    assert "required" not in schemas["FormationChange"]
+    assert schemas["FormationChange"]["additionalProperties"] is False
+
+
+def test_every_number_names_its_unit(document: Any) -> None:
+    units = ("_m", "_s", "_m_s", "_deg", "_hz", "_ms")
+    without = {
+        field
+        for schema in document["components"]["schemas"].values()
+        for field, described in schema.get("properties", {}).items()
+        if "number" in json.dumps(described) and not field.endswith(units)
+    }
+    assert without == {"battery_remaining", "value"}  # a share of 1, and what was wrong
+
+
+def test_the_docs_are_at_docs_and_need_no_internet(document: Any) -> None:
+    answer = Api()("GET", "/docs")
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "text/html; charset=utf-8")
+    assert "/openapi.json" in answer.text
+    assert "://" not in answer.text

@@ -1,0 +1,118 @@
+import json
+from typing import Any
+from urllib.parse import quote
+
+from api_harness import Api
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from api import wire
+
+NAMES = st.sampled_from(
+    sorted(
+        {
+            *wire.FormationChange.model_fields,
+            *wire.OrbitChange.model_fields,
+            *wire.YawChange.model_fields,
+            *wire.ShowTarget.model_fields,
+            *wire.GeodeticTarget.model_fields,
+            *wire.ObstaclePost.model_fields,
+            *wire.StartBody.model_fields,
+            "\ud800",
+        }
+    )
+)
+NUMBERS = st.floats() | st.floats(-200, 200) | st.integers() | st.integers(-(10**400), 10**400)
+VALUES = st.recursive(
+    NUMBERS
+    | st.none()
+    | st.booleans()
+    | st.text(max_size=5)
+    | st.sampled_from(["d1", "clockwise", "fixed", "\ud800", "-0", "1e5"]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
+    max_leaves=5,
+)
+PROPER = [
+    {"radius_m": 20.0, "height_m": 40.0},
+    {"x_m": 1.0, "y_m": 2.0, "velocity_x_m_s": 1.0},
+    {"latitude_deg": 47.4, "longitude_deg": 8.5},
+    {"x_m": 30.0, "y_m": 0.0, "half_length_x_m": 1.0, "half_length_y_m": 1.0, "height_m": 5.0},
+]
+OBJECTS = st.builds(
+    lambda base, more: {**base, **more},
+    st.sampled_from([{}, *PROPER]),
+    st.dictionaries(NAMES, VALUES, max_size=2),
+)
+BODIES = OBJECTS.map(json.dumps) | VALUES.map(json.dumps) | st.text(max_size=20)
+
+ENDPOINTS = st.sampled_from(
+    [
+        ("PATCH", "/formation"),
+        ("PATCH", "/orbit"),
+        ("PATCH", "/yaw"),
+        ("PUT", "/target"),
+        ("POST", "/obstacles"),
+        ("PUT", "/obstacles/box-1"),
+        ("POST", "/show/start"),
+        ("POST", "/show/stop"),
+        ("POST", "/vehicles/d1/kill"),
+        ("POST", "/vehicles/d1/land"),
+    ]
+)
+
+
+API = Api()  # made once: most of an example's time would go into it
+
+
+def fresh() -> Api:
+    API.service.reset()
+    return API
+
+
+def refuse_constant(name: str) -> Any:
+    raise AssertionError(f"{name} in an answer")
+
+
+def everything(api: Api) -> tuple[Any, ...]:
+    """All that a request may change."""
+    service = api.service
+    return service.plan, service.show, dict(service.phases), dict(service.orders)
+
+
+@settings(max_examples=1000, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(endpoint=ENDPOINTS, text=BODIES, flying=st.booleans())
+def test_no_body_makes_a_5xx_and_nothing_changes_unless_accepted(
+    endpoint: tuple[str, str], text: str, flying: bool
+) -> None:
+    method, path = endpoint
+    api = fresh()
+    if flying:
+        api.service.fly()
+    before = everything(api)
+    body = text.encode("utf-8", errors="surrogatepass")
+    answer = api(method, f"/api/v1{path}", content=body, headers={"Content-Type": "application/json"})
+    assert answer.status_code in (200, 201, 202, 400, 404, 409, 422)
+    shown = json.loads(answer.text, parse_constant=refuse_constant)
+    if answer.status_code >= 400:
+        assert set(shown) == {"detail", "problems"}
+        assert everything(api) == before
+    else:
+        assert everything(api) != before or method in ("PATCH", "PUT")
+
+
+SEGMENTS = st.text(st.characters(codec="utf-8", exclude_characters="/?#\\"), max_size=12)
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    method=st.sampled_from(["GET", "POST", "PUT", "PATCH", "DELETE"]),
+    parts=st.lists(st.sampled_from(["vehicles", "obstacles", "orders", "d1", "kill"]) | SEGMENTS, max_size=4),
+)
+def test_no_path_makes_a_5xx(method: str, parts: list[str]) -> None:
+    api = fresh()
+    before = everything(api)
+    answer = api(method, "/".join(["/api/v1", *(quote(part, safe="") for part in parts)]))
+    assert answer.status_code < 500
+    if answer.status_code >= 400:
+        assert set(answer.json()) == {"detail", "problems"}
+        assert everything(api) == before

@@ -1,0 +1,276 @@
+import math
+from typing import Any
+
+import pytest
+from api_fake_service import FakeService
+from api_harness import Api
+
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.plan import Direction, YawPolicy
+from gcs.service import Outcome, ShowAction, VehicleAction
+
+BOX = {"x_m": 50.0, "y_m": 0.0, "half_length_x_m": 2.0, "half_length_y_m": 3.0, "height_m": 15.0}
+
+
+@pytest.fixture
+def api() -> Api:
+    return Api()
+
+
+def test_the_fleet_shows_everything_at_one_instant(api: Api) -> None:
+    api.service.fly()
+    fleet = api("GET", "/api/v1/fleet").json()
+    assert fleet["control_alive"] is True
+    assert fleet["show"] == {"phase": "running", "reason": "", "possible": ["stop", "pause", "abort"]}
+    assert fleet["formation"] == {
+        "radius_m": 10.0,
+        "height_m": 20.0,
+        "radius_now_m": 9.0,
+        "height_now_m": 20.0,
+    }
+    assert fleet["center"]["position"]["height_m"] == 20.0
+    assert fleet["center"]["position"]["altitude_amsl_m"] == pytest.approx(508.0, abs=0.01)
+    assert fleet["center"]["velocity"] == {"x_m_s": 0.5, "y_m_s": 0.0, "up_m_s": 0.0}
+    assert [each["id"] for each in fleet["vehicles"]] == ["d1", "d2", "d3"]
+    assert fleet["tick"]["rate_hz"] == 20.0
+    assert fleet["origin"]["heading_deg"] == 90.0
+    assert fleet["obstacles"] == []
+    assert fleet["setpoints_sent"] == 3
+
+
+def test_what_is_not_known_is_null_and_never_nan(api: Api) -> None:
+    api.service.phases["d1"] = Phase.LOST
+    api.service.tick()
+    answer = api("GET", "/api/v1/fleet")
+    assert "NaN" not in answer.text
+    assert "Infinity" not in answer.text
+    assert answer.json()["tick"]["duration_p50_ms"] is None
+    lost = answer.json()["vehicles"][0]
+    assert (lost["velocity"], lost["heading_deg"], lost["heartbeat_age_s"]) == (None, None, None)
+    assert set(lost["position"].values()) == {None}
+    assert answer.json()["center"] is None
+
+
+def test_heights_and_climbs_are_positive_up_and_headings_from_north(api: Api) -> None:
+    api.service.fly()
+    vehicle = api("GET", "/api/v1/vehicles/d2").json()
+    assert vehicle["position"]["height_m"] == 20.0
+    assert vehicle["velocity"]["up_m_s"] == -0.3
+    assert vehicle["setpoint"] == {"x_m_s": 1.0, "y_m_s": 0.0, "up_m_s": 1.0}
+    assert vehicle["heading_deg"] == 90.0  # yaw 0 is the show's heading, which is east here
+    assert vehicle["landed"] == "in_air"
+
+
+def test_vehicles_are_listed_and_an_unknown_one_is_named(api: Api) -> None:
+    assert [each["phase"] for each in api("GET", "/api/v1/vehicles").json()] == ["standby"] * 3
+    missing = api("GET", "/api/v1/vehicles/d9")
+    assert missing.status_code == 404
+    assert missing.json() == {
+        "detail": "there is no vehicle 'd9'; there are d1, d2, d3",
+        "problems": [],
+    }
+
+
+@pytest.mark.parametrize(
+    ("action", "before", "after"),
+    [
+        (VehicleAction.HOLD, Phase.FORMATION, Phase.HOLD),
+        (VehicleAction.JOIN, Phase.HOLD, Phase.FORMATION),
+        (VehicleAction.RETURN, Phase.FORMATION, Phase.RETURN),
+        (VehicleAction.LAND, Phase.FORMATION, Phase.LANDING),
+        (VehicleAction.KILL, Phase.FORMATION, Phase.KILLED),
+        (VehicleAction.HAND_BACK, Phase.PILOT, Phase.HOLD),
+        (VehicleAction.CONFIRM_DOWN, Phase.LOST, Phase.OFFLINE),
+    ],
+)
+def test_a_vehicle_command_is_accepted_with_an_order(
+    api: Api, action: VehicleAction, before: Phase, after: Phase
+) -> None:
+    api.service.phases["d2"] = before
+    answer = api("POST", f"/api/v1/vehicles/d2/{action}")
+    assert answer.status_code == 202
+    assert answer.headers["location"] == f"/api/v1/orders/{answer.json()['id']}"
+    assert answer.json()["vehicles"] == {"d2": {"outcome": "pending", "reason": ""}}
+    assert api.service.phases["d2"] is after
+
+
+def test_every_vehicle_and_show_action_has_a_route(api: Api) -> None:
+    paths = api("GET", "/openapi.json").json()["paths"]
+    assert all(f"/api/v1/vehicles/{{vehicle_id}}/{action}" in paths for action in VehicleAction)
+    assert all(f"/api/v1/show/{action}" in paths for action in ShowAction)
+
+
+def test_a_command_in_the_wrong_phase_is_refused_with_the_reason(api: Api) -> None:
+    answer = api("POST", "/api/v1/vehicles/d1/join")
+    assert answer.status_code == 409
+    assert answer.json()["detail"] == "'engage' is not possible while standby; it is from hold"
+
+
+@pytest.mark.parametrize(
+    ("action", "before", "after", "again"),
+    [
+        ("start", ShowPhase.IDLE, ShowPhase.PREFLIGHT, 409),
+        ("stop", ShowPhase.RUNNING, ShowPhase.RETURNING, 202),
+        ("pause", ShowPhase.RUNNING, ShowPhase.PAUSED, 409),
+        ("resume", ShowPhase.PAUSED, ShowPhase.ASSEMBLING, 409),
+        ("abort", ShowPhase.RUNNING, ShowPhase.ABORTING, 202),
+    ],
+)
+def test_a_show_command_is_accepted_and_only_coming_down_can_be_ordered_again(
+    api: Api, action: str, before: ShowPhase, after: ShowPhase, again: int
+) -> None:
+    api.service.show = before
+    answer = api("POST", f"/api/v1/show/{action}")
+    assert (answer.status_code, answer.json()["outcome"]) == (202, "pending")
+    assert api.service.show is after
+    api.service.tick()
+    assert api("GET", "/api/v1/show").json()["phase"] == after
+    assert (action in api("GET", "/api/v1/show").json()["possible"]) is (again == 202)
+    assert api("POST", f"/api/v1/show/{action}").status_code == again
+
+
+@pytest.mark.parametrize("body", [b"", b"{}", b"null"])
+def test_start_without_names_takes_every_vehicle(api: Api, body: bytes) -> None:
+    answer = api("POST", "/api/v1/show/start", content=body, headers={"Content-Type": "application/json"})
+    assert (answer.status_code, list(answer.json()["vehicles"])) == (202, ["d1", "d2", "d3"])
+
+
+def test_start_takes_the_vehicles_named(api: Api) -> None:
+    answer = api("POST", "/api/v1/show/start", json={"vehicles": ["d1", "d3"]})
+    assert list(answer.json()["vehicles"]) == ["d1", "d3"]
+
+
+def test_start_with_an_unknown_vehicle_is_404_and_starts_nothing(api: Api) -> None:
+    answer = api("POST", "/api/v1/show/start", json={"vehicles": ["d1", "nobody"]})
+    assert answer.status_code == 404
+    assert api.service.show is ShowPhase.IDLE
+
+
+def test_an_order_tells_its_outcome_per_vehicle(api: Api) -> None:
+    order_id = api("POST", "/api/v1/show/start").json()["id"]
+    api.service.finish(order_id, Outcome.FAILED, "no GPS")
+    order = api("GET", f"/api/v1/orders/{order_id}").json()
+    assert order["outcome"] == "failed"
+    assert order["vehicles"]["d1"] == {"outcome": "failed", "reason": "no GPS"}
+    assert api("GET", "/api/v1/orders/o99").status_code == 404
+
+
+def test_a_change_of_the_formation_leaves_the_rest_as_it_is(api: Api) -> None:
+    answer = api("PATCH", "/api/v1/formation", json={"radius_m": 12})
+    assert (answer.json()["radius_m"], answer.json()["height_m"]) == (12.0, 20.0)
+    assert api.service.plan.formation.radius_m == 12.0
+
+
+def test_two_changes_within_one_tick_both_count_and_are_read_back(api: Api) -> None:
+    api("PATCH", "/api/v1/formation", json={"radius_m": 12})
+    api("PATCH", "/api/v1/formation", json={"height_m": 30})
+    api("PATCH", "/api/v1/orbit", json={"radius_m": 40})
+    assert (api.service.plan.formation.radius_m, api.service.plan.formation.height_m) == (12.0, 30.0)
+    before_the_tick = api("GET", "/api/v1/formation").json()
+    assert (before_the_tick["radius_m"], before_the_tick["height_m"]) == (12.0, 30.0)
+    assert api("GET", "/api/v1/orbit").json()["radius_m"] == 40.0
+    api.service.tick()
+    assert api("GET", "/api/v1/fleet").json()["formation"]["height_m"] == 30.0
+
+
+def test_after_a_tick_the_service_has_the_last_word_on_the_plan(api: Api) -> None:
+    api("PATCH", "/api/v1/formation", json={"radius_m": 12})
+    api.service.plan = FakeService().plan
+    api.service.tick()
+    assert api("GET", "/api/v1/formation").json()["radius_m"] == 10.0
+
+
+def test_a_radius_too_small_names_the_smallest_that_works(api: Api) -> None:
+    answer = api("PATCH", "/api/v1/formation", json={"radius_m": 2.0})
+    assert answer.status_code == 422
+    assert answer.json() == {
+        "detail": "radius_m = 2.0: at least 5.2 m for 3 vehicles",
+        "problems": [{"field": "radius_m", "value": 2.0, "allowed": "at least 5.2 m for 3 vehicles"}],
+    }
+    assert api.service.plan.formation.radius_m == 10.0
+
+
+def test_a_sphere_below_the_minimum_height_is_refused(api: Api) -> None:
+    problem = api("PATCH", "/api/v1/formation", json={"height_m": 11.0}).json()["problems"][0]
+    assert problem == {"field": "height_m", "value": 11.0, "allowed": "at least 12.0 m with this radius"}
+
+
+def test_a_target_in_the_show_frame_is_answered_in_both_frames(api: Api) -> None:
+    body = {"x_m": 100.0, "y_m": 0.0, "velocity_x_m_s": 1.0, "velocity_y_m_s": 0.0}
+    answer = api("PUT", "/api/v1/target", json=body).json()
+    assert (answer["x_m"], answer["y_m"]) == (100.0, 0.0)
+    assert answer["longitude_deg"] > 8.5456  # x is east with this show's heading
+    assert answer["latitude_deg"] == pytest.approx(47.3977, abs=1e-5)
+    assert answer["velocity_east_m_s"] == pytest.approx(1.0)
+    assert answer["velocity_north_m_s"] == pytest.approx(0.0)
+
+
+def test_a_target_on_the_globe_comes_to_the_same_place(api: Api) -> None:
+    told = api("PUT", "/api/v1/target", json={"x_m": 100.0, "y_m": -40.0, "velocity_y_m_s": 2.0}).json()
+    geodetic = {name: value for name, value in told.items() if not name.startswith(("x_", "y_", "velocity_"))}
+    again = api("PUT", "/api/v1/target", json={**geodetic, "velocity_north_m_s": -2.0}).json()
+    assert (again["x_m"], again["y_m"]) == (pytest.approx(100.0, abs=1e-3), pytest.approx(-40.0, abs=1e-3))
+    assert again["velocity_y_m_s"] == pytest.approx(2.0)
+
+
+def test_a_moving_target_goes_on(api: Api) -> None:
+    api("PUT", "/api/v1/target", json={"x_m": 0.0, "y_m": 0.0, "velocity_x_m_s": 900.0})
+    first = api("GET", "/api/v1/target").json()["x_m"]
+    assert 0.0 < first < api("GET", "/api/v1/target").json()["x_m"]
+
+
+def test_the_orbit_is_changed_field_by_field(api: Api) -> None:
+    api("PATCH", "/api/v1/orbit", json={"radius_m": 0, "direction": "clockwise"})
+    answer = api("PATCH", "/api/v1/orbit", json={"speed_m_s": 3.5})
+    assert answer.json() == {"radius_m": 0.0, "speed_m_s": 3.5, "direction": "clockwise"}
+    assert api.service.plan.orbit.direction is Direction.CLOCKWISE
+
+
+def test_the_heading_is_turned_into_the_show_frame_and_back(api: Api) -> None:
+    answer = api("PATCH", "/api/v1/yaw", json={"policy": "fixed", "heading_deg": 0.0})
+    assert answer.json() == {"policy": "fixed", "heading_deg": pytest.approx(0.0)}
+    assert api.service.plan.yaw.policy is YawPolicy.FIXED
+    assert api.service.plan.yaw.fixed_rad == pytest.approx(-math.pi / 2)
+    assert api("PATCH", "/api/v1/yaw", json={"policy": "target"}).json()["policy"] == "target"
+    assert api("GET", "/api/v1/yaw").json()["heading_deg"] == pytest.approx(0.0)
+
+
+def test_an_obstacle_is_added_read_changed_and_removed(api: Api) -> None:
+    added = api("POST", "/api/v1/obstacles", json={"id": "tower", **BOX})
+    assert (added.status_code, added.json()) == (201, {"id": "tower", **BOX})
+    assert added.headers["location"] == "/api/v1/obstacles/tower"
+    changed = api("PUT", "/api/v1/obstacles/tower", json={**BOX, "height_m": 9.0})
+    assert changed.json()["height_m"] == 9.0
+    assert api("GET", "/api/v1/obstacles/tower").json()["height_m"] == 9.0
+    assert [box.height_m for box in api.service.plan.obstacles] == [9.0]
+    removed = api("DELETE", "/api/v1/obstacles/tower")
+    assert (removed.status_code, removed.content) == (204, b"")
+    assert api("GET", "/api/v1/obstacles").json() == []
+    for method, body in (("GET", None), ("PUT", BOX), ("DELETE", None)):
+        assert api(method, "/api/v1/obstacles/tower", json=body).status_code == 404
+
+
+def test_an_obstacle_without_an_id_is_given_one_that_was_never_used(api: Api) -> None:
+    api("POST", "/api/v1/obstacles", json={"id": "box-2", **BOX})
+    ids = [api("POST", "/api/v1/obstacles", json=BOX).json()["id"] for _ in range(2)]
+    assert ids == ["box-1", "box-3"]
+    api("DELETE", "/api/v1/obstacles/box-3")
+    assert api("POST", "/api/v1/obstacles", json=BOX).json()["id"] == "box-4"
+
+
+def test_an_obstacle_dropped_onto_a_vehicle_or_twice_is_refused(api: Api) -> None:
+    api.service.fly()
+    onto: dict[str, Any] = {**BOX, "id": "onto", "x_m": 0.0}
+    assert api("POST", "/api/v1/obstacles", json=onto).status_code == 409
+    assert api("POST", "/api/v1/obstacles", json={**BOX, "id": "once"}).status_code == 201
+    twice = api("POST", "/api/v1/obstacles", json={**BOX, "id": "once"})
+    assert (twice.status_code, "already" in twice.json()["detail"]) == (409, True)
+
+
+def test_an_obstacle_cannot_be_renamed_by_changing_it(api: Api) -> None:
+    api("POST", "/api/v1/obstacles", json={"id": "tower", **BOX})
+    assert api("PUT", "/api/v1/obstacles/tower", json={"id": "tower", **BOX}).status_code == 200
+    answer = api("PUT", "/api/v1/obstacles/tower", json={"id": "other", **BOX})
+    assert answer.json()["problems"] == [
+        {"field": "id", "value": "other", "allowed": "'tower', as in the path, or absent"}
+    ]

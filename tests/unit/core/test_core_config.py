@@ -1,0 +1,275 @@
+"""A configuration is right, or refused with file, key and what would be right."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from gcs.config import find, load, parse, shipped_folder
+from gcs.errors import ConfigError
+from gcs.plan import Direction, YawPolicy
+
+SHIPPED = sorted(shipped_folder().glob("*.yaml"))
+
+SMALLEST = """
+show_frame: {latitude_deg: 47.0, longitude_deg: 8.0, altitude_amsl_m: 400.0}
+links:
+  - name: one
+    listen: udpin://127.0.0.1:14540
+    vehicles: [{id: a, system_id: 1}, {id: b, system_id: 2, charge: 2.0}]
+formation: {radius_m: 10.0, height_m: 20.0}
+"""
+
+SECOND_LINK = {"name": "two", "listen": "udpin://127.0.0.1:15000", "vehicles": [{"id": "c", "system_id": 9}]}
+
+
+def changed(change: Callable[[dict[str, Any]], object]) -> str:
+    """SMALLEST after `change`, as YAML."""
+    raw = yaml.safe_load(SMALLEST)
+    change(raw)
+    text: str = yaml.safe_dump(raw)
+    return text
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(ConfigError) as refused:
+        parse(text, "my.yaml")
+    said = str(refused.value)
+    assert said.startswith("my.yaml: ")
+    return said
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_every_configuration_that_comes_with_the_package_loads(path: Path) -> None:
+    config = load(path)
+    assert len(config.ids) == len(set(config.ids)) >= 4
+    assert config.plan.formation.radius_m == config.formation.radius_m
+
+
+def test_both_promised_configurations_are_there_and_found_by_name() -> None:
+    assert {"demo", "px4-sitl"} <= {path.stem for path in SHIPPED}
+    for name in ("demo", "demo.yaml", "configs/demo.yaml"):
+        assert find(name).stem == "demo"
+
+
+def test_a_path_of_ones_own_is_taken_as_it_is(tmp_path: Path) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_text(SMALLEST, encoding="utf-8")
+    assert find(str(own)) == own
+    assert load(own).ids == ("a", "b")
+
+
+def test_a_name_that_does_not_exist_is_refused_with_those_that_do() -> None:
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml.*demo.*px4-sitl"):
+        find("nowhere.yaml")
+    with pytest.raises(ConfigError, match="no such file"):
+        find("elsewhere/demo.yaml")
+
+
+def test_the_smallest_configuration_gets_the_documented_defaults() -> None:
+    config = parse(SMALLEST, "my.yaml")
+    assert [vehicle.charge for vehicle in config.fleet] == [1.0, 2.0]
+    assert config.links[0].address == ("127.0.0.1", 14540)
+    assert config.tick_rate_hz == 20.0
+    assert config.plan.orbit.direction is Direction.COUNTERCLOCKWISE
+    assert config.plan.yaw.policy is YawPolicy.HELD
+    assert (config.frame.latitude_deg, config.frame.heading_deg) == (47.0, 0.0)
+
+
+def test_a_range_of_system_ids_is_written_out() -> None:
+    text = changed(
+        lambda raw: raw["links"][0].update(
+            vehicles={"first_system_id": 7, "count": 3, "id_pattern": "fox-{system_id}"}
+        )
+    )
+    config = parse(text, "my.yaml")
+    assert config.ids == ("fox-7", "fox-8", "fox-9")
+    assert [vehicle.system_id for vehicle in config.fleet] == [7, 8, 9]
+
+
+def test_several_links_carry_one_fleet_and_may_repeat_system_ids() -> None:
+    config = parse(changed(lambda raw: raw["links"].append(SECOND_LINK)), "my.yaml")
+    assert config.ids == ("a", "b", "c")
+
+
+BAD: dict[str, tuple[Callable[[dict[str, Any]], object], tuple[str, ...]]] = {
+    "an unknown key": (lambda raw: raw.update(colour="red"), ("colour", "red")),
+    "an unknown key deep inside": (
+        lambda raw: raw.update(control={"law": {"speed_kmh": 9}}),
+        ("control.law.speed_kmh", "9"),
+    ),
+    "a missing section": (lambda raw: raw.pop("formation"), ("formation", "required")),
+    "a missing key": (lambda raw: raw["formation"].pop("height_m"), ("formation.height_m", "required")),
+    "text where a number belongs": (
+        lambda raw: raw["formation"].update(radius_m="wide"),
+        ("formation.radius_m", "wide"),
+    ),
+    "a list where a number belongs": (
+        lambda raw: raw["formation"].update(radius_m=[1]),
+        ("formation.radius_m",),
+    ),
+    "nothing where a number belongs": (
+        lambda raw: raw["formation"].update(radius_m=None),
+        ("formation.radius_m",),
+    ),
+    "NaN": (lambda raw: raw["formation"].update(radius_m=float("nan")), ("formation.radius_m", "nan")),
+    "infinity": (lambda raw: raw["formation"].update(height_m=float("inf")), ("formation.height_m", "inf")),
+    "a negative radius": (
+        lambda raw: raw["formation"].update(radius_m=-3.0),
+        ("formation.radius_m", "greater than 0"),
+    ),
+    "a latitude beyond the pole": (
+        lambda raw: raw["show_frame"].update(latitude_deg=91),
+        ("show_frame.latitude_deg", "91"),
+    ),
+    "a listen address without a port": (
+        lambda raw: raw["links"][0].update(listen="udpin://127.0.0.1"),
+        ("links.0.listen", "udpin://127.0.0.1"),
+    ),
+    "a listen address of another kind": (
+        lambda raw: raw["links"][0].update(listen="serial:///dev/ttyACM0:57600"),
+        ("links.0.listen", "serial"),
+    ),
+    "port 0": (lambda raw: raw["links"][0].update(listen="udpin://127.0.0.1:0"), ("links.0", "ports 0")),
+    "ports beyond the last": (
+        lambda raw: raw["links"][0].update(listen="udpin://127.0.0.1:65530", ports=8),
+        ("links.0", "65537", "at most 65535"),
+    ),
+    "no ports": (lambda raw: raw["links"][0].update(ports=0), ("links.0.ports", "0")),
+    "a transport we do not have": (
+        lambda raw: raw["links"][0].update(transport="pigeon"),
+        ("links.0.transport", "pigeon"),
+    ),
+    "an API port that does not exist": (lambda raw: raw.update(api={"port": 70000}), ("api.port", "70000")),
+    "a system id above 250": (
+        lambda raw: raw["links"][0]["vehicles"][0].update(system_id=251),
+        ("system_id", "251"),
+    ),
+    "a range that runs over 250": (
+        lambda raw: raw["links"][0].update(vehicles={"first_system_id": 248, "count": 8}),
+        ("system_id", "251"),
+    ),
+    "an id with a space": (
+        lambda raw: raw["links"][0]["vehicles"][0].update(id="my drone"),
+        ("id", "my drone"),
+    ),
+    "a system id twice": (
+        lambda raw: raw["links"][0]["vehicles"][1].update(system_id=1),
+        ("links.0", "system id 1", "twice"),
+    ),
+    "an id twice": (lambda raw: raw["links"][0]["vehicles"][1].update(id="a"), ("vehicle a", "twice")),
+    "a pattern that names all the same": (
+        lambda raw: raw["links"][0].update(vehicles={"count": 3, "id_pattern": "same"}),
+        ("vehicle same", "twice"),
+    ),
+    "a link twice": (
+        lambda raw: raw["links"].append({**SECOND_LINK, "name": "one"}),
+        ("link one", "twice"),
+    ),
+    "two links on one port": (
+        lambda raw: raw["links"][0].update(ports=600) or raw["links"].append(SECOND_LINK),
+        ("one", "two", "127.0.0.1:15000"),
+    ),
+    "no links": (lambda raw: raw.update(links=[]), ("links", "at least one")),
+    "a fence upside down": (
+        lambda raw: raw.update(control={"safety": {"fence": {"height_min_m": 9.0, "height_max_m": 8.0}}}),
+        ("height_max_m = 8.0", "above height_min_m"),
+    ),
+    "a take-off below the fence": (
+        lambda raw: raw.update(operation={"takeoff_height_m": 2.0}),
+        ("operation.takeoff_height_m", "3.0"),
+    ),
+    "a law faster than the limits": (
+        lambda raw: raw.update(control={"law": {"speed_m_s": 9.0}}),
+        ("control.law", "horizontal_m_s = 8.0"),
+    ),
+    "a centre faster than the limits": (
+        lambda raw: raw.update(control={"law": {"center_speed_max_m_s": 9.0}}),
+        ("control.law", "horizontal_m_s = 8.0"),
+    ),
+    "a sphere below the fence": (
+        lambda raw: raw["formation"].update(height_m=11.0),
+        ("height_m = 11.0", "at least 13.0 m"),
+    ),
+    "an orbit faster than the centre": (
+        lambda raw: raw.update(orbit={"speed_m_s": 5.0}),
+        ("speed_m_s = 5.0", "at most"),
+    ),
+    "an orbit too tight": (
+        lambda raw: raw.update(orbit={"radius_m": 3.0, "speed_m_s": 2.5}),
+        ("radius_m = 3.0", "at least 6.3 m"),
+    ),
+    "a target beyond the fence": (
+        lambda raw: raw.update(target={"x_m": 4000.0}),
+        ("position", "4000", "within 288.0 m"),
+    ),
+    "ticks too slow": (lambda raw: raw.update(tick_rate_hz=1.0), ("tick_rate_hz", "1.0")),
+    "a deadman too patient": (lambda raw: raw.update(deadman_s=0.5), ("deadman_s", "0.5")),
+    "an action nobody takes": (
+        lambda raw: raw.update(operation={"setpoint_loss_action": "panic"}),
+        ("operation.setpoint_loss_action", "panic"),
+    ),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_what_cannot_be_flown_is_refused_with_file_key_and_value(what: str) -> None:
+    change, named = BAD[what]
+    said = refusal(changed(change))
+    assert all(part in said for part in named), said
+
+
+def test_every_problem_is_named_at_once_and_whole_sections_are_not_printed() -> None:
+    def spoil(raw: dict[str, Any]) -> None:
+        raw["formation"].update(radius_m=-1.0)
+        raw["show_frame"].update(latitude_deg=100.0)
+
+    said = refusal(changed(spoil))
+    assert "formation.radius_m" in said
+    assert "show_frame.latitude_deg" in said
+    assert "{'" not in refusal(changed(lambda raw: raw.update(links=[])))
+
+
+@pytest.mark.parametrize(
+    ("added", "named"),
+    [
+        ("formation: {radius_m: 1.0, height_m: 2.0}", "'formation' is there twice"),
+        ("api: {port: 1, port: 2}", "'port' is there twice"),
+        ("api: [", "not YAML"),
+        ("? [a, b]\n: 1", "unhashable"),
+        ("tick_rate_hz: 2020-99-99", "not YAML"),
+        ("tick_rate_hz: !!bool maybe", "not YAML"),
+        ("tick_rate_hz: !!timestamp soon", "not YAML"),
+        ("tick_rate_hz: !!python/object:os.system x", "not YAML"),
+        ("tick_rate_hz: " + "[" * 1000, "not YAML"),
+        ("1: 2", "Keys should be strings"),
+    ],
+)
+def test_text_that_is_not_a_proper_mapping_is_refused(added: str, named: str) -> None:
+    assert named in refusal(f"{SMALLEST}\n{added}\n")
+
+
+def test_a_repeated_key_is_refused_with_its_line() -> None:
+    assert "line 2: key 'a' is there twice" in refusal("a: 1\na: 2\n")
+
+
+@pytest.mark.parametrize("text", ["", "just text", "- a\n- list\n", "42"])
+def test_what_is_not_a_mapping_is_refused(text: str) -> None:
+    assert "a mapping is needed" in refusal(text)
+
+
+def test_a_file_that_is_missing_or_unreadable_is_refused_by_name(tmp_path: Path) -> None:
+    missing, garbled = tmp_path / "missing.yaml", tmp_path / "garbled.yaml"
+    garbled.write_bytes(b"\xff\xfe\x00formation")
+    for path in (missing, garbled, tmp_path):
+        with pytest.raises(ConfigError) as refused:
+            load(path)
+        assert str(refused.value).startswith(f"{path}: cannot be read")
+
+
+def test_settings_cannot_be_changed_after_loading() -> None:
+    config = parse(SMALLEST, "my.yaml")
+    with pytest.raises(ValueError, match="frozen"):
+        config.formation.radius_m = 1.0

@@ -1,0 +1,84 @@
+"""When the sphere stands, and what is kept free around a vehicle that is lost."""
+
+import numpy as np
+import pytest
+from core_silent_link import SilentLink
+
+from gcs.config import Config
+from gcs.control import Memory
+from gcs.flight import Flight
+from gcs.formation.orbit import Center
+from gcs.formation.thomson import best_configuration
+from gcs.lifecycle import Phase
+from gcs.state import Array, FleetState
+
+CENTER_M, RADIUS_M = np.array([3.0, 1.0, -20.0]), 8.0
+
+
+def flight(count: int, charges: tuple[float, ...] | None = None) -> Flight:
+    vehicles = [
+        {"id": f"d{row}", "system_id": row + 1, "charge": 1.0 if charges is None else charges[row]}
+        for row in range(count)
+    ]
+    config = Config.model_validate(
+        {
+            "show_frame": {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_amsl_m": 400.0},
+            "links": [{"name": "none", "listen": "udpin://127.0.0.1:14540", "vehicles": vehicles}],
+            "formation": {"radius_m": RADIUS_M, "height_m": 20.0},
+            "operation": {"takeoff_height_m": 5.0},
+        }
+    )
+    return Flight(config, [SilentLink(config.ids)], 0.0)
+
+
+def at(subject: Flight, position_m: Array) -> Flight:
+    n = len(position_m)
+    subject.fleet = FleetState(0.0, subject.fleet.ids, position_m, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+    nothing = np.full(n, np.nan)
+    subject.memory = Memory(
+        0.0, Center.at_rest(CENTER_M), RADIUS_M, np.full((n, 3), np.nan), nothing, nothing, nothing, {}
+    )
+    for vehicle in subject.vehicles.values():
+        vehicle.phase = Phase.FORMATION
+    return subject
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 8, 20])
+def test_the_sphere_stands_in_its_best_shape(count: int) -> None:
+    assert at(flight(count), CENTER_M + RADIUS_M * best_configuration(count, starts=4)).assembled()
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 8, 20])
+def test_the_sphere_does_not_stand_while_everybody_is_on_its_lower_half(count: int) -> None:
+    direction = best_configuration(count, starts=4)
+    direction[:, 2] = np.abs(direction[:, 2]) + 0.8
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    assert not at(flight(count), CENTER_M + RADIUS_M * direction).assembled()
+
+
+def test_the_sphere_does_not_stand_while_one_is_off_it() -> None:
+    position = CENTER_M + RADIUS_M * best_configuration(4, starts=4)
+    position[2] += (position[2] - CENTER_M) * 0.3
+    assert not at(flight(4), position).assembled()
+
+
+def test_one_alone_stands_as_soon_as_it_is_on_the_sphere() -> None:
+    assert at(flight(1), CENTER_M[None] + (0.0, 0.0, RADIUS_M)).assembled()
+
+
+def test_small_charges_may_settle_closer_together() -> None:
+    angle_rad = np.radians([0.0, 155.0, 205.0])  # 50 degrees apart, both far from the large one
+    direction = np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros(3)], axis=1)
+    assert at(flight(3, (20.0, 1.0, 1.0)), CENTER_M + RADIUS_M * direction).assembled()
+    assert not at(flight(3), CENTER_M + RADIUS_M * direction).assembled()
+
+
+@pytest.mark.parametrize(("phase", "climbs"), [(Phase.LOST, True), (Phase.KILLED, False)])
+def test_one_lost_on_its_way_up_keeps_its_whole_climb_free_and_its_drift(phase: Phase, climbs: bool) -> None:
+    subject = flight(1)
+    (vehicle,) = subject.vehicles.values()
+    vehicle.phase, vehicle.home_m = phase, np.zeros(3)
+    vehicle.last_m, vehicle.last_velocity_m_s = np.array([0.0, 0.0, -2.0]), np.array([1.0, 0.0, 0.0])
+    segments_m = subject.tasks().segments_m
+    assert ([[0.0, 0.0, -6.0], [0.0, 0.0, 0.0]] in segments_m.tolist()) == climbs
+    assert segments_m[:, :, 0].max() == pytest.approx(2.2)

@@ -1,0 +1,92 @@
+"""What the orchestrator refuses of a wish, and that it looks at where the target is by then."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import async_solipsism
+import pytest
+from core_silent_link import SilentLink
+
+from gcs.config import Config
+from gcs.errors import InvalidError, RefusedError
+from gcs.orchestrator import Orchestrator
+from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target
+
+CONFIG = Config.model_validate(
+    {
+        "show_frame": {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_amsl_m": 400.0},
+        "links": [{"name": "none", "listen": "udpin://127.0.0.1:14540", "vehicles": {"count": 1}}],
+        "formation": {"radius_m": 10.0, "height_m": 20.0},
+        "orbit": {"radius_m": 15.0},
+    }
+)
+
+
+def wish(story: Callable[[Orchestrator], Awaitable[None]]) -> None:
+    """Play `story` with a service that does not run, on a clock that jumps."""
+
+    async def main() -> None:
+        await story(Orchestrator(CONFIG, [SilentLink(CONFIG.ids)]))
+
+    with asyncio.Runner(loop_factory=async_solipsism.EventLoop) as runner:
+        runner.run(main())
+
+
+def refusal(request: Callable[[], None]) -> InvalidError:
+    with pytest.raises(InvalidError) as refused:
+        request()
+    return refused.value
+
+
+def test_a_change_is_refused_by_the_field_that_was_changed_with_what_fits() -> None:
+    async def story(service: Orchestrator) -> None:
+        orbit = refusal(lambda: service.set_orbit(Orbit(5000.0)))
+        assert (orbit.field, orbit.value) == ("radius_m", 5000.0)
+        assert "at most 288.0 m" in orbit.allowed
+        target = refusal(lambda: service.set_target(Target(280.0, 0.0)))
+        assert target.field == "position"
+        assert "within 273.0 m of the origin" in target.allowed
+        service.set_orbit(Orbit(260.0))
+        sphere = refusal(lambda: service.set_formation(Formation(45.0, 50.0)))
+        assert (sphere.field, sphere.value) == ("radius_m", 45.0)
+        assert "at most 38.0 m" in sphere.allowed
+        service.set_formation(Formation(38.0, 50.0))
+
+    wish(story)
+
+
+def test_orbit_and_sphere_are_checked_against_where_the_target_is_by_then() -> None:
+    async def story(service: Orchestrator) -> None:
+        service.set_target(Target(0.0, 0.0, 3.0, 0.0))
+        service.set_orbit(Orbit(100.0))
+        service.set_orbit(Orbit(15.0))
+        await asyncio.sleep(80.0)  # 240 m out
+        assert "at most 48.0 m" in refusal(lambda: service.set_orbit(Orbit(100.0))).allowed
+        assert "at most 43.0 m" in refusal(lambda: service.set_formation(Formation(44.0, 50.0))).allowed
+
+    wish(story)
+
+
+def test_once_the_target_is_beyond_reach_whatever_is_no_larger_can_still_be_wished_for() -> None:
+    async def story(service: Orchestrator) -> None:
+        service.set_target(Target(0.0, 0.0, 4.0, 0.0))
+        await asyncio.sleep(300.0)
+        service.set_formation(Formation(10.0, 30.0))
+        service.set_formation(Formation(8.0, 30.0))
+        service.set_orbit(Orbit(14.0))
+        assert refusal(lambda: service.set_orbit(Orbit(16.0))).field == "radius_m"
+
+    wish(story)
+
+
+def test_more_obstacles_than_can_be_looked_at_every_tick_are_refused_with_their_number() -> None:
+    async def story(service: Orchestrator) -> None:
+        for index in range(MAX_OBSTACLES):
+            service.add_obstacle(Obstacle(str(index), 10.0 * index, 50.0, 1.0, 1.0, 5.0))
+        with pytest.raises(RefusedError, match="there are 32 obstacles already"):
+            service.add_obstacle(Obstacle("one more", 0.0, 90.0, 1.0, 1.0, 5.0))
+        service.change_obstacle(Obstacle("0", 0.0, 60.0, 1.0, 1.0, 5.0))
+        service.remove_obstacle("0")
+        service.add_obstacle(Obstacle("one more", 0.0, 90.0, 1.0, 1.0, 5.0))
+
+    wish(story)

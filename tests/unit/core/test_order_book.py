@@ -1,0 +1,89 @@
+"""What becomes of accepted orders."""
+
+import time
+
+import pytest
+
+from gcs.errors import UnknownError
+from gcs.orders import KEPT, OrderBook
+from gcs.service import OrderRecord, Outcome, VehicleOutcome
+
+
+def test_an_order_begins_pending_for_those_it_is_for_and_says_why_others_are_left_out() -> None:
+    began_s = time.time()
+    record = OrderBook().open("start", ["d1", "d2"], {"d3": "offline: not heard yet"})
+    assert record.action == "start"
+    assert record.outcomes == {
+        "d1": VehicleOutcome(Outcome.PENDING),
+        "d2": VehicleOutcome(Outcome.PENDING),
+        "d3": VehicleOutcome(Outcome.NOT_INCLUDED, "offline: not heard yet"),
+    }
+    assert began_s <= record.accepted_time_s <= time.time()
+
+
+def test_orders_have_names_of_their_own() -> None:
+    book = OrderBook()
+    assert len({book.open("hold", ["d1"], {}).id for _ in range(100)}) == 100
+
+
+def test_a_record_is_a_snapshot_and_the_book_has_the_newest() -> None:
+    book = OrderBook()
+    before = book.open("hold", ["d1"], {})
+    book.close(before.id, "d1", Outcome.DONE)
+    assert before.outcomes["d1"].outcome is Outcome.PENDING
+    assert book.get(before.id).outcomes["d1"].outcome is Outcome.DONE
+    assert book.get(before.id).accepted_time_s == before.accepted_time_s
+
+
+def test_an_outcome_is_noted_once() -> None:
+    book = OrderBook()
+    record = book.open("land", ["d1"], {"d2": "not chosen"})
+    book.close(record.id, "d1", Outcome.FAILED, "replaced by another order")
+    book.close(record.id, "d1", Outcome.DONE)
+    book.close(record.id, "d2", Outcome.DONE)
+    assert book.get(record.id).outcomes == {
+        "d1": VehicleOutcome(Outcome.FAILED, "replaced by another order"),
+        "d2": VehicleOutcome(Outcome.NOT_INCLUDED, "not chosen"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("parts", "whole"),
+    [
+        ([Outcome.DONE, Outcome.PENDING, Outcome.FAILED], Outcome.PENDING),
+        ([Outcome.DONE, Outcome.FAILED, Outcome.NOT_INCLUDED], Outcome.FAILED),
+        ([Outcome.DONE, Outcome.NOT_INCLUDED], Outcome.DONE),
+        ([Outcome.NOT_INCLUDED], Outcome.DONE),
+        ([], Outcome.DONE),
+    ],
+)
+def test_an_order_is_pending_while_any_part_is_then_failed_if_any_has_else_done(
+    parts: list[Outcome], whole: Outcome
+) -> None:
+    outcomes = {f"d{place}": VehicleOutcome(part) for place, part in enumerate(parts)}
+    assert OrderRecord("o1", "start", 0.0, outcomes).outcome is whole
+
+
+def test_only_the_last_orders_are_kept() -> None:
+    book = OrderBook()
+    records = [book.open("hold", ["d1"], {}) for _ in range(KEPT + 3)]
+    for forgotten in records[:3]:
+        with pytest.raises(UnknownError, match=f"there is no order {forgotten.id}$"):
+            book.get(forgotten.id)
+    assert book.get(records[3].id) == records[3]
+    assert book.get(records[-1].id) == records[-1]
+
+
+def test_an_outcome_of_an_order_long_forgotten_is_dropped() -> None:
+    book = OrderBook()
+    first = book.open("hold", ["d1"], {})
+    for _ in range(KEPT):
+        book.open("hold", ["d1"], {})
+    book.close(first.id, "d1", Outcome.DONE)
+    with pytest.raises(UnknownError):
+        book.get(first.id)
+
+
+def test_an_order_that_was_never_given_is_unknown() -> None:
+    with pytest.raises(UnknownError, match="there is no order o1"):
+        OrderBook().get("o1")

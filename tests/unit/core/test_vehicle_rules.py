@@ -1,0 +1,261 @@
+"""What telemetry does to a vehicle's phase, rule by rule."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs.control import Task
+from gcs.errors import RefusedError
+from gcs.lifecycle import AIRBORNE, Event, Phase, ShowPhase
+from gcs.state import Landed, Mode
+from gcs.vehicle import Heard, Vehicle, require_phase
+
+SILENCE_S = 2.0
+HERE_M = np.array([1.0, 2.0, -5.0])
+FLOWN_BY_US = frozenset({Mode.OFFBOARD, Mode.HOLD, Mode.TAKEOFF})
+COMMANDED = sorted(AIRBORNE)
+
+
+def vehicle(phase: Phase, *, modes: frozenset[Mode] = FLOWN_BY_US) -> Vehicle:
+    return Vehicle("d1", 0, 1, "link", phase=phase, modes=modes)
+
+
+def heard(
+    *, age_s: float = 0.0, mode: Mode = Mode.OFFBOARD, armed: bool = True, landed: Landed = Landed.IN_AIR
+) -> Heard:
+    return Heard(age_s, mode, armed, landed)
+
+
+ON_GROUND = heard(mode=Mode.HOLD, armed=False, landed=Landed.ON_GROUND)
+
+
+def test_one_never_heard_stays_offline() -> None:
+    subject = vehicle(Phase.OFFLINE)
+    assert not subject.observe(heard(age_s=math.inf), SILENCE_S)
+    assert subject.phase is Phase.OFFLINE
+
+
+def test_an_age_that_is_not_a_number_counts_as_silence() -> None:
+    subject = vehicle(Phase.FORMATION)
+    assert subject.observe(heard(age_s=math.nan), SILENCE_S)
+    assert subject.phase is Phase.LOST
+
+
+def test_one_heard_on_the_ground_is_on_standby() -> None:
+    subject = vehicle(Phase.OFFLINE)
+    assert subject.observe(ON_GROUND, SILENCE_S)
+    assert subject.phase is Phase.STANDBY
+
+
+@pytest.mark.parametrize("phase", [Phase.OFFLINE, Phase.STANDBY])
+@pytest.mark.parametrize("landed", [Landed.IN_AIR, Landed.TAKEOFF, Landed.LANDING])
+def test_one_found_in_the_air_without_an_order_of_ours_is_a_pilots(phase: Phase, landed: Landed) -> None:
+    subject = vehicle(phase)
+    assert subject.observe(heard(landed=landed), SILENCE_S)
+    assert subject.phase is Phase.PILOT
+    assert "not by our order" in subject.reason
+
+
+def test_an_armed_vehicle_on_the_ground_is_still_on_standby() -> None:
+    subject = vehicle(Phase.STANDBY)
+    assert not subject.observe(heard(landed=Landed.ON_GROUND, mode=Mode.HOLD), SILENCE_S)
+
+
+def test_an_armed_vehicle_that_may_be_in_the_air_does_not_count_as_on_the_ground() -> None:
+    subject = vehicle(Phase.STANDBY)
+    assert subject.observe(heard(landed=Landed.UNKNOWN, mode=Mode.HOLD), SILENCE_S)
+    assert subject.phase is Phase.PILOT
+
+
+def test_one_that_does_not_say_whether_it_flies_stays_offline_and_the_reason_says_so() -> None:
+    subject = vehicle(Phase.OFFLINE)
+    assert not subject.observe(heard(landed=Landed.UNKNOWN), SILENCE_S)
+    assert subject.reason == "heard, but it does not say yet whether it flies"
+
+
+def test_one_silent_on_the_ground_is_offline() -> None:
+    subject = vehicle(Phase.STANDBY)
+    assert subject.observe(heard(age_s=2.5), SILENCE_S)
+    assert subject.phase is Phase.OFFLINE
+    assert subject.reason == "silent for 2.5 s"
+
+
+@pytest.mark.parametrize("phase", [*COMMANDED, Phase.PILOT])
+def test_one_silent_in_the_air_is_lost(phase: Phase) -> None:
+    subject = vehicle(phase)
+    assert not subject.observe(heard(age_s=SILENCE_S), SILENCE_S)
+    assert subject.observe(heard(age_s=SILENCE_S + 0.1), SILENCE_S)
+    assert subject.phase is Phase.LOST
+    assert subject.reason == "silent for 2.1 s in the air"
+
+
+@pytest.mark.parametrize("phase", COMMANDED)
+@pytest.mark.parametrize("mode", [Mode.POSITION, Mode.RETURN, Mode.LAND, Mode.OTHER, Mode.UNKNOWN])
+def test_a_mode_that_no_order_explains_hands_the_vehicle_to_the_pilot(phase: Phase, mode: Mode) -> None:
+    subject = vehicle(phase)
+    assert subject.observe(heard(mode=mode), SILENCE_S)
+    assert subject.phase is Phase.PILOT
+    assert f"mode {mode} was ordered by nobody here" in subject.reason
+
+
+@pytest.mark.parametrize("phase", COMMANDED)
+@pytest.mark.parametrize("mode", sorted(FLOWN_BY_US))
+def test_a_mode_that_an_order_explains_changes_nothing(phase: Phase, mode: Mode) -> None:
+    subject = vehicle(phase)
+    assert not subject.observe(heard(mode=mode), SILENCE_S)
+    assert subject.phase is phase
+
+
+@pytest.mark.parametrize("phase", [*COMMANDED, Phase.PILOT])
+def test_motors_off_means_down_whatever_the_mode(phase: Phase) -> None:
+    subject = vehicle(phase)
+    assert subject.observe(heard(mode=Mode.POSITION, armed=False, landed=Landed.ON_GROUND), SILENCE_S)
+    assert subject.phase is Phase.STANDBY
+
+
+@pytest.mark.parametrize("mode", sorted(Mode))
+def test_a_pilots_vehicle_stays_the_pilots_in_every_mode(mode: Mode) -> None:
+    subject = vehicle(Phase.PILOT)
+    assert not subject.observe(heard(mode=mode), SILENCE_S)
+    assert subject.phase is Phase.PILOT
+
+
+@pytest.mark.parametrize("mode", [Mode.OFFBOARD, Mode.HOLD])
+def test_a_lost_vehicle_that_still_waits_for_us_is_left_to_an_order_to_hold(mode: Mode) -> None:
+    subject = vehicle(Phase.LOST)
+    assert not subject.observe(heard(mode=mode), SILENCE_S)
+    assert subject.phase is Phase.LOST
+
+
+def test_an_order_to_hold_takes_a_lost_vehicle_on() -> None:
+    subject = vehicle(Phase.LOST)
+    subject.apply(Event.HOLD, "holds on order")
+    assert subject.phase is Phase.HOLD
+    assert subject.reason == "holds on order"
+
+
+@pytest.mark.parametrize("mode", [Mode.TAKEOFF, Mode.LAND])
+def test_a_lost_vehicle_heard_again_in_a_mode_that_was_ordered_is_not_the_pilots(mode: Mode) -> None:
+    subject = vehicle(Phase.LOST)
+    subject.modes = frozenset({mode})
+    assert not subject.observe(heard(mode=mode), SILENCE_S)
+    assert subject.phase is Phase.LOST
+
+
+@pytest.mark.parametrize("mode", sorted(set(Mode) - {Mode.OFFBOARD, Mode.HOLD}))
+def test_a_lost_vehicle_heard_again_in_a_mode_nobody_ordered_is_the_pilots(mode: Mode) -> None:
+    subject = vehicle(Phase.LOST)
+    subject.modes = frozenset({Mode.OFFBOARD})
+    assert subject.observe(heard(mode=mode), SILENCE_S)
+    assert subject.phase is Phase.PILOT
+    assert "heard again" in subject.reason
+
+
+def test_a_lost_vehicle_heard_again_with_its_motors_off_is_on_standby() -> None:
+    subject = vehicle(Phase.LOST)
+    assert subject.observe(ON_GROUND, SILENCE_S)
+    assert subject.phase is Phase.STANDBY
+
+
+def test_a_lost_vehicle_stays_lost_while_it_is_silent() -> None:
+    subject = vehicle(Phase.LOST)
+    assert not subject.observe(heard(age_s=100.0), SILENCE_S)
+
+
+@pytest.mark.parametrize(
+    "telemetry", [heard(), ON_GROUND, heard(age_s=10.0), heard(mode=Mode.LAND, landed=Landed.LANDING)]
+)
+def test_nothing_that_is_heard_brings_a_killed_vehicle_back(telemetry: Heard) -> None:
+    subject = vehicle(Phase.KILLED)
+    assert not subject.observe(telemetry, SILENCE_S)
+    assert subject.phase is Phase.KILLED
+
+
+@pytest.mark.parametrize(
+    ("phase", "event"),
+    [(Phase.FORMATION, Event.HOLD), (Phase.RETURN, Event.SILENT), (Phase.LANDING, Event.TAKEN_OVER)],
+)
+def test_leaving_the_phases_that_are_flown_forgets_goal_and_handover(phase: Phase, event: Event) -> None:
+    subject = vehicle(phase)
+    subject.goal_m, subject.engaging, subject.handed_over = HERE_M, True, True
+    subject.apply(event, "for a test")
+    left: list[object] = [subject.goal_m, subject.engaging, subject.handed_over]
+    assert left == [None, False, False]
+
+
+def test_a_goal_is_kept_from_return_to_landing() -> None:
+    subject = vehicle(Phase.RETURN)
+    subject.goal_m = HERE_M
+    subject.apply(Event.DESCEND, "above its start")
+    assert subject.goal_m is HERE_M
+
+
+def test_an_event_that_the_table_does_not_name_changes_nothing() -> None:
+    subject = vehicle(Phase.STANDBY)
+    with pytest.raises(RefusedError):
+        subject.apply(Event.ENGAGE, "for a test")
+    assert subject.phase is Phase.STANDBY
+
+
+def test_a_required_phase_names_the_vehicle_and_what_is_possible() -> None:
+    with pytest.raises(RefusedError, match="d1: 'engage' is not possible while landing; it is from hold"):
+        require_phase(vehicle(Phase.LANDING), Event.ENGAGE)
+    require_phase(vehicle(Phase.HOLD), Event.ENGAGE)
+
+
+@pytest.mark.parametrize("show", sorted(ShowPhase))
+def test_in_formation_the_law_flies_while_the_show_moves_and_the_place_is_held_otherwise(
+    show: ShowPhase,
+) -> None:
+    subject = vehicle(Phase.FORMATION)
+    subject.hold_m = HERE_M
+    task, goal_m = subject.task(show)
+    if show in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
+        assert (task, goal_m) == (Task.FORMATION, None)
+    else:
+        assert task is Task.GOAL
+        assert goal_m is HERE_M
+
+
+@pytest.mark.parametrize("phase", [Phase.RETURN, Phase.LANDING])
+def test_on_its_way_down_a_vehicle_is_flown_until_its_autopilot_takes_over(phase: Phase) -> None:
+    subject = vehicle(phase)
+    subject.goal_m = HERE_M
+    task, goal_m = subject.task(ShowPhase.RETURNING)
+    assert task is Task.GOAL
+    assert goal_m is HERE_M
+    subject.handed_over = True
+    assert subject.task(ShowPhase.RETURNING) == (Task.NONE, None)
+
+
+@pytest.mark.parametrize("phase", sorted(set(Phase) - {Phase.FORMATION, Phase.RETURN, Phase.LANDING}))
+def test_nobody_else_is_sent_anything(phase: Phase) -> None:
+    subject = vehicle(phase)
+    subject.goal_m = subject.hold_m = HERE_M
+    assert subject.task(ShowPhase.RUNNING) == (Task.NONE, None)
+
+
+def test_while_it_engages_a_holding_vehicle_is_sent_its_own_place() -> None:
+    subject = vehicle(Phase.HOLD)
+    subject.hold_m, subject.engaging = HERE_M, True
+    task, goal_m = subject.task(ShowPhase.RUNNING)
+    assert task is Task.GOAL
+    assert goal_m is HERE_M
+
+
+@pytest.mark.parametrize(
+    ("phase", "handed_over", "alone"),
+    [
+        (Phase.TAKEOFF, False, True),
+        (Phase.LANDING, True, True),
+        (Phase.LANDING, False, False),
+        (Phase.FORMATION, False, False),
+    ],
+)
+def test_from_a_climb_and_once_handed_over_a_vehicle_comes_down_alone(
+    phase: Phase, handed_over: bool, alone: bool
+) -> None:
+    subject = vehicle(phase)
+    subject.handed_over = handed_over
+    assert subject.comes_down_alone is alone

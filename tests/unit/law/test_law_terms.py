@@ -1,0 +1,201 @@
+"""Sphere, spreading, response and yaw: the flown terms against numbers computed by hand."""
+
+from math import pi, sqrt
+
+import numpy as np
+import pytest
+
+from gcs.errors import InvalidError
+from gcs.formation.repulsion import spread_directions, spreading_velocity
+from gcs.formation.response import compensate, limit_change, scale_to_limits
+from gcs.formation.sphere import sphere_velocity
+from gcs.formation.thomson import (
+    best_configuration,
+    energy,
+    nearest_m,
+    smallest_radius_m,
+)
+from gcs.formation.yaw import turn_towards, wanted_yaw_rad
+from gcs.plan import Yaw, YawPolicy
+from gcs.state import Array
+
+ORIGIN = np.zeros(3)
+
+
+# the sphere
+
+
+def test_near_the_shell_the_pull_is_the_rate_times_the_radial_error() -> None:
+    place = np.array([[0.0, 10.01, 0.0], [0.0, 0.0, -9.99]])
+    velocity = sphere_velocity(place, ORIGIN, radius_m=10.0, rate_per_s=0.8, speed_max_m_s=4.0)
+    assert velocity == pytest.approx(np.array([[0.0, -0.008, 0.0], [0.0, 0.0, -0.008]]), abs=1e-5)
+
+
+def test_far_away_the_pull_is_the_speed_bound_straight_at_the_centre() -> None:
+    velocity = sphere_velocity(
+        np.array([[300.0, 400.0, 0.0]]), ORIGIN, radius_m=10.0, rate_per_s=0.8, speed_max_m_s=4.0
+    )
+    assert velocity == pytest.approx(np.array([[-2.4, -3.2, 0.0]]))
+
+
+def test_a_drone_at_the_very_centre_is_sent_up() -> None:
+    # excess (0 - 100) / 20 = -5 m, times 0.8
+    velocity = sphere_velocity(np.zeros((1, 3)), ORIGIN, radius_m=10.0, rate_per_s=0.8, speed_max_m_s=9.0)
+    assert velocity == pytest.approx(np.array([[0.0, 0.0, -4.0]]))
+
+
+# spreading
+
+
+def spread(direction: Array, steps: int = 400) -> Array:
+    return spread_directions(direction, np.ones(len(direction)), steps=steps)
+
+
+def random_directions(count: int, seed: int) -> Array:
+    raw = np.random.default_rng(seed).normal(size=(count, 3))
+    unit: Array = raw / np.linalg.norm(raw, axis=1, keepdims=True)
+    return unit
+
+
+@pytest.mark.parametrize(
+    ("count", "best"),
+    [(2, 0.5), (3, 1.732051), (4, 3.674235), (6, 9.985281), (8, 19.675288), (12, 49.165253)],
+)
+def test_repulsion_alone_leads_to_the_best_shape_known(count: int, best: float) -> None:
+    assert energy(spread(random_directions(count, seed=1))) == pytest.approx(best, rel=1e-4)
+
+
+def test_eight_drones_off_a_cube_settle_in_the_square_antiprism() -> None:
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / sqrt(3.0)
+    nudged = corners + 0.02 * random_directions(8, seed=2)
+    settled = spread(nudged / np.linalg.norm(nudged, axis=1, keepdims=True), steps=2000)
+    assert energy(corners) == pytest.approx(19.7408, abs=1e-3)
+    assert energy(settled) == pytest.approx(19.675288, rel=1e-5)
+
+
+def test_looking_ahead_turns_nobody_by_more_than_the_step_allows() -> None:
+    crowded = np.array([[1.0, 0.0, 0.0], [1.0, 1e-4, 0.0]])
+    crowded = crowded / np.linalg.norm(crowded, axis=1, keepdims=True)
+    ahead = spread(crowded, steps=1)
+    turned_rad = np.arccos(np.clip((ahead * crowded).sum(axis=1), -1.0, 1.0))
+    assert turned_rad == pytest.approx(np.arctan([0.15, 0.15]), rel=1e-6)
+
+
+def test_spreading_is_bounded_and_along_the_sphere_only() -> None:
+    place = np.array([[10.0, 0.0, 0.0], [10.0, 0.5, 0.0], [0.0, 0.0, 3.0]])
+    velocity = spreading_velocity(
+        place, ORIGIN, np.ones(3), radius_m=10.0, rate_per_s=0.8, speed_max_m_s=2.0, steps=20
+    )
+    assert (np.linalg.norm(velocity, axis=1) <= 2.0 + 1e-9).all()
+    assert (velocity * place).sum(axis=1) == pytest.approx(np.zeros(3), abs=1e-9)
+    assert (velocity[0] - velocity[1]) @ (place[0] - place[1]) > 0.0
+
+
+def test_drones_in_the_same_place_and_at_the_centre_get_finite_velocities() -> None:
+    place = np.array([[5.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    velocity = spreading_velocity(
+        place, ORIGIN, np.ones(3), radius_m=5.0, rate_per_s=0.8, speed_max_m_s=2.0, steps=5
+    )
+    assert np.isfinite(velocity).all()
+
+
+def test_a_larger_charge_keeps_the_others_farther_away() -> None:
+    direction = spread_directions(random_directions(4, seed=3), np.array([3.0, 1.0, 1.0, 1.0]), steps=800)
+    distance = np.linalg.norm(direction[:, None] - direction[None], axis=2)
+    from_heavy = distance[0, 1:]
+    between_light = np.array([distance[1, 2], distance[1, 3], distance[2, 3]])
+    assert from_heavy.min() > between_light.max() + 0.1
+
+
+# how many fit
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 8, 13])
+def test_on_the_smallest_sphere_the_best_shape_keeps_the_separation(count: int) -> None:
+    radius_m = smallest_radius_m(count, 4.5)
+    assert nearest_m(radius_m * best_configuration(count, starts=3)) >= 4.5 * (1 - 1e-5)
+
+
+def test_a_pair_a_triangle_and_a_single_drone_have_their_own_smallest_spheres() -> None:
+    assert smallest_radius_m(1, 4.0) == 0.0
+    assert smallest_radius_m(2, 4.0) == pytest.approx(2.0)
+    assert smallest_radius_m(3, 4.0) == pytest.approx(4.0 / sqrt(3.0))
+
+
+@pytest.mark.parametrize(
+    ("count", "best"), [(4, 3.674235), (5, 6.474691), (8, 19.675288), (12, 49.165253), (20, 150.881568)]
+)
+def test_the_reference_shapes_have_the_best_known_energies(count: int, best: float) -> None:
+    assert energy(best_configuration(count)) == pytest.approx(best, abs=2e-5)
+
+
+def test_one_point_has_no_best_configuration() -> None:
+    with pytest.raises(InvalidError, match="at least 2"):
+        best_configuration(1)
+
+
+# from velocity to setpoint
+
+
+def test_a_vector_too_fast_in_one_way_is_shortened_as_a_whole() -> None:
+    wanted = np.array([[12.0, 16.0, -1.0], [3.0, 4.0, -5.0], [3.0, 4.0, 2.8], [1.0, 1.0, 1.0]])
+    scaled = scale_to_limits(wanted, horizontal_max_m_s=10.0, up_max_m_s=2.5, down_max_m_s=1.4)
+    by_hand = wanted * np.array([[0.5], [0.5], [0.5], [1.0]])
+    assert scaled == pytest.approx(by_hand)
+
+
+def test_the_inner_loop_asks_for_more_where_the_vehicle_lags() -> None:
+    # sideways 2 + 1.5 (2 - 1) + 0.5 * 0.4; down 1 + 0.2 (1 - 0.5)
+    setpoint = compensate(
+        np.array([[2.0, 0.0, 1.0]]),
+        np.array([[1.0, 0.0, 0.5]]),
+        np.array([0.4, 0.0, 0.0]),
+        gain=1.5,
+        vertical_gain=0.2,
+        lead_s=0.5,
+    )
+    assert setpoint == pytest.approx(np.array([[3.7, 0.0, 1.1]]))
+
+
+def test_the_wanted_velocity_changes_no_faster_than_the_acceleration() -> None:
+    before = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    wanted = np.array([[3.0, 4.0, 0.0], [1.05, 0.0, 0.0]])
+    followed = limit_change(wanted, before, 2.0, 0.1)
+    assert followed == pytest.approx(np.array([[0.12, 0.16, 0.0], [1.05, 0.0, 0.0]]))
+
+
+# yaw
+
+HELD = np.array([0.7, -2.0])
+PLACE = np.array([[10.0, 0.0, -20.0], [0.0, -10.0, -20.0]])
+
+
+def test_held_yaw_is_that_of_engagement() -> None:
+    yaw = wanted_yaw_rad(Yaw(YawPolicy.HELD), HELD, PLACE, np.zeros(2))
+    assert yaw == pytest.approx(HELD)
+
+
+def test_fixed_yaw_is_the_same_for_all_and_wrapped() -> None:
+    yaw = wanted_yaw_rad(Yaw(YawPolicy.FIXED, 3.5), HELD, PLACE, np.zeros(2))
+    assert yaw == pytest.approx(np.full(2, 3.5 - 2 * pi))
+
+
+def test_everybody_looks_at_the_target() -> None:
+    yaw = wanted_yaw_rad(Yaw(YawPolicy.TARGET), HELD, PLACE, np.zeros(2))
+    assert np.cos(yaw) == pytest.approx([-1.0, 0.0], abs=1e-9)  # one looks back along x, one along y
+    assert np.sin(yaw) == pytest.approx([0.0, 1.0], abs=1e-9)
+
+
+def test_overhead_the_target_yaw_is_kept() -> None:
+    yaw = wanted_yaw_rad(Yaw(YawPolicy.TARGET), HELD, PLACE, np.array([10.0, 1.5]))
+    assert yaw[0] == pytest.approx(0.7)
+
+
+def test_yaw_turns_the_short_way_round_through_south() -> None:
+    yaw = turn_towards(np.array([3.0]), np.array([-3.0]), rate_max_rad_s=1.0, dt_s=0.1)
+    assert yaw == pytest.approx([3.1])
+
+
+def test_an_unknown_yaw_stays_unknown_and_never_becomes_zero() -> None:
+    yaw = turn_towards(np.array([np.nan]), np.array([0.0]), rate_max_rad_s=1.0, dt_s=0.1)
+    assert np.isnan(yaw).all()

@@ -1,0 +1,197 @@
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import development as dialect
+from pymavlink.generator.mavcrc import x25crc
+
+from gcs.links.mavlink_frames import (
+    SETPOINT_MESSAGES,
+    Frame,
+    checksum,
+    heartbeat,
+    kill_frame,
+    moves,
+    prearm_ok,
+    px4_mode,
+    split,
+    status_text,
+    target_system,
+)
+from gcs.state import Mode
+
+PACKER = dialect.MAVLink(None, srcSystem=7, srcComponent=1)
+
+
+def framed(message: Any, *, version_1: bool = False) -> bytes:
+    return bytes(message.pack(PACKER, force_mavlink1=version_1))
+
+
+def only(data: bytes) -> Frame:
+    frames, garbage, _ = split(data)
+    assert garbage == 0
+    (frame,) = frames
+    return frame
+
+
+def beat(base_mode: int = 1, custom_mode: int = 4 << 16 | 3 << 24, autopilot: int = 12) -> Any:
+    return dialect.MAVLink_heartbeat_message(2, autopilot, base_mode, custom_mode, 4, 3)
+
+
+def setpoint(target: int) -> Any:
+    return dialect.MAVLink_set_position_target_local_ned_message(
+        0, target, 1, 1, 0x9C7, 0, 0, 0, 1.0, 2.0, 3.0, 0, 0, 0, 0, 0
+    )
+
+
+@pytest.mark.parametrize("version_1", [False, True])
+def test_a_datagram_of_several_frames_is_taken_apart(version_1: bool) -> None:
+    parts = [framed(beat(), version_1=version_1), framed(setpoint(3), version_1=version_1)]
+    frames, garbage, _ = split(b"".join(parts))
+    assert garbage == 0
+    assert [frame.raw for frame in frames] == parts
+    assert [frame.message_id for frame in frames] == [0, 84]
+    assert {(frame.system_id, frame.component_id) for frame in frames} == {(7, 1)}
+
+
+def test_a_signed_frame_keeps_its_signature() -> None:
+    signer = dialect.MAVLink(None, srcSystem=7, srcComponent=1)
+    signer.signing.secret_key = b"k" * 32
+    signer.signing.sign_outgoing = True
+    data = bytes(beat().pack(signer))
+    assert only(data).raw == data
+    assert len(data) > len(framed(beat()))
+
+
+def test_noise_before_between_and_behind_is_counted_and_skipped() -> None:
+    one, two = framed(beat()), framed(setpoint(3))
+    frames, garbage, _ = split(b"\xfd\x00" + one + b"\xfe" + two + two[:-1])
+    assert [frame.raw for frame in frames] == [one, two]
+    assert garbage == 2 + 1 + len(two) - 1
+
+
+def test_a_message_nobody_told_us_about_is_skipped_whole() -> None:
+    known = framed(beat())
+    unknown = known[:7] + (410).to_bytes(3, "little") + known[10:]
+    frames, garbage, unknown_bytes = split(known + unknown + known + unknown)
+    assert [frame.raw for frame in frames] == [known, known]
+    assert (garbage, unknown_bytes) == (0, 2 * len(unknown))
+    assert [frame.message_id for frame in split(unknown, checked=False).frames] == [410]
+
+
+def test_a_flipped_bit_makes_garbage_of_a_frame() -> None:
+    data = bytearray(framed(beat()))
+    data[10] ^= 1
+    assert split(bytes(data)) == ([], len(data), 0)
+
+
+def test_the_checksum_is_pymavlinks() -> None:
+    for data in (b"", b"\0", b"123456789", bytes(range(256))):
+        assert checksum(data) == x25crc(data).crc
+
+
+def test_the_target_is_found_wherever_a_message_keeps_it() -> None:
+    offsets_seen = set()
+    for message_id, kind in dialect.mavlink_map.items():
+        if "target_system" not in kind.fieldnames:
+            continue
+        values: list[Any] = []
+        lengths = dict(zip(kind.ordered_fieldnames, kind.array_lengths, strict=True))
+        for name, code in zip(kind.fieldnames, kind.fieldtypes, strict=True):
+            single: Any = b"x" if code == "char" else 1
+            values.append(123 if name == "target_system" else _filled(single, lengths[name]))
+        frame = only(framed(kind(*values)))
+        assert frame.message_id == message_id
+        assert target_system(frame) == 123, kind.msgname
+        offsets_seen.add(frame.payload.index(123))
+    assert len(offsets_seen) > 5
+
+
+def _filled(single: Any, length: int) -> Any:
+    if length == 0:
+        return single
+    return single * length if isinstance(single, bytes) else [single] * length
+
+
+def test_a_target_cut_off_with_the_trailing_zeros_is_everybody() -> None:
+    command = dialect.MAVLink_command_long_message(0, 0, 512, 0, 0, 0, 0, 0, 0, 0, 0)
+    frame = only(framed(command))
+    assert len(frame.payload) == 30
+    assert target_system(frame) == 0
+
+
+def test_every_message_that_steers_is_governed_and_has_a_target() -> None:
+    names = {dialect.mavlink_map[message_id].msgname for message_id in SETPOINT_MESSAGES}
+    steering = {
+        kind.msgname
+        for kind in dialect.mavlink_map.values()
+        if kind.msgname.startswith(("SET_POSITION_TARGET", "SET_ATTITUDE_TARGET", "SET_ACTUATOR"))
+    }
+    assert names == steering | {"MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE"}
+
+
+def test_manual_control_is_addressed_by_its_own_field() -> None:
+    frame = only(framed(dialect.MAVLink_manual_control_message(9, 1, 1, 1, 1, 1)))
+    assert target_system(frame) == 9
+
+
+@pytest.mark.parametrize(
+    ("main", "sub", "mode"),
+    [
+        (6, 0, Mode.OFFBOARD),
+        (4, 2, Mode.TAKEOFF),
+        (4, 3, Mode.HOLD),
+        (4, 5, Mode.RETURN),
+        (4, 6, Mode.LAND),
+        (3, 0, Mode.POSITION),
+        (4, 1, Mode.READY),
+        (4, 4, Mode.OTHER),
+        (1, 0, Mode.OTHER),
+    ],
+)
+def test_px4s_modes_have_our_names(main: int, sub: int, mode: Mode) -> None:
+    assert px4_mode(main << 16 | sub << 24) is mode
+
+
+def test_a_heartbeat_tells_arming_mode_and_whether_it_is_an_autopilots() -> None:
+    assert heartbeat(only(framed(beat(base_mode=0x81)))) == (True, True, Mode.HOLD)
+    assert heartbeat(only(framed(beat(base_mode=0x01)))) == (True, False, Mode.HOLD)
+    assert heartbeat(only(framed(beat(base_mode=0x80)))) == (True, True, Mode.OTHER)
+    assert heartbeat(only(framed(beat(autopilot=8)))) == (False, False, Mode.OTHER)
+
+
+def test_a_heartbeat_may_lack_its_trailing_zeros() -> None:
+    frame = only(framed(beat(), version_1=True))
+    assert heartbeat(frame._replace(payload=b"")) == (False, False, Mode.OTHER)
+
+
+@pytest.mark.parametrize("health", [0, 0x10000000, 0xFFFFFFFF, 0xEFFFFFFF])
+def test_ready_is_the_prearm_bit(health: int) -> None:
+    status = dialect.MAVLink_sys_status_message(0, 0, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    assert prearm_ok(only(framed(status))) is bool(health & 0x10000000)
+
+
+def test_a_status_text_ends_at_its_zero_or_goes_on_in_the_next_chunk() -> None:
+    short = status_text(only(framed(dialect.MAVLink_statustext_message(4, b"hello"))))
+    assert (short.text, short.last) == (b"hello", True)
+    long = status_text(only(framed(dialect.MAVLink_statustext_message(4, b"x" * 50, id=3, chunk_seq=0))))
+    assert (len(long.text), long.last) == (50, False)
+
+
+def test_the_kill_command_is_the_one_px4_obeys_in_flight() -> None:
+    data = kill_frame(5, sequence=300, source_system=245, source_component=190)
+    assert target_system(only(data)) == 5
+    (message,) = dialect.MAVLink(None).parse_buffer(data)
+    assert (message.command, message.param1, message.param2) == (400, 0, 21196)
+    assert (message.get_srcSystem(), message.get_srcComponent()) == (245, 190)
+
+
+def test_what_moves_a_vehicle_is_told_from_questions() -> None:
+    def command(number: int) -> Frame:
+        return only(framed(dialect.MAVLink_command_long_message(5, 1, number, 0, 1, 0, 0, 0, 0, 0, 0)))
+
+    assert moves(command(400))
+    assert moves(command(176))
+    assert moves(only(framed(setpoint(5))))
+    assert moves(only(framed(dialect.MAVLink_set_mode_message(5, 1, 0))))
+    assert not moves(command(512))
+    assert not moves(only(framed(beat())))

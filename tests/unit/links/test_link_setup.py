@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+
+from gcs.errors import InvalidError
+from gcs.frames import ShowFrame
+from gcs.links.mavsdk_link import VEHICLES_MAX, MavsdkLink
+from gcs.links.wire import Listen
+from gcs.state import Setpoints
+
+LISTEN = Listen("127.0.0.1", 14540)
+FRAME = ShowFrame(47.4, 8.5, 500.0)
+
+
+@pytest.mark.parametrize("system_id", [0, -1, 251, 245])
+def test_a_system_id_no_vehicle_may_have_is_refused(system_id: int) -> None:
+    with pytest.raises(InvalidError, match=r"vehicles\.a"):
+        MavsdkLink("one", {"a": system_id}, LISTEN, FRAME)
+
+
+def test_two_vehicles_with_one_system_id_are_refused() -> None:
+    with pytest.raises(InvalidError, match=r"vehicles\.b = 3.*a has it"):
+        MavsdkLink("one", {"a": 3, "b": 3}, LISTEN, FRAME)
+
+
+def test_more_vehicles_than_one_instance_bears_are_refused() -> None:
+    vehicles = {f"v{system_id}": system_id for system_id in range(1, VEHICLES_MAX + 2)}
+    with pytest.raises(InvalidError, match="at most 64"):
+        MavsdkLink("one", vehicles, LISTEN, FRAME)
+
+
+@pytest.mark.parametrize("deadman_s", [0.0, -1.0, float("nan")])
+def test_a_deadman_without_time_is_refused(deadman_s: float) -> None:
+    with pytest.raises(InvalidError, match="deadman_s"):
+        MavsdkLink("one", {"a": 3}, LISTEN, FRAME, deadman_s=deadman_s)
+
+
+def test_a_link_that_does_not_run_takes_setpoints_and_sends_none() -> None:
+    link = MavsdkLink("one", {"a": 3}, LISTEN, FRAME)
+    link.send(Setpoints(0.0, ("a", "stranger"), np.zeros((2, 3)), np.zeros(2)))
+    assert (link.name, link.ids, link.setpoints_sent) == ("one", ("a",), 0)
+    assert link.conflicts == {}
+    assert link.snapshot().ids == ("a",)

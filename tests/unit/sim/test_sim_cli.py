@@ -1,0 +1,70 @@
+"""What the command line refuses, and how it says so."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sim import cli
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--count", "0"], "whole number from 1 to 250"),
+        (["--count", "many"], "whole number from 1 to 250"),
+        (["--first", "-1"], "whole number from 0 to 249"),
+        (["--port-base", "70000"], "whole number from 1 to 65535"),
+        (["--ports", "px4", "--port-base", "15000"], "not allowed with"),
+        (["--wind", "1,2"], "three numbers with commas"),
+        (["--origin", "95,8,488"], "latitude goes from -90 to 90"),
+        (["--noise", "nan"], "number from 0 to 100"),
+        (["--drag", "-1"], "number from 0 to 10"),
+        (["--param", "COM_OBL_RC_ACT"], "NAME=VALUE"),
+        (["--param", "COM_OBL_RC=5"], "no such parameter"),
+        (["--param", "COM_OBL_RC_ACT=half"], "NAME=VALUE"),
+        (["--param", "COM_OBL_RC_ACT=0.5"], "whole number"),
+        (["--grid-columns", "0"], "whole number from 1"),
+        (["--bogus"], "unrecognized arguments: --bogus"),
+    ],
+)
+def test_bad_arguments_are_named_and_exit_with_two(
+    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as exit_info:
+        cli.main(arguments)
+    assert exit_info.value.code == 2
+    assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--first", "200", "--count", "51"], "--count can be 50 at most"),
+        (["--port-base", "65530", "--count", "10"], "beyond port 65535"),
+    ],
+)
+def test_arguments_that_do_not_fit_together_exit_with_two(
+    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(arguments) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_truth_file_that_cannot_be_written_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["--truth", str(tmp_path / "none" / "truth.jsonl")]) == 1
+    assert "truth.jsonl: No such file or directory" in capsys.readouterr().err
+
+
+def test_another_program_can_offer_the_same_arguments() -> None:
+    parser = argparse.ArgumentParser()
+    cli.add_arguments(parser.add_subparsers().add_parser("sim"))
+    given = parser.parse_args(["sim", "--count", "3", "--param", "COM_OBL_RC_ACT=5", "--wind=-1,2,0"])
+    assert (given.count, given.param, given.wind) == (3, [("COM_OBL_RC_ACT", 5.0)], (-1.0, 2.0, 0.0))

@@ -1,0 +1,77 @@
+"""The parameter table holds what PX4 lists, and only takes what PX4 would."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.params import (
+    INT32,
+    REAL32,
+    ParameterError,
+    Parameters,
+    defaults,
+    from_wire,
+    index,
+    kind,
+    name_at,
+    to_wire,
+)
+
+
+def through_the_wire(name: str, value: float) -> float:
+    """As the float field of PARAM_VALUE carries it."""
+    return float(struct.unpack("<f", struct.pack("<f", to_wire(name, value)))[0])
+
+
+def test_every_recorded_parameter_survives_the_wire() -> None:
+    for name, value in defaults().items():
+        back = from_wire(name, kind(name), through_the_wire(name, value))
+        assert back == (value if kind(name) == INT32 else pytest.approx(value, rel=1e-6))
+
+
+def test_the_recorded_defaults_are_there() -> None:
+    parameters = Parameters()
+    assert len(parameters) == 905
+    assert (parameters["COM_OF_LOSS_T"], parameters["COM_OBL_RC_ACT"], parameters["MPC_XY_VEL_MAX"]) == (
+        1.0,
+        0,
+        12.0,
+    )
+
+
+@given(st.integers(-(2**31), 2**31 - 1).filter(lambda bits: bits & 0x7F800000 != 0x7F800000))
+def test_whole_numbers_travel_bytewise(value: int) -> None:
+    assert from_wire("COM_OBL_RC_ACT", INT32, through_the_wire("COM_OBL_RC_ACT", value)) == value
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("NO_SUCH", 1.0), ("MPC_XY_VEL_MAX", float("nan")), ("MPC_XY_VEL_MAX", 1e39), ("COM_OBL_RC_ACT", 0.5)],
+)
+def test_what_px4_would_not_take_is_refused_by_name(name: str, value: float) -> None:
+    parameters = Parameters()
+    with pytest.raises(ParameterError, match=name):
+        parameters.set(name, value)
+    assert all(parameters[known] == default for known, default in defaults().items())
+
+
+def test_a_value_of_the_wrong_type_is_refused() -> None:
+    with pytest.raises(ParameterError, match="MPC_XY_VEL_MAX"):
+        from_wire("MPC_XY_VEL_MAX", INT32, 1.0)
+    assert from_wire("MPC_XY_VEL_MAX", REAL32, 1.5) == 1.5
+
+
+def test_indices_and_names_belong_together() -> None:
+    assert [name_at(index(name)) for name in defaults()] == list(defaults())
+    assert name_at(-1) is None
+    assert name_at(905) is None
+
+
+def test_two_vehicles_do_not_share_their_parameters() -> None:
+    one, other = Parameters(), Parameters()
+    one.set("COM_OF_LOSS_T", 3.0)
+    assert other["COM_OF_LOSS_T"] == 1.0

@@ -1,0 +1,226 @@
+"""Flights of `gcs.control.tick` against `sim.dynamics` in virtual time, judged by the true positions."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+
+from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
+from gcs.formation.thomson import best_configuration, energy, nearest_m
+from gcs.plan import Formation, Plan
+from gcs.safety.separation import minimum_separation
+from gcs.state import Array, FleetState, Mask
+from sim import noise
+from sim.dynamics import PointMasses, Response, step
+
+TICK_S = 0.05
+STEP_S = 0.01
+TAKEOFF_HEIGHT_M = 5.0
+ABOVE_HOME_M = 0.8  # as gcs.errands
+HANDOVER_HEIGHT_M = 1.5
+TOUCHDOWN_M_S = 0.7  # PX4 lands at 0.7
+SETTINGS = ControlSettings()
+PX4 = Response()
+
+
+def ground_grid_m(count: int, spacing_m: float = 4.0) -> Array:
+    """(count, 3) pads, row by row, around the origin."""
+    side = int(np.ceil(np.sqrt(count)))
+    pads_m = np.array([(spacing_m * (i // side), spacing_m * (i % side), 0.0) for i in range(count)])
+    pads_m[:, :2] -= pads_m[:, :2].mean(axis=0)
+    return pads_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """One tick: what is true, and what was decided."""
+
+    time_s: float
+    position_m: Array  # (n, 3) true
+    airborne: Mask
+    tick: Tick
+    target_m: Array  # (2,)
+
+    @property
+    def center_m(self) -> Array:
+        """(3,) commanded; NaN while no formation flies."""
+        center = self.tick.memory.center
+        return np.full(3, np.nan) if center is None else center.position_m
+
+
+class Flight:
+    """A fleet hovering 5 m above its pads, flown tick by tick."""
+
+    def __init__(self, count: int, formation: Formation, *, noise_scale: float = 0.0, seed: int = 1) -> None:
+        self.pads_m = ground_grid_m(count)
+        self.plan = Plan(formation)
+        self.time_s = 0.0
+        self.bodies = PointMasses.at(self.pads_m - (0.0, 0.0, TAKEOFF_HEIGHT_M))
+        self.task = np.full(count, Task.FORMATION, dtype=np.int8)
+        self.goal_m = np.full((count, 3), np.nan)
+        self.airborne = np.ones(count, dtype=bool)
+        self.descending = np.zeros(count, dtype=bool)
+        self.handed_over = np.zeros(count, dtype=bool)
+        self.age_s = np.full(count, 0.02)
+        self.segments_m = np.zeros((0, 2, 3))
+        self.center_moves = False
+        self.formation_waits = False
+        self.history: list[Moment] = []
+        self._ids = tuple(f"d{i + 1}" for i in range(count))
+        self._memory = Memory.fresh(count, 0.0)
+        self._noise_scale = noise_scale
+        self._random = np.random.default_rng(seed)
+        self._error = noise.draw(count, noise_scale, self._random)
+
+    @property
+    def believed_m(self) -> Array:
+        """(n, 3) positions as the vehicles estimate them."""
+        believed: Array = self.bodies.position_m + self._error.position_m
+        return believed
+
+    @property
+    def believed_m_s(self) -> Array:
+        """(n, 3) velocities as the vehicles estimate them."""
+        believed: Array = self.bodies.velocity_m_s + self._error.velocity_m_s
+        return believed
+
+    def run(self, seconds: float, each: Callable[[], None] = lambda: None) -> list[Moment]:
+        """Fly on, calling `each` before every tick; what happened."""
+        begun = len(self.history)
+        for _ in range(round(seconds / TICK_S)):
+            each()
+            self._tick()
+        return self.history[begun:]
+
+    def _tick(self) -> None:
+        fleet = FleetState(
+            self.time_s,
+            self._ids,
+            self.believed_m,
+            self.believed_m_s,
+            np.full(len(self._ids), 0.3),
+            self.age_s.copy(),
+        )
+        tasks = Tasks(
+            self.task.copy(),
+            self.goal_m.copy(),
+            self.airborne.copy(),
+            self.descending.copy(),
+            self.segments_m.copy(),
+            center_moves=self.center_moves,
+            formation_waits=self.formation_waits,
+        )
+        decided = tick(fleet, tasks, self.plan, np.ones(len(self._ids)), self._memory, SETTINGS)
+        self._memory = decided.memory
+        target_m = np.array(self.plan.target.position_m(self.time_s))
+        self.history.append(
+            Moment(self.time_s, self.bodies.position_m, self.airborne.copy(), decided, target_m)
+        )
+        self._move(decided)
+        self.time_s += TICK_S
+
+    def _move(self, decided: Tick) -> None:
+        """Whoever got no setpoint hovers, sinks by its own LAND, or stands."""
+        command_m_s = np.zeros_like(self.bodies.position_m)
+        command_m_s[self.handed_over, 2] = TOUCHDOWN_M_S
+        rows = [self._ids.index(name) for name in decided.setpoints.ids]
+        command_m_s[rows] = decided.setpoints.velocity_m_s
+        for _ in range(round(TICK_S / STEP_S)):
+            self.bodies = step(
+                self.bodies, command_m_s, STEP_S, PX4, velocity_error_m_s=self._error.velocity_m_s
+            )
+        self._land()
+        if self._noise_scale:
+            self._error = noise.step(self._error, TICK_S, self._noise_scale, self._random)
+
+    def _land(self) -> None:
+        down = self.bodies.position_m[:, 2] >= self.pads_m[:, 2]
+        if not down.any():
+            return
+        self.airborne = self.airborne & ~down
+        self.task[down] = Task.NONE
+        rows = down[:, None]
+        position_m = self.bodies.position_m.copy()
+        position_m[down, 2] = self.pads_m[down, 2]
+        self.bodies = replace(
+            self.bodies,
+            position_m=position_m,
+            velocity_m_s=np.where(rows, 0.0, self.bodies.velocity_m_s),
+            acceleration_m_s2=np.where(rows, 0.0, self.bodies.acceleration_m_s2),
+            integral_m_s2=np.where(rows, 0.0, self.bodies.integral_m_s2),
+        )
+
+    # what the errands and the director do
+
+    def hold_in_place(self) -> None:
+        """Pause: everybody stops where their velocity takes them in 0.8 s."""
+        self.formation_waits, self.center_moves = True, False
+        self.task[:] = Task.GOAL
+        self.goal_m = self.believed_m + 0.8 * self.believed_m_s
+
+    def resume(self) -> None:
+        """Everybody into the formation again."""
+        self.formation_waits = False
+        self.task[:] = Task.FORMATION
+        self.goal_m = np.full_like(self.goal_m, np.nan)
+
+    def send_home(self) -> None:
+        """Everybody to above the own pad, not lower than where they climbed to."""
+        self.center_moves = False
+        self.task[:] = Task.GOAL
+        self.goal_m = self.pads_m.copy()
+        self.goal_m[:, 2] = np.minimum(self.believed_m[:, 2], self.pads_m[:, 2] - TAKEOFF_HEIGHT_M)
+
+    def come_down_where_home(self) -> None:
+        """Above the pad: sink; just above it: the autopilot's own LAND."""
+        here_m = self.believed_m
+        flown = self.task == Task.GOAL
+        above = np.hypot(*(here_m - self.pads_m)[:, :2].T) < ABOVE_HOME_M
+        arrived = flown & above & ~self.descending
+        self.descending |= arrived
+        self.goal_m[arrived] = self.pads_m[arrived]
+        low = flown & self.descending & (self.pads_m[:, 2] - here_m[:, 2] < HANDOVER_HEIGHT_M)
+        self.handed_over |= low
+        self.task[low] = Task.NONE
+
+
+def closest_m_and_violations(history: list[Moment]) -> tuple[float, int]:
+    """By the true positions of all ticks: smallest distance of pairs that count, pairs inside the floor."""
+    seen = [
+        minimum_separation(moment.position_m, moment.airborne, SETTINGS.safety.floor) for moment in history
+    ]
+    return min(distance_m for distance_m, _ in seen), sum(inside for _, inside in seen)
+
+
+@cache
+def best_shape(count: int) -> Array:
+    """The best configuration known, computed once."""
+    return best_configuration(count)
+
+
+def shape(history: list[Moment]) -> tuple[float, float, float]:
+    """Energy and nearest ratio of the mean places about the centre, and the worst mean radius error, in m."""
+    offset_m = np.array([moment.position_m - moment.center_m for moment in history])
+    radius_m = np.array([moment.tick.memory.radius_m for moment in history])
+    error_m = np.abs(np.linalg.norm(offset_m, axis=2) - radius_m[:, None]).mean(axis=0).max()
+    mean_m = offset_m.mean(axis=0)
+    direction = mean_m / np.linalg.norm(mean_m, axis=1, keepdims=True)
+    best = best_shape(len(direction))
+    return (
+        energy(direction) / energy(best),
+        nearest_m(direction) / nearest_m(best),
+        float(error_m),
+    )
+
+
+def largest_setpoint_change_m_s(history: list[Moment]) -> float:
+    """Between one tick and the next, of vehicles commanded in both."""
+    worst_m_s = 0.0
+    for before, after in pairwise(history):
+        old = dict(zip(before.tick.setpoints.ids, before.tick.setpoints.velocity_m_s, strict=True))
+        new = dict(zip(after.tick.setpoints.ids, after.tick.setpoints.velocity_m_s, strict=True))
+        for name in old.keys() & new.keys():
+            worst_m_s = max(worst_m_s, float(np.linalg.norm(new[name] - old[name])))
+    return worst_m_s

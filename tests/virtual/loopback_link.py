@@ -1,0 +1,355 @@
+"""A second real `Link`: MAVLink 2 bytes to and from the fake autopilots of `sim`, on the loop's own clock.
+
+No sockets, no threads, no MAVSDK: under `async_solipsism.EventLoop` a flight of minutes takes seconds. A
+setpoint leaves once for each tick that hands it over; unlike MAVSDK nothing here repeats it, so the deadman
+only has to refuse a batch that is too old when it comes.
+"""
+
+import asyncio
+from collections.abc import Collection, Mapping
+from math import inf, isfinite, nan, pi
+from typing import Any, NamedTuple
+
+import numpy as np
+from pymavlink.dialects.v20 import common
+
+from gcs.errors import LinkError, OrderError, UnknownError
+from gcs.frames import ShowFrame
+from gcs.links import Order, Verb
+from gcs.links.heard import Heard
+from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, Frame, kill_frame, split
+from gcs.state import Array, Landed, Mode, Setpoints, Telemetry, VehicleId
+from sim.autopilot import Autopilot
+from sim.fleet import STEP_S, Fleet
+from sim.modes import Mode as PilotMode
+
+STATION = (245, 190)
+VELOCITY_AND_YAW = 0x9C7
+BATTERY_STATUS, EXTENDED_SYS_STATE, COMMAND_LONG = 147, 245, 76
+HEARTBEAT_PERIOD_S = 1.0
+CONFIRM_S = 3.2
+KILL_REPEAT_S = 0.1
+UNREAD = (30, 31, 32, 36, 74, 83, 85, 105, 111, 132, 141, 331, 2, 4, 24, 42)  # not asked of the vehicles
+
+MODE_NUMBERS = {
+    Verb.HOLD: (4, 3),
+    Verb.OFFBOARD: (6, 0),
+    Verb.RETURN: (4, 5),
+}
+WANTED_MODE = {
+    Verb.HOLD: Mode.HOLD,
+    Verb.OFFBOARD: Mode.OFFBOARD,
+    Verb.RETURN: Mode.RETURN,
+}
+
+
+class SentSetpoint(NamedTuple):
+    """One setpoint as it left: NED and yaw from north, as on the wire."""
+
+    time_s: float
+    velocity_ned_m_s: tuple[float, float, float]
+    yaw_rad: float
+
+
+class SentOrder(NamedTuple):
+    """One order as it was given to the link."""
+
+    time_s: float
+    verb: Verb
+
+
+class Ears(Heard):
+    """What the production link reads, and the numbers that MAVSDK reads for it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.motion = (nan,) * 7  # latitude, longitude, altitude, velocity NED, yaw (degrees)
+        self.battery_remaining = nan
+        self.landed = Landed.UNKNOWN
+        self._mav = common.MAVLink(None)
+
+    def take(self, frame: Frame, time_s: float) -> None:
+        """Read one frame of this vehicle."""
+        super().take(frame, time_s)
+        if frame.message_id not in {GLOBAL_POSITION_INT, EXTENDED_SYS_STATE, BATTERY_STATUS}:
+            return
+        said: Any = self._mav.decode(bytearray(frame.raw))
+        if frame.message_id == GLOBAL_POSITION_INT:
+            place = (said.lat * 1e-7, said.lon * 1e-7, said.alt * 1e-3)
+            self.motion = (*place, said.vx * 0.01, said.vy * 0.01, said.vz * 0.01, said.hdg * 0.01)
+        elif frame.message_id == EXTENDED_SYS_STATE:
+            self.landed = Landed(said.landed_state)
+        else:
+            self.battery_remaining = said.battery_remaining / 100 if said.battery_remaining >= 0 else nan
+
+
+class LoopbackLink:
+    """A `gcs.links.Link` to a fake fleet in the same loop. Steps the fleet's physics while it runs.
+
+    Attributes:
+        sent, orders: what left for each vehicle, oldest first.
+        failures: `run` raises the first of them, at once or while it runs, and forgets it.
+        runs: how often `run` was called.
+        conflicts: what the property of the same name says.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        vehicles: Mapping[VehicleId, int],
+        fleet: Fleet,
+        frame: ShowFrame,
+        *,
+        deadman_s: float,
+    ) -> None:
+        """`vehicles` and `fleet.autopilots` belong together by system id."""
+        self._name = name
+        self._system_ids = dict(vehicles)
+        self._fleet = fleet
+        self._frame = frame
+        self._deadman_s = deadman_s
+        self._row = {pilot.system_id: row for row, pilot in enumerate(fleet.autopilots)}
+        self._mav = common.MAVLink(None, *STATION)
+        self._ears = {vehicle_id: Ears() for vehicle_id in vehicles}
+        self._locks = {vehicle_id: asyncio.Lock() for vehicle_id in vehicles}
+        self._uplink: list[tuple[VehicleId, bytes]] = []
+        self._setpoint_s = dict.fromkeys(vehicles, -inf)
+        self._deaf: set[VehicleId] = set()  # nothing reaches it
+        self._mute: set[VehicleId] = set()  # nothing comes from it
+        self.sent: dict[VehicleId, list[SentSetpoint]] = {vehicle_id: [] for vehicle_id in vehicles}
+        self.orders: dict[VehicleId, list[SentOrder]] = {vehicle_id: [] for vehicle_id in vehicles}
+        self.failures: list[LinkError] = []
+        self.refusing: set[tuple[VehicleId, Verb]] = set()  # orders that come back refused, as from PX4
+        self.runs = 0
+        self.conflicts: dict[VehicleId, str] = {}
+
+    # the link
+
+    @property
+    def name(self) -> str:
+        """As the configuration calls it."""
+        return self._name
+
+    @property
+    def ids(self) -> tuple[VehicleId, ...]:
+        """The vehicles configured on this link."""
+        return tuple(self._system_ids)
+
+    @property
+    def setpoints_sent(self) -> int:
+        """How many setpoints have left, in all."""
+        return sum(len(sent) for sent in self.sent.values())
+
+    async def run(self) -> None:
+        """Move bytes and step the physics until cancelled. Raises: LinkError while `failures` has any.
+
+        The physics catch up with what passed while it did not run: vehicles do not wait for a link.
+        """
+        self.runs += 1
+        loop = asyncio.get_running_loop()
+        self._ask_for_less()
+        beat_s = loop.time()
+        while not self.failures:
+            if loop.time() >= beat_s:
+                beat_s += HEARTBEAT_PERIOD_S
+                self._post_to_all(common.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+            while self._fleet.time_s + STEP_S / 2 < loop.time():
+                self._deliver()
+                self._fleet.step()
+                self._listen(loop.time())
+            await asyncio.sleep(self._fleet.time_s + STEP_S - loop.time())
+        raise self.failures.pop(0)
+
+    def snapshot(self) -> Telemetry:
+        """The newest known of every vehicle."""
+        ears = tuple(self._ears.values())
+        motion = np.array([heard.motion for heard in ears])
+        return Telemetry(
+            ids=self.ids,
+            position_time_s=np.array([heard.position_time_s for heard in ears]),
+            heartbeat_time_s=np.array([heard.heartbeat_time_s for heard in ears]),
+            latitude_deg=motion[:, 0].copy(),
+            longitude_deg=motion[:, 1].copy(),
+            altitude_amsl_m=motion[:, 2].copy(),
+            velocity_ned_m_s=motion[:, 3:6].copy(),
+            yaw_deg=motion[:, 6].copy(),
+            battery_remaining=np.array([heard.battery_remaining for heard in ears]),
+            armed=tuple(heard.armed for heard in ears),
+            mode=tuple(heard.mode for heard in ears),
+            landed=tuple(heard.landed for heard in ears),
+            ready=tuple(heard.prearm_ok for heard in ears),
+        )
+
+    def send(self, setpoints: Setpoints) -> None:
+        """Let one tick's orders leave, unless they are older than the deadman's time."""
+        now_s = asyncio.get_running_loop().time()
+        if now_s - setpoints.time_s > self._deadman_s:
+            return
+        velocity_ned_m_s = self._frame.into_ned(setpoints.velocity_m_s)
+        yaw_rad = (setpoints.yaw_rad + np.radians(self._frame.heading_deg) + pi) % (2 * pi) - pi
+        for vehicle_id, velocity, yaw in zip(setpoints.ids, velocity_ned_m_s, yaw_rad, strict=True):
+            if vehicle_id in self._system_ids and isfinite(yaw) and np.isfinite(velocity).all():
+                self._send_setpoint(vehicle_id, velocity, float(yaw), now_s)
+
+    async def execute(self, order: Order) -> None:
+        """Order, and return when the vehicle's heartbeat shows that it obeyed. Raises: OrderError."""
+        if order.vehicle_id not in self._system_ids:
+            raise UnknownError(f"{order.vehicle_id} is not on link {self._name}")
+        loop = asyncio.get_running_loop()
+        heard = self._ears[order.vehicle_id]
+        self.orders[order.vehicle_id].append(SentOrder(loop.time(), order.verb))
+        if order.verb is Verb.KILL:
+            await self._kill(order, heard)
+            return
+        async with self._locks[order.vehicle_id]:
+            began_s = loop.time()
+            if (order.vehicle_id, order.verb) in self.refusing:
+                raise OrderError(f"{order.vehicle_id}: {order.verb} refused: COMMAND_DENIED")
+            self._refuse_the_impossible(order, heard, began_s)
+            self._post_command(order, heard)
+            while not (heard.heartbeat_time_s > began_s and obeyed(order.verb, heard)):
+                left_s = began_s + CONFIRM_S - loop.time()
+                if left_s <= 0.0:
+                    raise OrderError(failure(order, heard, began_s))
+                await news(heard, left_s)
+
+    # test controls
+
+    def silence(self, *vehicle_ids: VehicleId, up: bool = True, down: bool = True) -> None:
+        """Cut these vehicles off: nothing reaches them any more (up), nothing of theirs arrives (down)."""
+        self._deaf |= set(vehicle_ids if up else ())
+        self._mute |= set(vehicle_ids if down else ())
+
+    def restore(self, *vehicle_ids: VehicleId) -> None:
+        """End the silence, both ways."""
+        self._deaf -= set(vehicle_ids)
+        self._mute -= set(vehicle_ids)
+
+    def is_silent(self, vehicle_id: VehicleId) -> bool:
+        """Whether nothing of this vehicle arrives."""
+        return vehicle_id in self._mute
+
+    def autopilot(self, vehicle_id: VehicleId) -> Autopilot:
+        """The fake itself."""
+        return self._fleet.autopilots[self._row[self._system_ids[vehicle_id]]]
+
+    def pilot(self, vehicle_id: VehicleId, mode: PilotMode) -> None:
+        """A person at the vehicle's own remote control chooses a mode, past every link."""
+        self.autopilot(vehicle_id).change_mode(mode, self._fleet.time_s)
+
+    # its parts
+
+    def _post(self, vehicle_id: VehicleId, message: Any) -> None:
+        frame = bytes(message.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        self._uplink.append((vehicle_id, frame))
+
+    def _post_to_all(self, message: Any) -> None:
+        for vehicle_id in self._system_ids:
+            self._post(vehicle_id, message)
+
+    def _post_long(self, vehicle_id: VehicleId, command: int, *values: float) -> None:
+        filled = (*values, *(0.0,) * (7 - len(values)))
+        target = self._system_ids[vehicle_id]
+        self._post(vehicle_id, common.MAVLink_command_long_message(target, 1, command, 0, *filled))
+
+    def _ask_for_less(self) -> None:
+        """SET_MESSAGE_INTERVAL: stop what nobody here reads."""
+        for vehicle_id in self._system_ids:
+            for message_id in UNREAD:
+                self._post_long(vehicle_id, common.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, -1)
+
+    def _send_setpoint(self, vehicle_id: VehicleId, velocity: Array, yaw_rad: float, now_s: float) -> None:
+        north_m_s, east_m_s, down_m_s = velocity.tolist()
+        vectors = (0.0, 0.0, 0.0, north_m_s, east_m_s, down_m_s, 0.0, 0.0, 0.0)
+        target = self._system_ids[vehicle_id]
+        message = common.MAVLink_set_position_target_local_ned_message(
+            0, target, 1, common.MAV_FRAME_LOCAL_NED, VELOCITY_AND_YAW, *vectors, yaw_rad, 0.0
+        )
+        self._post(vehicle_id, message)
+        self._setpoint_s[vehicle_id] = now_s
+        self.sent[vehicle_id].append(SentSetpoint(now_s, (north_m_s, east_m_s, down_m_s), yaw_rad))
+
+    def _post_command(self, order: Order, heard: Ears) -> None:
+        match order.verb:
+            case Verb.ARM | Verb.DISARM:
+                wanted = float(order.verb is Verb.ARM)
+                self._post_long(order.vehicle_id, common.MAV_CMD_COMPONENT_ARM_DISARM, wanted)
+            case Verb.TAKEOFF:
+                top_m = heard.motion[2] + order.height_m
+                anywhere = (0.0, 0.0, 0.0, nan, nan, nan)
+                self._post_long(order.vehicle_id, common.MAV_CMD_NAV_TAKEOFF, *anywhere, top_m)
+            case Verb.LAND:
+                self._post_long(order.vehicle_id, common.MAV_CMD_NAV_LAND)
+            case _:
+                self._post_long(
+                    order.vehicle_id, common.MAV_CMD_DO_SET_MODE, 129.0, *MODE_NUMBERS[order.verb]
+                )
+
+    def _refuse_the_impossible(self, order: Order, heard: Ears, now_s: float) -> None:
+        fed = now_s - self._setpoint_s[order.vehicle_id] <= self._deadman_s
+        if order.verb is Verb.OFFBOARD and not fed:
+            raise OrderError(f"{order.vehicle_id}: offboard refused: no setpoints are flowing to it")
+        if order.verb is Verb.TAKEOFF and not heard.armed:
+            raise OrderError(f"{order.vehicle_id}: takeoff while disarmed; arm it first")
+
+    async def _kill(self, order: Order, heard: Ears) -> None:
+        loop = asyncio.get_running_loop()
+        began_s, target = loop.time(), self._system_ids[order.vehicle_id]
+        while loop.time() - began_s < CONFIRM_S:
+            system, component = STATION
+            frame = kill_frame(target, sequence=0, source_system=system, source_component=component)
+            self._uplink.append((order.vehicle_id, frame))
+            await news(heard, KILL_REPEAT_S)
+            if heard.heartbeat_time_s > began_s and not heard.armed:
+                return
+        raise OrderError(failure(order, heard, began_s))
+
+    def _deliver(self) -> None:
+        for vehicle_id, frame in self._uplink:
+            if vehicle_id not in self._deaf:
+                self.autopilot(vehicle_id).receive(frame, self._fleet.time_s)
+        self._uplink.clear()
+
+    def _listen(self, now_s: float) -> None:
+        for vehicle_id, heard in self._ears.items():
+            for data in self.autopilot(vehicle_id).take_frames(self._fleet.time_s):
+                for frame in () if vehicle_id in self._mute else split(data).frames:
+                    heard.take(frame, now_s)
+
+
+def obeyed(verb: Verb, heard: Ears) -> bool:
+    """Whether a vehicle's heartbeat shows that it obeyed, by the same rules as the production link's."""
+    match verb:
+        case Verb.ARM:
+            return heard.armed
+        case Verb.DISARM:
+            return not heard.armed
+        case Verb.TAKEOFF:
+            climbs = heard.mode is Mode.TAKEOFF or heard.landed in {Landed.IN_AIR, Landed.TAKEOFF}
+            return heard.armed and climbs
+        case Verb.LAND:
+            return heard.mode is Mode.LAND or (heard.landed is Landed.ON_GROUND and not heard.armed)
+        case _:
+            return heard.mode is WANTED_MODE[verb]
+
+
+def failure(order: Order, heard: Ears, began_s: float) -> str:
+    """Why an order failed, with what the vehicle itself said since."""
+    said = f'; it says "{heard.text}"' if heard.text_time_s >= began_s else ""
+    state = f"it reports {heard.mode}, {'armed' if heard.armed else 'disarmed'}"
+    return f"{order.vehicle_id}: {order.verb} sent, but not seen to happen: {state}{said}"
+
+
+async def news(heard: Ears, wait_s: float) -> None:
+    """Until the next heartbeat, or `wait_s`."""
+    try:
+        async with asyncio.timeout(wait_s):
+            await heard.news.wait()
+    except TimeoutError:
+        return
+
+
+def system_ids(ids: Collection[VehicleId]) -> dict[VehicleId, int]:
+    """1, 2, 3 ... in order."""
+    return {vehicle_id: place for place, vehicle_id in enumerate(ids, start=1)}

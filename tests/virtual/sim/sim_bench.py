@@ -1,0 +1,189 @@
+"""A ground station of bytes for a fleet in virtual time: everything goes through MAVLink frames."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import common
+
+from sim.fleet import STEP_S, Fleet, Settings
+
+PX4_DATA = Path(__file__).parents[2] / "data" / "px4"
+STATION = (245, 190)
+VELOCITY_AND_YAW, VELOCITY_ONLY, POSITION_ONLY = 0x9C7, 0xDC7, 0xDF8
+HOLD, LAND, RETURN, OFFBOARD, POSITION = (4, 3), (4, 6), (4, 5), (6, 0), (3, 0)
+TAKEOFF = (4, 2)
+ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
+START_S = 1000.0
+
+
+class Bench:
+    """A fleet, what it has said, and what is sent to it again and again."""
+
+    def __init__(self, **settings: Any) -> None:
+        settings = {"noise_scale": 0.0, **settings}
+        self.fleet = Fleet(Settings(**settings), start_s=START_S, unix_at_start_s=1.8e9)
+        self.heard: list[tuple[float, Any]] = []
+        self.repeated: Any = None  # a setpoint, 20 times a second
+        self.heartbeats = True
+        self._mav = common.MAVLink(None, *STATION)
+        self._ears = common.MAVLink(None)
+        self._ticks = 0
+
+    @property
+    def now_s(self) -> float:
+        return self.fleet.time_s - START_S
+
+    @property
+    def truth(self) -> list[float]:
+        """Position of the first vehicle, common NED."""
+        row: list[float] = self.fleet.bodies.position_m[0].tolist()
+        return row
+
+    @property
+    def velocity(self) -> list[float]:
+        row: list[float] = self.fleet.bodies.velocity_m_s[0].tolist()
+        return row
+
+    def frame(self, message: Any) -> bytes:
+        frame = bytes(message.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return frame
+
+    def send(self, message: Any) -> None:
+        self.send_bytes(self.frame(message))
+
+    def send_bytes(self, datagram: bytes) -> None:
+        for autopilot in self.fleet.autopilots:
+            autopilot.receive(datagram, self.fleet.time_s)
+            self._hear(autopilot.take_frames(self.fleet.time_s, streams=False))
+
+    def run(self, duration_s: float) -> Bench:
+        for _ in range(round(duration_s / STEP_S)):
+            if self.heartbeats and self._ticks % 100 == 0:
+                self.send(common.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+            if self.repeated is not None and self._ticks % 5 == 0:
+                self.send(self.repeated)
+            self._ticks += 1
+            self.fleet.step()
+            for autopilot in self.fleet.autopilots:
+                self._hear(autopilot.take_frames(self.fleet.time_s))
+        return self
+
+    def until(self, condition: Any, limit_s: float) -> float:
+        """Run until the condition holds; how long it took."""
+        begin_s = self.now_s
+        while not condition():
+            if self.now_s - begin_s > limit_s:
+                raise TimeoutError(f"not within {limit_s} s")
+            self.run(0.05)
+        return self.now_s - begin_s
+
+    def command(self, number: int, *values: float, wait_s: float = 0.05, target: int = 1) -> list[int]:
+        """Send a COMMAND_LONG; the results that were acknowledged, in order."""
+        before = len(self.heard)
+        padded = [*values, *[0.0] * (7 - len(values))]
+        self.send(common.MAVLink_command_long_message(target, 1, number, 0, *padded))
+        self.run(wait_s)
+        acks = [m for _, m in self.heard[before:] if m.get_type() == "COMMAND_ACK" and m.command == number]
+        return [ack.result for ack in acks]
+
+    def set_mode(self, mode: tuple[int, int]) -> list[int]:
+        return self.command(176, 1, *mode)
+
+    def arm(self) -> list[int]:
+        return self.command(400, 1)
+
+    def set_parameter(self, name: str, value: float) -> None:
+        for autopilot in self.fleet.autopilots:
+            autopilot.parameters.set(name, value)
+
+    def stream(self, north: float, east: float, down: float, mask: int = VELOCITY_ONLY, **more: Any) -> None:
+        """Repeat a setpoint: a velocity, or with POSITION_ONLY a position."""
+        self.repeated = setpoint(north, east, down, mask, **more)
+
+    def take_off(self, height_m: float = 10.0) -> Bench:
+        """Fly at that height, holding."""
+        self.ready()
+        altitude_m = self.last("HOME_POSITION").altitude * 1e-3 + height_m
+        assert self.command(22, 0, 0, 0, math.nan, math.nan, math.nan, altitude_m) == [ACCEPTED]
+        assert self.arm() == [ACCEPTED]
+        self.run(1.1)  # until the next HEARTBEAT the last one still says HOLD
+        self.until(lambda: self.mode == HOLD, 30.0)
+        return self.run(4.0)
+
+    def fly_offboard(self, height_m: float = 10.0) -> Bench:
+        """Fly at that height, following setpoints of rest."""
+        self.take_off(height_m)
+        self.stream(0, 0, 0)
+        self.run(0.2)
+        assert self.set_mode(OFFBOARD) == [ACCEPTED, ACCEPTED]
+        return self.run(2.0)
+
+    def ready(self) -> Bench:
+        self.until(lambda: self.prearm_ok and self.count("HOME_POSITION") > 0, 10.0)
+        return self
+
+    def all(self, kind: str, since_s: float = 0.0) -> list[Any]:
+        return [message for time_s, message in self.heard if time_s >= since_s and message.get_type() == kind]
+
+    def count(self, kind: str) -> int:
+        return len(self.all(kind))
+
+    def last(self, kind: str) -> Any:
+        return next(message for _, message in reversed(self.heard) if message.get_type() == kind)
+
+    @property
+    def mode(self) -> tuple[int, int]:
+        custom = self.last("HEARTBEAT").custom_mode
+        return custom >> 16 & 255, custom >> 24
+
+    @property
+    def armed(self) -> bool:
+        return bool(self.last("HEARTBEAT").base_mode & 128)
+
+    @property
+    def prearm_ok(self) -> bool:
+        seen = self.all("SYS_STATUS")
+        return bool(seen) and bool(seen[-1].onboard_control_sensors_health & 0x10000000)
+
+    @property
+    def texts(self) -> list[str]:
+        """Whole texts, chunks joined."""
+        texts: dict[int, str] = {}
+        for message in self.all("STATUSTEXT"):
+            texts[message.id] = texts.get(message.id, "") + message.text
+        return [text.strip() for text in texts.values()]
+
+    def _hear(self, frames: list[bytes]) -> None:
+        for frame in frames:
+            assert frame[0] == 0xFD
+            self.heard.append((self.now_s, self._ears.decode(bytearray(frame))))
+
+
+def setpoint(north: float, east: float, down: float, mask: int, **more: Any) -> Any:
+    fields = {"frame": 1, "yaw": 0.0, "yaw_rate": 0.0, "target": 1, **more}
+    vector = (north, east, down)
+    return common.MAVLink_set_position_target_local_ned_message(
+        0,
+        fields["target"],
+        1,
+        fields["frame"],
+        mask,
+        *vector,
+        *vector,
+        0.0,
+        0.0,
+        0.0,
+        fields["yaw"],
+        fields["yaw_rate"],
+    )
+
+
+def digest(name: str) -> dict[str, Any]:
+    """A recorded session, see tests/data/px4/README.md."""
+    return dict(json.loads(gzip.decompress((PX4_DATA / f"digest_{name}.json.gz").read_bytes())))

@@ -1,0 +1,103 @@
+"""One vehicle of four is told to be kilometres away for a while: it is not led, and drags nobody along."""
+
+import numpy as np
+import pytest
+from control_flight import TICK_S, Flight, Moment, closest_m_and_violations
+
+from gcs.frames import ShowFrame
+from gcs.plan import Formation
+from gcs.state import Array, FleetState, Landed, Mode, Telemetry
+from gcs.table import Table
+
+pytestmark = pytest.mark.xdist_group("control_false_positions")
+
+FRAME = ShowFrame(47.0, 8.0, 400.0)
+IDS = ("d1", "d2", "d3", "d4")
+JUMP_M = (5000.0, 0.0, 0.0)
+
+
+class HeardFlight(Flight):
+    """A flight that believes what a `Table` makes of the telemetry."""
+
+    def __init__(self) -> None:
+        self._table = Table(IDS, FRAME)
+        self._heard: FleetState | None = None
+        self.jump_m = np.zeros((4, 3))
+        super().__init__(4, Formation(8.0, 20.0))
+
+    def hear(self) -> None:
+        """Before every tick: the newest message of everybody."""
+        latitude, longitude, altitude = FRAME.geodetic(self.bodies.position_m + self.jump_m)
+        self._heard = self._table.state(
+            [
+                Telemetry(
+                    ids=IDS,
+                    position_time_s=np.full(4, self.time_s),
+                    heartbeat_time_s=np.full(4, self.time_s),
+                    latitude_deg=latitude,
+                    longitude_deg=longitude,
+                    altitude_amsl_m=altitude,
+                    velocity_ned_m_s=self.bodies.velocity_m_s.copy(),
+                    yaw_deg=np.zeros(4),
+                    battery_remaining=np.ones(4),
+                    armed=(True,) * 4,
+                    mode=(Mode.OFFBOARD,) * 4,
+                    landed=(Landed.IN_AIR,) * 4,
+                    ready=(True,) * 4,
+                )
+            ],
+            self.time_s,
+        )
+        self.age_s = self._heard.age_s.copy()
+
+    @property
+    def believed_m(self) -> Array:
+        """(n, 3) as the table says."""
+        return super().believed_m if self._heard is None else self._heard.position_m
+
+    @property
+    def believed_m_s(self) -> Array:
+        """(n, 3) as the table says."""
+        return super().believed_m_s if self._heard is None else self._heard.velocity_m_s
+
+
+@pytest.fixture(scope="module")
+def told() -> tuple[list[Moment], list[Moment], list[Moment]]:
+    """Before, while and after the second of them is told to be 5 km away, for four seconds."""
+    flight = HeardFlight()
+    before = flight.run(15.0, flight.hear)
+    flight.jump_m[1] = JUMP_M
+    wrong = flight.run(4.0, flight.hear)
+    flight.jump_m[1] = 0.0
+    return before, wrong, flight.run(10.0, flight.hear)
+
+
+def test_it_is_not_commanded_for_a_single_tick_while_its_position_is_wrong(
+    told: tuple[list[Moment], list[Moment], list[Moment]],
+) -> None:
+    assert {moment.tick.setpoints.ids for moment in told[1]} == {("d1", "d3", "d4")}
+
+
+def test_the_others_are_not_dragged_along(told: tuple[list[Moment], list[Moment], list[Moment]]) -> None:
+    before, wrong, _ = told
+    assert np.linalg.norm(wrong[-1].center_m - before[-1].center_m) < 0.5
+    for moment in wrong:
+        off_m = np.linalg.norm(moment.position_m[[0, 2, 3]] - moment.center_m, axis=1)
+        assert off_m.max() < 10.0
+        assert moment.position_m[:, :2].max() < 20.0
+
+
+def test_back_where_it_was_it_is_commanded_again_at_once(
+    told: tuple[list[Moment], list[Moment], list[Moment]],
+) -> None:
+    after = told[2]
+    assert all(moment.tick.setpoints.ids == IDS for moment in after)
+    assert after[-1].time_s - after[0].time_s == pytest.approx(10.0 - TICK_S)
+    radius_m = np.linalg.norm(after[-1].position_m - after[-1].center_m, axis=1)
+    assert radius_m == pytest.approx(np.full(4, 8.0), abs=0.5)
+
+
+def test_nobody_comes_inside_the_floor_meanwhile(
+    told: tuple[list[Moment], list[Moment], list[Moment]],
+) -> None:
+    assert closest_m_and_violations([*told[1], *told[2]])[1] == 0

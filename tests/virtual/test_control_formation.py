@@ -1,0 +1,68 @@
+"""From the ground grid onto the sphere: the shapes the article promises, with no violation on the way."""
+
+import numpy as np
+import pytest
+from control_flight import SETTINGS, Flight, Moment, closest_m_and_violations, shape
+
+from gcs.plan import Formation
+
+pytestmark = pytest.mark.xdist_group("control_formation")
+
+RADIUS_M = {4: 8.0, 8: 10.0}
+
+
+def assemble(count: int, *, noise_scale: float) -> list[Moment]:
+    flight = Flight(count, Formation(RADIUS_M[count], 20.0), noise_scale=noise_scale)
+    return flight.run(40.0)
+
+
+@pytest.fixture(scope="module", params=[4, 8])
+def calm(request: pytest.FixtureRequest) -> list[Moment]:
+    return assemble(request.param, noise_scale=0.0)
+
+
+@pytest.fixture(scope="module", params=[4, 8])
+def noisy(request: pytest.FixtureRequest) -> list[Moment]:
+    return assemble(request.param, noise_scale=1.0)
+
+
+def test_four_reach_the_tetrahedron_and_eight_the_square_antiprism(calm: list[Moment]) -> None:
+    energy_ratio, nearest_ratio, radius_error_m = shape(calm[-100:])
+    assert energy_ratio <= 1.002
+    assert nearest_ratio >= 0.97
+    assert radius_error_m < 0.05
+
+
+def test_they_do_so_on_noisy_estimates_too(noisy: list[Moment]) -> None:
+    energy_ratio, nearest_ratio, radius_error_m = shape(noisy[-400:])
+    assert energy_ratio <= 1.002
+    assert nearest_ratio >= 0.97
+    assert radius_error_m < 0.5
+
+
+def test_nobody_comes_inside_the_floor_on_the_way(calm: list[Moment]) -> None:
+    closest_m, violations = closest_m_and_violations(calm)
+    assert violations == 0
+    assert closest_m > SETTINGS.safety.floor.horizontal_m
+
+
+def test_nobody_comes_truly_inside_the_floor_when_estimates_are_wrong(noisy: list[Moment]) -> None:
+    assert closest_m_and_violations(noisy)[1] == 0
+
+
+def test_they_are_on_the_sphere_within_a_quarter_of_a_minute(calm: list[Moment]) -> None:
+    moment = calm[300]
+    radius_m = np.linalg.norm(moment.position_m - moment.center_m, axis=1)
+    assert np.abs(radius_m - moment.tick.memory.radius_m).max() < 0.5
+
+
+def test_nobody_flies_below_the_least_height(noisy: list[Moment]) -> None:
+    lowest_m = min(float(-moment.position_m[:, 2].max()) for moment in noisy)
+    assert lowest_m > SETTINGS.safety.fence.height_min_m
+
+
+def test_the_same_start_and_the_same_noise_give_the_same_flight() -> None:
+    first, second = (
+        Flight(4, Formation(8.0, 20.0), noise_scale=1.0, seed=3).run(2.0)[-1].position_m for _ in range(2)
+    )
+    assert first.tolist() == second.tolist()

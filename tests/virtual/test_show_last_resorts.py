@@ -1,0 +1,230 @@
+"""Nobody is left hovering: overtaken orders, refusals, vehicles that become ours late."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from virtual_show import Show, fly, refused, show_config
+
+from gcs.errors import RefusedError
+from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.links import Verb
+from gcs.plan import Obstacle
+from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.state import Mode
+from sim.modes import Mode as PilotMode
+
+pytestmark = pytest.mark.xdist_group("show-last-resorts")
+
+
+async def hold_overtaken_by_stop(show: Show) -> tuple[OrderRecord, ShowPhase, list[bool]]:
+    """HOLD is on its way to d1 when the whole show is ordered home."""
+    await show.start()
+    show.service.command_vehicle("d1", VehicleAction.HOLD)
+    await show.wait(0.02)
+    stopped = await show.settled(show.service.command_show(ShowAction.STOP), 120.0)
+    await show.reach(ShowPhase.LANDED)
+    return stopped, show.view.show, [vehicle.armed for vehicle in show.view.vehicles]
+
+
+def test_a_vehicle_whose_hold_was_overtaken_by_stop_comes_home_all_the_same() -> None:
+    stopped, phase, armed = fly(hold_overtaken_by_stop, show_config(3))
+    assert stopped.outcome is Outcome.DONE
+    assert (phase, armed) == (ShowPhase.LANDED, [False] * 3)
+
+
+async def hold_that_comes_late(show: Show) -> tuple[list[Phase], int]:
+    """An order to hold is refused, and its autopilot holds a while later nevertheless."""
+    await show.start()
+    show.link.refusing.add(("d1", Verb.HOLD))
+    held = await show.order("d1", VehicleAction.HOLD)
+    assert held.outcome is Outcome.FAILED
+    show.link.pilot("d1", PilotMode.HOLD)
+    await show.phase("d1", Phase.HOLD, 5.0)
+    began_s = show.now_s
+    await show.wait(2.0)
+    return show.track.phases("d1"), sum(setpoint.time_s > began_s for setpoint in show.link.sent["d1"])
+
+
+def test_a_hold_that_seemed_to_have_failed_is_noticed_when_it_comes_through() -> None:
+    phases, setpoints_after = fly(hold_that_comes_late, show_config(2))
+    assert phases[-2:] == [Phase.FORMATION, Phase.HOLD]
+    assert setpoints_after == 0
+
+
+class Refused(NamedTuple):
+    record: OrderRecord
+    verbs: list[Verb]
+    show: ShowPhase
+    armed: list[bool]
+
+
+async def offboard_refused_on_the_way_down(show: Show) -> Refused:
+    """d2 holds; when all are to come down its autopilot refuses OFFBOARD, again and again."""
+    await show.start()
+    await show.order("d2", VehicleAction.HOLD)
+    show.link.refusing.add(("d2", Verb.OFFBOARD))
+    began_s = show.now_s
+    record = await show.settled(show.service.command_show(ShowAction.ABORT), 120.0)
+    await show.reach(ShowPhase.LANDED)
+    verbs = [order.verb for order in show.link.orders["d2"] if order.time_s > began_s]
+    return Refused(record, verbs, show.view.show, [vehicle.armed for vehicle in show.view.vehicles])
+
+
+def test_where_offboard_stays_refused_the_autopilots_own_land_is_the_last_resort() -> None:
+    flight = fly(offboard_refused_on_the_way_down, show_config(3))
+    assert flight.verbs == [Verb.OFFBOARD] * 3 + [Verb.LAND]
+    assert flight.record.outcome is Outcome.DONE
+    assert (flight.show, flight.armed) == (ShowPhase.LANDED, [False] * 3)
+
+
+async def offboard_refused_after_the_climb(show: Show) -> OrderRecord:
+    """d2 climbs, and then its autopilot refuses OFFBOARD: the others assemble without it."""
+    await show.standby()
+    show.link.refusing.add(("d2", Verb.OFFBOARD))
+    record = show.service.command_show(ShowAction.START)
+    await show.reach(ShowPhase.RUNNING, 90.0)
+    assert show.vehicle("d2").phase is Phase.HOLD
+    return await show.settled(record)
+
+
+def test_a_vehicle_that_cannot_join_after_the_climb_is_a_failure_of_the_start() -> None:
+    record = fly(offboard_refused_after_the_climb, show_config(3))
+    assert record.outcomes["d1"].outcome is Outcome.DONE
+    assert record.outcomes["d2"].outcome is Outcome.FAILED
+    assert "offboard refused" in record.outcomes["d2"].reason
+
+
+class HandedBack(NamedTuple):
+    taken: ShowPhase
+    given_back: ShowPhase
+    refusal: type[Exception]
+    landed: ShowPhase
+    armed: list[bool]
+
+
+async def all_taken_over_then_handed_back(show: Show) -> HandedBack:
+    """Pilots take both vehicles, and so the show is over; then one is handed back."""
+    await show.start()
+    for name in ("d1", "d2"):
+        show.link.pilot(name, PilotMode.HOLD)
+        await show.phase(name, Phase.PILOT)
+    await show.wait(1.0)
+    taken = show.view.show
+    await show.order("d1", VehicleAction.HAND_BACK)
+    await show.wait(0.2)
+    given_back = show.view.show
+    turned_down = await refused(show, lambda: show.service.command_show(ShowAction.START))
+    await show.settled(show.service.command_show(ShowAction.ABORT), 120.0)
+    await show.reach(ShowPhase.LANDED)
+    return HandedBack(
+        taken, given_back, turned_down.kind, show.view.show, [vehicle.armed for vehicle in show.view.vehicles]
+    )
+
+
+def test_a_vehicle_handed_back_after_the_show_can_still_be_brought_down() -> None:
+    flight = fly(all_taken_over_then_handed_back, show_config(2))
+    assert flight.taken is ShowPhase.LANDED, "nobody in the air was ours"
+    assert flight.given_back is ShowPhase.PAUSED, "one is: the show is not over"
+    assert flight.refusal is RefusedError
+    assert (flight.landed, flight.armed) == (ShowPhase.LANDED, [False, True])
+
+
+async def stop_again_and_again(show: Show) -> list[OrderRecord]:
+    """Stop, abort, abort and stop while all are on their way down."""
+    await show.start()
+    records = []
+    for action in (ShowAction.STOP, ShowAction.ABORT, ShowAction.ABORT, ShowAction.STOP):
+        records.append(show.service.command_show(action))
+        await show.wait(3.0)
+    await show.reach(ShowPhase.LANDED, 120.0)
+    await show.wait(0.2)
+    assert show.floor_violations() == 0
+    return [show.service.order(record.id) for record in records]
+
+
+def test_coming_home_and_coming_down_can_be_ordered_at_any_time_in_the_air() -> None:
+    *replaced, last = fly(stop_again_and_again, show_config(3))
+    assert [record.outcome for record in replaced] == [Outcome.FAILED] * 3
+    assert last.outcome is Outcome.DONE
+
+
+async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
+    """A lost vehicle is heard again and refuses HOLD for ever; the others come home meanwhile."""
+    await show.start()
+    show.link.refusing.add(("d2", Verb.HOLD))
+    show.link.silence("d2")
+    await show.phase("d2", Phase.LOST)
+    show.link.restore("d2")
+    await show.settled(show.service.command_show(ShowAction.STOP), 120.0)
+    await show.reach(ShowPhase.LANDED)
+    attempts = sum(order.verb is Verb.HOLD for order in show.link.orders["d2"])
+    next_order = show.service.command_vehicle("d1", VehicleAction.KILL).id
+    return show.view.show, attempts, next_order
+
+
+def test_one_vehicle_that_never_obeys_does_not_keep_the_show_from_ending() -> None:
+    phase, attempts, next_order = fly(
+        refuses_to_hold_when_lost, show_config(3), parameters={"COM_OBL_RC_ACT": 5}
+    )
+    assert phase is ShowPhase.LANDED
+    assert 3 <= attempts <= 20, "now and then, not without pause"
+    assert next_order == "o3", "what the service does by itself is no order of anybody's"
+
+
+async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
+    """The service has no record of where a vehicle started: as after a restart."""
+    await show.start()
+    vehicle = show.service._flight.vehicles["d1"]
+    show.link.pilot("d1", PilotMode.HOLD)
+    await show.phase("d1", Phase.PILOT)
+    vehicle.home_m = None
+    await show.order("d1", VehicleAction.HAND_BACK)
+    turned_down = await refused(show, lambda: show.service.command_vehicle("d1", VehicleAction.RETURN))
+    await show.settled(show.service.command_show(ShowAction.STOP), 120.0)
+    await show.reach(ShowPhase.LANDED)
+    assert not any(seen.phase in AIRBORNE for seen in show.view.vehicles)
+    return turned_down.text, [seen.armed for seen in show.view.vehicles]
+
+
+def test_a_vehicle_whose_start_is_unknown_lands_where_it_is() -> None:
+    text, armed = fly(found_in_the_air, show_config(2))
+    assert text == "d1 cannot return: where it started is not known; use land"
+    assert armed == [False, False]
+
+
+async def turn_comes_late(show: Show) -> OrderRecord:
+    """While d1 climbs, d2's position freezes: its turn comes when it may no longer fly."""
+    await show.standby()
+    record = show.service.command_show(ShowAction.START)
+    show.link.silence("d2", up=False)
+    await show.reach(ShowPhase.ASSEMBLING)
+    assert Mode.TAKEOFF not in {seen.mode for seen in show.track.of("d2")}
+    assert not np.any([moment.armed[1] for moment in show.track.moments])
+    return await show.settled(record)
+
+
+def test_a_vehicle_is_checked_again_when_its_turn_to_take_off_comes() -> None:
+    record = fly(turn_comes_late, show_config(2))
+    assert record.outcomes["d1"].outcome is Outcome.DONE
+    assert record.outcomes["d2"].outcome is Outcome.FAILED
+    assert "no position for" in record.outcomes["d2"].reason
+
+
+async def obstacle_on_a_landing_place(show: Show) -> tuple[str, int]:
+    """While all come down where they are, somebody adds a box under one of them."""
+    await show.start()
+    record = show.service.command_show(ShowAction.ABORT)
+    await show.wait(2.0)
+    goal_m = show.service._flight.vehicles["d1"].goal_m
+    assert goal_m is not None
+    box = Obstacle("box", float(goal_m[0]), float(goal_m[1]), 0.5, 0.5, 1.0)
+    turned_down = await refused(show, lambda: show.service.add_obstacle(box))
+    await show.settled(record, 120.0)
+    return turned_down.text, show.floor_violations()
+
+
+def test_nothing_may_be_put_where_a_vehicle_comes_down() -> None:
+    text, violations = fly(obstacle_on_a_landing_place, show_config(2))
+    assert "would stand on the landing place of d1" in text
+    assert violations == 0

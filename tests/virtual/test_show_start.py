@@ -1,0 +1,233 @@
+"""Who may take off, who may not and why, and what happens when one of them does not get up."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from virtual_show import Refusal, Show, Track, fly, refused, show_config
+
+from gcs.errors import GcsError, InvalidError, RefusedError, UnknownError
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.plan import Formation, Obstacle
+from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from sim.commander import Commander
+
+pytestmark = pytest.mark.xdist_group("show-start")
+
+
+def start_of(*names: str) -> Callable[[Show], Callable[[], OrderRecord]]:
+    """A request to start with these vehicles, or with all."""
+    return lambda show: lambda: show.service.command_show(ShowAction.START, names or None)
+
+
+async def too_early(show: Show) -> tuple[Refusal, Refusal, Refusal]:
+    """Without a position; then with one, but still starting up; then with an old one."""
+    await show.until(lambda: all(np.isfinite(seen.heartbeat_age_s or np.nan) for seen in show.view.vehicles))
+    no_position = await refused(show, start_of()(show))
+    await show.until(lambda: all(seen.phase is Phase.STANDBY for seen in show.view.vehicles))
+    not_ready = await refused(show, start_of()(show))
+    await show.standby()
+    show.link.silence("d2")
+    await show.wait(0.8)
+    return no_position, not_ready, await refused(show, start_of()(show))
+
+
+def test_start_is_refused_while_a_vehicle_has_no_fresh_position_or_does_not_pass_its_checks() -> None:
+    no_position, not_ready, old_position = fly(too_early, show_config(2))
+    for refusal in (no_position, not_ready, old_position):
+        assert refusal.kind is RefusedError
+        assert refusal.plan_kept
+    assert no_position.text == "no vehicle is online"
+    assert "does not yet pass its own arming checks" in not_ready.text
+    assert old_position.text.startswith("d2: no position for ")
+    assert "d1" not in old_position.text
+
+
+async def several_faults(show: Show) -> Refusal:
+    await show.standby()
+    show.link.autopilot("d1").battery.remaining = 0.2
+    show.link.conflicts["d2"] = "system id 2 at 10.0.0.2:14550 and at 10.0.0.9:14550"
+    await show.wait(2.5)
+    return await refused(show, start_of()(show))
+
+
+def test_start_is_refused_naming_every_vehicle_that_has_a_fault_and_what_it_is() -> None:
+    refusal = fly(several_faults, spacing_m=2.0, noise_scale=0.2)
+    assert refusal.kind is RefusedError
+    assert "d1: battery at 20%, at least 25% is needed" in refusal.text
+    assert "d2: system id 2 at 10.0.0.2:14550 and at 10.0.0.9:14550" in refusal.text
+    for one, other in (("d1", "d2"), ("d1", "d3"), ("d2", "d4"), ("d3", "d4")):
+        assert f"{one}: stands " in refusal.text
+        assert f"m from {other}, at least 3 m is needed" in refusal.text
+    assert refusal.plan_kept
+
+
+async def odd_choices(show: Show) -> dict[str, Refusal]:
+    show.link.silence("d4")
+    await show.standby()
+    x_m, y_m, _ = show.true_m[1].tolist()
+    tower = Obstacle("tower", x_m, y_m, 0.5, 0.5, 10.0)
+    found = {
+        "offline": await refused(show, start_of("d1", "d4")(show)),
+        "unknown": await refused(show, start_of("d1", "d7")(show)),
+        "stop": await refused(show, lambda: show.service.command_show(ShowAction.STOP)),
+        "abort": await refused(show, lambda: show.service.command_show(ShowAction.ABORT)),
+        "pause": await refused(show, lambda: show.service.command_show(ShowAction.PAUSE)),
+    }
+    show.service.set_formation(Formation(2.5, 14.0))
+    found["radius"] = await refused(show, start_of("d1", "d2", "d3")(show))
+    show.service.set_formation(Formation(6.0, 14.0))
+    show.service.add_obstacle(tower)
+    found["pad"] = await refused(show, start_of()(show))
+    show.link.silence(*show.config.ids)
+    await show.until(lambda: all(seen.phase is Phase.OFFLINE for seen in show.view.vehicles))
+    found["nobody"] = await refused(show, start_of()(show))
+    return found
+
+
+@pytest.fixture(scope="module")
+def odd() -> dict[str, Refusal]:
+    return fly(odd_choices)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "says"),
+    [
+        ("offline", RefusedError, "d4 is offline"),
+        ("unknown", UnknownError, "there is no vehicle d7; there are d1, d2, d3, d4"),
+        ("stop", RefusedError, "not possible while the show is idle"),
+        ("abort", RefusedError, "not possible while the show is idle"),
+        ("pause", RefusedError, "it is from assembling, running"),
+        ("radius", InvalidError, "at least 2.6 m for 3 vehicles"),
+        ("pad", RefusedError, "d2"),
+        ("nobody", RefusedError, "no vehicle is online"),
+    ],
+)
+def test_a_start_that_cannot_be_is_refused_with_its_reason(
+    odd: dict[str, Refusal], name: str, kind: type[GcsError], says: str
+) -> None:
+    assert odd[name].kind is kind
+    assert says in odd[name].text
+    assert odd[name].plan_kept
+
+
+class Start(NamedTuple):
+    track: Track
+    started: OrderRecord
+    running: bool
+
+
+async def chosen_only(show: Show) -> Start:
+    await show.standby()
+    record = show.service.command_show(ShowAction.START, ["d1", "d3"])
+    await show.reach(ShowPhase.RUNNING)
+    return Start(show.track, show.service.order(record.id), running=True)
+
+
+def test_only_the_chosen_take_off_and_the_others_are_named() -> None:
+    start = fly(chosen_only, show_config(3))
+    outcomes = start.started.outcomes
+    assert {outcomes[name].outcome for name in ("d1", "d3")} == {Outcome.DONE}
+    assert outcomes["d2"].outcome is Outcome.NOT_INCLUDED
+    assert outcomes["d2"].reason == "not chosen"
+    assert -start.track.true_m[:, 1, 2].min() < 0.1
+
+
+def does_not_arm(show: Show) -> None:
+    """A sensor fails between the check and the vehicle's turn."""
+    commander: Commander = show.link.autopilot("d2").commander
+    commander._ready_at_s = np.inf
+
+
+def does_not_climb(show: Show) -> None:
+    """It arms, and demands no more than a hover."""
+    show.link.autopilot("d2").parameters.set("MPC_TKO_SPEED", 0.1)
+
+
+def falls_silent(show: Show) -> None:
+    """It hears nothing of its turn, and is not heard."""
+    show.link.silence("d2")
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        (does_not_arm, "d2: its autopilot does not yet pass its own arming checks"),
+        (does_not_climb, "d2 is standby now"),
+        (falls_silent, "d2: no position for 1."),
+    ],
+)
+def test_one_that_does_not_get_up_is_told_to_have_failed_and_the_others_fly(
+    fault: Callable[[Show], Any], says: str
+) -> None:
+    async def story(show: Show) -> Start:
+        await show.standby()
+        record = show.service.command_show(ShowAction.START)
+        fault(show)
+        await show.reach(ShowPhase.RUNNING)
+        return Start(show.track, show.service.order(record.id), running=True)
+
+    start = fly(story, show_config(3))
+    outcomes = start.started.outcomes
+    assert {outcomes[name].outcome for name in ("d1", "d3")} == {Outcome.DONE}
+    assert outcomes["d2"].outcome is Outcome.FAILED
+    assert says in outcomes["d2"].reason
+    assert start.track.of("d2")[-1].phase in {Phase.STANDBY, Phase.OFFLINE}
+    assert [seen.phase for seen in start.track.moments[-1].view.vehicles][::2] == [Phase.FORMATION] * 2
+
+
+async def nobody_gets_up(show: Show) -> Start:
+    await show.standby()
+    record = show.service.command_show(ShowAction.START)
+    for pilot in show.fleet.autopilots:
+        pilot.commander._ready_at_s = np.inf
+    await show.reach(ShowPhase.LANDED)
+    await show.wait(0.1)
+    return Start(show.track, show.service.order(record.id), running=False)
+
+
+def test_a_show_in_which_nobody_gets_up_is_over() -> None:
+    start = fly(nobody_gets_up, show_config(2))
+    assert start.started.outcome is Outcome.FAILED
+    assert start.track.moments[-1].view.reason == "nobody took off"
+
+
+class Arming(NamedTuple):
+    too_small: Refusal
+    on_a_pad: Refusal
+    held: OrderRecord
+    phase: Phase
+
+
+async def changes_on_the_way_up(show: Show) -> Arming:
+    """One is up and holds, the second climbs, the others wait on their pads."""
+    await show.standby()
+    show.service.command_show(ShowAction.START)
+    await show.phase("d1", Phase.TAKEOFF)
+    pad_m = show.true_m[3]
+    crate = Obstacle("crate", float(pad_m[0]), float(pad_m[1]), 0.5, 0.5, 1.0)
+    too_small = await refused(show, lambda: show.service.set_formation(Formation(2.0, 14.0)))
+    on_a_pad = await refused(show, lambda: show.service.add_obstacle(crate))
+    held = await show.order("d1", VehicleAction.HOLD)
+    return Arming(too_small, on_a_pad, held, show.vehicle("d1").phase)
+
+
+@pytest.fixture(scope="module")
+def arming() -> Arming:
+    return fly(changes_on_the_way_up, show_config(4, operation={"takeoff_stagger_s": 4.0}))
+
+
+def test_those_who_wait_for_their_turn_count_for_the_smallest_radius(arming: Arming) -> None:
+    assert arming.too_small.kind is InvalidError
+    assert "for 4 vehicles" in arming.too_small.text
+
+
+def test_the_pad_of_one_that_waits_for_its_turn_is_kept_free(arming: Arming) -> None:
+    assert arming.on_a_pad.kind is RefusedError
+    assert "d4" in arming.on_a_pad.text
+
+
+def test_a_climb_can_be_stopped_in_hold(arming: Arming) -> None:
+    assert arming.held.outcome is Outcome.DONE
+    assert arming.phase is Phase.HOLD

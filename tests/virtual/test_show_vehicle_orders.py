@@ -1,0 +1,195 @@
+"""Orders to one vehicle of a show that flies, and those that are refused."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from virtual_show import JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
+
+from gcs.errors import RefusedError, UnknownError
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.plan import Formation
+from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.state import Array, Mode, VehicleId
+
+pytestmark = pytest.mark.xdist_group("show-orders")
+
+HOLD, JOIN, RETURN, LAND, KILL, HAND_BACK, CONFIRM_DOWN = (
+    VehicleAction.HOLD,
+    VehicleAction.JOIN,
+    VehicleAction.RETURN,
+    VehicleAction.LAND,
+    VehicleAction.KILL,
+    VehicleAction.HAND_BACK,
+    VehicleAction.CONFIRM_DOWN,
+)
+
+
+class Flight(NamedTuple):
+    track: Track
+    records: dict[str, OrderRecord]
+    held: Track
+    sent_in_hold: int
+    joined: Track
+    landed_from_m: Array
+    landed_at_m: Array
+    refusals: dict[str, Refusal]
+    floor_violations: int
+
+
+async def orders(show: Show) -> Flight:
+    service, records, turned_down = show.service, {}, {}
+
+    async def try_all(when: str, name: VehicleId, *actions: VehicleAction) -> None:
+        for action in actions:
+            refusal = await refused(show, lambda: service.command_vehicle(name, action))  # noqa: B023
+            turned_down[f"{when}: {action}"] = refusal
+
+    await show.standby()
+    await try_all("standby", "d1", HOLD, JOIN, RETURN, LAND, HAND_BACK, CONFIRM_DOWN)
+    await show.start()
+    await show.wait(2.0)
+    await try_all("formation", "d1", JOIN, HAND_BACK, CONFIRM_DOWN)
+    await try_all("unknown", "d9", HOLD, KILL)
+
+    records["hold"] = await show.order("d1", HOLD)
+    began_s = show.now_s
+    await show.wait(5.0)
+    held = show.track.between(began_s + 3.0)
+    sent_in_hold = sum(setpoint.time_s > began_s for setpoint in show.link.sent["d1"])
+    records["hold again"] = await show.order("d1", HOLD)
+    began_s = show.now_s
+    records["join"] = await show.order("d1", JOIN)
+    await show.wait(6.0)
+    joined = show.track.between(began_s)
+
+    landed_from_m = show.true_m[2].copy()
+    service.command_vehicle("d2", RETURN)
+    landing = service.command_vehicle("d3", LAND)
+    await show.phase("d2", Phase.RETURN)
+    records["return again"] = await show.order("d2", RETURN)
+    records["land"] = await show.settled(landing)
+    landed_at_m = show.true_m[2].copy()
+    await try_all("landed", "d3", JOIN)
+    service.command_show(ShowAction.STOP)
+    await show.phase("d1", Phase.RETURN)
+    await try_all("returning", "d1", JOIN)
+    await show.reach(ShowPhase.LANDED)
+    return Flight(
+        show.track,
+        records,
+        held,
+        sent_in_hold,
+        joined,
+        landed_from_m,
+        landed_at_m,
+        turned_down,
+        show.floor_violations(),
+    )
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return fly(orders, show_config(3))
+
+
+def test_every_order_is_done(flight: Flight) -> None:
+    assert {name: record.outcome for name, record in flight.records.items()} == dict.fromkeys(
+        flight.records, Outcome.DONE
+    )
+
+
+def test_a_vehicle_on_hold_stays_where_it_is_and_is_sent_nothing(flight: Flight) -> None:
+    seen = flight.held.of("d1")
+    assert {view.phase for view in seen} == {Phase.HOLD}
+    assert {view.mode for view in seen} == {Mode.HOLD}
+    assert flight.sent_in_hold == 0
+    strayed_m = np.linalg.norm(flight.held.true_m[:, 0] - flight.held.true_m[0, 0], axis=1)
+    assert strayed_m.max() < 1.5
+
+
+def test_a_vehicle_joins_again_without_a_jump(flight: Flight) -> None:
+    assert flight.joined.phases("d1") == [Phase.HOLD, Phase.FORMATION]
+    assert flight.joined.hardest_change_m_s() < JUMP_M_S
+
+
+def test_return_lands_a_vehicle_on_its_own_start_while_the_others_fly_on(flight: Flight) -> None:
+    off_m = np.hypot(*(flight.track.true_m[-1, 1] - flight.track.true_m[0, 1])[:2])
+    assert off_m < 1.5
+    assert Phase.RETURN in flight.track.phases("d2")
+
+
+def test_land_brings_a_vehicle_down_where_it_is(flight: Flight) -> None:
+    assert np.hypot(*(flight.landed_at_m - flight.landed_from_m)[:2]) < 2.5
+    assert flight.landed_at_m[2] == pytest.approx(0.0, abs=0.05)
+
+
+def test_nobody_is_ever_truly_inside_the_floor_whatever_is_ordered(flight: Flight) -> None:
+    assert flight.floor_violations == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "possible"),
+    [
+        ("standby: hold", "it is from formation, landing, lost, return, takeoff"),
+        ("standby: join", "it is from hold"),
+        ("standby: return", "it is from formation, hold, landing"),
+        ("standby: land", "it is from formation, hold, return, takeoff"),
+        ("standby: hand-back", "it is from pilot"),
+        ("standby: confirm-down", "it is from killed, lost"),
+        ("formation: join", "it is from hold"),
+        ("formation: hand-back", "it is from pilot"),
+        ("formation: confirm-down", "it is from killed, lost"),
+        ("landed: join", "it is from hold"),
+        ("returning: join", "it is from hold"),
+    ],
+)
+def test_an_order_in_the_wrong_phase_is_refused_naming_the_phases_in_which_it_is_possible(
+    flight: Flight, name: str, possible: str
+) -> None:
+    refusal = flight.refusals[name]
+    assert refusal.kind is RefusedError
+    assert possible in refusal.text
+    assert refusal.plan_kept
+
+
+@pytest.mark.parametrize("name", ["unknown: hold", "unknown: kill"])
+def test_an_order_to_a_vehicle_that_does_not_exist_names_those_that_do(flight: Flight, name: str) -> None:
+    refusal = flight.refusals[name]
+    assert refusal.kind is UnknownError
+    assert refusal.text == "there is no vehicle d9; there are d1, d2, d3"
+
+
+async def no_room(show: Show) -> tuple[Refusal, OrderRecord]:
+    """The sphere shrinks while one is out of our hands; then it wants to come back."""
+    await show.start()
+    show.link.silence("d4")
+    await show.phase("d4", Phase.LOST)
+    show.service.set_formation(Formation(2.7, 14.0))
+    show.link.restore("d4")
+    await show.phase("d4", Phase.HOLD)
+    refusal = await refused(show, lambda: show.service.command_vehicle("d4", JOIN))
+    show.service.set_formation(Formation(3.0, 14.0))
+    return refusal, await show.order("d4", JOIN)
+
+
+def test_joining_a_sphere_too_small_for_one_more_is_refused_with_the_radius_that_would_do() -> None:
+    refusal, joined = fly(no_room, parameters={"COM_OBL_RC_ACT": 5})
+    assert refusal.kind is RefusedError
+    assert "at least 3.0 m for 4 vehicles" in refusal.text
+    assert joined.outcome is Outcome.DONE
+
+
+async def join_without_a_show(show: Show) -> Refusal:
+    await show.start()
+    await show.order("d1", HOLD)
+    show.service.command_show(ShowAction.STOP)
+    await show.phase("d1", Phase.RETURN)
+    await show.order("d1", HOLD)
+    return await refused(show, lambda: show.service.command_vehicle("d1", JOIN))
+
+
+def test_joining_is_refused_while_the_show_returns() -> None:
+    refusal = fly(join_without_a_show, show_config(3))
+    assert refusal.kind is RefusedError
+    assert refusal.text == "d1 has no formation to join: the show is returning"

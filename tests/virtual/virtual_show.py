@@ -1,0 +1,302 @@
+"""Flies a show in virtual time: the real orchestrator, a loopback link, the fake fleet, and a recorder."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar
+
+import async_solipsism
+import numpy as np
+from loopback_link import LoopbackLink, system_ids
+
+from gcs.config import Config
+from gcs.errors import GcsError, LinkError
+from gcs.formation.obstacles import Ellipse
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.links import Link
+from gcs.orchestrator import Orchestrator
+from gcs.safety.separation import minimum_separation
+from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleView
+from gcs.state import Array, VehicleId
+from sim.fleet import Fleet, Settings
+
+T = TypeVar("T")
+
+HEADING_DEG = 30.0
+TAKEOFF_HEIGHT_M = 5.0
+RADIUS_M, HEIGHT_M = 6.0, 14.0
+TARGET_M = (3.0, 1.0)
+JUMP_M_S = 1.5
+"""What two successive setpoints may differ by: 1.0 when the centre's acceleration reverses (0.5 s of lead),
+0.375 of wanted change (3 m/s^2 for 0.05 s, 2.5 times through the inner loop), and noise.
+"""
+ORIGIN = {"latitude_deg": 47.397742, "longitude_deg": 8.545594, "altitude_amsl_m": 488.0}
+
+
+def show_config(count: int, **sections: Mapping[str, Any]) -> Config:
+    """A small show for `count` vehicles d1, d2 ...; `sections` are added to those of the same name."""
+    raw: dict[str, Any] = {
+        "show_frame": {**ORIGIN, "heading_deg": HEADING_DEG},
+        "links": [{"name": "loop", "listen": "udpin://127.0.0.1:14540", "vehicles": {"count": count}}],
+        "formation": {"radius_m": RADIUS_M, "height_m": HEIGHT_M},
+        "target": {"x_m": TARGET_M[0], "y_m": TARGET_M[1]},
+        "operation": {"takeoff_height_m": TAKEOFF_HEIGHT_M, "takeoff_stagger_s": 1.0},
+    }
+    for name, section in sections.items():
+        raw[name] = {**raw.get(name, {}), **section}
+    return Config.model_validate(raw)
+
+
+class Moment(NamedTuple):
+    """One tick: what the service believes, and what is true."""
+
+    view: FleetView
+    true_m: Array  # (n, 3) show frame
+    armed: tuple[bool, ...]
+
+    @property
+    def time_s(self) -> float:
+        """Of the tick."""
+        return self.view.time_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """A stretch of a flight, tick by tick."""
+
+    moments: tuple[Moment, ...]
+    ids: tuple[VehicleId, ...]
+
+    def between(self, begin_s: float, end_s: float = np.inf) -> "Track":
+        """The ticks from `begin_s` to `end_s`."""
+        inside = (moment for moment in self.moments if begin_s <= moment.time_s <= end_s)
+        return Track(tuple(inside), self.ids)
+
+    def of(self, vehicle_id: VehicleId) -> list[VehicleView]:
+        """One vehicle, as believed."""
+        row = self.ids.index(vehicle_id)
+        return [moment.view.vehicles[row] for moment in self.moments]
+
+    @property
+    def time_s(self) -> Array:
+        """(k,) of every tick."""
+        return np.array([moment.time_s for moment in self.moments])
+
+    @property
+    def true_m(self) -> Array:
+        """(k, n, 3) true positions, show frame."""
+        return np.array([moment.true_m for moment in self.moments])
+
+    @property
+    def setpoint_m_s(self) -> Array:
+        """(k, n, 3) as decided, NaN where none was."""
+        nothing = (np.nan, np.nan, np.nan)
+        return np.array(
+            [[seen.setpoint_m_s or nothing for seen in moment.view.vehicles] for moment in self.moments]
+        )
+
+    def phases(self, vehicle_id: VehicleId) -> list[Phase]:
+        """One vehicle's phases, each change once."""
+        seen = [view.phase for view in self.of(vehicle_id)]
+        return [phase for at, phase in enumerate(seen) if at == 0 or phase is not seen[at - 1]]
+
+    def show_phases(self) -> list[ShowPhase]:
+        """The show's phases, each change once."""
+        seen = [moment.view.show for moment in self.moments]
+        return [phase for at, phase in enumerate(seen) if at == 0 or phase is not seen[at - 1]]
+
+    def since(self, vehicle_id: VehicleId, phase: Phase) -> float:
+        """When the vehicle was first in `phase`."""
+        row = self.ids.index(vehicle_id)
+        return next(moment.time_s for moment in self.moments if moment.view.vehicles[row].phase is phase)
+
+    def hardest_change_m_s(self) -> float:
+        """The largest step between two setpoints of one vehicle in successive ticks."""
+        steps = np.linalg.norm(np.diff(self.setpoint_m_s, axis=0), axis=2)
+        return float(np.nanmax(steps))
+
+    def setpoints_per_s(self, vehicle_id: VehicleId) -> float:
+        """How often the vehicle was commanded."""
+        commanded = sum(seen.setpoint_m_s is not None for seen in self.of(vehicle_id))
+        period_s = float(self.time_s[-1] - self.time_s[0]) / (len(self.moments) - 1)
+        return commanded / (len(self.moments) * period_s)
+
+
+class Show:
+    """A running service and its fake fleet, for a story to play with."""
+
+    def __init__(self, config: Config, fleet: Fleet, link: LoopbackLink, service: Orchestrator) -> None:
+        self.config = config
+        self.fleet = fleet
+        self.link = link
+        self.service = service
+        self._moments: list[Moment] = []
+
+    @property
+    def now_s(self) -> float:
+        """The loop's time."""
+        return asyncio.get_running_loop().time()
+
+    @property
+    def view(self) -> FleetView:
+        """Newest state."""
+        return self.service.view.value
+
+    @property
+    def track(self) -> Track:
+        """Everything so far."""
+        return Track(tuple(self._moments), self.config.ids)
+
+    @property
+    def true_m(self) -> Array:
+        """(n, 3) true positions now, show frame."""
+        return self.service.frame.from_ned(self.fleet.bodies.position_m)
+
+    def vehicle(self, vehicle_id: VehicleId) -> VehicleView:
+        """One vehicle, as believed."""
+        return self.view.vehicles[self.config.ids.index(vehicle_id)]
+
+    async def record(self) -> None:
+        """Note every tick until cancelled."""
+        async for view in self.service.view.values():
+            armed = tuple(pilot.commander.armed for pilot in self.fleet.autopilots)
+            self._moments.append(Moment(view, self.true_m, armed))
+
+    async def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        await asyncio.sleep(seconds)
+
+    async def until(self, holds: Callable[[], bool], limit_s: float = 60.0) -> float:
+        """Wait for a tick at which `holds`. Returns: how long it took. Raises: TimeoutError, saying more."""
+        began_s = self.now_s
+        async for _ in self.service.view.values():
+            if holds():
+                break
+            if self.now_s - began_s > limit_s:
+                states = ", ".join(f"{seen.id} {seen.phase} ({seen.reason})" for seen in self.view.vehicles)
+                raise TimeoutError(f"not within {limit_s} s: show {self.view.show}; {states}")
+        return self.now_s - began_s
+
+    async def reach(self, phase: ShowPhase, limit_s: float = 60.0) -> float:
+        """Wait for a phase of the show."""
+        return await self.until(lambda: self.view.show is phase, limit_s)
+
+    async def phase(self, vehicle_id: VehicleId, phase: Phase, limit_s: float = 60.0) -> float:
+        """Wait for a phase of a vehicle."""
+        return await self.until(lambda: self.vehicle(vehicle_id).phase is phase, limit_s)
+
+    async def settled(self, record: OrderRecord, limit_s: float = 90.0) -> OrderRecord:
+        """Wait until nothing of an order is pending."""
+        await self.until(lambda: self.service.order(record.id).outcome is not Outcome.PENDING, limit_s)
+        return self.service.order(record.id)
+
+    async def standby(self) -> None:
+        """Wait until everybody that is not cut off can be armed."""
+        await self.until(
+            lambda: all(seen.ready or self.link.is_silent(seen.id) for seen in self.view.vehicles), 12.0
+        )
+
+    async def start(self) -> OrderRecord:
+        """Boot, start, and wait until the sphere stands."""
+        await self.standby()
+        record = self.service.command_show(ShowAction.START)
+        await self.reach(ShowPhase.RUNNING)
+        return record
+
+    async def show(self, action: ShowAction) -> OrderRecord:
+        """Order the show, and wait until it is carried out."""
+        return await self.settled(self.service.command_show(action))
+
+    async def order(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
+        """Order one vehicle, and wait until it has done it."""
+        return await self.settled(self.service.command_vehicle(vehicle_id, action))
+
+    def floor_violations(self, track: Track | None = None) -> int:
+        """Ticks at which a pair was truly inside the floor; pairs low over their pads do not count."""
+        floor, everybody = self.config.control.safety.floor, np.ones(len(self.config.ids), dtype=np.bool_)
+        true_m = (self.track if track is None else track).true_m
+        return sum(minimum_separation(here_m, everybody, floor)[1] > 0 for here_m in true_m)
+
+    def ellipse(self, obstacle_id: str) -> Ellipse:
+        """An obstacle of the plan, without the law's margins."""
+        box = next(known for known in self.view.plan.obstacles if known.id == obstacle_id)
+        return Ellipse.around(box, margin_m=0.0, headroom_m=0.0)
+
+
+class Refusal(NamedTuple):
+    """How a request was turned down, and what it changed (which should be nothing)."""
+
+    kind: type[GcsError]
+    text: str
+    plan_kept: bool
+
+
+async def refused(show: Show, request: Callable[[], object]) -> Refusal:
+    """Make a request that must be turned down, and compare the plan before and after."""
+    await show.wait(2.0 / show.config.tick_rate_hz)
+    before = show.view
+    try:
+        request()
+    except GcsError as error:
+        await show.wait(2.0 / show.config.tick_rate_hz)
+        kept = show.view.plan == before.plan and show.view.show is before.show
+        return Refusal(type(error), str(error), kept)
+    raise AssertionError("it was accepted")
+
+
+Story = Callable[[Show], Awaitable[T]]
+
+
+def run_virtual(story: Callable[[], Awaitable[T]]) -> T:
+    """Run on a loop whose clock jumps to whatever comes next."""
+
+    async def main() -> T:
+        return await story()
+
+    with asyncio.Runner(loop_factory=async_solipsism.EventLoop) as runner:
+        return runner.run(main())
+
+
+def fly(
+    story: Story[T],
+    config: Config | None = None,
+    *,
+    failures: Sequence[LinkError] = (),
+    **fleet_settings: Any,
+) -> T:
+    """Play `story` with a running service; control's own errors end it.
+
+    Args:
+        story: what happens, in virtual time.
+        config: four vehicles without one.
+        failures: of the link, before it first runs.
+        fleet_settings: of `sim.fleet.Settings`.
+    """
+    plan = show_config(4) if config is None else config
+
+    async def main() -> T:
+        loop = asyncio.get_running_loop()
+        fleet = Fleet(
+            Settings(**{"count": len(plan.ids), "grid_columns": 2, **fleet_settings}), start_s=loop.time()
+        )
+        link = LoopbackLink("loop", system_ids(plan.ids), fleet, plan.frame, deadman_s=plan.deadman_s)
+        link.failures.extend(failures)
+        links: list[Link] = [link]
+        show = Show(plan, fleet, link, Orchestrator(plan, links))
+        services = {
+            asyncio.create_task(show.service.run(), name="service"),
+            asyncio.create_task(show.record(), name="record"),
+        }
+        await show.wait(0.0)
+        told = asyncio.ensure_future(story(show))
+        try:
+            ended, _ = await asyncio.wait({*services, told}, return_when=asyncio.FIRST_COMPLETED)
+            for service in ended & services:
+                await service  # raises what ended it
+            return await told
+        finally:
+            for task in {*services, told}:
+                task.cancel()
+            await asyncio.gather(*services, told, return_exceptions=True)
+
+    return run_virtual(main)

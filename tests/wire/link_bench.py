@@ -1,0 +1,94 @@
+"""A MavsdkLink that runs, and a control loop for it, as the tests of this directory need them."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+
+import numpy as np
+
+from gcs.frames import ShowFrame
+from gcs.links import Order, Verb
+from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.wire import Listen
+from gcs.state import Setpoints
+
+PERIOD_S = 0.05
+VELOCITY_M_S = (1.0, 0.5, -0.25)
+
+
+def a_link(
+    first_port: int, system_ids: Sequence[int], *, port_count: int = 1, heading_deg: float = 0.0
+) -> MavsdkLink:
+    """Vehicle "v3" has system id 3."""
+    return MavsdkLink(
+        "bench",
+        {f"v{system_id}": system_id for system_id in system_ids},
+        Listen("127.0.0.1", first_port, port_count),
+        ShowFrame(47.4, 8.5, 500.0, heading_deg),
+    )
+
+
+@asynccontextmanager
+async def running(link: MavsdkLink) -> AsyncIterator[None]:
+    """Run the link until the block ends."""
+    task = asyncio.create_task(link.run(), name="link")
+    try:
+        yield
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+
+async def until(true: Callable[[], object], timeout_s: float = 10.0) -> None:
+    """Wait for something to become true."""
+    async with asyncio.timeout(timeout_s):
+        while not true():  # noqa: ASYNC110  what is awaited happens in other threads and processes
+            await asyncio.sleep(0.01)
+
+
+async def ready(link: MavsdkLink) -> None:
+    """Until every vehicle says that it can be armed."""
+    await until(lambda: all(link.snapshot().ready))
+
+
+async def do(link: MavsdkLink, verb: Verb, *vehicle_ids: str, height_m: float = 0.0) -> None:
+    """One order to several vehicles at the same time."""
+    await asyncio.gather(*(link.execute(Order(vehicle_id, verb, height_m)) for vehicle_id in vehicle_ids))
+
+
+class Ticks:
+    """A control loop that asks for the same velocity for ever.
+
+    Attributes:
+        listed: the vehicles it commands.
+        last_s: time of its last tick.
+    """
+
+    def __init__(self, link: MavsdkLink, *listed: str) -> None:
+        self.link = link
+        self.listed: tuple[str, ...] = listed
+        self.last_s = 0.0
+
+    def tick(self) -> None:
+        """Ask once."""
+        self.last_s = time.monotonic()
+        velocity_m_s = np.tile(np.array(VELOCITY_M_S), (len(self.listed), 1))
+        self.link.send(Setpoints(self.last_s, self.listed, velocity_m_s, np.zeros(len(self.listed))))
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Tick at 20 Hz until the block ends."""
+        task = asyncio.create_task(self._run(), name="ticks")
+        try:
+            yield
+        finally:
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+
+    async def _run(self) -> None:
+        while True:
+            self.tick()
+            await asyncio.sleep(PERIOD_S)

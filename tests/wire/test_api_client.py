@@ -1,0 +1,162 @@
+"""The Python client against the server, over real TCP."""
+
+import asyncio
+import socket
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from api.app import create_app
+from api.server import serve
+from gcs.client import Client
+from gcs.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
+from gcs.service import Outcome
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
+
+from api_fake_service import FakeService
+
+pytestmark = pytest.mark.xdist_group("wire")
+
+BOX: dict[str, Any] = {
+    "x_m": 50.0,
+    "y_m": 0.0,
+    "half_length_x_m": 2.0,
+    "half_length_y_m": 3.0,
+    "height_m": 15.0,
+}
+
+
+@contextmanager
+def client_of(service: FakeService) -> Iterator[Client]:
+    """The synchronous client, with the server on a loop in another thread."""
+    ready: list[tuple[asyncio.AbstractEventLoop, asyncio.Task[None], int]] = []
+    up = threading.Event()
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        listening = loop.create_future()
+        task = asyncio.create_task(serve(create_app(service), port=0, listening=listening))
+        ready.append((loop, task, await listening))
+        up.set()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    thread = threading.Thread(target=asyncio.run, args=(main(),))
+    thread.start()
+    assert up.wait(5)
+    loop, task, port = ready[0]
+    try:
+        with Client(f"http://127.0.0.1:{port}") as client:
+            yield client
+    finally:
+        loop.call_soon_threadsafe(task.cancel)
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def test_the_client_calls_everything() -> None:
+    service = FakeService()
+    with client_of(service) as client:
+        service.tick()
+        assert client.health().alive
+        assert client.fleet().origin.heading_deg == 90.0
+        assert [each.id for each in client.vehicles()] == ["d1", "d2", "d3"]
+        assert client.vehicle("d2").system_id == 2
+        assert client.show().phase == "idle"
+        assert list(client.start(["d1", "d2"]).vehicles) == ["d1", "d2"]
+        service.fly()
+        assert client.pause().action == "show pause"
+        assert client.resume().action == "show resume"
+        assert client.stop().action == "show stop"
+        assert client.abort().action == "show abort"
+        assert client.command("d1", "hold").vehicles["d1"].outcome == "pending"
+        assert client.change_formation(radius_m=12.0, height_m=30.0).radius_m == 12.0
+        assert client.formation().height_m == 30.0
+        assert client.set_target(3.0, 4.0, velocity_x_m_s=0.5).velocity_east_m_s == pytest.approx(0.5)
+        assert client.set_target_geodetic(47.3977, 8.5456).x_m == pytest.approx(0.0, abs=1e-6)
+        assert client.target().velocity_x_m_s == 0.0
+        assert client.change_orbit(radius_m=5.0, speed_m_s=1.0, direction="clockwise").speed_m_s == 1.0
+        assert client.orbit().direction == "clockwise"
+        assert client.change_yaw(policy="fixed", heading_deg=45.0).heading_deg == pytest.approx(45.0)
+        assert client.yaw().policy == "fixed"
+        made = client.add_obstacle(**BOX)
+        assert client.add_obstacle(**BOX, obstacle_id="tower").id == "tower"
+        assert client.change_obstacle("tower", **{**BOX, "height_m": 9.0}).height_m == 9.0
+        assert client.obstacle("tower").height_m == 9.0
+        assert [box.id for box in client.obstacles()] == [made.id, "tower"]
+        client.remove_obstacle("tower")
+        assert [box.id for box in service.plan.obstacles] == [made.id]
+
+
+def test_the_client_waits_for_an_order_and_names_who_is_late() -> None:
+    service = FakeService()
+    with client_of(service) as client:
+        order = client.start()
+        with pytest.raises(OrderError, match=r"show start not done after 0\.3 s by d1, d2, d3"):
+            client.wait_for(order.id, timeout_s=0.3)
+        timer = threading.Timer(0.3, service.finish, (order.id, Outcome.FAILED, "no GPS"))
+        timer.start()
+        ended = client.wait_for(order.id, timeout_s=5)
+        timer.join()
+        assert (ended.outcome, ended.vehicles["d1"].reason) == ("failed", "no GPS")
+
+
+def test_the_client_raises_what_the_service_raised() -> None:
+    service = FakeService()
+    with client_of(service) as client:
+        with pytest.raises(InvalidError) as small:
+            client.change_formation(radius_m=1.0)
+        assert (small.value.field, small.value.value) == ("radius_m", 1.0)
+        assert small.value.allowed == "at least 5.2 m for 3 vehicles"
+        with pytest.raises(InvalidError) as no_number:
+            client.set_target(float("nan"), float("inf"))
+        assert (no_number.value.field, no_number.value.value) == ("x_m", "NaN")
+        assert "y_m = Infinity" in no_number.value.__notes__[0]
+        with pytest.raises(RefusedError, match="not possible while the show is idle"):
+            client.pause()
+        with pytest.raises(UnknownError, match=r"d9/\.\./d1"):
+            client.vehicle("d9/../d1")
+        with pytest.raises(UnknownError):
+            client.command("d1", "dance")
+        service.control_alive = False
+        service.tick()
+        with pytest.raises(LinkError, match="no setpoints are sent"):
+            client.health()
+        with pytest.raises(GcsError, match="larger than") as large:
+            client.start(["d1"] * 20_000)
+        assert type(large.value) is GcsError
+
+
+def test_the_client_says_so_when_nobody_answers_or_somebody_else_does() -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+    with Client(f"http://127.0.0.1:{port}") as client, pytest.raises(LinkError, match="no answer from"):
+        client.fleet()
+
+
+@pytest.mark.parametrize("answer", ["HTTP/1.1 404 Not Found", "HTTP/1.1 200 OK"])
+def test_the_client_does_not_take_another_service_for_ours(answer: str) -> None:
+    def other() -> None:
+        connection, _ = listener.accept()
+        with connection:
+            connection.recv(65536)
+            connection.sendall(f"{answer}\r\nContent-Length: 4\r\nConnection: close\r\n\r\nhtml".encode())
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=other)
+        thread.start()
+        url = f"http://127.0.0.1:{listener.getsockname()[1]}"
+        with (
+            Client(url) as client,
+            pytest.raises(LinkError, match=r"does not understand|not as this service"),
+        ):
+            client.fleet()
+        thread.join(5)
+    assert not thread.is_alive()

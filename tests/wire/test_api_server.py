@@ -1,0 +1,305 @@
+"""The server and the stream over real TCP."""
+
+import asyncio
+import json
+import socket
+import sys
+import threading
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import websockets
+from websockets.asyncio.client import ClientConnection, connect
+
+from api.app import create_app
+from api.desk import VIEWERS_MAX
+from api.server import serve
+from gcs.errors import LinkError
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
+
+from api_fake_service import FakeService
+
+pytestmark = pytest.mark.xdist_group("wire")
+
+
+@asynccontextmanager
+async def served(service: FakeService) -> AsyncIterator[int]:
+    """A server on a port of its own, stopped as its owner stops it: by cancelling."""
+    listening = asyncio.get_running_loop().create_future()
+    task = asyncio.create_task(serve(create_app(service), port=0, listening=listening), name="api")
+    try:
+        yield await asyncio.wait_for(listening, timeout=5)
+    finally:
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+
+def run(main: Callable[[FakeService, int], Awaitable[None]]) -> None:
+    """Run `main` beside a server."""
+
+    async def both() -> None:
+        service = FakeService()
+        async with asyncio.timeout(15), served(service) as port:
+            await main(service, port)
+
+    asyncio.run(both())
+
+
+@asynccontextmanager
+async def ticking(service: FakeService, period_s: float) -> AsyncIterator[None]:
+    """Ticks as the control loop makes them."""
+
+    async def tick() -> None:
+        while True:
+            service.tick()
+            await asyncio.sleep(period_s)
+
+    task = asyncio.create_task(tick(), name="tick")
+    try:
+        yield
+    finally:
+        task.cancel()
+
+
+def stream_of(port: int, query: str = "", **options: Any) -> connect:
+    return connect(f"ws://127.0.0.1:{port}/api/v1/stream{query}", **options)
+
+
+async def closed(viewer: ClientConnection) -> None:
+    """Read what is left, until the server closes."""
+    async with asyncio.timeout(5):
+        with suppress(websockets.ConnectionClosed):
+            async for _ in viewer:
+                pass
+
+
+async def frame_of(viewer: ClientConnection) -> dict[str, Any]:
+    frame: dict[str, Any] = json.loads(await asyncio.wait_for(viewer.recv(), timeout=5))
+    return frame
+
+
+def test_it_answers_over_tcp_and_stops_cleanly_with_viewers_watching() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http, stream_of(port) as viewer:
+            assert (await http.get("/api/v1/fleet")).json()["show"]["phase"] == "idle"
+            assert (await frame_of(viewer))["show"]["phase"] == "idle"
+            stopping.append(viewer)
+
+    stopping: list[ClientConnection] = []
+    run(main)
+    assert stopping[0].close_code == 1000
+
+
+def test_stopping_the_server_tells_its_viewers_and_frees_the_port() -> None:
+    async def main() -> None:
+        async with asyncio.timeout(15):
+            async with served(FakeService()) as port:
+                viewer = await stream_of(port)
+                await frame_of(viewer)
+            await closed(viewer)
+            assert viewer.close_code == 1012  # service restart
+            with socket.socket() as again:
+                again.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                again.bind(("127.0.0.1", port))
+
+    asyncio.run(main())
+
+
+def test_a_viewer_that_reads_nothing_does_not_hold_up_the_stop() -> None:
+    async def main() -> None:
+        service = FakeService(count=100)
+        async with asyncio.timeout(15):
+            async with served(service) as port, ticking(service, 0.05):
+                stuck = await stalled_viewer(port)
+                await asyncio.sleep(1.0)
+            stuck.close()
+
+    asyncio.run(main())
+    assert threading.active_count() == 1
+
+
+async def stalled_viewer(port: int) -> socket.socket:
+    """A viewer that shakes hands and then reads nothing, with little room for what it does not read."""
+    loop = asyncio.get_running_loop()
+    viewer = socket.socket()
+    viewer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    viewer.setblocking(False)
+    await loop.sock_connect(viewer, ("127.0.0.1", port))
+    lines = [
+        "GET /api/v1/stream?rate_hz=20 HTTP/1.1",
+        "Host: 127.0.0.1",
+        "Upgrade: websocket",
+        "Connection: Upgrade",
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Version: 13",
+    ]
+    request = "\r\n".join([*lines, "", ""])
+    await loop.sock_sendall(viewer, request.encode())
+    return viewer
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_a_port_in_use_is_told_as_such(host: str) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(LinkError, match=f"port {port} is in use on {host}"):
+            asyncio.run(serve(create_app(FakeService()), host, port))
+
+
+@pytest.mark.parametrize(
+    ("host", "port"), [("no.such.host.invalid", 8000), ("203.0.113.7", 8000), ("127.0.0.1", 70000)]
+)
+def test_an_address_that_cannot_be_had_is_told_as_such(host: str, port: int) -> None:
+    with pytest.raises(LinkError, match=f"cannot listen on {host} port {port}"):
+        asyncio.run(serve(create_app(FakeService()), host, port))
+
+
+def test_health_goes_red_when_the_ticks_stop_and_green_when_they_come_back() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http:
+            async with ticking(service, 0.05):
+                assert (await http.get("/healthz")).status_code == 200
+            await asyncio.sleep(1.2)
+            red = await http.get("/healthz")
+            assert (red.status_code, red.json()["problems"]) == (503, [])
+            async with ticking(service, 0.05):
+                await asyncio.sleep(0.01)
+                assert (await http.get("/healthz")).status_code == 200
+
+    run(main)
+
+
+def test_the_stream_sends_what_the_fleet_answers_at_the_rate_asked_for() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        service.fly()
+        async with stream_of(port, "?rate_hz=20") as viewer, httpx.AsyncClient() as http:
+            frame = await frame_of(viewer)
+            fleet = (await http.get(f"http://127.0.0.1:{port}/api/v1/fleet")).json()
+            assert frame == fleet
+            assert {"show", "center", "target", "obstacles", "vehicles"} <= frame.keys()
+            async with ticking(service, 0.01):
+                loop = asyncio.get_running_loop()
+                begin_s = loop.time()
+                counts = [(await frame_of(viewer))["tick"]["count"] for _ in range(11)]
+                elapsed_s = loop.time() - begin_s
+        assert counts == sorted(set(counts))
+        assert 0.4 < elapsed_s < 5.0
+
+    run(main)
+
+
+def test_the_stream_says_so_when_control_dies_although_no_new_state_comes() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        service.tick()
+        async with stream_of(port, "?rate_hz=10") as viewer:
+            first = await frame_of(viewer)
+            second = await frame_of(viewer)
+        assert (first["control_alive"], second["control_alive"]) == (True, False)
+        assert second["tick"]["count"] == first["tick"]["count"]
+        assert "does not run" in second["control_reason"]
+
+    run(main)
+
+
+def longest_step(counts: list[int]) -> int:
+    return max(later - earlier for earlier, later in pairwise(counts))
+
+
+def test_a_slow_reader_gets_fewer_frames_soon_the_newest_and_delays_nobody() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        narrow = socket.socket()
+        narrow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        narrow.connect(("127.0.0.1", port))
+        options = {"sock": narrow, "max_queue": 1, "compression": None}
+        async with (
+            stream_of(port, "?rate_hz=20", **options) as slow,
+            stream_of(port, "?rate_hz=20") as quick,
+            ticking(service, 0.02),
+        ):
+            seen = [(await frame_of(quick))["tick"]["count"] for _ in range(40)]
+            missed = service.ticks
+            late = [(await frame_of(slow))["tick"]["count"] for _ in range(12)]
+        assert longest_step(seen) < 40  # nobody held the quick one up
+        assert late == sorted(set(late))
+        assert late[-1] >= missed  # within a few frames the slow one is at the present,
+        assert longest_step(late) > 40  # by leaving out, not by catching up
+
+    async def with_a_large_fleet() -> None:
+        service = FakeService(count=100)
+        async with asyncio.timeout(20), served(service) as port:
+            await main(service, port)
+
+    asyncio.run(with_a_large_fleet())
+
+
+@pytest.mark.parametrize("rate", ["0", "0.99", "21", "-5", "nan", "inf", "fast", ""])
+def test_a_bad_rate_is_closed_with_1008_and_the_reason(rate: str) -> None:
+    async def main(_: FakeService, port: int) -> None:
+        async with stream_of(port, f"?rate_hz={rate}") as viewer:
+            with pytest.raises(websockets.ConnectionClosed):
+                await viewer.recv()
+            assert viewer.close_code == 1008
+            assert viewer.close_reason == f"rate_hz = {rate}: a number from 1 to 20"
+
+    run(main)
+
+
+def test_a_viewer_too_many_is_told_to_come_back_and_a_seat_left_is_free() -> None:
+    async def main(_: FakeService, port: int) -> None:
+        viewers = [await stream_of(port) for _ in range(VIEWERS_MAX)]
+        for viewer in viewers:
+            await frame_of(viewer)
+        async with stream_of(port) as late:
+            with pytest.raises(websockets.ConnectionClosed):
+                await late.recv()
+            assert late.close_code == 1013
+        await viewers[0].close()
+        await asyncio.sleep(0.1)
+        async with stream_of(port) as next_one:
+            assert (await frame_of(next_one))["show"]["phase"] == "idle"
+        await asyncio.gather(*(viewer.close() for viewer in viewers))
+
+    run(main)
+
+
+def test_what_a_viewer_says_is_not_listened_to_and_too_much_of_it_ends_the_stream() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        async with stream_of(port, "?rate_hz=20") as viewer, ticking(service, 0.02):
+            for text in ("hello", b"\x00", '{"radius_m": 1}'):
+                await viewer.send(text)
+                await frame_of(viewer)
+            await viewer.send("x" * 5000)
+            await closed(viewer)
+            assert viewer.close_code == 1009  # too big
+
+    run(main)
+
+
+def test_a_page_from_elsewhere_may_not_watch() -> None:
+    async def main(_: FakeService, port: int) -> None:
+        with pytest.raises(websockets.InvalidStatus) as refused:
+            await stream_of(port, origin="http://evil.example")
+        assert refused.value.response.status_code == 403
+        async with stream_of(port, origin=f"http://127.0.0.1:{port}") as viewer:
+            assert (await frame_of(viewer))["show"]["phase"] == "idle"
+
+    run(main)
+
+
+@pytest.mark.parametrize("size", [70_000, 900_000])
+def test_a_body_too_large_is_answered_and_not_just_cut_off(size: int) -> None:
+    async def main(_: FakeService, port: int) -> None:
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http:
+            assert (await http.patch("/api/v1/formation", content=b" " * size)).status_code == 413
+            assert (await http.get("/api/v1/show")).status_code == 200
+
+    run(main)

@@ -1,0 +1,54 @@
+"""The whole way through the link, with the fake autopilot as its own process on the other side."""
+
+import asyncio
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from link_bench import Ticks, a_link, do, running, until
+from link_peer import free_ports
+
+from gcs.links import Verb
+from gcs.links.mavsdk_link import MavsdkLink
+from gcs.state import Landed, Mode
+
+pytestmark = pytest.mark.xdist_group("wire")
+
+
+@contextmanager
+def simulator(first_port: int, count: int) -> Iterator[None]:
+    options = ["--count", str(count), "--port-base", str(first_port), "--noise", "0"]
+    process = subprocess.Popen([sys.executable, "-m", "sim", *options], stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(5)
+
+
+def test_two_vehicles_are_flown_and_fall_back_on_their_failsafe_when_the_tick_ends() -> None:
+    async def main(link: MavsdkLink) -> None:
+        async with running(link):
+            await until(lambda: all(link.snapshot().ready), 15)
+            ground_m = link.snapshot().altitude_amsl_m
+            await do(link, Verb.ARM, *link.ids)
+            await do(link, Verb.TAKEOFF, *link.ids, height_m=3.0)
+            await until(lambda: np.all(link.snapshot().altitude_amsl_m > ground_m + 2))
+            assert set(link.snapshot().landed) <= {Landed.TAKEOFF, Landed.IN_AIR}
+            ticks = Ticks(link, *link.ids)
+            async with ticks.running():
+                await asyncio.sleep(0.1)
+                await do(link, Verb.OFFBOARD, *link.ids)
+                await until(lambda: np.all(link.snapshot().velocity_ned_m_s[:, 0] > 0.5))
+                assert (np.abs(link.snapshot().yaw_deg) < 10).all()
+            await until(lambda: set(link.snapshot().mode) == {Mode.POSITION}, 4)
+            await do(link, Verb.HOLD, *link.ids)
+            await do(link, Verb.LAND, *link.ids)
+            assert set(link.snapshot().mode) == {Mode.LAND}
+
+    port = free_ports(2)
+    with simulator(port, 2):
+        asyncio.run(main(a_link(port, [1, 2], port_count=2)))

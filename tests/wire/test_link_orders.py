@@ -1,0 +1,219 @@
+import asyncio
+import time
+
+import numpy as np
+import pytest
+from link_bench import PERIOD_S, Ticks, a_link, do, ready, running, until
+from link_peer import Peer, free_ports
+
+from gcs.errors import LinkError, OrderError, UnknownError
+from gcs.links import Link, Order, Verb
+from gcs.links.mavsdk_link import MavsdkLink
+from gcs.state import Landed, Mode, Setpoints
+
+pytestmark = pytest.mark.xdist_group("wire")
+
+
+def test_a_vehicle_is_armed_flown_and_brought_down() -> None:
+    async def main(link: MavsdkLink) -> None:
+        async with running(link):
+            await ready(link)
+            await do(link, Verb.ARM, "v1")
+            assert link.snapshot().armed == (True,)
+            await do(link, Verb.TAKEOFF, "v1", height_m=4.0)
+            async with Ticks(link, "v1").running():
+                await until(lambda: link.setpoint_times_s("v1"))
+                for verb, mode in (
+                    (Verb.OFFBOARD, Mode.OFFBOARD),
+                    (Verb.HOLD, Mode.HOLD),
+                    (Verb.RETURN, Mode.RETURN),
+                    (Verb.LAND, Mode.LAND),
+                ):
+                    await do(link, verb, "v1")
+                    assert link.snapshot().mode == (mode,)
+            await do(link, Verb.DISARM, "v1")
+            assert link.snapshot().armed == (False,)
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(a_link(port, [1])))
+        (_, height), *_ = peer.messages("PARAM_SET")
+        assert (height.param_id, height.param_value) == ("MIS_TAKEOFF_ALT", 4.0)
+
+
+def test_the_snapshot_is_what_the_vehicle_said_and_when() -> None:
+    async def main(peer: Peer, link: Link, is_ready: MavsdkLink) -> None:
+        before = link.snapshot()
+        assert np.isneginf(before.position_time_s).all()
+        assert np.isnan(before.latitude_deg).all()
+        assert before.mode == (Mode.UNKNOWN,)
+        async with running(is_ready):
+            await ready(is_ready)
+            await until(lambda: link.snapshot().landed[0] and np.isfinite(link.snapshot().position_time_s[0]))
+            newest = link.snapshot()
+            assert is_ready.addresses["v1"][:2] == ("127.0.0.1", peer.port)
+            assert 0 <= time.monotonic() - newest.position_time_s[0] < 0.1
+            assert 0 <= time.monotonic() - newest.heartbeat_time_s[0] < 1.1
+            assert newest.latitude_deg == pytest.approx([47.4])
+            assert newest.longitude_deg == pytest.approx([8.5])
+            assert newest.altitude_amsl_m == pytest.approx([500.0])
+            assert newest.velocity_ned_m_s == pytest.approx(np.array([[1.5, -0.2, 0.3]]))
+            assert newest.yaw_deg == pytest.approx([90.0])
+            assert newest.battery_remaining == pytest.approx([0.8])
+            assert (newest.landed, newest.armed, newest.mode) == ((Landed.ON_GROUND,), (False,), (Mode.HOLD,))
+        assert link.snapshot().ready == (False,)
+
+    with Peer(port := free_ports(), 1) as peer:
+        link = a_link(port, [1])
+        asyncio.run(main(peer, link, link))
+
+
+def test_a_refusal_carries_the_vehicles_own_words() -> None:
+    async def main(link: MavsdkLink) -> None:
+        async with running(link):
+            await ready(link)
+            with pytest.raises(OrderError, match=r"v1: arm failed \(COMMAND_DENIED\).*the test says so"):
+                await do(link, Verb.ARM, "v1")
+
+    with Peer(port := free_ports(), 1, refuses=True):
+        asyncio.run(main(a_link(port, [1])))
+
+
+def test_orders_that_make_no_sense_are_refused_before_they_leave() -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
+        with pytest.raises(OrderError, match="not open"):
+            await do(link, Verb.ARM, "v1")
+        with pytest.raises(UnknownError, match="v9"):
+            await do(link, Verb.ARM, "v9")
+        async with running(link):
+            await until(lambda: link.snapshot().ready[0])
+            with pytest.raises(OrderError, match="never heard"):
+                await do(link, Verb.ARM, "v2")
+            with pytest.raises(OrderError, match="arm it first"):
+                await do(link, Verb.TAKEOFF, "v1", height_m=3.0)
+            with pytest.raises(OrderError, match="height above 0"):
+                await do(link, Verb.TAKEOFF, "v1", height_m=float("nan"))
+            with pytest.raises(OrderError, match="no setpoints are flowing"):
+                await do(link, Verb.OFFBOARD, "v1")
+        commands = {message.command for _, message in peer.messages("COMMAND_LONG")}
+        assert commands <= {511, 512, 520}  # MAVSDK's own questions
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, [1, 2])))
+
+
+def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
+        async with running(link):
+            await ready(link)
+            peer.answers = False
+            arming = asyncio.create_task(link.execute(Order("v1", Verb.ARM)))
+            queued = asyncio.create_task(link.execute(Order("v1", Verb.ARM)))
+            await until(lambda: [m for _, m in peer.messages("COMMAND_LONG") if m.command == 400])
+            peer.armed = peer.answers = True
+            peer.acknowledges = False
+            killed_s = time.monotonic()
+            await do(link, Verb.KILL, "v1")
+            assert time.monotonic() - killed_s < 0.1
+            for task in (arming, queued):
+                with pytest.raises(OrderError):
+                    await task
+            after = [m for at_s, m in peer.messages("COMMAND_LONG") if m.command == 400 and at_s > killed_s]
+            assert {(m.param1, m.param2) for m in after} == {(0.0, 21196.0)}
+            assert not peer.armed
+            assert link.counters.commands_dropped > 0
+            peer.acknowledges = True
+            await do(link, Verb.ARM, "v1")
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, [1])))
+
+
+def test_a_silent_vehicle_delays_nobody() -> None:
+    async def main(silent: Peer, link: MavsdkLink) -> None:
+        async with running(link):
+            await ready(link)
+            ticks = Ticks(link, "v1", "v2")
+            async with ticks.running():
+                await until(lambda: link.setpoint_times_s("v1") and link.setpoint_times_s("v2"))
+                silent.speaks = silent.answers = False
+                lost = asyncio.create_task(link.execute(Order("v1", Verb.ARM)))
+                await asyncio.sleep(0.05)
+                for verb in (Verb.ARM, Verb.OFFBOARD, Verb.HOLD, Verb.DISARM):
+                    began_s = time.monotonic()
+                    await do(link, verb, "v2")
+                    assert time.monotonic() - began_s < 0.3
+                with pytest.raises(OrderError, match=r"arm failed \(TIMEOUT\)"):
+                    await lost
+                await until(lambda: time.monotonic() - link.snapshot().heartbeat_time_s[0] > 3.1)
+                await asyncio.sleep(0.25)
+                now_s = time.monotonic()
+                gaps_s = np.diff(link.setpoint_times_s("v2"))
+                assert gaps_s.max() < 2 * PERIOD_S
+                assert now_s - link.setpoint_times_s("v2")[-1] < 2 * PERIOD_S
+                assert now_s - link.setpoint_times_s("v1")[-1] > 0.2  # silent for 3 s: not commanded
+
+    port = free_ports(2)
+    with Peer(port, 1) as silent, Peer(port + 1, 2):
+        asyncio.run(main(silent, a_link(port, [1, 2], port_count=2)))
+
+
+def test_a_row_that_is_not_finite_is_not_sent_nor_is_what_was_sent_before() -> None:
+    async def main(link: MavsdkLink) -> None:
+        async with running(link):
+            await ready(link)
+            ticks = Ticks(link, "v1")
+            ticks.tick()
+            await until(lambda: link.setpoint_times_s("v1"))
+            now_s = time.monotonic()
+            link.send(Setpoints(now_s, ("v1",), np.array([[1.0, np.nan, 0.0]]), np.zeros(1)))
+            await asyncio.sleep(0.12)
+            assert link.setpoint_times_s("v1")[-1] <= now_s + 0.001
+
+    with Peer(port := free_ports(), 1):
+        asyncio.run(main(a_link(port, [1])))
+
+
+def test_a_duplicate_is_reported_by_vehicle_and_never_commanded() -> None:
+    async def main(first: Peer, port: int, link: MavsdkLink) -> None:
+        async with running(link):
+            await ready(link)
+            with Peer(port, 1) as second:
+                await until(lambda: link.conflicts)
+                assert link.conflicts == {
+                    "v1": f"system id 1 at 127.0.0.1:{first.port} and at 127.0.0.1:{second.port}"
+                }
+                await do(link, Verb.ARM, "v1")
+                assert (first.armed, second.armed) == (True, False)
+                assert second.heard == []
+
+    with Peer(port := free_ports(), 1) as first:
+        asyncio.run(main(first, port, a_link(port, [1])))
+
+
+def test_a_link_can_be_closed_during_an_order_and_opened_again() -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
+        async with running(link):
+            await ready(link)
+            peer.answers = False
+            order = asyncio.create_task(link.execute(Order("v1", Verb.ARM)))
+            await asyncio.sleep(0.05)
+        with pytest.raises(OrderError):
+            await order
+        peer.answers = True
+        async with running(link):
+            await ready(link)
+            await do(link, Verb.ARM, "v1")
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, [1])))
+
+
+def test_a_link_that_cannot_have_its_port_says_which() -> None:
+    async def main(link: MavsdkLink, same: MavsdkLink, port: int) -> None:
+        async with running(link):
+            await asyncio.sleep(0)
+            with pytest.raises(LinkError, match=str(port)):
+                await same.run()
+
+    port = free_ports()
+    asyncio.run(main(a_link(port, [1]), a_link(port, [1]), port))

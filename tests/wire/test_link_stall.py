@@ -1,0 +1,135 @@
+"""No setpoint leaves more than 0.2 s after the last tick, whatever MAVSDK repeats."""
+
+import asyncio
+import time
+
+import numpy as np
+import pytest
+from link_bench import VELOCITY_M_S, Ticks, a_link, do, ready, running, until
+from link_peer import Peer, free_ports
+
+from gcs.links import Verb
+from gcs.links.mavsdk_link import MavsdkLink
+from gcs.state import Mode, Setpoints
+
+pytestmark = pytest.mark.xdist_group("wire")
+
+DEADMAN_S = 0.2
+
+
+def assert_ceased(link: MavsdkLink, peer: Peer, last_tick_s: float, watched_s: float) -> None:
+    """By the wire's record and by the vehicle's: setpoints went on for a while, then no more."""
+    assert time.monotonic() - last_tick_s >= watched_s
+    left_s = link.setpoint_times_s("v1")
+    arrived_s = [time_s for time_s, _ in peer.messages("SET_POSITION_TARGET_LOCAL_NED")]
+    assert last_tick_s < left_s[-1] <= last_tick_s + DEADMAN_S
+    assert last_tick_s < arrived_s[-1] <= last_tick_s + DEADMAN_S + 0.02  # its thread wakes every 10 ms
+    assert len(arrived_s) == len(left_s) == link.counters.setpoints_sent
+
+
+async def into_offboard(link: MavsdkLink, ticks: Ticks) -> None:
+    await ready(link)
+    await do(link, Verb.ARM, "v1")
+    async with ticks.running():
+        await until(lambda: link.setpoint_times_s("v1"))
+        await do(link, Verb.OFFBOARD, "v1")
+        await asyncio.sleep(0.3)
+    assert link.snapshot().mode == (Mode.OFFBOARD,)
+
+
+def test_setpoints_cease_when_the_event_loop_is_blocked_for_three_seconds() -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
+        async with running(link):
+            ticks = Ticks(link, "v1")
+            await into_offboard(link, ticks)
+            ticks.tick()
+            dropped = link.counters.setpoints_dropped
+            time.sleep(3.0)  # noqa: ASYNC251  a blocked loop is the subject
+            assert_ceased(link, peer, ticks.last_s, watched_s=3.0)
+            assert link.counters.setpoints_dropped - dropped >= 40, "MAVSDK did not even try"
+            stalled_s = ticks.last_s
+            async with ticks.running():
+                await until(lambda: link.setpoint_times_s("v1")[-1] > stalled_s + DEADMAN_S)
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, [1])))
+
+
+def test_setpoints_cease_when_the_tick_task_has_ended() -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
+        async with running(link):
+            ticks = Ticks(link, "v1")
+            await into_offboard(link, ticks)
+            dropped = link.counters.setpoints_dropped
+            await asyncio.sleep(1.0)
+            assert_ceased(link, peer, ticks.last_s, watched_s=0.9)
+            assert link.counters.setpoints_dropped - dropped >= 10, "MAVSDK did not even try"
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, [1])))
+
+
+def test_setpoints_cease_when_a_computation_keeps_the_interpreter() -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
+        async with running(link):
+            ticks = Ticks(link, "v1")
+            await into_offboard(link, ticks)
+            ticks.tick()
+            while time.monotonic() < ticks.last_s + 0.6:
+                sum(range(1000))
+            assert_ceased(link, peer, ticks.last_s, watched_s=0.6)
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, [1])))
+
+
+def test_a_vehicle_that_is_no_longer_listed_gets_nothing_from_that_call_on() -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
+        async with running(link):
+            ticks = Ticks(link, "v1")
+            await into_offboard(link, ticks)
+            ticks.tick()
+            await until(lambda: link.setpoint_times_s("v1")[-1] > ticks.last_s)
+            ticks.listed = ()
+            ticks.tick()
+            dropped = link.counters.setpoints_dropped
+            await asyncio.sleep(0.15)
+            assert link.setpoint_times_s("v1")[-1] <= ticks.last_s
+            assert link.counters.setpoints_dropped > dropped
+            await do(link, Verb.HOLD, "v1")
+            assert link.snapshot().mode == (Mode.HOLD,)
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, [1])))
+
+
+def test_a_batch_from_a_tick_long_ago_is_not_sent() -> None:
+    async def main(link: MavsdkLink) -> None:
+        async with running(link):
+            await ready(link)
+            old_s = time.monotonic() - 0.25
+            link.send(Setpoints(old_s, ("v1",), np.zeros((1, 3)), np.zeros(1)))
+            await asyncio.sleep(0.15)
+            assert link.setpoint_times_s("v1") == ()
+            assert link.counters.setpoints_dropped > 0
+
+    with Peer(port := free_ports(), 1):
+        asyncio.run(main(a_link(port, [1])))
+
+
+@pytest.mark.parametrize(("heading_deg", "north", "east", "yaw_deg"), [(0, 1.0, 0.5, 0), (90, -0.5, 1.0, 90)])
+def test_setpoints_are_turned_from_the_show_frame(
+    heading_deg: float, north: float, east: float, yaw_deg: float
+) -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
+        async with running(link):
+            await ready(link)
+            Ticks(link, "v1").tick()
+            await until(lambda: peer.messages("SET_POSITION_TARGET_LOCAL_NED"))
+            (_, message), *_ = peer.messages("SET_POSITION_TARGET_LOCAL_NED")
+            assert (message.vx, message.vy, message.vz) == pytest.approx((north, east, VELOCITY_M_S[2]))
+            assert message.yaw * 57.29578 == pytest.approx(yaw_deg, abs=1e-3)
+            assert message.type_mask == 0x9C7
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, [1], heading_deg=heading_deg)))
