@@ -39,6 +39,7 @@ class VehicleSettings(Settings):
     id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,32}$")]
     system_id: SystemId
     charge: Positive = 1.0
+    speed_max_m_s: Positive | None = None  # in any direction; None: the limits of `control.safety`
 
 
 class RangeSettings(Settings):

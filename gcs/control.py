@@ -24,7 +24,7 @@ from gcs.plan import Plan
 from gcs.safety.filter import SafetySettings, Surroundings, cap, filter_velocities
 from gcs.safety.separation import minimum_separation
 from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import Array, FleetState, Mask, Setpoints, VehicleId, freeze
+from gcs.state import Array, FleetState, Mask, Setpoints, Traits, VehicleId, freeze
 
 LONGEST_STEP_S = 0.2
 """After a longer pause the commanded centre does not catch up: what was not flown is not flown."""
@@ -106,7 +106,7 @@ def seeds_of(ids: tuple[VehicleId, ...]) -> Array:
 
 
 def tick(
-    fleet: FleetState, tasks: Tasks, plan: Plan, charge: Array, memory: Memory, settings: ControlSettings
+    fleet: FleetState, tasks: Tasks, plan: Plan, traits: Traits, memory: Memory, settings: ControlSettings
 ) -> Tick:
     """Compute every commanded vehicle's setpoint for the instant `fleet.time_s`.
 
@@ -114,7 +114,7 @@ def tick(
         fleet: n vehicles.
         tasks: what each is to do.
         plan: formation, orbit, target, obstacles, yaw.
-        charge: (n,) each vehicle's share of the sphere.
+        traits: what distinguishes them.
         memory: of the tick before.
         settings: gains and limits.
 
@@ -127,7 +127,7 @@ def tick(
     ellipses = ellipses_of(plan, settings)
 
     memory = _move_center(fleet, formed, tasks, plan, ellipses, memory, settings, dt_s)
-    wanted_m_s = _law(fleet, formed, commanded, tasks, ellipses, charge, memory, settings)
+    wanted_m_s = _law(fleet, formed, commanded, tasks, ellipses, traits, memory, settings)
     before_m_s = np.where(np.isfinite(memory.wanted_m_s), memory.wanted_m_s, fleet.velocity_m_s)
     wanted_m_s = limit_change(wanted_m_s, before_m_s, settings.acceleration_max_m_s2, dt_s)
     surroundings = Surroundings(
@@ -139,6 +139,8 @@ def tick(
         tasks.segments_m,
         ellipses,
         fleet.ids,
+        traits.uncertainty_m,
+        traits.speed_max_m_s,
     )
     allowed_m_s, restrained_by = filter_velocities(wanted_m_s, surroundings, settings.safety)
 
@@ -153,7 +155,7 @@ def tick(
         vertical_gain=settings.vertical_loop_gain,
         lead_s=settings.lead_s,
     )
-    setpoint_m_s = cap(setpoint_m_s, settings.safety.limits)
+    setpoint_m_s = cap(setpoint_m_s, settings.safety.limits, traits.speed_max_m_s)
     yaw_rad, held_rad = _yaw(fleet, commanded, plan, memory, settings, dt_s)
     rows = np.flatnonzero(commanded & np.isfinite(yaw_rad))
     separation_m, _ = minimum_separation(fleet.position_m, tasks.airborne, settings.safety.floor)
@@ -236,7 +238,7 @@ def _law(
     commanded: Mask,
     tasks: Tasks,
     ellipses: dict[str, Ellipse],
-    charge: Array,
+    traits: Traits,
     memory: Memory,
     settings: ControlSettings,
 ) -> Array:
@@ -248,7 +250,7 @@ def _law(
     if center is not None and formed.any():
         wanted_m_s[formed] = formation_velocity(
             fleet.position_m[formed],
-            charge[formed],
+            traits.charge[formed],
             kick_directions(seeds_of(fleet.ids))[formed],
             fleet.time_s - memory.engaged_time_s[formed],
             center,

@@ -16,7 +16,7 @@ from gcs.landing import swept_segments_m
 from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.links import Link, Order
 from gcs.plan import Plan
-from gcs.state import Array, FleetState, Mode, Telemetry, VehicleId
+from gcs.state import Array, FleetState, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
 from gcs.vehicle import Vehicle
 
@@ -43,7 +43,11 @@ class Flight:
             )
             for row, settings in enumerate(config.fleet)
         }
-        self.charge = np.array([settings.charge for settings in config.fleet])
+        self.traits = Traits(
+            np.array([settings.charge for settings in config.fleet]),
+            np.array([settings.speed_max_m_s or np.inf for settings in config.fleet]),
+            np.full(len(config.fleet), config.control.safety.floor.uncertainty_m),
+        )
         self.plan: Plan = replace(config.plan, target=replace(config.plan.target, time_s=now_s))
         self.show = ShowPhase.IDLE
         self.reason = "nothing has been started"
@@ -114,7 +118,7 @@ class Flight:
         near = np.abs(distance_m - radius_m) < ASSEMBLED_M + ASSEMBLED_SHARE * radius_m
         if not near.all() or len(rows) < 2:
             return bool(near.all())
-        charge = self.charge[rows]  # those with small ones settle closer together
+        charge = self.traits.charge[rows]  # those with small ones settle closer together
         evenly = NEAREST_FACTOR_FEW.get(len(rows), NEAREST_FACTOR) / np.sqrt(len(rows))
         least = SPREAD_SHARE * evenly * np.sqrt(charge.min() / charge.mean())
         return bool(nearest_m(offset_m / distance_m[:, None]) >= least)

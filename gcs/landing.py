@@ -25,7 +25,7 @@ the deadman ends its setpoints, 1.0 s until it notices (COM_OF_LOSS_T), and 1.0 
 last position has been brought forward already by the 0.5 s after which nobody commands it.
 """
 
-COLUMNS_APART_M = 3.0
+COLUMNS_APART_M = 2.6
 """At most, between the columns under a drift: less than the width that each of them keeps free."""
 
 OVERSHOOT_M = 1.0

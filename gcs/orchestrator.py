@@ -87,7 +87,7 @@ class Orchestrator:
     def _decide(self) -> Tick:
         flight = self._flight
         return tick(
-            flight.fleet, flight.tasks(), flight.plan, flight.charge, flight.memory, self._config.control
+            flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, self._config.control
         )
 
     def _make_view(self, result: Tick) -> FleetView:

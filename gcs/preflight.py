@@ -92,7 +92,7 @@ def _origin(vehicle_id: VehicleId, place_m: Array, fence: Fence) -> list[Finding
 
 def _pads(vehicles: Sequence[VehicleId], fleet: FleetState, floor: Floor) -> list[Finding]:
     """Who stands too close to anybody, whether that one flies or not, to climb beside it."""
-    needed_m = floor.horizontal_m + floor.margin_m
+    needed_m = floor.horizontal_m + floor.margin_m + 2.0 * floor.uncertainty_m
     place_m = fleet.position_m[:, :2]
     distance_m = np.linalg.norm(place_m[:, None] - place_m[None], axis=2)
     findings = []

@@ -117,6 +117,25 @@ class FleetState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Traits:
+    """What distinguishes the vehicles from each other. Rows as in FleetState. Owns its arrays."""
+
+    charge: Array  # (n,) share of the sphere, above 0, 1 for equal ones
+    speed_max_m_s: Array  # (n,) in any direction; inf: only the fleet's limits hold
+    uncertainty_m: Array  # (n,) of the reported position, sideways; up and down in the floor's proportion
+
+    def __post_init__(self) -> None:
+        n = len(self.charge)
+        for name in ("charge", "speed_max_m_s", "uncertainty_m"):
+            freeze(getattr(self, name), (n,), name)
+
+    @staticmethod
+    def alike(count: int, uncertainty_m: float = 0.0) -> "Traits":
+        """Equal shares, the fleet's limits, one uncertainty."""
+        return Traits(np.ones(count), np.full(count, np.inf), np.full(count, uncertainty_m))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Setpoints:
     """Velocity orders of one tick, in the show frame. A vehicle not listed is not commanded."""
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.response import scale_to_limits
+from gcs.formation.sphere import TINY
 from gcs.safety.constraints import NOBODY, Braking, Constraints
 from gcs.safety.projection import project, shrink
 from gcs.safety.separation import Floor, keepout_constraints, separation_constraints
@@ -51,6 +52,8 @@ class Surroundings:
     segments_m: Array  # (m, 2, 3) paths that lost vehicles may take
     ellipses: Mapping[str, Ellipse]
     names: Sequence[str]
+    uncertainty_m: Array  # (n,) of the positions, sideways
+    speed_max_m_s: Array  # (n,) of each vehicle, in any direction
 
 
 def filter_velocities(
@@ -75,6 +78,7 @@ def filter_velocities(
             floor=settings.floor,
             braking=settings.braking,
             names=here.names,
+            uncertainty_m=here.uncertainty_m,
             fastest_m_s=settings.limits.fastest_m_s,
         ),
         keepout_constraints(
@@ -83,6 +87,7 @@ def filter_velocities(
             here.segments_m,
             floor=settings.floor,
             braking=settings.braking,
+            uncertainty_m=here.uncertainty_m,
             fastest_m_s=settings.limits.fastest_m_s,
         ),
         fence_constraints(here.position_m, here.commanded, here.descending, settings.fence, settings.braking),
@@ -94,16 +99,20 @@ def filter_velocities(
             fastest_m_s=settings.limits.fastest_m_s,
         ),
     )
-    wanted_m_s = cap(np.where(here.commanded[:, None], wanted_m_s, 0.0), settings.limits)
-    allowed_m_s = shrink(cap(project(wanted_m_s, constraints), settings.limits), constraints)
+    limits, fastest_m_s = settings.limits, here.speed_max_m_s
+    wanted_m_s = cap(np.where(here.commanded[:, None], wanted_m_s, 0.0), limits, fastest_m_s)
+    allowed_m_s = shrink(cap(project(wanted_m_s, constraints), limits, fastest_m_s), constraints)
     return allowed_m_s, _reasons(wanted_m_s, allowed_m_s, constraints)
 
 
-def cap(velocity_m_s: Array, limits: Limits) -> Array:
-    """(n, 3) within the limits: long rows shortened, rows not finite become rest."""
+def cap(velocity_m_s: Array, limits: Limits, speed_max_m_s: Array | float = np.inf) -> Array:
+    """(n, 3) within the limits and each vehicle's own speed (n,): long rows shortened; not finite: rest."""
     finite = np.isfinite(velocity_m_s).all(axis=1, keepdims=True)
+    trusted_m_s = np.where(finite, velocity_m_s, 0.0)
+    speed_m_s = np.linalg.norm(trusted_m_s, axis=1)
+    own = np.minimum(1.0, speed_max_m_s / np.maximum(speed_m_s, TINY))
     return scale_to_limits(
-        np.where(finite, velocity_m_s, 0.0),
+        trusted_m_s * own[:, None],
         horizontal_max_m_s=limits.horizontal_m_s,
         up_max_m_s=limits.up_m_s,
         down_max_m_s=limits.down_m_s,

@@ -19,7 +19,8 @@ class Floor(Settings):
 
     horizontal_m: Positive = 2.0
     vertical_m: Positive = 3.0
-    margin_m: NotNegative = 1.0  # added horizontally, in proportion vertically: position error and tracking
+    margin_m: NotNegative = 0.3  # added horizontally, in proportion vertically: for the tracking
+    uncertainty_m: NotNegative = 0.35  # of each vehicle's position, where it is not known better
     pad_height_m: NotNegative = 2.0  # pairs that are both below this height on their pads are exempt
 
     @property
@@ -31,7 +32,7 @@ class Floor(Settings):
     def widest_m(self) -> float:
         """Separation that satisfies floor and margin in every direction."""
         stretch = max(1.0, self.vertical_m / self.horizontal_m)
-        return (self.horizontal_m + self.margin_m) * stretch
+        return (self.horizontal_m + self.margin_m + 2.0 * self.uncertainty_m) * stretch
 
 
 def pairs_that_count(position_m: Array, airborne: Mask, floor: Floor) -> tuple[Rows, Rows]:
@@ -72,6 +73,7 @@ def separation_constraints(
     floor: Floor,
     braking: Braking,
     names: Sequence[str],
+    uncertainty_m: Array,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
     """Bound the closing speed of every pair that could come too close, by what can still be braked.
@@ -87,6 +89,7 @@ def separation_constraints(
         floor: ellipsoid and margin.
         braking: how surely vehicles stop.
         names: (n,) for the reasons.
+        uncertainty_m: (n,) of the positions, sideways; added to the margin.
         fastest_m_s: nobody may fly faster, in any direction. Pairs that could still brake from twice the
             closing speed possible then are left out: no velocities within the limits break their constraint.
     """
@@ -99,7 +102,7 @@ def separation_constraints(
     scaled = (position_m[first] - position_m[second]) * floor.scale
     distance_m = np.linalg.norm(scaled, axis=1)
     apart = np.where(distance_m[:, None] > TINY, scaled / np.maximum(distance_m, TINY)[:, None], (0, 0, 1.0))
-    gap_m = distance_m - floor.horizontal_m - floor.margin_m
+    gap_m = distance_m - floor.horizontal_m - floor.margin_m - uncertainty_m[first] - uncertainty_m[second]
     both = commanded[second]
     normal, bound_m_s = _true_bound(apart * floor.scale, gap_m, braking)
     known_m_s = np.where(np.isfinite(velocity_m_s), velocity_m_s, 0.0)  # unknown: at least keep away
@@ -118,6 +121,7 @@ def keepout_constraints(
     *,
     floor: Floor,
     braking: Braking,
+    uncertainty_m: Array,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
     """Keep the commanded vehicles away from what lost vehicles may sweep.
@@ -128,6 +132,7 @@ def keepout_constraints(
         segments_m: (m, 2, 3) straight pieces of the paths that lost vehicles may take.
         floor: as between vehicles.
         braking: how surely vehicles stop.
+        uncertainty_m: (n,) of the positions; that of the lost is the floor's own.
         fastest_m_s: as in `separation_constraints`; what twice that could not reach is left out.
     """
     rows = np.flatnonzero(commanded)
@@ -141,7 +146,7 @@ def keepout_constraints(
     scaled = offset - np.clip(share, 0.0, 1.0)[:, None] * along
     distance_m = np.linalg.norm(scaled, axis=1)
     apart = np.where(distance_m[:, None] > TINY, scaled / np.maximum(distance_m, TINY)[:, None], (1.0, 0, 0))
-    gap_m = distance_m - floor.horizontal_m - floor.margin_m
+    gap_m = distance_m - floor.horizontal_m - floor.margin_m - uncertainty_m[row] - floor.uncertainty_m
     normal, bound_m_s = _true_bound(apart * floor.scale, gap_m, braking)
     kept = bound_m_s >= -2.0 * fastest_m_s
     row, normal, bound_m_s = row[kept], normal[kept], bound_m_s[kept]

@@ -12,7 +12,7 @@ from gcs.control import ControlSettings, Memory, Task, Tasks, tick
 from gcs.formation.article import ArticleParameters, formation_force
 from gcs.frames import ShowFrame
 from gcs.plan import Formation, Plan
-from gcs.state import FleetState
+from gcs.state import FleetState, Traits
 from sim.dynamics import PointMasses, Response, step
 
 REPEATS = 200
@@ -53,11 +53,11 @@ def control_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]
         np.zeros((0, 2, 3)),
     )
     plan = Plan(Formation(radius_m, radius_m + 10.0))
-    memory, charge, settings = Memory.fresh(count, 0.0), np.ones(count), ControlSettings()
+    memory, traits, settings = Memory.fresh(count, 0.0), Traits.alike(count), ControlSettings()
     center_m, printed = np.array([0.0, 0.0, -radius_m - 10.0]), ArticleParameters(radius_m=radius_m)
     return (
-        lambda: tick(fleet, tasks, plan, charge, memory, settings),
-        lambda: formation_force(fleet.position_m, center_m, charge, printed),
+        lambda: tick(fleet, tasks, plan, traits, memory, settings),
+        lambda: formation_force(fleet.position_m, center_m, traits.charge, printed),
     )
 
 

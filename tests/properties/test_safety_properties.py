@@ -17,7 +17,7 @@ from gcs.safety.filter import Surroundings, cap, filter_velocities
 from gcs.safety.projection import project, shrink
 from gcs.safety.separation import Floor, keepout_constraints, separation_constraints
 from gcs.safety.walls import obstacle_constraints
-from gcs.state import Array, FleetState, Mask
+from gcs.state import Array, FleetState, Mask, Traits
 
 CALM = settings(deadline=None, derandomize=True, max_examples=80)
 CONTROL = ControlSettings()
@@ -64,7 +64,7 @@ def batches(draw: st.DrawFn) -> tuple[FleetState, Tasks, Plan]:
 
 def flown(fleet: FleetState, tasks: Tasks, plan: Plan, memory: Memory | None = None) -> Tick:
     before = Memory.fresh(len(fleet.ids), fleet.time_s - TICK_S) if memory is None else memory
-    return tick(fleet, tasks, plan, np.ones(len(fleet.ids)), before, CONTROL)
+    return tick(fleet, tasks, plan, Traits.alike(len(fleet.ids)), before, CONTROL)
 
 
 @CALM
@@ -186,6 +186,8 @@ def around(
         segments,
         ellipses or {},
         [f"d{i}" for i in range(n)],
+        np.zeros(n),
+        np.full(n, np.inf),
     )
 
 
@@ -241,7 +243,7 @@ def test_velocities_that_break_nothing_come_back_unchanged(fleet: tuple[Array, A
 def test_no_filtered_step_leads_into_an_obstacle(obstacle: Obstacle, position: Array, wanted: Array) -> None:
     ellipse = Ellipse.around(obstacle, margin_m=2.0, headroom_m=3.0)
     fence = SAFETY.fence.model_copy(update={"height_min_m": 0.5, "height_max_m": 1e3, "distance_max_m": 1e3})
-    floor = Floor(horizontal_m=1e-3, vertical_m=1e-3, margin_m=0.0)
+    floor = Floor(horizontal_m=1e-3, vertical_m=1e-3, margin_m=0.0, uncertainty_m=0.0)
     lenient = SAFETY.model_copy(update={"fence": fence, "floor": floor})
     outside = ellipse.distance_m(position) >= 0.0
     allowed, _ = filter_velocities(wanted, around(position, ellipses={"b": ellipse}), lenient)
@@ -292,6 +294,7 @@ def filtered(wanted: Array, here: Surroundings, fastest_m_s: float) -> tuple[Arr
         floor=SAFETY.floor,
         braking=SAFETY.braking,
         names=here.names,
+        uncertainty_m=here.uncertainty_m,
         fastest_m_s=fastest_m_s,
     )
     keepout = keepout_constraints(
@@ -300,6 +303,7 @@ def filtered(wanted: Array, here: Surroundings, fastest_m_s: float) -> tuple[Arr
         here.segments_m,
         floor=SAFETY.floor,
         braking=SAFETY.braking,
+        uncertainty_m=here.uncertainty_m,
         fastest_m_s=fastest_m_s,
     )
     walls = obstacle_constraints(

@@ -11,7 +11,7 @@ from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
 from gcs.formation.thomson import best_configuration, energy, nearest_m
 from gcs.plan import Formation, Plan
 from gcs.safety.separation import minimum_separation
-from gcs.state import Array, FleetState, Mask
+from gcs.state import Array, FleetState, Mask, Traits
 from sim import noise
 from sim.dynamics import PointMasses, Response, step
 
@@ -112,7 +112,14 @@ class Flight:
             center_moves=self.center_moves,
             formation_waits=self.formation_waits,
         )
-        decided = tick(fleet, tasks, self.plan, np.ones(len(self._ids)), self._memory, SETTINGS)
+        decided = tick(
+            fleet,
+            tasks,
+            self.plan,
+            Traits.alike(len(self._ids), SETTINGS.safety.floor.uncertainty_m),
+            self._memory,
+            SETTINGS,
+        )
         self._memory = decided.memory
         target_m = np.array(self.plan.target.position_m(self.time_s))
         self.history.append(

@@ -26,7 +26,7 @@ from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 
 SAFETY = SafetySettings(
-    floor=Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=1.0),
+    floor=Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=1.0, uncertainty_m=0.0),
     fence=Fence(height_min_m=3.0, height_max_m=100.0, distance_max_m=300.0),
 )
 CONTROL = ControlSettings(

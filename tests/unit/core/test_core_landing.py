@@ -181,7 +181,7 @@ def test_one_that_was_moving_flies_on_and_may_come_down_at_either_end() -> None:
 
 
 def test_columns_under_a_drift_stand_too_close_to_pass_between_them() -> None:
-    assert Floor().horizontal_m + Floor().margin_m >= COLUMNS_APART_M
+    assert Floor().horizontal_m + Floor().margin_m + Floor().uncertainty_m >= COLUMNS_APART_M
     swept = drifting((8.0, 0.0, 0.0))
     for share in np.linspace(0.0, 1.0, 50):
         for height_m in (1.0, 10.0, 19.0):

@@ -11,7 +11,7 @@ from gcs.safety.walls import Fence
 from gcs.state import FleetState, Landed, Mode, Telemetry
 
 IDS = ("a", "b", "c")
-FLOOR = Floor(horizontal_m=2.0, margin_m=1.0)
+FLOOR = Floor(horizontal_m=2.0, margin_m=1.0, uncertainty_m=0.0)
 FENCE = Fence(distance_max_m=300.0)
 
 GOOD = Telemetry(

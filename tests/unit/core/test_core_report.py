@@ -23,7 +23,7 @@ from gcs.plan import Obstacle
 from gcs.safety.separation import Floor
 from gcs.state import Array
 
-FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=1.0, pad_height_m=2.0)
+FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=1.0, uncertainty_m=0.0, pad_height_m=2.0)
 TIME_S = np.arange(0.0, 10.0, 0.02)
 BOX = Obstacle("b", 0.0, 0.0, 3.0, 3.0, 20.0)
 

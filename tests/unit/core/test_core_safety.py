@@ -21,7 +21,7 @@ from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
 from gcs.state import Array
 
 BRAKING = Braking(reaction_s=0.5, deceleration_m_s2=1.5, escape_rate_per_s=0.5)
-FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=1.0, pad_height_m=2.0)
+FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=1.0, uncertainty_m=0.0, pad_height_m=2.0)
 FENCE = Fence(height_min_m=3.0, height_max_m=100.0, distance_max_m=300.0)
 SETTINGS = SafetySettings(limits=Limits(), floor=FLOOR, fence=FENCE, braking=BRAKING)
 NO_PATHS = np.zeros((0, 2, 3))
@@ -46,6 +46,8 @@ def surroundings(
         segments,
         ellipses or {},
         [f"d{i}" for i in range(n)],
+        np.zeros(n),
+        np.full(n, np.inf),
     )
 
 
@@ -158,7 +160,9 @@ def test_the_minimum_is_the_true_distance_and_the_floor_is_an_ellipsoid() -> Non
 
 def test_the_widest_separation_satisfies_the_ellipsoid_in_every_direction() -> None:
     assert FLOOR.widest_m == pytest.approx(4.5)
-    assert Floor(horizontal_m=3.0, vertical_m=2.0, margin_m=1.0).widest_m == pytest.approx(4.0)
+    assert Floor(horizontal_m=3.0, vertical_m=2.0, margin_m=1.0, uncertainty_m=0.0).widest_m == pytest.approx(
+        4.0
+    )
 
 
 def test_two_head_on_are_held_to_what_both_together_can_brake() -> None:
@@ -204,11 +208,25 @@ def test_nobody_commanded_means_no_constraints() -> None:
     position = np.array([[0.0, 0.0, -20.0], [1.0, 0.0, -20.0]])
     nobody = np.zeros(2, dtype=bool)
     found = separation_constraints(
-        position, np.zeros((2, 3)), nobody, ~nobody, floor=FLOOR, braking=BRAKING, names=["a", "b"]
+        position,
+        np.zeros((2, 3)),
+        nobody,
+        ~nobody,
+        floor=FLOOR,
+        braking=BRAKING,
+        names=["a", "b"],
+        uncertainty_m=np.zeros(2),
     )
     assert len(found) == 0
     paths = np.array([[[0.0, 0.0, -20.0], [0.0, 0.0, 0.0]]])
-    assert len(keepout_constraints(position, nobody, paths, floor=FLOOR, braking=BRAKING)) == 0
+    assert (
+        len(
+            keepout_constraints(
+                position, nobody, paths, floor=FLOOR, braking=BRAKING, uncertainty_m=np.zeros(2)
+            )
+        )
+        == 0
+    )
 
 
 # paths of lost vehicles
