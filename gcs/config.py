@@ -261,15 +261,28 @@ def load(path: Path) -> Config:
 
     Raises: ConfigError that names the file, the key, its value and what would be right.
     """
+    return parse(read(path), str(path))
+
+
+def read(path: Path) -> str:
+    """The text of a file. Raises: ConfigError when it cannot be read."""
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from None
-    return parse(text, str(path))
 
 
 def parse(text: str, source: str) -> Config:
     """The configuration in `text`; `source` names it in errors. Raises: ConfigError."""
+    raw = parse_mapping(text, source, "show_frame, links and formation at least")
+    try:
+        return Config.model_validate(raw)
+    except ValidationError as error:
+        raise explained(error, source) from None
+
+
+def parse_mapping(text: str, source: str, needed: str) -> dict[str, object]:
+    """The YAML mapping in `text`, no key twice; `needed` says what it should hold. Raises: ConfigError."""
     try:
         raw = yaml.load(text, Loader=_StrictLoader)  # noqa: S506  (a SafeLoader, stricter)
     except yaml.YAMLError as error:
@@ -280,12 +293,13 @@ def parse(text: str, source: str) -> Config:
         # PyYAML's own constructors, of a month 13 or a tag that does not fit its value
         raise ConfigError(f"{source}: not YAML: {error}") from None
     if not isinstance(raw, dict):
-        raise ConfigError(f"{source}: a mapping is needed, with show_frame, links and formation at least")
-    try:
-        return Config.model_validate(raw)
-    except ValidationError as error:
-        problems = [_plain(problem) for problem in error.errors()]
-        raise ConfigError(f"{source}: " + "; ".join(problems)) from None
+        raise ConfigError(f"{source}: a mapping is needed, with {needed}")
+    return {str(key): value for key, value in raw.items()}
+
+
+def explained(error: ValidationError, source: str) -> ConfigError:
+    """What a reader of `source` can mend: every key, its value and what would be right."""
+    return ConfigError(f"{source}: " + "; ".join(_plain(problem) for problem in error.errors()))
 
 
 def _plain(problem: ErrorDetails) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import gcs.cli.demo as demo_command
 import gcs.cli.serve as serve_command
+import gcs.cli.simulation.command as simulate_command
 import sim.cli
 from gcs import config as configuration
 from gcs.cli import logs
@@ -14,7 +15,7 @@ from gcs.errors import ConfigError
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """`gcs demo`, `gcs serve`, `gcs sim`."""
+    """`gcs demo`, `gcs serve`, `gcs simulate`, `gcs sim`."""
     parser = argparse.ArgumentParser(prog="gcs", description="Fly a self-organising formation of drones.")
     commands = parser.add_subparsers(dest="command", required=True)
 
@@ -30,6 +31,10 @@ def build_parser() -> argparse.ArgumentParser:
     serve_parser.add_argument("--port", type=int, help="of the API; 8000 unless told otherwise")
     serve_parser.add_argument("--quiet", action="store_true", help="log warnings only")
     serve_parser.set_defaults(run=_serve)
+
+    simulate_parser = commands.add_parser("simulate", help="fly scenarios in virtual time and judge them")
+    simulate_command.add_arguments(simulate_parser)
+    simulate_parser.set_defaults(run=simulate_command.run)
 
     sim_parser = commands.add_parser("sim", help="run a fake fleet alone, as python -m sim does")
     sim.cli.add_arguments(sim_parser)

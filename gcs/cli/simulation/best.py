@@ -1,0 +1,65 @@
+"""The best shapes known, ready at hand for the fleets that are judged (the Thomson problem).
+
+`best.npz` beside this file holds them for N = 2 to 32 and some larger; it was written by `write`, which
+`python -m gcs.cli.simulation.best` calls.
+"""
+
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import minimize
+
+from gcs.cli.simulation.judge import energy_and_gradient, energy_and_nearest
+from gcs.state import Array
+
+KEPT = (*range(2, 33), 40, 45, 48, 50, 52, 60, 64, 72, 90, 100, 128, 150, 180, 190, 200)
+STARTS = 60
+FEW_STARTS = 6
+
+
+def search(count: int, starts: int, seed: int = 0) -> Array:
+    """The best of several descents from random starts: (count, 3) unit vectors."""
+    random = np.random.default_rng(seed)
+    least, found = np.inf, np.zeros((count, 3))
+    for _ in range(starts):
+        begin = random.normal(size=3 * count)
+        result = minimize(
+            energy_and_gradient,
+            begin,
+            jac=True,
+            method="L-BFGS-B",
+            options={"ftol": 1e-15, "gtol": 1e-8, "maxiter": 5000, "maxfun": 50_000},
+        )
+        if float(result.fun) < least:
+            least, found = float(result.fun), np.asarray(result.x).reshape(count, 3)
+    unit: Array = found / np.linalg.norm(found, axis=1, keepdims=True)
+    return unit
+
+
+@cache
+def best(count: int) -> Array:
+    """(count, 3) unit vectors of the best configuration known here; searched for when it is not at hand."""
+    with resources.as_file(resources.files("gcs.cli.simulation") / "best.npz") as file, np.load(file) as kept:
+        if str(count) in kept:
+            unit = kept[str(count)].astype(np.float64)
+            return np.asarray(unit / np.linalg.norm(unit, axis=1, keepdims=True))
+    return search(count, FEW_STARTS)
+
+
+@cache
+def best_figures(count: int) -> tuple[float, float]:
+    """Energy and nearest distance of `best`, on the unit sphere."""
+    energy, nearest = energy_and_nearest(best(count))
+    return float(energy), float(nearest)
+
+
+def write(path: Path) -> None:
+    """Search them all; takes some minutes."""
+    found = {str(count): search(count, STARTS) for count in KEPT}
+    np.savez_compressed(path, **{name: unit.astype(np.float32) for name, unit in found.items()})  # type: ignore[arg-type]
+
+
+if __name__ == "__main__":
+    write(Path(__file__).with_name("best.npz"))

@@ -1,0 +1,89 @@
+"""The command line of `gcs simulate`."""
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from gcs.cli.simulation import scenario as scenarios
+from gcs.cli.simulation.batch import Run, judged_runs, passed, run_all
+from gcs.cli.simulation.flight import fly
+from gcs.cli.simulation.table import summary
+from gcs.errors import ConfigError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `gcs simulate`."""
+    parser.add_argument(
+        "scenario", nargs="*", metavar="SCENARIO", help="a YAML file, or the name of a shipped one"
+    )
+    parser.add_argument("--all", action="store_true", help="every scenario that is shipped, as it is judged")
+    parser.add_argument("--judged", action="store_true", help="the runs on which the scenario is judged")
+    parser.add_argument("--seed", type=int, metavar="S", help="1 unless told otherwise")
+    parser.add_argument("--seeds", type=_seeds, metavar="A:B", help="from A up to, without, B")
+    parser.add_argument("--vehicles", type=int, metavar="N", help="the first number it is judged with")
+    parser.add_argument("--workers", type=int, metavar="W", help="runs at a time; as many as there are cores")
+    parser.add_argument("--json", action="store_true", help="one JSON object a run")
+    parser.add_argument("--plot", metavar="FILE.png", help="draw the flight; one scenario, one seed")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fly what is asked for. Returns: 0 when every run shows what its scenario demands, 1 otherwise."""
+    paths = _paths(arguments)
+    if arguments.plot is not None:
+        return _plot(paths, arguments)
+    runs = [run for path in paths for run in _runs(path, arguments)]
+    reports = []
+    for figures in run_all(runs, arguments.workers):
+        reports.append(figures)
+        if arguments.json:
+            print(json.dumps(figures), flush=True)
+    if not arguments.json:
+        print(summary(reports))
+    return 0 if passed(reports) else 1
+
+
+def _paths(arguments: argparse.Namespace) -> list[Path]:
+    if arguments.all and arguments.scenario:
+        raise ConfigError("--all flies every shipped scenario: name none beside it")
+    if not arguments.all and not arguments.scenario:
+        known = ", ".join(path.stem for path in scenarios.shipped())
+        raise ConfigError(f"name a scenario, or --all; there are: {known}")
+    return scenarios.shipped() if arguments.all else [scenarios.find(name) for name in arguments.scenario]
+
+
+def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
+    scenario = scenarios.load(path)
+    if arguments.seed is not None and arguments.seeds is not None:
+        raise ConfigError("--seed or --seeds, not both")
+    judged = judged_runs(path, scenario)
+    if arguments.all or arguments.judged:
+        judged = [run for run in judged if arguments.vehicles in (None, run.vehicles)]
+        wanted = None if arguments.seeds is None else set(arguments.seeds)
+        return [run for run in judged if wanted is None or run.seed in wanted]
+    seeds: Sequence[int] = arguments.seeds or [1 if arguments.seed is None else arguments.seed]
+    vehicles = scenario.judged.vehicles[0] if arguments.vehicles is None else arguments.vehicles
+    if vehicles < 1:
+        raise ConfigError(f"--vehicles {vehicles}: at least 1")
+    return [Run(path, vehicles, seed) for seed in seeds]
+
+
+def _plot(paths: list[Path], arguments: argparse.Namespace) -> int:
+    from gcs.cli.simulation.plot import draw  # noqa: PLC0415  (a second that only a plot need wait for)
+
+    runs = [run for path in paths for run in _runs(path, arguments)]
+    if len(runs) != 1:
+        raise ConfigError(f"--plot draws one flight: one scenario and one seed, not {len(runs)}")
+    file = Path(arguments.plot)
+    if not file.parent.is_dir() or file.suffix not in {".png", ".svg", ".pdf"}:
+        raise ConfigError(f"--plot {file}: a .png, .svg or .pdf file in a folder that exists")
+    figures = draw(fly(scenarios.load(paths[0]), runs[0].vehicles, runs[0].seed), file)
+    print(json.dumps(figures) if arguments.json else summary([figures | {"failed": [], "missed": []}]))
+    return 0
+
+
+def _seeds(text: str) -> range:
+    first, colon, last = text.partition(":")
+    if not (colon and first.isdecimal() and last.isdecimal() and int(first) < int(last)):
+        raise argparse.ArgumentTypeError(f"{text}: two numbers A:B with A below B")
+    return range(int(first), int(last))

@@ -1,0 +1,259 @@
+"""Flying a scenario: the world on one side, `gcs.control.tick` on the other, virtual time between them."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from gcs.cli.simulation import layout
+from gcs.cli.simulation.judge import closest_m
+from gcs.cli.simulation.record import NOWHERE, Record
+from gcs.cli.simulation.scenario import FormationFlight, GoalFlight, Scenario
+from gcs.cli.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
+from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
+from gcs.plan import Formation, Obstacle, Orbit, Plan, Target
+from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
+from gcs.state import Array, FleetState, Mask, Traits
+
+ABOVE_HOME_M = 0.8  # as gcs.errands
+HANDOVER_HEIGHT_M = 1.5
+LINGER_S = 5.0
+"""A flight to goals goes on for so long after the last arrived."""
+
+
+class SimulatedFlight:
+    """What every kind of flight shares: hearing, deciding, saying, and keeping a record of the truth."""
+
+    def __init__(self, scenario: Scenario, start_m: Array, goal_m: Array, plan: Plan, seed: int) -> None:
+        n = len(start_m)
+        self.scenario, self.plan = scenario, plan
+        self.settings: ControlSettings = scenario.control
+        self.world = TrueWorld(start_m, scenario.world, seed)
+        self.record = Record(scenario, seed, start_m, goal_m, self.floor.horizontal_m)
+        self.task = np.full(n, Task.NONE, dtype=np.int8)
+        self.goal_m = np.array(goal_m)
+        self.descending = np.zeros(n, dtype=bool)
+        self.present = np.ones(n, dtype=bool)
+        self.center_moves = False
+        self.memory = Memory.fresh(n, 0.0)
+        uncertainty_m = self.floor.uncertainty_m * min(1.0, scenario.world.noise)
+        self.traits = Traits.alike(n, uncertainty_m)
+
+    @property
+    def floor(self) -> Floor:
+        """Of the separation."""
+        return self.settings.safety.floor
+
+    @property
+    def time_s(self) -> float:
+        """Virtual, from engagement."""
+        return self.world.time_s
+
+    def fly(self) -> Record:
+        """From engagement to the end."""
+        began_s = time.perf_counter()
+        while self.time_s < self.scenario.duration_s - 1e-9 and not self.finished():
+            self.before_tick()
+            self._tick()
+        self.record.wall_s = time.perf_counter() - began_s
+        return self.record
+
+    def before_tick(self) -> None:
+        """What the operator, the director and the errands would do now."""
+
+    def finished(self) -> bool:
+        """Whether nothing more is to be seen."""
+        return False
+
+    def decide(self, fleet: FleetState, tasks: Tasks) -> Tick:
+        """The tick itself, as it flies real vehicles."""
+        return tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings)
+
+    def _tick(self) -> None:
+        fleet = self.world.hear()
+        tasks = Tasks(
+            self.task.copy(),
+            self.goal_m.copy(),
+            self.world.in_air & self.present,
+            self.descending.copy(),
+            np.zeros((0, 2, 3)),
+            center_moves=self.center_moves,
+        )
+        began_s = time.perf_counter()
+        decided = self.decide(fleet, tasks)
+        took_s = time.perf_counter() - began_s
+        self.memory = decided.memory
+        self._keep(decided, took_s)
+        self.world.say(decided.setpoints)
+        seen_m = self.world.advance()
+        self.record.closest_m.append(min(self._closest_m(position_m) for position_m in seen_m))
+
+    def _keep(self, decided: Tick, took_s: float) -> None:
+        record, memory = self.record, decided.memory
+        record.tick_s.append(took_s)
+        record.time_s.append(self.time_s)
+        record.position_m.append(self.world.position_m.astype(np.float32))
+        record.formed.append((self.task == Task.FORMATION) & self.present)
+        record.in_air.append(self.world.in_air & self.present)
+        record.center_m.append(NOWHERE if memory.center is None else memory.center.position_m)
+        record.radius_m.append(memory.radius_m)
+        record.target_m.append(np.array(self.plan.target.position_m(self.time_s)))
+        record.boxes.append(self.plan.obstacles)
+        record.restrained.append(sum(reason != "" for reason in decided.restrained_by))
+
+    def _closest_m(self, position_m: Array) -> float:
+        floor = self.floor
+        in_air = self.world.in_air & self.present
+        distance_m, inside = closest_m(
+            position_m, in_air, self.present, floor.scale[2], floor.pad_height_m, floor.horizontal_m
+        )
+        if inside:
+            rows = np.flatnonzero(self.present)
+            first, second = pairs_that_count(position_m[rows], in_air[rows], floor)
+            near = scaled_distance_m(position_m[rows], first, second, floor) < floor.horizontal_m
+            pairs = zip(rows[first[near]].tolist(), rows[second[near]].tolist(), strict=True)
+            self.record.violating.update(pairs)
+        return float(distance_m)
+
+    def vanish(self, rows: Mask) -> None:
+        """Gone, from one moment to the next."""
+        self.present = self.present & ~rows
+        self.task[rows] = Task.NONE
+        self.world.remove(rows)
+
+
+class FormationRun(SimulatedFlight):
+    """Engaged together; then the target moves, some leave, some join, all come home: as the scenario says."""
+
+    def __init__(self, scenario: Scenario, flight: FormationFlight, count: int, seed: int) -> None:
+        self.flight = flight
+        self._random = np.random.default_rng([seed, 1])
+        everyone = count + flight.join
+        start_m = layout.formation_start_m(flight, everyone, self._random)
+        radius_m = flight.radius_m or layout.assembly_radius_m(everyone)
+        height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
+        plan = Plan(
+            Formation(radius_m, height_m),
+            Orbit(flight.orbit.radius_m, flight.orbit.speed_m_s, flight.orbit.direction),
+            Target(),
+            tuple(
+                Obstacle(
+                    f"box {index + 1}",
+                    box.x_m,
+                    box.y_m,
+                    box.half_length_x_m,
+                    box.half_length_y_m,
+                    box.height_m,
+                )
+                for index, box in enumerate(flight.boxes)
+            ),
+        )
+        super().__init__(scenario, start_m, np.full((everyone, 3), np.nan), plan, seed)
+        self.task[:count] = Task.FORMATION
+        self._joining = np.arange(everyone) >= count
+        self._changed = self._ended = False
+        rows = np.arange(everyone)
+        charge = np.array(flight.charges)[rows % len(flight.charges)]
+        speeds_m_s = np.array(flight.speeds_m_s or (np.inf,))
+        self.traits = Traits(charge, speeds_m_s[rows % len(speeds_m_s)], np.array(self.traits.uncertainty_m))
+        self._target_m = np.array([flight.target.x_m, flight.target.y_m])
+        self._target_m_s = np.array([flight.target.velocity_x_m_s, flight.target.velocity_y_m_s])
+
+    def before_tick(self) -> None:
+        """Target and events."""
+        flight, now_s = self.flight, self.time_s
+        self.center_moves = now_s >= flight.center_moves_from_s and not self._ended
+        self._move_target()
+        if not self._changed and (flight.leave_share or flight.join) and now_s >= flight.change_s:
+            self._change()
+        if flight.ending != "none" and now_s >= flight.ending_s:
+            self._end()
+
+    def _move_target(self) -> None:
+        now_s, dt_s = self.time_s, self.world.tick_s
+        if now_s > 0.0:
+            acceleration_m_s2 = np.zeros(2)
+            for turn in self.flight.target.turns:
+                if turn.from_s <= now_s - dt_s / 2 < turn.to_s:
+                    acceleration_m_s2 += (turn.acceleration_x_m_s2, turn.acceleration_y_m_s2)
+            self._target_m = self._target_m + dt_s * (self._target_m_s + dt_s * acceleration_m_s2 / 2)
+            self._target_m_s = self._target_m_s + dt_s * acceleration_m_s2
+        target = target_at(now_s, self._target_m, self._target_m_s)
+        self.plan = replace(self.plan, target=target)
+
+    def _change(self) -> None:
+        self._changed = True
+        self.record.changed_s = self.time_s
+        flying = np.flatnonzero((self.task == Task.FORMATION) & self.present)
+        gone = self._random.choice(flying, round(self.flight.leave_share * len(flying)), replace=False)
+        rows = np.zeros(len(self.task), dtype=bool)
+        rows[gone] = True
+        self.vanish(rows)
+        self.task[self._joining] = Task.FORMATION
+
+    def _end(self) -> None:
+        """Home and down through the filter, or everybody at once by the autopilot's own means."""
+        if self.flight.ending == "return":
+            self._come_home(begin=not self._ended)
+        elif not self._ended:
+            flying = self.present & self.world.in_air
+            self.task[:] = Task.NONE
+            sinking_m_s = {"descend": DESCEND_M_S, "land": TOUCHDOWN_M_S, "hold": 0.0}[self.flight.ending]
+            self.world.leave_to_themselves(flying, sinking_m_s)
+        self._ended = True
+
+    def _come_home(self, *, begin: bool) -> None:
+        pads_m = self.record.start_m * (1.0, 1.0, 0.0)
+        here_m = self.world.heard_m
+        if begin:
+            self.record.changed_s = self.time_s
+            self.task[self.present] = Task.GOAL
+            self.goal_m = pads_m.copy()
+            self.goal_m[:, 2] = np.minimum(here_m[:, 2], -self.flight.takeoff_height_m)
+            self.record.goal_m = pads_m
+        flown = (self.task == Task.GOAL) & self.present
+        arrived = flown & (np.hypot(*(here_m - pads_m)[:, :2].T) < ABOVE_HOME_M) & ~self.descending
+        self.descending = self.descending | arrived
+        self.goal_m[arrived] = pads_m[arrived]
+        low = flown & self.descending & (-here_m[:, 2] < HANDOVER_HEIGHT_M)
+        self.task[low] = Task.NONE
+        self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
+
+    def finished(self) -> bool:
+        """When all are down."""
+        return self._ended and not self.record.in_air[-1].any()
+
+
+class GoalRun(SimulatedFlight):
+    """Everybody to a place of its own."""
+
+    def __init__(self, scenario: Scenario, flight: GoalFlight, count: int, seed: int) -> None:
+        self.flight = flight
+        start_m, goal_m = layout.goals_m(flight, count, np.random.default_rng([seed, 1]))
+        middle_m = start_m.mean(axis=0)
+        plan = Plan(Formation(10.0, float(-middle_m[2])))
+        super().__init__(scenario, start_m, goal_m, plan, seed)
+        self.task[:] = Task.GOAL
+        self._since_s = np.inf
+
+    def finished(self) -> bool:
+        """Some time after the last arrived."""
+        away_m = np.linalg.norm(self.world.position_m - self.record.goal_m, axis=1).max()
+        self._since_s = min(self._since_s, self.time_s) if away_m < self.flight.arrived_m else np.inf
+        return self.time_s - self._since_s > LINGER_S
+
+
+def target_at(time_s: float, place_m: Array, velocity_m_s: Array) -> Target:
+    """The target as an operator would tell it: (2,) place and (2,) velocity."""
+    return Target(
+        float(place_m[0]), float(place_m[1]), float(velocity_m_s[0]), float(velocity_m_s[1]), time_s
+    )
+
+
+def fly(scenario: Scenario, count: int, seed: int) -> Record:
+    """Fly it once. Raises: ConfigError when its places cannot be had."""
+    if isinstance(scenario.flight, FormationFlight):
+        return FormationRun(scenario, scenario.flight, count, seed).fly()
+    if isinstance(scenario.flight, GoalFlight):
+        return GoalRun(scenario, scenario.flight, count, seed).fly()
+    raise NotImplementedError

@@ -1,0 +1,325 @@
+"""The figures of a flight, from its record: everything is judged by the true states."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
+
+from gcs.cli.simulation.best import best, best_figures
+from gcs.cli.simulation.judge import energy_and_nearest
+from gcs.cli.simulation.record import Record
+from gcs.cli.simulation.scenario import FormationFlight, GoalFlight, Judged
+from gcs.safety.filter import Limits
+from gcs.state import Array, Mask
+
+SETTLED_ENERGY = 1.005
+SETTLED_RADIUS = 0.02
+STEADY_S = 5.0
+ROTATIONS = 60
+PENETRATION_M = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """The formation's shape at every tick."""
+
+    energy_ratio: Array  # (ticks,)
+    nearest_ratio: Array
+    radius_error_m: Array  # largest over the drones
+    settled: Mask  # of each tick alone
+
+
+def shape_over_time(record: Record) -> Shape:
+    """Energy and nearest neighbours of the directions from the commanded centre, and the radii."""
+    ticks = len(record.time_s)
+    energy, nearest, radius_m = (np.full(ticks, np.nan) for _ in range(3))
+    settled = np.zeros(ticks, dtype=bool)
+    judged = record.scenario.judged
+    for tick, position_m in enumerate(record.position_m):
+        rows = record.formed[tick]
+        count = int(rows.sum())
+        if count < 2 or not np.isfinite(record.center_m[tick]).all():
+            continue
+        offset_m = position_m[rows].astype(np.float64) - record.center_m[tick]
+        distance_m = np.linalg.norm(offset_m, axis=1)
+        direction = offset_m / np.maximum(distance_m, 1e-9)[:, None]
+        here, there = energy_and_nearest(direction), best_figures(count)
+        energy[tick], nearest[tick] = here[0] / there[0], here[1] / there[1]
+        radius_m[tick] = np.abs(distance_m - record.radius_m[tick]).max()
+        settled[tick] = (
+            energy[tick] < SETTLED_ENERGY
+            and nearest[tick] >= least_nearest(judged, count)
+            and radius_m[tick] <= SETTLED_RADIUS * record.radius_m[tick]
+        )
+    return Shape(energy, nearest, radius_m, settled)
+
+
+def least_nearest(judged: Judged, count: int) -> float:
+    """The table's nearest ratio for so many vehicles."""
+    return judged.nearest_few if count <= judged.few else judged.nearest_many
+
+
+def settle_time_s(record: Record, shape: Shape) -> float | None:
+    """From the last change until settled for good; None: not before the end."""
+    not_yet = np.flatnonzero(~shape.settled)
+    first = int(not_yet[-1]) + 1 if len(not_yet) else 0
+    if first >= len(record.time_s):
+        return None
+    return max(0.0, record.time_s[first] - record.changed_s)
+
+
+def steady_ticks(record: Record) -> NDArray[np.intp]:
+    """Those of the last seconds in formation."""
+    formed = np.array([rows.any() for rows in record.formed])
+    ticks = np.flatnonzero(formed)
+    return ticks[-round(STEADY_S * record.scenario.world.tick_rate_hz) :]
+
+
+def travel_time_s(way_m: Array, sideways_m_s: float, limits: Limits) -> Array:
+    """Straight flights at the limits: (...,) for ways (..., 3)."""
+    level_s = np.hypot(way_m[..., 0], way_m[..., 1]) / min(sideways_m_s, limits.horizontal_m_s)
+    up_s, down_s = -way_m[..., 2] / limits.up_m_s, way_m[..., 2] / limits.down_m_s
+    longest: Array = np.maximum(level_s, np.maximum(up_s, down_s))
+    return longest
+
+
+def straight_line_time_s(start_m: Array, final_m: Array, sideways_m_s: float, limits: Limits) -> float:
+    """The largest time of the assignment of starts to places, (n, 3) each, whose largest time is smallest."""
+    cost_s = travel_time_s(final_m[None] - start_m[:, None], sideways_m_s, limits)
+    levels = np.unique(cost_s)
+    low, high = 0, len(levels) - 1
+    while low < high:
+        middle = (low + high) // 2
+        matched = maximum_bipartite_matching(csr_array(cost_s <= levels[middle]), perm_type="column")
+        low, high = (low, middle) if (matched >= 0).all() else (middle + 1, high)
+    return float(levels[low])
+
+
+def shape_error_m(record: Record, ticks: NDArray[np.intp]) -> float:
+    """Rms distance to the best configuration at the commanded centre, best proper rotation, over `ticks`."""
+    offsets_m = [
+        record.position_m[tick][record.formed[tick]].astype(np.float64) - record.center_m[tick]
+        for tick in ticks
+    ]
+    target = best(len(offsets_m[-1]))
+    order = _matched(offsets_m[-1] / record.radius_m[ticks[-1]], target)
+    squares = [
+        _squared_error(offset_m, record.radius_m[tick] * target[order])
+        for offset_m, tick in zip(offsets_m, ticks, strict=True)
+        if len(offset_m) == len(target)
+    ]
+    return float(np.sqrt(np.mean(squares)))
+
+
+def _rotation(from_m: Array, to_m: Array) -> Array:
+    """(3, 3) proper rotation that brings (n, 3) points closest to others (Kabsch)."""
+    left, _, right = np.linalg.svd(from_m.T @ to_m)
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    rotation: Array = (left @ flip @ right).T
+    return rotation
+
+
+def _squared_error(offset_m: Array, place_m: Array) -> float:
+    turned_m = place_m @ _rotation(place_m, offset_m).T
+    return float(((turned_m - offset_m) ** 2).sum(axis=1).mean())
+
+
+def _matched(points: Array, target: Array) -> NDArray[np.intp]:
+    """Which row of the target belongs to each point, over many first guesses of the rotation."""
+    random = np.random.default_rng(0)
+    least, found = np.inf, np.arange(len(points))
+    for _ in range(ROTATIONS if len(points) <= 64 else ROTATIONS // 6):
+        turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
+        turn = turn * np.sign(np.linalg.det(turn))
+        for _ in range(20):
+            turned = target @ turn.T
+            order = linear_sum_assignment(((points[:, None] - turned[None]) ** 2).sum(axis=2))[1]
+            better = _rotation(target[order], points)
+            if np.abs(better - turn).max() < 1e-6:
+                break
+            turn = better
+        error = _squared_error(points, target[order])
+        if error < least:
+            least, found = error, order
+    return found
+
+
+def separation(record: Record) -> dict[str, object]:
+    """The floor, how close anybody came in its metric, how many pairs were inside it."""
+    return {
+        "floor_m": record.floor_m,
+        "minimum_m": rounded(min(record.closest_m)),
+        "violations": len(record.violating),
+    }
+
+
+def formation(record: Record, shape: Shape) -> dict[str, object]:
+    """Settling, and the steady shape."""
+    flight = record.scenario.flight
+    ticks = steady_ticks(record)
+    if not isinstance(flight, FormationFlight) or len(ticks) == 0:
+        return dict.fromkeys(
+            (
+                "settled",
+                "settle_time_s",
+                "straight_line_time_s",
+                "radius_error_m",
+                "radius_share",
+                "energy_ratio",
+                "nearest_ratio",
+                "shape_error_m",
+            )
+        )
+    settle_s = settle_time_s(record, shape) if flight.ending == "none" else _settled_once_s(record, shape)
+    rows = record.formed[ticks[-1]]
+    change = int(np.searchsorted(record.time_s, record.changed_s - 1e-9)) if flight.ending == "none" else 0
+    limits = record.scenario.control.safety.limits
+    straight_s = straight_line_time_s(
+        record.position_m[change][rows] - _centered(record, change),
+        record.position_m[ticks[-1]][rows] - _centered(record, int(ticks[-1])),
+        record.scenario.control.law.speed_m_s,
+        limits,
+    )
+    steady_radius_m = np.mean(
+        [
+            np.abs(
+                np.linalg.norm(record.position_m[t][record.formed[t]] - record.center_m[t], axis=1)
+                - record.radius_m[t]
+            )
+            for t in ticks
+            if record.formed[t].sum() == rows.sum()
+        ],
+        axis=0,
+    )
+    return {
+        "settled": settle_s is not None,
+        "settle_time_s": rounded(settle_s),
+        "straight_line_time_s": rounded(straight_s),
+        "radius_error_m": rounded(float(steady_radius_m.max())),
+        "radius_share": rounded(float(steady_radius_m.max()) / record.radius_m[ticks[-1]], 5),
+        "energy_ratio": rounded(float(shape.energy_ratio[ticks].mean()), 6),
+        "nearest_ratio": rounded(float(shape.nearest_ratio[ticks].mean()), 4),
+        "shape_error_m": rounded(shape_error_m(record, ticks)),
+    }
+
+
+def _centered(record: Record, tick: int) -> Array:
+    """(3,) what a place is relative to: the moving centre, once it moves."""
+    begin_m, here_m = record.center_m[0], record.center_m[tick]
+    return np.where(np.isfinite(here_m) & np.isfinite(begin_m), here_m - begin_m, 0.0)
+
+
+def _settled_once_s(record: Record, shape: Shape) -> float | None:
+    settled = np.flatnonzero(shape.settled)
+    return record.time_s[int(settled[0])] if len(settled) else None
+
+
+def tracking(record: Record) -> dict[str, object]:
+    """True centroid against true target, once settled for the first time."""
+    flight = record.scenario.flight
+    figures: dict[str, object] = {"orbit_radius_error_m": None, "center_speed_m_s": None}
+    if not isinstance(flight, FormationFlight) or not flight.orbit.radius_m:
+        return figures
+    settle_s = _on_orbit_s(record, flight)
+    ticks = [t for t in range(len(record.time_s)) if settle_s is not None and record.time_s[t] >= settle_s]
+    if len(ticks) < 2:
+        return figures
+    centroid_m = np.array(
+        [record.position_m[t][record.formed[t], :2].mean(axis=0) for t in ticks], dtype=np.float64
+    )
+    rho_m = np.linalg.norm(centroid_m - np.array([record.target_m[t] for t in ticks]), axis=1)
+    speed_m_s = np.linalg.norm(np.diff(centroid_m, axis=0), axis=1) * record.scenario.world.tick_rate_hz
+    figures["orbit_radius_error_m"] = rounded(float(np.sqrt(((rho_m - flight.orbit.radius_m) ** 2).mean())))
+    figures["center_speed_m_s"] = rounded(float(speed_m_s.mean()))
+    return figures
+
+
+def _on_orbit_s(record: Record, flight: FormationFlight) -> float | None:
+    """When the commanded centre is on its orbit for the first time, and 5 s more for the drones to settle."""
+    for t, center_m in enumerate(record.center_m):
+        rho_m = float(np.linalg.norm(center_m[:2] - record.target_m[t]))
+        if record.time_s[t] >= flight.center_moves_from_s and abs(rho_m - flight.orbit.radius_m) < 0.1:
+            return record.time_s[t] + STEADY_S
+    return None
+
+
+def arrival(record: Record) -> dict[str, object]:
+    """Who arrived, and how much later than straight flight at the limits would have been."""
+    flight, scenario = record.scenario.flight, record.scenario
+    if not np.isfinite(record.goal_m).all():
+        return dict.fromkeys(("arrived", "median_ratio", "worst_ratio"))
+    limits = scenario.control.safety.limits
+    begin = int(np.searchsorted(record.time_s, record.changed_s - 1e-9))
+    way_m = record.goal_m - record.position_m[begin]
+    straight_s = travel_time_s(way_m, scenario.control.law.speed_m_s, limits)
+    if isinstance(flight, GoalFlight):
+        path_m = record.path_m[begin:]
+        there = np.linalg.norm(path_m - record.goal_m, axis=2) < flight.arrived_m
+    else:
+        there = ~np.array(record.in_air[begin:])
+    ever = there.any(axis=0)
+    took_s = np.where(ever, there.argmax(axis=0) / scenario.world.tick_rate_hz, np.inf)
+    ratio = took_s / np.maximum(straight_s, 1e-9)
+    return {
+        "arrived": int(ever.sum()),
+        "median_ratio": rounded(float(np.median(ratio))),
+        "worst_ratio": rounded(float(ratio.max())),
+    }
+
+
+def obstacles(record: Record) -> dict[str, object]:
+    """Who was inside a box grown by 1 m and below its top plus 1 m; the smallest distance to a box itself."""
+    nothing = dict.fromkeys(("penetrations", "minimum_clearance_m", "reformed_time_s", "same_side"))
+    if not any(record.boxes):
+        return nothing
+    inside = np.zeros(record.count, dtype=bool)
+    least_m = np.inf
+    for tick, boxes in enumerate(record.boxes):
+        position_m = record.position_m[tick]
+        flying = record.in_air[tick]
+        for box in boxes:
+            beyond_m = np.abs(position_m[:, :2] - (box.x_m, box.y_m)) - (
+                box.half_length_x_m,
+                box.half_length_y_m,
+            )
+            above_m = -position_m[:, 2] - box.height_m
+            inside |= flying & (beyond_m < PENETRATION_M).all(axis=1) & (above_m < PENETRATION_M)
+            gap_m = np.linalg.norm(np.maximum(np.column_stack([beyond_m, above_m]), 0.0), axis=1)
+            least_m = min(least_m, float(gap_m[flying].min(initial=np.inf)))
+    return nothing | {"penetrations": int(inside.sum()), "minimum_clearance_m": rounded(least_m)}
+
+
+def ticks_ms(record: Record) -> dict[str, object]:
+    """How long deciding took."""
+    took_ms = np.array(record.tick_s) * 1e3
+    return {
+        "p50_ms": rounded(float(np.median(took_ms))),
+        "p99_ms": rounded(float(np.percentile(took_ms, 99))),
+    }
+
+
+def rounded(value: float | None, digits: int = 3) -> float | None:
+    """For people; None and infinity have no JSON number."""
+    return None if value is None or not np.isfinite(value) else round(value, digits)
+
+
+def report(record: Record) -> dict[str, object]:
+    """One JSON object about one flight."""
+    shape = shape_over_time(record)
+    duration_s = record.time_s[-1] + 1.0 / record.scenario.world.tick_rate_hz
+    return {
+        "scenario": record.scenario.name,
+        "vehicles": record.count,
+        "seed": record.seed,
+        "duration_s": rounded(duration_s),
+        "realtime_factor": rounded(duration_s / max(record.wall_s, 1e-9), 1),
+        "separation": separation(record),
+        "formation": formation(record, shape),
+        "tracking": tracking(record),
+        "obstacles": obstacles(record),
+        "arrival": arrival(record),
+        "tick": ticks_ms(record),
+    }

@@ -1,0 +1,46 @@
+"""What a simulated flight leaves behind: true states, tick by tick, and what was commanded."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gcs.cli.simulation.scenario import Scenario
+from gcs.plan import Obstacle
+from gcs.state import Array, Mask
+
+NOWHERE = np.full(3, np.nan)
+
+
+@dataclass(slots=True, eq=False)
+class Record:
+    """A flight of n vehicles, one entry per tick. Filled by the flight, read by the measures."""
+
+    scenario: Scenario
+    seed: int
+    start_m: Array  # (n, 3)
+    goal_m: Array  # (n, 3), NaN without
+    floor_m: float
+    time_s: list[float] = field(default_factory=list)
+    position_m: list[Array] = field(default_factory=list)  # (n, 3) true
+    formed: list[Mask] = field(default_factory=list)  # (n,) belong to the formation
+    in_air: list[Mask] = field(default_factory=list)  # (n,)
+    center_m: list[Array] = field(default_factory=list)  # (3,) commanded
+    radius_m: list[float] = field(default_factory=list)
+    target_m: list[Array] = field(default_factory=list)  # (2,)
+    boxes: list[tuple[Obstacle, ...]] = field(default_factory=list)  # where they are
+    closest_m: list[float] = field(default_factory=list)  # in the floor's metric, over the tick's steps
+    restrained: list[int] = field(default_factory=list)  # how many the filter held back
+    tick_s: list[float] = field(default_factory=list)  # how long each decision took
+    violating: set[tuple[int, int]] = field(default_factory=set)  # pairs
+    wall_s: float = 0.0
+    changed_s: float = 0.0  # from here on settling is judged: engagement, or the last event
+
+    @property
+    def count(self) -> int:
+        """How many vehicles."""
+        return len(self.start_m)
+
+    @property
+    def path_m(self) -> Array:
+        """(ticks, n, 3) true."""
+        return np.array(self.position_m, dtype=np.float64)

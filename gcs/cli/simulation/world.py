@@ -1,0 +1,206 @@
+"""The world of a simulation: true states, late and lossy links, wind. Seeded; time is counted in ticks."""
+
+from collections import deque
+from dataclasses import dataclass, replace
+from math import exp, sqrt
+
+import numpy as np
+
+from gcs.cli.simulation.scenario import Wind, World
+from gcs.state import Array, FleetState, Mask, Setpoints, VehicleId
+from sim import noise
+from sim.dynamics import PointMasses, Response, step
+
+LONGEST_STEP_S = 0.0125
+"""Of the integration; sim.dynamics allows 0.02."""
+
+TOUCHDOWN_M_S = 0.7
+"""PX4's own LAND (MPC_LAND_SPEED)."""
+
+DESCEND_M_S = 0.9
+"""PX4 without setpoints, COM_OBL_RC_ACT 0 (FACTS, section 3, item 5)."""
+
+
+def varied_response(count: int, world: World, random: np.random.Generator) -> Response:
+    """Everybody's own answer: each setting of the measured one, times 1 +- the spread."""
+    measured = Response(drag_per_s=world.drag_per_s)
+
+    def each(value: float) -> Array:
+        varied: Array = value * (1.0 + world.response_spread * random.uniform(-1.0, 1.0, count))
+        return varied
+
+    return Response(
+        **{
+            name: each(float(np.asarray(getattr(measured, name))))
+            if "limit" not in name
+            else getattr(measured, name)
+            for name in measured.__dataclass_fields__
+        }
+    )
+
+
+@dataclass(slots=True, eq=False)
+class Air:
+    """Wind at every vehicle: the mean and a gust of its own (first-order Gauss-Markov)."""
+
+    wind: Wind
+    gust_m_s: Array  # (n, 3)
+
+    def blow(self, dt_s: float, random: np.random.Generator) -> None:
+        """Let the gusts change for `dt_s`."""
+        if self.wind.gust_m_s:
+            keep = exp(-dt_s / self.wind.gust_time_s)
+            fresh = self.wind.gust_m_s * sqrt(1.0 - keep * keep) * random.standard_normal(self.gust_m_s.shape)
+            self.gust_m_s = keep * self.gust_m_s + fresh
+
+    @property
+    def velocity_m_s(self) -> Array:
+        """(n, 3) over the ground."""
+        mean_m_s = np.array([self.wind.mean_x_m_s, self.wind.mean_y_m_s, 0.0])
+        velocity: Array = self.gust_m_s + mean_m_s
+        return velocity
+
+
+class TrueWorld:
+    """n vehicles, hovering at first; what the ground station hears and says goes through here."""
+
+    def __init__(self, start_m: Array, world: World, seed: int) -> None:
+        """`start_m` (n, 3), show frame; everybody hovers there and was heard just now."""
+        n = len(start_m)
+        self._random = np.random.default_rng(seed)
+        self._world = world
+        self.tick_s = 1.0 / world.tick_rate_hz
+        self._steps = int(np.ceil(self.tick_s / LONGEST_STEP_S - 1e-9))
+        self.step_s = self.tick_s / self._steps
+        self.ids: tuple[VehicleId, ...] = tuple(f"d{i + 1}" for i in range(n))
+        self._row_of = {name: row for row, name in enumerate(self.ids)}
+        self.time_s = 0.0
+        self.response = varied_response(n, world, self._random)
+        self.air = Air(world.wind, world.wind.gust_m_s * self._random.standard_normal((n, 3)))
+        self.bodies = self._balanced(start_m)
+        self._error = noise.draw(n, world.noise, self._random)
+        self.in_air: Mask = np.ones(n, dtype=bool)
+        self.ground_m = np.zeros(n)  # z of the ground below each
+        self._rest_m = np.full((n, 3), np.nan)  # where those who landed stand
+        self._command_m_s = np.zeros((n, 3))
+        self._heard_m, self._heard_m_s = self._estimate()
+        self._heard_s = np.zeros(n)
+        self._telemetry: deque[tuple[float, Mask, Array, Array]] = deque()
+        self._setpoints: deque[tuple[float, Array]] = deque()
+
+    def _balanced(self, start_m: Array) -> PointMasses:
+        """Hovering for long: the integrators hold the wind."""
+        bodies = PointMasses.at(start_m)
+        mean_m_s = np.array([self._world.wind.mean_x_m_s, self._world.wind.mean_y_m_s, 0.0])
+        hold_m_s2 = -np.asarray(self.response.drag_per_s).reshape(-1, 1) * mean_m_s
+        return replace(bodies, acceleration_m_s2=hold_m_s2, integral_m_s2=hold_m_s2.copy())
+
+    @property
+    def position_m(self) -> Array:
+        """(n, 3) true, show frame."""
+        return self.bodies.position_m
+
+    @property
+    def velocity_m_s(self) -> Array:
+        """(n, 3) true, show frame."""
+        return self.bodies.velocity_m_s
+
+    @property
+    def heard_m(self) -> Array:
+        """(n, 3) positions as they last arrived."""
+        return self._heard_m
+
+    def _estimate(self) -> tuple[Array, Array]:
+        if not self._world.noise:
+            return self.bodies.position_m, self.bodies.velocity_m_s
+        return (
+            self.bodies.position_m + self._error.position_m,
+            self.bodies.velocity_m_s + self._error.velocity_m_s,
+        )
+
+    def hear(self) -> FleetState:
+        """What the ground station knows now: brought forward from its arrival with the reported velocity."""
+        position_m, velocity_m_s = self._estimate()
+        n, world = len(self.ids), self._world
+        kept = self._random.random(n) >= world.loss if world.loss else np.ones(n, dtype=bool)
+        self._telemetry.append((self.time_s + world.telemetry_delay_s, kept, position_m, velocity_m_s))
+        while self._telemetry and self._telemetry[0][0] <= self.time_s + 1e-9:
+            _, arrived, position_m, velocity_m_s = self._telemetry.popleft()
+            rows = arrived[:, None]
+            self._heard_m = np.where(rows, position_m, self._heard_m)
+            self._heard_m_s = np.where(rows, velocity_m_s, self._heard_m_s)
+            self._heard_s = np.where(arrived, self.time_s, self._heard_s)
+        age_s = self.time_s - self._heard_s
+        forward_m = self._heard_m + age_s[:, None] * self._heard_m_s
+        return FleetState(self.time_s, self.ids, forward_m, self._heard_m_s.copy(), np.zeros(n), age_s)
+
+    def say(self, setpoints: Setpoints) -> None:
+        """Send; some of it is lost, all of it arrives late."""
+        n, world = len(self.ids), self._world
+        sent_m_s = np.full((n, 3), np.nan)
+        if setpoints.ids == self.ids:
+            sent_m_s = np.array(setpoints.velocity_m_s)
+        else:
+            sent_m_s[[self._row_of[name] for name in setpoints.ids]] = setpoints.velocity_m_s
+        if world.loss:
+            sent_m_s[self._random.random(n) < world.loss] = np.nan
+        self._setpoints.append((self.time_s + world.setpoint_delay_s, sent_m_s))
+
+    def leave_to_themselves(self, rows: Mask, sinking_m_s: float) -> None:
+        """Nobody commands `rows` (n,) any more: they stop, and sink at that speed."""
+        self._command_m_s[rows] = 0.0
+        self._command_m_s[rows, 2] = sinking_m_s
+        for _, sent_m_s in self._setpoints:
+            sent_m_s[rows] = np.nan
+
+    def remove(self, rows: Mask) -> None:
+        """They are gone: neither in the air nor anywhere."""
+        self.in_air = self.in_air & ~rows
+
+    def advance(self) -> list[Array]:
+        """One tick. Returns: the true positions (n, 3) after every integration step."""
+        if self._world.noise:
+            self._error = noise.step(self._error, self.tick_s, self._world.noise, self._random)
+        self.air.blow(self.tick_s, self._random)
+        wind = self._world.wind
+        windy = wind.gust_m_s or wind.mean_x_m_s or wind.mean_y_m_s
+        wind_m_s = self.air.velocity_m_s if windy else None
+        error_m_s = self._error.velocity_m_s if self._world.noise else None
+        seen = []
+        for index in range(self._steps):
+            self._obey(self.time_s + index * self.step_s)
+            self.bodies = step(
+                self.bodies,
+                self._command_m_s,
+                self.step_s,
+                self.response,
+                wind_m_s=wind_m_s,
+                velocity_error_m_s=error_m_s,
+            )
+            seen.append(self.bodies.position_m)
+        self.time_s += self.tick_s
+        self._touch_ground()
+        return seen
+
+    def _obey(self, now_s: float) -> None:
+        while self._setpoints and self._setpoints[0][0] <= now_s + 1e-9:
+            sent_m_s = self._setpoints.popleft()[1]
+            self._command_m_s = np.where(np.isfinite(sent_m_s), sent_m_s, self._command_m_s)
+
+    def _touch_ground(self) -> None:
+        """Who reaches the ground stays there, disarmed."""
+        touching = (self.bodies.position_m[:, 2] >= self.ground_m) & self.in_air
+        if touching.any():
+            self._rest_m[touching, :2] = self.bodies.position_m[touching, :2]
+            self._rest_m[touching, 2] = self.ground_m[touching]
+            self.in_air = self.in_air & ~touching
+        rows = np.isfinite(self._rest_m)
+        if not rows.any():
+            return
+        self.bodies = replace(
+            self.bodies,
+            position_m=np.where(rows, self._rest_m, self.bodies.position_m),
+            velocity_m_s=np.where(rows, 0.0, self.bodies.velocity_m_s),
+            acceleration_m_s2=np.where(rows, 0.0, self.bodies.acceleration_m_s2),
+            integral_m_s2=np.where(rows, 0.0, self.bodies.integral_m_s2),
+        )
