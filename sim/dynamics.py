@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -25,6 +26,9 @@ Mask: TypeAlias = NDArray[np.bool_]
 Setting: TypeAlias = float | Array
 
 GRAVITY_M_S2 = 9.80665
+
+KEPT_RESPONSES = 64
+"""Of which the settings stay prepared; a response is never changed."""
 
 
 class ShapeError(ValueError):
@@ -143,22 +147,20 @@ def step(
     if command_m_s.shape != state.position_m.shape:
         raise ShapeError(f"{command_m_s.shape} commands for {len(state)} vehicles")
     commands_m_s = (np.array(command_m_s), *state.commands_m_s)
-    delayed_m_s, commands_m_s = _delayed(commands_m_s, response.delay_s, dt_s)
+    delayed_m_s, commands_m_s = _delayed(commands_m_s, response, dt_s)
     measured_m_s = (
         state.velocity_m_s if velocity_error_m_s is None else state.velocity_m_s + velocity_error_m_s
     )
     thrust_m_s2, integral_m_s2 = _control(delayed_m_s - measured_m_s, state.integral_m_s2, dt_s, response)
 
-    blend = -np.expm1(-dt_s / np.asarray(_column(response.lag_s)))
+    blend, drag_per_s = _lag_and_drag(response, dt_s)
     acceleration_m_s2 = state.acceleration_m_s2 + blend * (thrust_m_s2 - state.acceleration_m_s2)
     if powered is not None:
         on = powered[:, np.newaxis]
         acceleration_m_s2 = np.where(on, acceleration_m_s2, (0.0, 0.0, GRAVITY_M_S2))
         integral_m_s2 = np.where(on, integral_m_s2, 0.0)
     airspeed_m_s = state.velocity_m_s if wind_m_s is None else state.velocity_m_s - wind_m_s
-    velocity_m_s = state.velocity_m_s + dt_s * (
-        acceleration_m_s2 - _column(response.drag_per_s) * airspeed_m_s
-    )
+    velocity_m_s = state.velocity_m_s + dt_s * (acceleration_m_s2 - drag_per_s * airspeed_m_s)
     return PointMasses(
         position_m=state.position_m + dt_s * 0.5 * (state.velocity_m_s + velocity_m_s),
         velocity_m_s=velocity_m_s,
@@ -197,45 +199,62 @@ def _column(setting: Setting) -> Setting:
     return setting[:, np.newaxis] if isinstance(setting, np.ndarray) and setting.ndim == 1 else setting
 
 
+@lru_cache(maxsize=KEPT_RESPONSES)
+def _lag_and_drag(response: Response, dt_s: float) -> tuple[Array, Setting]:
+    """What of the way to the wanted acceleration one step goes, and the drag; as columns."""
+    return -np.expm1(-dt_s / np.asarray(_column(response.lag_s))), _column(response.drag_per_s)
+
+
+@lru_cache(maxsize=KEPT_RESPONSES)
+def _gains(response: Response) -> tuple[Array, Array, Array]:
+    """Proportional and integral gains, and the limits, (3,) or (n, 3) each."""
+    return (
+        _per_axis(response.proportional_per_s, response.vertical_proportional_per_s),
+        _per_axis(response.integral_per_s2, response.vertical_integral_per_s2),
+        _per_axis(response.acceleration_limit_m_s2, response.vertical_acceleration_limit_m_s2),
+    )
+
+
+@lru_cache(maxsize=KEPT_RESPONSES)
+def _delay_steps(response: Response, dt_s: float) -> tuple[int, Array, Array, Array]:
+    """How many commands to keep, and between which two of them the delay lies, (n,) or () each."""
+    steps = np.asarray(response.delay_s, dtype=np.float64) / dt_s
+    near = np.floor(steps + 1e-9)
+    return math.ceil(float(steps.max()) - 1e-9) + 1, near, near + 1.0, np.maximum(steps - near, 0.0)
+
+
 def _delayed(
-    commands_m_s: tuple[Array, ...], delay_s: Setting, dt_s: float
+    commands_m_s: tuple[Array, ...], response: Response, dt_s: float
 ) -> tuple[Array, tuple[Array, ...]]:
-    """Look delay_s back into the commands, newest first; keep no more of them than that needs."""
-    steps = np.asarray(delay_s, dtype=np.float64) / dt_s
-    kept = commands_m_s[: math.ceil(float(steps.max()) - 1e-9) + 1]
-    steps = np.minimum(steps, len(kept) - 1.0)
-    near = np.floor(steps + 1e-9).astype(np.intp)
-    far = np.minimum(near + 1, len(kept) - 1)
-    share = np.clip(steps - near, 0.0, 1.0)
-    if steps.ndim == 0:
-        newer, older = kept[int(near)], kept[int(far)]
+    """Look the delay back into the commands, newest first; keep no more of them than that needs."""
+    count, near, far, share = _delay_steps(response, dt_s)
+    kept = commands_m_s[:count]
+    oldest = len(kept) - 1
+    if near.ndim == 0:
+        newer, older = kept[min(int(near), oldest)], kept[min(int(far), oldest)]
         return (newer if share == 0.0 else (1 - share) * newer + share * older), kept
     history_m_s = np.stack(kept)
-    rows = np.arange(len(near))
-    mix = share[:, np.newaxis]
-    return (1 - mix) * history_m_s[near, rows] + mix * history_m_s[far, rows], kept
+    rows, mix = np.arange(len(near)), share[:, np.newaxis]
+    newer = history_m_s[np.minimum(near, oldest).astype(np.intp), rows]
+    older = history_m_s[np.minimum(far, oldest).astype(np.intp), rows]
+    return (1 - mix) * newer + mix * older, kept
 
 
 def _control(error_m_s: Array, integral_m_s2: Array, dt_s: float, response: Response) -> tuple[Array, Array]:
     """PI per axis, bounded; returns the bounded acceleration and the next integrator, both (n, 3)."""
-    proportional_per_s = _per_axis(response.proportional_per_s, response.vertical_proportional_per_s)
+    proportional_per_s, integral_per_s2, limit_m_s2 = _gains(response)
     wanted_m_s2 = proportional_per_s * error_m_s + integral_m_s2
-    horizontal_m_s2 = np.hypot(wanted_m_s2[:, 0], wanted_m_s2[:, 1])
-    scale = np.ones_like(wanted_m_s2)
-    scale[:, :2] = _shrink(horizontal_m_s2, response.acceleration_limit_m_s2)[:, np.newaxis]
-    scale[:, 2] = _shrink(np.abs(wanted_m_s2[:, 2]), response.vertical_acceleration_limit_m_s2)
+    size_m_s2 = np.abs(wanted_m_s2)
+    size_m_s2[:, :2] = np.hypot(wanted_m_s2[:, 0], wanted_m_s2[:, 1])[:, np.newaxis]
+    gain_m_s2 = dt_s * integral_per_s2 * error_m_s
+    if not (size_m_s2 > limit_m_s2).any():
+        return wanted_m_s2, integral_m_s2 + gain_m_s2
+    scale = np.minimum(1.0, limit_m_s2 / np.maximum(size_m_s2, 1e-12))
     winding = (scale < 1.0) & (error_m_s * wanted_m_s2 > 0.0)
-    gain_per_s2 = _per_axis(response.integral_per_s2, response.vertical_integral_per_s2)
-    return wanted_m_s2 * scale, integral_m_s2 + np.where(winding, 0.0, dt_s * gain_per_s2 * error_m_s)
+    return wanted_m_s2 * scale, integral_m_s2 + np.where(winding, 0.0, gain_m_s2)
 
 
 def _per_axis(horizontal: Setting, vertical: Setting) -> Array:
     """(3,) or (n, 3): the horizontal setting twice, then the vertical one."""
     both = np.broadcast_arrays(horizontal, horizontal, vertical)
     return np.stack(both, axis=-1)
-
-
-def _shrink(size: Array, limit: Setting) -> Array:
-    """The factor <= 1 that brings size (n,) down to the limit."""
-    shrunk: Array = np.minimum(1.0, limit / np.maximum(size, 1e-12))
-    return shrunk

@@ -138,7 +138,7 @@ class Judged(Settings):
     first_seed: int = 1000
     must: dict[str, Gate] = Field(
         default_factory=dict
-    )  # figure, for instance separation.violations; in every run
+    )  # for instance separation.violations; every run
     mostly: dict[str, Gate] = Field(default_factory=dict)  # likewise, in 95 % of the runs of each fleet
     few: Annotated[int, Field(ge=0)] = 20  # up to so many vehicles `nearest_few` holds, above `nearest_many`
     nearest_few: float = 0.97
@@ -217,9 +217,12 @@ def _merged(path: Path, parents: int) -> dict[str, object]:
 
 
 def _over(below: Mapping[str, object], above: Mapping[str, object]) -> dict[str, object]:
-    """`above` laid over `below`, key by key, sections within sections."""
+    """`above` laid over `below`, key by key, sections within sections; an empty value takes the key away."""
     merged = dict(below)
     for key, value in above.items():
-        old = merged.get(key)
-        merged[key] = _over(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+        old = merged.pop(key, None)
+        if isinstance(old, dict) and isinstance(value, dict):
+            merged[key] = _over(old, value)
+        elif value is not None:
+            merged[key] = value
     return merged

@@ -11,7 +11,7 @@ from gcs.state import Array, FleetState, Mask, Setpoints, VehicleId
 from sim import noise
 from sim.dynamics import PointMasses, Response, step
 
-LONGEST_STEP_S = 0.0125
+LONGEST_STEP_S = 1.0 / 60.0
 """Of the integration; sim.dynamics allows 0.02."""
 
 TOUCHDOWN_M_S = 0.7
