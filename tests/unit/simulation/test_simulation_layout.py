@@ -1,0 +1,75 @@
+"""Where simulated flights start and where they lead."""
+
+import numpy as np
+import pytest
+
+from gcs.cli.simulation import layout
+from gcs.cli.simulation.scenario import GoalFlight
+from gcs.errors import ConfigError
+from gcs.state import Array
+
+
+def nearest(place_m: Array, stretch: float = 1.0) -> float:
+    offset = (place_m[:, None] - place_m[None]) * (1.0, 1.0, stretch)
+    return float((np.linalg.norm(offset, axis=2) + np.diag(np.full(len(place_m), np.inf))).min())
+
+
+def goals(layout_name: str, count: int, extent_m: float = 60.0) -> tuple[Array, Array]:
+    flight = GoalFlight.model_validate({"kind": "goals", "layout": layout_name, "extent_m": extent_m})
+    return layout.goals_m(flight, count, np.random.default_rng(3))
+
+
+def test_the_assembly_sphere_grows_with_the_fleet_but_is_never_small() -> None:
+    assert layout.assembly_radius_m(4) == 10.0
+    assert layout.assembly_radius_m(100) == pytest.approx(14.0)
+
+
+def test_pads_are_as_far_apart_as_asked_and_hover_at_one_height() -> None:
+    grid_m = layout.grid_m(20, 4.0, 5.0)
+    assert nearest(grid_m) == pytest.approx(4.0)
+    assert grid_m[:, 2].tolist() == [-5.0] * 20
+    assert np.abs(grid_m[:, :2].mean(axis=0)).max() < 1e-9
+
+
+def test_a_square_start_needs_a_square_number() -> None:
+    assert nearest(layout.square_m(4, 4.0, 5.0)) == pytest.approx(4.0)
+    with pytest.raises(ConfigError, match="square number"):
+        layout.square_m(5, 4.0, 5.0)
+
+
+@pytest.mark.parametrize("count", [12, 212, 812])
+def test_the_opposite_of_a_place_on_the_sphere_is_as_far_as_can_be_and_everybody_starts_legally(
+    count: int,
+) -> None:
+    start_m, goal_m = goals("opposite", count, 100.0)
+    assert np.linalg.norm(goal_m - start_m, axis=1) == pytest.approx(200.0)
+    assert nearest(start_m) > 6.0
+    assert nearest(goal_m) > 6.0
+
+
+def test_random_places_in_the_cube_are_legal_at_both_ends_and_not_the_same() -> None:
+    start_m, goal_m = goals("cube", 50)
+    assert nearest(start_m, 1.0 / 1.5) >= 6.0
+    assert nearest(goal_m, 1.0 / 1.5) >= 6.0
+    assert np.linalg.norm(goal_m - start_m, axis=1).mean() > 10.0
+
+
+def test_more_than_fit_the_cube_are_refused() -> None:
+    with pytest.raises(ConfigError, match="do not fit"):
+        goals("cube", 50, 8.0)
+
+
+def test_head_on_ranks_fly_into_each_others_places() -> None:
+    start_m, goal_m = goals("head-on", 8)
+    assert nearest(start_m) == pytest.approx(6.0)
+    assert start_m[4:] == pytest.approx(start_m[:4] * (-1.0, 1.0, 1.0))
+    assert (goal_m[:4, 0] > 0).all()
+    assert (start_m[:4, 0] < 0).all()
+    assert goal_m[:, 1:] == pytest.approx(start_m[:, 1:])
+
+
+def test_crossing_streams_meet_at_right_angles() -> None:
+    start_m, goal_m = goals("crossing", 8)
+    first, second = (goal_m - start_m)[:4], (goal_m - start_m)[4:]
+    assert (first * second).sum() == pytest.approx(0.0)
+    assert nearest(start_m) >= 6.0 - 1e-9
