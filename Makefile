@@ -3,7 +3,7 @@ PYTHON ?= python3
 ARGS ?=
 BIN := .venv/bin
 
-.PHONY: demo test check bench format lock clean
+.PHONY: demo test check bench flight-quality format lock clean
 
 demo: .venv/ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
 	@$(BIN)/gcs demo $(ARGS)
@@ -19,6 +19,11 @@ check: .venv/ready  ## what a reviewer should not have to say
 
 bench: .venv/ready  ## speed, as ratios against a named alternative in the same run
 	$(BIN)/python tests/bench/run.py
+
+flight-quality: .venv/ready  ## fly every scenario as it is judged; brings docs/flight-quality.md up to date
+	@mkdir -p runs
+	-$(BIN)/gcs simulate --all --json > runs/flight-quality.jsonl
+	$(BIN)/python tests/bench/flight_quality.py runs/flight-quality.jsonl docs/flight-quality.md
 
 format: .venv/ready
 	$(BIN)/ruff format .

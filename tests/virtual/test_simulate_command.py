@@ -10,6 +10,8 @@ from gcs.cli import main
 
 TIMINGS = {"realtime_factor", "tick"}
 
+UNGATED = "{formation.settled: , formation.energy_ratio: , formation.radius_share: }"
+
 SHORT = """
 like: {like}
 about: short.
@@ -21,7 +23,7 @@ judged: {{vehicles: [{vehicles}], seeds: 2, must: {must}, mostly: {{formation.in
 @pytest.fixture
 def trial(tmp_path: Path) -> Path:
     """Four drones for three seconds, which nothing is demanded of but separation."""
-    return written(tmp_path, "assembly", 3, 4, "{formation.settled: , formation.energy_ratio: , formation.radius_share: }")
+    return written(tmp_path, "assembly", 3, 4, UNGATED)
 
 
 def written(folder: Path, like: str, seconds: float, vehicles: int, must: str = "{}") -> Path:
@@ -51,9 +53,7 @@ def test_the_same_seed_gives_the_same_figures_and_another_seed_others(
     assert first["seed"] == 5
 
 
-def test_a_run_is_one_json_object_with_every_section(
-    trial: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_is_one_json_object_with_every_section(trial: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, (figures,) = flown(capsys, trial)
     assert figures["vehicles"] == 4
     assert figures["duration_s"] == 3.0

@@ -9,6 +9,8 @@ Figures = dict[str, object]
 LESS_IS_BETTER: Callable[[list[float]], float] = max
 MORE_IS_BETTER: Callable[[list[float]], float] = min
 
+SHOWN_NOTES = 20
+
 COLUMNS: tuple[tuple[str, str, Callable[[list[float]], float], str], ...] = (
     ("separation.minimum_m", "closest", MORE_IS_BETTER, ".2f"),
     ("separation.violations", "viol.", LESS_IS_BETTER, ".0f"),
@@ -30,26 +32,43 @@ COLUMNS: tuple[tuple[str, str, Callable[[list[float]], float], str], ...] = (
 
 
 def summary(reports: Sequence[Figures]) -> str:
-    """Median / worst of every figure over the seeds; columns in which nobody has a figure are left out."""
+    """The table for a terminal, and below it what is not as demanded."""
+    cells = rows(reports)
+    widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
+    notes = sorted(
+        {
+            f"{run['scenario']} seed {run['seed']}: {'; '.join(words)}"
+            for run in reports
+            if (words := _words(run))
+        }
+    )
+    left_off = [f"... and {len(notes) - SHOWN_NOTES} more"] if len(notes) > SHOWN_NOTES else []
+    return "\n".join([*lines, *notes[:SHOWN_NOTES], *left_off])
+
+
+def markdown(reports: Sequence[Figures]) -> str:
+    """The same table for a document."""
+    header, *body = rows(reports)
+    ruler = ["---", *("---:" for _ in header[1:])]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (header, ruler, *body))
+
+
+def rows(reports: Sequence[Figures]) -> list[list[str]]:
+    """Titles, then one row for each scenario and fleet: median / worst of every figure over the seeds.
+
+    Columns in which nobody has a figure are left out.
+    """
     groups: dict[tuple[str, int], list[Figures]] = {}
     for figures in reports:
         groups.setdefault((str(figures["scenario"]), int(str(figures["vehicles"]))), []).append(figures)
     shown = [column for column in COLUMNS if any(_numbers(runs, column[0]) for runs in groups.values())]
-    rows = [["scenario", "N", "runs", *(title for _, title, _, _ in shown), "failed"]]
+    table = [["scenario", "N", "runs", *(title for _, title, _, _ in shown), "failed"]]
     for (name, vehicles), runs in groups.items():
         cells = [_cell(_numbers(runs, key), len(runs), worst, form) for key, _, worst, form in shown]
-        failed = sum(bool(run["failed"] or run["missed"]) for run in runs)
-        rows.append([name, str(vehicles), str(len(runs)), *cells, str(failed) if failed else "-"])
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-    notes = sorted(
-        {
-            f"{run['scenario']} seed {run['seed']}: {'; '.join(_words(run))}"
-            for run in reports
-            if run["failed"] or run["missed"]
-        }
-    )
-    return "\n".join([*lines, *notes[:20], *([f"... and {len(notes) - 20} more"] if len(notes) > 20 else [])])
+        failed = sum(bool(_words(run)) for run in runs)
+        table.append([name, str(vehicles), str(len(runs)), *cells, str(failed) if failed else "-"])
+    return table
 
 
 def _words(run: Figures) -> list[str]:

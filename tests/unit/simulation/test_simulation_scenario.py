@@ -108,5 +108,5 @@ def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:
 def test_scenarios_are_immutable() -> None:
     scenario = scenarios.load(scenarios.find("assembly"))
     with pytest.raises(ValueError, match="frozen"):
-        scenario.duration_s = 1.0  # type: ignore[misc]
+        scenario.duration_s = 1.0
     assert isinstance(scenario, Scenario)

@@ -1,0 +1,49 @@
+"""`make flight-quality`: the tables and plots of docs/flight-quality.md, from flights of every scenario.
+
+Reads the figures that `gcs simulate --all --json` wrote, one JSON object a line; replaces what stands
+between a document's `<!-- figures: NAME NAME ... -->` and `<!-- end -->` by the table of those scenarios (a
+`*` at the end stands for any ending), and draws the flights named in `<!-- plot: NAME VEHICLES SEED -->`.
+"""
+
+import json
+import re
+import sys
+from collections.abc import Sequence
+from fnmatch import fnmatch
+from pathlib import Path
+
+from gcs.cli.simulation import scenario as scenarios
+from gcs.cli.simulation.flight import fly
+from gcs.cli.simulation.plot import draw
+from gcs.cli.simulation.table import Figures, markdown
+
+TABLE = re.compile(r"(<!-- figures: (?P<names>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
+PLOT = re.compile(r"<!-- plot: (?P<name>\S+) (?P<vehicles>\d+) (?P<seed>\d+) -->")
+
+
+def with_tables(text: str, reports: Sequence[Figures]) -> str:
+    """The document with its tables made anew."""
+
+    def table(found: re.Match[str]) -> str:
+        patterns = found["names"].split()
+        chosen = [run for run in reports if any(fnmatch(str(run["scenario"]), name) for name in patterns)]
+        return f"{found[1]}\n{markdown(chosen)}\n\n{found[3]}" if chosen else found[0]
+
+    return TABLE.sub(table, text)
+
+
+def main(figures: Path, document: Path) -> None:
+    """Bring `document` up to date; plots go into a folder of its name beside it."""
+    reports = [json.loads(line) for line in figures.read_text(encoding="utf-8").splitlines()]
+    text = document.read_text(encoding="utf-8")
+    document.write_text(with_tables(text, reports), encoding="utf-8")
+    folder = document.with_suffix("")
+    folder.mkdir(exist_ok=True)
+    for plot in PLOT.finditer(text):
+        scenario = scenarios.load(scenarios.find(plot["name"]))
+        record = fly(scenario, int(plot["vehicles"]), int(plot["seed"]))
+        draw(record, folder / f"{plot['name']}-{plot['vehicles']}.png")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))
