@@ -8,8 +8,9 @@ BIN := .venv/bin
 demo: .venv/ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
 	@$(BIN)/gcs demo $(ARGS)
 
-test: check  ## lint, types, import contracts, then every test
-	$(BIN)/pytest
+test: check  ## lint, types, import contracts, then every test: first what computes, then what flies in real time
+	$(BIN)/pytest -m "not realtime"
+	$(BIN)/pytest -m realtime --dist loadfile
 
 check: .venv/ready  ## what a reviewer should not have to say
 	$(BIN)/ruff check .

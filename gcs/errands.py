@@ -266,6 +266,7 @@ class Errands:
         vehicle.engaging = True
         await asyncio.sleep(SETPOINTS_FIRST_S)
         for left in reversed(range(ENGAGE_TRIES)):
+            await self._around.ticked()  # after a pause of ours setpoints must flow again first
             try:
                 await self._order(vehicle, Verb.OFFBOARD)
             except OrderError:

@@ -7,14 +7,15 @@ import sys
 from pathlib import Path
 
 import pytest
-from ground import free_ports, last_truth
+from ground import SOON_S, last_truths
+from machine import free_ports
 
 
 @pytest.mark.xdist_group("demo")
 def test_the_demo_flies_its_story_and_nothing_touches() -> None:
     command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "8", "--seconds", "210", "--json"]
     command += ["--api-port", "0", "--port-base", str(free_ports(8))]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=400, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     figures = json.loads(done.stdout.splitlines()[-1])
     assert figures["landed"] == figures["vehicles"] == 8
@@ -57,10 +58,10 @@ def test_ctrl_c_brings_the_fleet_home(tmp_path: Path) -> None:
             said = demo.stdout.readline()
             assert said, "ended before it flew"
         demo.send_signal(signal.SIGINT)
-        rest, _ = demo.communicate(timeout=120)
+        rest, _ = demo.communicate(timeout=2 * SOON_S)
     assert "landed" in rest
     assert demo.returncode == 130
     for file in sorted(tmp_path.glob("truth-*.jsonl")):
-        state = last_truth(file)
+        (state,) = last_truths(file)
         assert state["landed"], file.name
         assert not state["armed"], file.name

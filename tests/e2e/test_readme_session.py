@@ -12,7 +12,8 @@ from pathlib import Path
 
 import httpx
 import pytest
-from ground import ORIGIN, free_ports, wait_until
+from ground import ORIGIN, PATIENT, SOON_S, last_truths, wait_until
+from machine import free_ports
 
 from gcs import config as configuration
 
@@ -45,7 +46,7 @@ def station(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     config = folder / "sitl.yaml"
     config.write_text(text, encoding="utf-8")
     sim = [sys.executable, "-m", "sim", "--count", "4", "--port-base", str(base), "--origin", ORIGIN]
-    sim += ["--truth", str(folder / "truth.jsonl")]
+    sim += ["--truth", str(folder / "truth.jsonl"), *PATIENT]
     serve = [sys.executable, "-m", "gcs", "serve", "--config", str(config), "--port", "0", "--quiet"]
     with (
         subprocess.Popen(sim, stdout=subprocess.DEVNULL) as vehicles,
@@ -61,31 +62,37 @@ def station(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
             vehicles.terminate()
 
 
+def open_api(address: str) -> httpx.Client:
+    return httpx.Client(base_url=f"{address}/api/v1", timeout=30.0)
+
+
 def test_the_readme_session_flies(tmp_path: Path) -> None:
     commands = session()
     assert [command[:2] for command in commands][-1] == ("POST", "/show/stop")
-    with station(tmp_path) as (address, service), httpx.Client(base_url=f"{address}/api/v1") as api:
+    with station(tmp_path) as (address, service), open_api(address) as api:
 
         def phase() -> str:
             return str(api.get("/show").json()["phase"])
 
+        def grown() -> bool:
+            return abs(float(api.get("/formation").json()["radius_now_m"]) - 12.0) < 0.1
+
         def ready() -> int:
             return sum(vehicle["ready"] for vehicle in api.get("/vehicles").json())
 
-        wait_until("four ready", 30, lambda: ready() == 4)
+        wait_until("four ready", SOON_S, lambda: ready() == 4)
         for method, path, body in commands:
             answer = api.request(method, path, json=body)
             assert answer.is_success, f"{method} {path}: {answer.text}"
             if path == "/show/start":
-                wait_until("running", 60, lambda: phase() == "running")
+                wait_until("running", SOON_S, lambda: phase() == "running")
             if path == "/target":
-                wait_until("12 m", 30, lambda: abs(api.get("/formation").json()["radius_now_m"] - 12.0) < 0.1)
+                wait_until("12 m", SOON_S, grown)
         outcomes = api.get("/orders/o1").json()["vehicles"]
         assert [outcomes[f"d{i}"]["outcome"] for i in range(1, 6)] == ["done"] * 4 + ["not-included"]
         assert any(vehicle["armed"] for vehicle in api.get("/vehicles").json())
         service.send_signal(signal.SIGINT)
-        assert service.wait(120) == 0
-        landed = json.loads((tmp_path / "truth.jsonl").read_text(encoding="utf-8").splitlines()[-2])
-        for vehicle in landed["vehicles"]:
+        assert service.wait(2 * SOON_S) == 0
+        for vehicle in last_truths(tmp_path / "truth.jsonl"):
             assert vehicle["landed"], "whoever stops the service on the way home waits for the landing"
             assert not vehicle["armed"]

@@ -2,11 +2,16 @@
 
 import asyncio
 import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from ground import flying_config, free_ports, rate_hz, until, vehicles
+from ground import PATIENT, SOON_S, flying_config, until, vehicles
+from machine import Witness, free_ports
 
 from api.app import create_app
 from api.server import serve
@@ -16,18 +21,60 @@ from gcs.formation.thomson import best_configuration, energy
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.orchestrator import Orchestrator
-from gcs.service import ShowAction
+from gcs.service import FleetView, ShowAction
 
 pytestmark = pytest.mark.xdist_group("e2e")
 
 SURVIVORS = ("d1", "d2", "d3", "d4", "d6", "d7", "d8")
 
+STEADY_S = 5.0
+"""Flown in formation before the kill."""
 
-async def fly_and_kill(folder: Path) -> tuple[MavsdkLink, float, object, float]:
+WATCHED_S = 15.0
+"""And at least this long after it."""
+
+FORMED = 1.01
+"""Energy over that of the best shape known; 8 minus 1 unformed is 1.03."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What became of the flight."""
+
+    link: MavsdkLink
+    killed_s: float
+    phases: Mapping[str, str]  # as the API has them
+    ratio: float  # of the survivors' shape, once formed or when there was no more waiting
+    machine: Witness
+
+
+def energy_ratio(view: FleetView, best: float) -> float:
+    """Of the believed shape of seven to the best; infinite while there are not seven."""
+    rows = [vehicle.position_m for vehicle in view.vehicles if vehicle.phase is Phase.FORMATION]
+    if len(rows) != 7:
+        return np.inf
+    offset_m = np.array(rows, dtype=float) - np.array(view.center_m, dtype=float)
+    direction = offset_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
+    return energy(direction) / best
+
+
+async def re_formed(orchestrator: Orchestrator, best: float) -> float:
+    """The median over two seconds, since one moment's carries the position noise; waits for a good one."""
+    ratios: deque[float] = deque(maxlen=40)
+    end_s = time.monotonic() + SOON_S
+    while len(ratios) < 40 or (np.median(ratios) >= FORMED and time.monotonic() < end_s):
+        await asyncio.sleep(0.05)
+        ratios.append(energy_ratio(orchestrator.view.value, best))
+    return float(np.median(ratios))
+
+
+async def fly_and_kill(folder: Path, machine: Witness) -> Seen:
     """Fly eight, kill the fifth's process, let the others re-form."""
+    # before the flight: it takes seconds, in which the service on the same loop would send no setpoints
+    best = energy(best_configuration(7))
     base = free_ports(8)
-    config = flying_config(8, base)
-    with vehicles(8, base, folder) as processes:
+    config = flying_config(8, base, silence_s=4.0)
+    with vehicles(8, base, folder, *PATIENT) as processes:
         link = make_link(config.links[0], config)
         assert isinstance(link, MavsdkLink)
         orchestrator = Orchestrator(config, [link])
@@ -37,53 +84,55 @@ async def fly_and_kill(folder: Path) -> tuple[MavsdkLink, float, object, float]:
             asyncio.create_task(serve(create_app(orchestrator), port=0, listening=listening)),
         ]
         view = orchestrator.view
-        await until("ready", 40, lambda: all(v.ready for v in view.value.vehicles))
+        await until("ready", SOON_S, lambda: all(v.ready for v in view.value.vehicles))
         orchestrator.command_show(ShowAction.START)
-        await until("running", 90, lambda: view.value.show is ShowPhase.RUNNING)
-        await asyncio.sleep(8.0)
+        await until("running", SOON_S, lambda: view.value.show is ShowPhase.RUNNING)
+        await asyncio.sleep(STEADY_S)
         processes[4].kill()
         killed_s = time.monotonic()
-        await until("lost", 5, lambda: view.value.vehicles[4].phase is Phase.LOST)
-        await asyncio.sleep(20.0)
-        with Client(f"http://127.0.0.1:{await listening}") as client:
+        await until("lost", SOON_S, lambda: view.value.vehicles[4].phase is Phase.LOST)
+        ratio = await re_formed(orchestrator, best)
+        await until("watched", SOON_S, lambda: time.monotonic() > killed_s + WATCHED_S)
+        with Client(f"http://127.0.0.1:{await listening}", timeout_s=30.0) as client:
             fleet = await asyncio.to_thread(client.fleet)
-        ratios = []
-        for _ in range(40):  # two seconds of the believed shape, its noise averaged by the median
-            await asyncio.sleep(0.05)
-            center_m = view.value.center_m
-            rows = [v.position_m for v in view.value.vehicles if v.phase is Phase.FORMATION]
-            offset_m = np.array(rows, dtype=float) - np.array(center_m, dtype=float)
-            direction = offset_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
-            ratios.append(energy(direction) / energy(best_configuration(7)) if len(rows) == 7 else np.inf)
         for task in tasks:
             task.cancel()
         await asyncio.wait(tasks)
-    return link, killed_s, fleet, float(np.median(ratios))
+    phases = {vehicle.id: vehicle.phase for vehicle in fleet.vehicles}
+    return Seen(link, killed_s, phases, ratio, machine)
 
 
 @pytest.fixture(scope="module")
-def flight(tmp_path_factory: pytest.TempPathFactory) -> tuple[MavsdkLink, float, object, float]:
-    return asyncio.run(fly_and_kill(tmp_path_factory.mktemp("truth")))
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Seen:
+    with Witness() as machine:
+        return asyncio.run(fly_and_kill(tmp_path_factory.mktemp("truth"), machine))
 
 
-def test_the_others_keep_their_setpoint_rate(flight: tuple[MavsdkLink, float, object, float]) -> None:
-    link, killed_s, _, _ = flight
+def test_the_others_keep_their_setpoint_rate(flight: Seen) -> None:
+    machine, killed_s = flight.machine, flight.killed_s
     for vehicle_id in SURVIVORS:
-        times_s = link.setpoint_times_s(vehicle_id)
-        before_hz = rate_hz(times_s, killed_s - 5.0, killed_s)
-        after_hz = rate_hz(times_s, killed_s, killed_s + 15.0)
-        assert after_hz >= 0.9 * before_hz >= 15.0, vehicle_id
+        times_s = np.array(flight.link.setpoint_times_s(vehicle_id))
+        before_s = times_s[(times_s >= killed_s - STEADY_S) & (times_s < killed_s)]
+        after_s = times_s[(times_s >= killed_s) & (times_s < killed_s + WATCHED_S)]
+        usual_s = np.median(np.diff(before_s))
+        assert usual_s <= 0.1, vehicle_id  # MAVSDK's 0.05 s, but for a machine that has much else to do
+        assert np.median(np.diff(after_s)) <= 1.2 * usual_s, vehicle_id
+        before_hz, after_hz = len(before_s) / STEADY_S, len(after_s) / WATCHED_S
+        assert before_hz >= 10.0, vehicle_id
+        assert after_hz >= 0.6 * before_hz, vehicle_id  # the machine may be busier now; the median tells more
+        # nobody is kept waiting either, but for the machine and what it takes to hear everybody again
+        waits_s = [machine.awake_s(first_s, next_s) for first_s, next_s in pairwise(after_s.tolist())]
+        assert max(waits_s) < 0.5, vehicle_id
 
 
-def test_the_others_re_form(flight: tuple[MavsdkLink, float, object, float]) -> None:
-    assert flight[3] < 1.01  # one moment's shape carries the position noise; 8 minus 1 unformed is 1.03
+def test_the_others_re_form(flight: Seen) -> None:
+    assert flight.ratio < FORMED
 
 
-def test_the_api_says_which_vehicle_is_lost(flight: tuple[MavsdkLink, float, object, float]) -> None:
-    phases = {vehicle.id: vehicle.phase for vehicle in flight[2].vehicles}  # type: ignore[attr-defined]
-    assert phases == {"d5": "lost"} | dict.fromkeys(SURVIVORS, "formation")
+def test_the_api_says_which_vehicle_is_lost(flight: Seen) -> None:
+    assert flight.phases == {"d5": "lost"} | dict.fromkeys(SURVIVORS, "formation")
 
 
-def test_the_lost_vehicle_gets_no_more_setpoints(flight: tuple[MavsdkLink, float, object, float]) -> None:
-    link, killed_s, _, _ = flight
-    assert link.setpoint_times_s("d5")[-1] - killed_s < 1.0  # age limit 0.5 s, then the deadman
+def test_the_lost_vehicle_gets_no_more_setpoints(flight: Seen) -> None:
+    last_s = flight.link.setpoint_times_s("d5")[-1]
+    assert last_s - flight.killed_s < 1.0  # age limit 0.5 s, then the deadman

@@ -1,8 +1,13 @@
-"""A MavsdkLink that runs, and a control loop for it, as the tests of this directory need them."""
+"""A MavsdkLink that runs, and a control loop for it, as the tests of this directory need them.
+
+The machine may stand still for a second or two at any moment. What has to hold before something is tried is
+therefore waited for, with no pause between the look and the try, and nothing is timed but by the kernel's
+dates of arrival or with the machine's own pauses taken off.
+"""
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 
 import numpy as np
@@ -41,8 +46,8 @@ async def running(link: MavsdkLink) -> AsyncIterator[None]:
             await task
 
 
-async def until(true: Callable[[], object], timeout_s: float = 10.0) -> None:
-    """Wait for something to become true."""
+async def until(true: Callable[[], object], timeout_s: float = 30.0) -> None:
+    """Wait for something to become true. It is so still when this returns: nothing ran in between."""
     async with asyncio.timeout(timeout_s):
         while not true():  # noqa: ASYNC110  what is awaited happens in other threads and processes
             await asyncio.sleep(0.01)
@@ -87,6 +92,21 @@ class Ticks:
             task.cancel()
             with suppress(asyncio.CancelledError):
                 await task
+
+    async def offboard(self) -> None:
+        """Into OFFBOARD while it ticks: refused when the machine stood still just before, so not then."""
+        await until(lambda: time.monotonic() - self.last_s < PERIOD_S)
+        await do(self.link, Verb.OFFBOARD, *self.listed)
+
+    async def last(self, pause: Callable[[], Awaitable[object]] = lambda: asyncio.sleep(0.01)) -> None:
+        """Ask once more, and see a setpoint leave on that: again when the machine stood still just then."""
+        for _ in range(50):
+            self.tick()
+            while time.monotonic() < self.last_s + 2 * PERIOD_S:
+                if all(self.link.setpoint_times_s(each)[-1] > self.last_s for each in self.listed):
+                    return
+                await pause()
+        raise AssertionError("no setpoint leaves")
 
     async def _run(self) -> None:
         while True:

@@ -5,6 +5,7 @@ not: share a system id, fall silent, refuse, and keep every frame that reached i
 """
 
 import socket
+import struct
 import threading
 import time
 from types import TracebackType
@@ -14,6 +15,7 @@ from pymavlink.dialects.v20 import common as dialect
 
 PREARM = 0x10000000
 GYRO_ACCEL_MAG_GPS = 0x1 | 0x2 | 0x4 | 0x20
+SO_TIMESTAMPNS, TIMESPEC = 35, struct.Struct("@qq")
 HOLD, OFFBOARD, TAKEOFF, LAND, RETURN = (4, 3), (6, 0), (4, 2), (4, 6), (4, 5)
 
 
@@ -34,6 +36,7 @@ class Peer:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(0.01)
+        self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._ground = ("127.0.0.1", port)
         self._packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=1)
         self._parser = dialect.MAVLink(None)
@@ -59,7 +62,10 @@ class Peer:
         self._socket.close()
 
     def messages(self, name: str) -> list[tuple[float, Any]]:
-        """Arrival time and message, of those of one type that reached it."""
+        """Arrival time and message, of those of one type that reached it.
+
+        The times are the kernel's, whenever this thread came to reading.
+        """
         return [(time_s, message) for time_s, message in list(self.heard) if message.get_type() == name]
 
     def send(self, message: Any) -> None:
@@ -96,11 +102,12 @@ class Peer:
 
     def _listen(self) -> None:
         try:
-            data = self._socket.recv(2048)
+            data, ancillary, *_ = self._socket.recvmsg(2048, 64)
         except TimeoutError:
             return
+        arrived_s = _arrived_s(ancillary)
         for message in self._parser.parse_buffer(data) or []:
-            self.heard.append((time.monotonic(), message))
+            self.heard.append((arrived_s, message))
             if self.answers:
                 self._answer(message)
 
@@ -166,20 +173,12 @@ class Peer:
             self.mode = RETURN
 
 
-def free_ports(count: int = 1) -> int:
-    """The first of `count` consecutive UDP ports that are free now."""
+def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
+    """On the monotonic clock; between its two readings of it the machine did not stand still."""
+    ((_, _, stamp),) = ancillary
+    seconds, nanoseconds = TIMESPEC.unpack(stamp)
     while True:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            first: int = probe.getsockname()[1]
-        if first + count <= 65536 and all(_is_free(first + index) for index in range(count)):
-            return first
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-        return True
+        now_s, wall_s, later_s = time.monotonic(), time.time(), time.monotonic()
+        if later_s - now_s < 0.001:
+            arrived_s: float = now_s - (wall_s - (seconds + nanoseconds * 1e-9))
+            return arrived_s

@@ -34,7 +34,7 @@ async def served(service: FakeService) -> AsyncIterator[int]:
     listening = asyncio.get_running_loop().create_future()
     task = asyncio.create_task(serve(create_app(service), port=0, listening=listening), name="api")
     try:
-        yield await asyncio.wait_for(listening, timeout=5)
+        yield await asyncio.wait_for(listening, timeout=30)
     finally:
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -46,7 +46,7 @@ def run(main: Callable[[FakeService, int], Awaitable[None]]) -> None:
 
     async def both() -> None:
         service = FakeService()
-        async with asyncio.timeout(15), served(service) as port:
+        async with asyncio.timeout(60), served(service) as port:
             await main(service, port)
 
     asyncio.run(both())
@@ -74,14 +74,14 @@ def stream_of(port: int, query: str = "", **options: Any) -> connect:
 
 async def closed(viewer: ClientConnection) -> None:
     """Read what is left, until the server closes."""
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(30):
         with suppress(websockets.ConnectionClosed):
             async for _ in viewer:
                 pass
 
 
 async def frame_of(viewer: ClientConnection) -> dict[str, Any]:
-    frame: dict[str, Any] = json.loads(await asyncio.wait_for(viewer.recv(), timeout=5))
+    frame: dict[str, Any] = json.loads(await asyncio.wait_for(viewer.recv(), timeout=30))
     return frame
 
 
@@ -99,7 +99,7 @@ def test_it_answers_over_tcp_and_stops_cleanly_with_viewers_watching() -> None:
 
 def test_stopping_the_server_tells_its_viewers_and_frees_the_port() -> None:
     async def main() -> None:
-        async with asyncio.timeout(15):
+        async with asyncio.timeout(60):
             async with served(FakeService()) as port:
                 viewer = await stream_of(port)
                 await frame_of(viewer)
@@ -115,14 +115,15 @@ def test_stopping_the_server_tells_its_viewers_and_frees_the_port() -> None:
 def test_a_viewer_that_reads_nothing_does_not_hold_up_the_stop() -> None:
     async def main() -> None:
         service = FakeService(count=100)
-        async with asyncio.timeout(15):
+        async with asyncio.timeout(60):
             async with served(service) as port, ticking(service, 0.05):
                 stuck = await stalled_viewer(port)
                 await asyncio.sleep(1.0)
             stuck.close()
 
+    before = set(threading.enumerate())
     asyncio.run(main())
-    assert threading.active_count() == 1
+    assert set(threading.enumerate()) <= before
 
 
 async def stalled_viewer(port: int) -> socket.socket:
@@ -163,17 +164,25 @@ def test_an_address_that_cannot_be_had_is_told_as_such(host: str, port: int) -> 
         asyncio.run(serve(create_app(FakeService()), host, port))
 
 
+async def until_green(http: httpx.AsyncClient) -> None:
+    """At once, unless the machine stands still between a tick and the answer."""
+    for _ in range(20):
+        await asyncio.sleep(0.05)
+        if (await http.get("/healthz")).status_code == 200:
+            return
+    raise AssertionError("not green")
+
+
 def test_health_goes_red_when_the_ticks_stop_and_green_when_they_come_back() -> None:
     async def main(service: FakeService, port: int) -> None:
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http:
             async with ticking(service, 0.05):
-                assert (await http.get("/healthz")).status_code == 200
+                await until_green(http)
             await asyncio.sleep(1.2)
             red = await http.get("/healthz")
             assert (red.status_code, red.json()["problems"]) == (503, [])
             async with ticking(service, 0.05):
-                await asyncio.sleep(0.01)
-                assert (await http.get("/healthz")).status_code == 200
+                await until_green(http)
 
     run(main)
 
@@ -181,9 +190,14 @@ def test_health_goes_red_when_the_ticks_stop_and_green_when_they_come_back() -> 
 def test_the_stream_sends_what_the_fleet_answers_at_the_rate_asked_for() -> None:
     async def main(service: FakeService, port: int) -> None:
         service.fly()
-        async with stream_of(port, "?rate_hz=20") as viewer, httpx.AsyncClient() as http:
+        async with stream_of(port, "?rate_hz=20") as viewer, httpx.AsyncClient(timeout=30.0) as http:
             frame = await frame_of(viewer)
             fleet = (await http.get(f"http://127.0.0.1:{port}/api/v1/fleet")).json()
+            while not (frame["control_alive"] and fleet["control_alive"]):  # not looked at within a second
+                service.tick()
+                while frame["tick"]["count"] < service.ticks:
+                    frame = await frame_of(viewer)
+                fleet = (await http.get(f"http://127.0.0.1:{port}/api/v1/fleet")).json()
             assert frame == fleet
             assert {"show", "center", "target", "obstacles", "vehicles"} <= frame.keys()
             async with ticking(service, 0.01):
@@ -192,19 +206,23 @@ def test_the_stream_sends_what_the_fleet_answers_at_the_rate_asked_for() -> None
                 counts = [(await frame_of(viewer))["tick"]["count"] for _ in range(11)]
                 elapsed_s = loop.time() - begin_s
         assert counts == sorted(set(counts))
-        assert 0.4 < elapsed_s < 5.0
+        assert 0.3 < elapsed_s < 8.0  # 0.5, but for what came before the clock was read and for pauses
 
     run(main)
 
 
 def test_the_stream_says_so_when_control_dies_although_no_new_state_comes() -> None:
     async def main(service: FakeService, port: int) -> None:
-        service.tick()
         async with stream_of(port, "?rate_hz=10") as viewer:
-            first = await frame_of(viewer)
+            async with ticking(service, 0.05):
+                first = await frame_of(viewer)
+                while not first["control_alive"]:
+                    first = await frame_of(viewer)
+            last = service.ticks
             second = await frame_of(viewer)
-        assert (first["control_alive"], second["control_alive"]) == (True, False)
-        assert second["tick"]["count"] == first["tick"]["count"]
+            while second["control_alive"]:  # those on their way
+                second = await frame_of(viewer)
+        assert second["tick"]["count"] == last
         assert "does not run" in second["control_reason"]
 
     run(main)
@@ -226,6 +244,8 @@ def test_a_slow_reader_gets_fewer_frames_soon_the_newest_and_delays_nobody() -> 
             ticking(service, 0.02),
         ):
             seen = [(await frame_of(quick))["tick"]["count"] for _ in range(40)]
+            while seen[-1] - seen[0] < 80:
+                seen.append((await frame_of(quick))["tick"]["count"])
             missed = service.ticks
             late = [(await frame_of(slow))["tick"]["count"] for _ in range(12)]
         assert longest_step(seen) < 40  # nobody held the quick one up
@@ -235,7 +255,7 @@ def test_a_slow_reader_gets_fewer_frames_soon_the_newest_and_delays_nobody() -> 
 
     async def with_a_large_fleet() -> None:
         service = FakeService(count=100)
-        async with asyncio.timeout(20), served(service) as port:
+        async with asyncio.timeout(60), served(service) as port:
             await main(service, port)
 
     asyncio.run(with_a_large_fleet())
@@ -253,6 +273,13 @@ def test_a_bad_rate_is_closed_with_1008_and_the_reason(rate: str) -> None:
     run(main)
 
 
+async def phase_if_seated(port: int) -> str:
+    async with stream_of(port) as viewer:
+        with suppress(websockets.ConnectionClosed):
+            return str((await frame_of(viewer))["show"]["phase"])
+    return ""
+
+
 def test_a_viewer_too_many_is_told_to_come_back_and_a_seat_left_is_free() -> None:
     async def main(_: FakeService, port: int) -> None:
         viewers = [await stream_of(port) for _ in range(VIEWERS_MAX)]
@@ -263,9 +290,8 @@ def test_a_viewer_too_many_is_told_to_come_back_and_a_seat_left_is_free() -> Non
                 await late.recv()
             assert late.close_code == 1013
         await viewers[0].close()
-        await asyncio.sleep(0.1)
-        async with stream_of(port) as next_one:
-            assert (await frame_of(next_one))["show"]["phase"] == "idle"
+        while await phase_if_seated(port) != "idle":  # a moment later
+            pass
         await asyncio.gather(*(viewer.close() for viewer in viewers))
 
     run(main)

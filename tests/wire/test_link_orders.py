@@ -1,10 +1,12 @@
 import asyncio
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from link_bench import PERIOD_S, Ticks, a_link, do, ready, running, until
-from link_peer import Peer, free_ports
+from link_peer import Peer
+from machine import Witness, free_ports
 
 from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.links import Link, Order, Verb
@@ -21,10 +23,12 @@ def test_a_vehicle_is_armed_flown_and_brought_down() -> None:
             await do(link, Verb.ARM, "v1")
             assert link.snapshot().armed == (True,)
             await do(link, Verb.TAKEOFF, "v1", height_m=4.0)
-            async with Ticks(link, "v1").running():
+            ticks = Ticks(link, "v1")
+            async with ticks.running():
                 await until(lambda: link.setpoint_times_s("v1"))
+                await ticks.offboard()
+                assert link.snapshot().mode == (Mode.OFFBOARD,)
                 for verb, mode in (
-                    (Verb.OFFBOARD, Mode.OFFBOARD),
                     (Verb.HOLD, Mode.HOLD),
                     (Verb.RETURN, Mode.RETURN),
                     (Verb.LAND, Mode.LAND),
@@ -40,6 +44,11 @@ def test_a_vehicle_is_armed_flown_and_brought_down() -> None:
         assert (height.param_id, height.param_value) == ("MIS_TAKEOFF_ALT", 4.0)
 
 
+def age_s(link: Link, of: str) -> float:
+    time_s: np.ndarray[tuple[int], np.dtype[np.float64]] = getattr(link.snapshot(), of)
+    return time.monotonic() - float(time_s[0])
+
+
 def test_the_snapshot_is_what_the_vehicle_said_and_when() -> None:
     async def main(peer: Peer, link: Link, is_ready: MavsdkLink) -> None:
         before = link.snapshot()
@@ -49,10 +58,12 @@ def test_the_snapshot_is_what_the_vehicle_said_and_when() -> None:
         async with running(is_ready):
             await ready(is_ready)
             await until(lambda: link.snapshot().landed[0] and np.isfinite(link.snapshot().position_time_s[0]))
+            await until(lambda: age_s(link, "position_time_s") < 0.1)
+            await until(lambda: age_s(link, "heartbeat_time_s") < 1.1)
             newest = link.snapshot()
+            assert newest.position_time_s[0] <= time.monotonic()
+            assert newest.heartbeat_time_s[0] <= time.monotonic()
             assert is_ready.addresses["v1"][:2] == ("127.0.0.1", peer.port)
-            assert 0 <= time.monotonic() - newest.position_time_s[0] < 0.1
-            assert 0 <= time.monotonic() - newest.heartbeat_time_s[0] < 1.1
             assert newest.latitude_deg == pytest.approx([47.4])
             assert newest.longitude_deg == pytest.approx([8.5])
             assert newest.altitude_amsl_m == pytest.approx([500.0])
@@ -102,7 +113,7 @@ def test_orders_that_make_no_sense_are_refused_before_they_leave() -> None:
 
 
 def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
-    async def main(peer: Peer, link: MavsdkLink) -> None:
+    async def main(peer: Peer, link: MavsdkLink, machine: Witness) -> None:
         async with running(link):
             await ready(link)
             peer.answers = False
@@ -113,7 +124,7 @@ def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
             peer.acknowledges = False
             killed_s = time.monotonic()
             await do(link, Verb.KILL, "v1")
-            assert time.monotonic() - killed_s < 0.1
+            assert machine.awake_s(killed_s, time.monotonic()) < 0.3  # an order waits 0.5 s for its answer
             for task in (arming, queued):
                 with pytest.raises(OrderError):
                     await task
@@ -124,53 +135,60 @@ def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
             peer.acknowledges = True
             await do(link, Verb.ARM, "v1")
 
-    with Peer(port := free_ports(), 1) as peer:
-        asyncio.run(main(peer, a_link(port, [1])))
+    with Peer(port := free_ports(), 1) as peer, Witness() as machine:
+        asyncio.run(main(peer, a_link(port, [1]), machine))
 
 
 def test_a_silent_vehicle_delays_nobody() -> None:
-    async def main(silent: Peer, link: MavsdkLink) -> None:
+    async def main(silent: Peer, link: MavsdkLink, machine: Witness) -> None:
         async with running(link):
             await ready(link)
             ticks = Ticks(link, "v1", "v2")
             async with ticks.running():
                 await until(lambda: link.setpoint_times_s("v1") and link.setpoint_times_s("v2"))
                 silent.speaks = silent.answers = False
+                silent_s = time.monotonic()
                 lost = asyncio.create_task(link.execute(Order("v1", Verb.ARM)))
                 await asyncio.sleep(0.05)
                 for verb in (Verb.ARM, Verb.OFFBOARD, Verb.HOLD, Verb.DISARM):
+                    await until(lambda: time.monotonic() - ticks.last_s < PERIOD_S)
                     began_s = time.monotonic()
                     await do(link, verb, "v2")
-                    assert time.monotonic() - began_s < 0.3
+                    assert machine.awake_s(began_s, time.monotonic()) < 0.5
                 with pytest.raises(OrderError, match=r"arm failed \(TIMEOUT\)"):
                     await lost
                 await until(lambda: time.monotonic() - link.snapshot().heartbeat_time_s[0] > 3.1)
                 await asyncio.sleep(0.25)
                 now_s = time.monotonic()
-                gaps_s = np.diff(link.setpoint_times_s("v2"))
-                assert gaps_s.max() < 2 * PERIOD_S
-                assert now_s - link.setpoint_times_s("v2")[-1] < 2 * PERIOD_S
+                await until(lambda: link.setpoint_times_s("v2")[-1] > now_s + 2 * PERIOD_S)
                 assert now_s - link.setpoint_times_s("v1")[-1] > 0.2  # silent for 3 s: not commanded
+                times_s = [time_s for time_s in link.setpoint_times_s("v2") if time_s > silent_s]
+                assert np.median(np.diff(times_s)) < 1.2 * PERIOD_S
+                # MAVSDK waits 0.5 s and more for an answer: nobody else does, whatever the scheduler adds
+                assert max(machine.awake_s(*gap) for gap in pairwise(times_s)) < 0.4
 
     port = free_ports(2)
-    with Peer(port, 1) as silent, Peer(port + 1, 2):
-        asyncio.run(main(silent, a_link(port, [1, 2], port_count=2)))
+    with Peer(port, 1) as silent, Peer(port + 1, 2), Witness() as machine:
+        asyncio.run(main(silent, a_link(port, [1, 2], port_count=2), machine))
 
 
 def test_a_row_that_is_not_finite_is_not_sent_nor_is_what_was_sent_before() -> None:
-    async def main(link: MavsdkLink) -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
         async with running(link):
             await ready(link)
             ticks = Ticks(link, "v1")
-            ticks.tick()
-            await until(lambda: link.setpoint_times_s("v1"))
-            now_s = time.monotonic()
-            link.send(Setpoints(now_s, ("v1",), np.array([[1.0, np.nan, 0.0]]), np.zeros(1)))
-            await asyncio.sleep(0.12)
-            assert link.setpoint_times_s("v1")[-1] <= now_s + 0.001
+            async with ticks.running():
+                await until(lambda: peer.messages("SET_POSITION_TARGET_LOCAL_NED"))
+            dropped = link.counters.setpoints_dropped
+            link.send(Setpoints(time.monotonic(), ("v1",), np.array([[1.0, np.nan, 0.0]]), np.zeros(1)))
+            sent_s = time.monotonic()
+            await until(lambda: link.counters.setpoints_dropped >= dropped + 3)
+            arrived_s, message = peer.messages("SET_POSITION_TARGET_LOCAL_NED")[-1]
+            assert arrived_s <= sent_s + 0.02  # one may have been on its way
+            assert np.isfinite(message.vy)
 
-    with Peer(port := free_ports(), 1):
-        asyncio.run(main(a_link(port, [1])))
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, [1])))
 
 
 def test_a_duplicate_is_reported_by_vehicle_and_never_commanded() -> None:

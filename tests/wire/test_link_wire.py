@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from link_bench import until
-from link_peer import free_ports
+from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.errors import LinkError
@@ -88,7 +88,7 @@ def command(target: int) -> bytes:
 
 
 async def arrived(sock: socket.socket) -> bytes:
-    async with asyncio.timeout(2):
+    async with asyncio.timeout(30):
         return await asyncio.get_running_loop().sock_recv(sock, 2048)
 
 
@@ -144,7 +144,7 @@ def test_a_setpoint_leaves_only_with_permission_and_never_to_everybody() -> None
                 one.sendto(beat(1) + beat(2), ("127.0.0.1", made.port))
                 await until(lambda: len(made.delivered) == 2)
                 made.wire.send(setpoint(1))
-                made.deadman.refresh([1], time.monotonic())
+                made.deadman.refresh([1], time.monotonic() + 60.0)  # it does not expire before it is tried
                 made.wire.send(setpoint(1) + setpoint(2) + setpoint(0))
                 assert await arrived(one) == setpoint(1)
                 made.deadman.refresh([1], time.monotonic() - 0.201)
@@ -266,11 +266,12 @@ def test_what_waited_in_the_socket_is_as_old_as_it_is() -> None:
     async def main() -> None:
         async with bench(1) as made:
             with a_socket() as one:
-                sent_s = time.monotonic()
+                before_s = time.monotonic()
                 one.sendto(beat(1), ("127.0.0.1", made.port))
+                after_s = time.monotonic()
                 time.sleep(0.2)  # noqa: ASYNC251  a stalled loop is the subject
                 await until(lambda: made.delivered)
-                assert abs(made.wire.heard[1].heartbeat_time_s - sent_s) < 0.05
+                assert before_s - 0.05 < made.wire.heard[1].heartbeat_time_s < after_s + 0.05
 
     asyncio.run(main())
 

@@ -11,7 +11,9 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
+from machine import free_ports
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins.action import Action, ActionError
 from mavsdk.plugins.offboard import Offboard, VelocityNedYaw
@@ -38,7 +40,7 @@ def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
             yield process
         finally:
             process.send_signal(signal.SIGTERM)
-            _, errors = process.communicate(timeout=10)
+            _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (0, "")
 
 
@@ -48,32 +50,27 @@ def connected(port: int) -> Iterator[Any]:
     mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
     try:
         mavsdk.add_any_connection(f"udpin://{LOCAL}:{port}")
-        wait_for(mavsdk.get_systems, 5.0, "connect")
+        wait_for(mavsdk.get_systems, "connect")
         yield mavsdk.get_systems()[0]
     finally:
         mavsdk.destroy()
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((LOCAL, 0))
-        return int(probe.getsockname()[1])
-
-
-def wait_for(condition: Callable[[], Any], limit_s: float, what: str) -> None:
+def wait_for(condition: Callable[[], Any], what: str, limit_s: float = 60.0) -> None:
     deadline_s = time.monotonic() + limit_s
     while not condition():
-        assert time.monotonic() < deadline_s, f"{what}: not within {limit_s} s"
+        assert time.monotonic() < deadline_s, f"{what}: not within {limit_s:g} s"
         time.sleep(0.02)
 
 
 def test_mavsdk_connects_arms_takes_off_flies_offboard_holds_lands_and_reads_parameters(
     tmp_path: Path,
 ) -> None:
-    port = free_port()
+    port = free_ports()
     truth = tmp_path / "truth.jsonl"
     with contextlib.ExitStack() as stack:
-        stack.enter_context(running("--port-base", str(port), "--truth", str(truth)))
+        patient = ["--param", "COM_OF_LOSS_T=5"]  # a pause of the machine is not the pilot's
+        stack.enter_context(running("--port-base", str(port), "--truth", str(truth), *patient))
         system = stack.enter_context(connected(port))
         telemetry, action, offboard, param = (
             Telemetry(system),
@@ -81,7 +78,7 @@ def test_mavsdk_connects_arms_takes_off_flies_offboard_holds_lands_and_reads_par
             Offboard(system),
             Param(system),
         )
-        wait_for(telemetry.health_all_ok, 10.0, "health")
+        wait_for(telemetry.health_all_ok, "health")
 
         assert param.get_param_float("MPC_XY_VEL_MAX") == 12.0
         param.set_param_int("COM_OBL_RC_ACT", 5)
@@ -90,28 +87,29 @@ def test_mavsdk_connects_arms_takes_off_flies_offboard_holds_lands_and_reads_par
         assert len(listed.int_params) + len(listed.float_params) == 905
 
         action.set_takeoff_altitude(3.0)
-        wait_for(lambda: arms(action), 5.0, "arm")
+        wait_for(lambda: arms(action), "arm")
         action.takeoff()
-        wait_for(lambda: telemetry.in_air() and telemetry.flight_mode() == FlightMode.HOLD, 15.0, "takeoff")
+        wait_for(lambda: telemetry.in_air() and telemetry.flight_mode() == FlightMode.HOLD, "takeoff")
 
         offboard.set_velocity_ned(VelocityNedYaw(0.0, 2.0, 0.0, 90.0))
         offboard.start()
-        wait_for(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD, 3.0, "offboard")
-        wait_for(lambda: telemetry.position_velocity_ned().velocity.east_m_s > 1.5, 5.0, "speed")
-        wait_for(lambda: abs(telemetry.attitude_euler().yaw_deg - 90.0) < 2.0, 5.0, "yaw")
+        wait_for(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD, "offboard")
+        wait_for(lambda: telemetry.position_velocity_ned().velocity.east_m_s > 1.5, "speed")
+        wait_for(lambda: abs(telemetry.attitude_euler().yaw_deg - 90.0) < 2.0, "yaw")
 
         action.hold()
-        wait_for(lambda: telemetry.flight_mode() == FlightMode.HOLD, 3.0, "hold")
-        wait_for(lambda: abs(telemetry.position_velocity_ned().velocity.east_m_s) < 0.5, 8.0, "stop")
+        wait_for(lambda: telemetry.flight_mode() == FlightMode.HOLD, "hold")
+        wait_for(lambda: abs(telemetry.position_velocity_ned().velocity.east_m_s) < 0.5, "stop")
         action.land()
-        wait_for(lambda: not telemetry.armed(), 25.0, "land")
-        assert telemetry.landed_state() == LandedState.ON_GROUND
+        wait_for(lambda: not telemetry.armed(), "land")
+        wait_for(lambda: telemetry.landed_state() == LandedState.ON_GROUND, "landed state")
         assert telemetry.battery().remaining_percent > 90
 
     lines = [json.loads(line) for line in truth.read_text().splitlines()]
     times = [line["time_s"] for line in lines]
-    assert (len(times) - 1) / (times[-1] - times[0]) == pytest.approx(20.0, abs=1.0)
-    assert abs(times[-1] - time.monotonic()) < 15.0
+    assert np.median(np.diff(times)) == pytest.approx(0.05, abs=0.0025)
+    assert 10.0 < (len(times) - 1) / (times[-1] - times[0]) < 21.0  # every pause of the machine leaves a hole
+    assert abs(times[-1] - time.monotonic()) < 60.0
     flown = [line["vehicles"][0] for line in lines]
     assert {v["mode"] for v in flown} >= {"HOLD", "TAKEOFF", "OFFBOARD", "LAND"}
     assert max(v["east_m"] for v in flown) > 2.0
@@ -130,7 +128,7 @@ def arms(action: Action) -> bool:
 def listen(port: int) -> socket.socket:
     ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     ear.bind((LOCAL, port))
-    ear.settimeout(5.0)
+    ear.settimeout(30.0)
     return ear
 
 
@@ -140,7 +138,7 @@ def system_in(datagram: bytes) -> int:
 
 
 def test_each_vehicle_of_a_fleet_has_a_port_of_its_own_and_they_do_not_mix() -> None:
-    port = free_port()
+    port = free_ports(4)
     with (
         listen(port + 2) as first,
         listen(port + 3) as second,
@@ -167,7 +165,7 @@ def test_a_taken_port_is_named_and_exits_with_one() -> None:
             [sys.executable, "-m", "sim", "--first", "210"],
             capture_output=True,
             text=True,
-            timeout=20,
+            timeout=60,
             check=False,
         )
     assert done.returncode == 1

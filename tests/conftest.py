@@ -1,0 +1,20 @@
+"""Tests that keep time with a real clock are told from those that only compute."""
+
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+REAL_TIME = (HERE / "e2e", HERE / "wire")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line(
+        "markers", "realtime: flies on the real clock; not to share the machine with what computes"
+    )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if any(folder in item.path.parents for folder in REAL_TIME):
+            item.add_marker(pytest.mark.realtime)

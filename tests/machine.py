@@ -1,0 +1,73 @@
+"""What the real-time tests must know of the machine they run on: free ports, and when it stood still."""
+
+import random
+import socket
+import threading
+import time
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+FIRST_PORT, LAST_PORT = 16000, 32000
+"""Below the ports that the kernel gives to whoever asks for any (32768 and up on Linux): nobody takes one of
+these between the moment it was found free and the moment it is opened.
+"""
+
+LOOK_S = 0.01
+STALL_S = 0.05
+
+
+def free_ports(count: int = 1) -> int:
+    """The first of `count` consecutive UDP ports that are free now."""
+    for _ in range(1000):
+        # at random: the tests beside this one look for ports too
+        first = random.SystemRandom().randrange(FIRST_PORT, LAST_PORT - count)
+        with ExitStack() as stack:
+            try:
+                for port in range(first, first + count):
+                    probe = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+                    probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return first
+    raise OSError("no free ports")
+
+
+class Witness:
+    """A thread that wants to run every 10 ms and notes when it could not.
+
+    It waits for nobody, so whatever it misses was missed by the machine (another virtual machine's turn, a
+    full run queue), not by the code under test: time that a test must not hold against that code.
+    """
+
+    def __init__(self) -> None:
+        self._stalls_s: list[tuple[float, float]] = []
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._look, name="witness")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopped.set()
+        self._thread.join()
+
+    def stalled_s(self, start_s: float, end_s: float) -> float:
+        """How much of this stretch of the monotonic clock the machine stood still."""
+        return sum(max(0.0, min(to_s, end_s) - max(from_s, start_s)) for from_s, to_s in self._stalls_s)
+
+    def awake_s(self, start_s: float, end_s: float) -> float:
+        """And how much it ran."""
+        return end_s - start_s - self.stalled_s(start_s, end_s)
+
+    def _look(self) -> None:
+        before_s = time.monotonic()
+        while not self._stopped.is_set():
+            time.sleep(LOOK_S)
+            now_s = time.monotonic()
+            if now_s - before_s > STALL_S:
+                self._stalls_s.append((before_s, now_s))
+            before_s = now_s
