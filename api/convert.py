@@ -163,15 +163,18 @@ def yaw(wanted: plan.Yaw, frame: ShowFrame) -> wire.Yaw:
     return wire.Yaw(policy=wanted.policy, heading_deg=heading_deg(wanted.fixed_rad, frame))
 
 
-def obstacle(box: plan.Obstacle) -> wire.Obstacle:
-    """An obstacle for the wire."""
+def obstacle(box: plan.Obstacle, now_s: float) -> wire.Obstacle:
+    """An obstacle for the wire, where it is at `now_s`."""
+    x_m, y_m = box.position_m(now_s)
     return wire.Obstacle(
         id=box.id,
-        x_m=box.x_m,
-        y_m=box.y_m,
+        x_m=x_m,
+        y_m=y_m,
         half_length_x_m=box.half_length_x_m,
         half_length_y_m=box.half_length_y_m,
         height_m=box.height_m,
+        velocity_x_m_s=box.velocity_x_m_s,
+        velocity_y_m_s=box.velocity_y_m_s,
     )
 
 
@@ -194,7 +197,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str) -> wire.Fleet:
         target=target(view.plan.target, view.target_m, frame),
         orbit=orbit(view.plan.orbit),
         yaw=yaw(view.plan.yaw, frame),
-        obstacles=[obstacle(box) for box in view.plan.obstacles],
+        obstacles=[obstacle(box, view.time_s) for box in view.plan.obstacles],
         minimum_separation_m=view.minimum_separation_m,
         setpoints_sent=view.setpoints_sent,
         tick=wire.Tick(
@@ -239,9 +242,9 @@ def yaw_wanted(body: wire.YawChange, current: plan.Yaw, frame: ShowFrame) -> pla
     return replace(current, policy=given.get("policy", current.policy), fixed_rad=fixed_rad)
 
 
-def obstacle_wanted(body: wire.Box, obstacle_id: str) -> plan.Obstacle:
-    """The box under the id that it shall have."""
-    return plan.Obstacle(id=obstacle_id, **body.model_dump(exclude={"id"}))
+def obstacle_wanted(body: wire.Box, obstacle_id: str, now_s: float) -> plan.Obstacle:
+    """The box under the id that it shall have, there at `now_s`."""
+    return plan.Obstacle(id=obstacle_id, **body.model_dump(exclude={"id"}), time_s=now_s)
 
 
 def fleet_json(view: FleetView, frame: ShowFrame, problem: str) -> str:

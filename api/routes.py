@@ -255,13 +255,13 @@ def _box(desk: Desk, obstacle_id: str) -> Obstacle:
 @api.get("/obstacles", tags=["obstacles"], summary="Every obstacle")
 async def list_obstacles(desk: DeskDep) -> list[wire.Obstacle]:
     """All boxes that the fleet keeps clear of."""
-    return [convert.obstacle(box) for box in desk.plan.obstacles]
+    return [convert.obstacle(box, desk.now_s()) for box in desk.plan.obstacles]
 
 
 @api.get("/obstacles/{obstacle_id}", tags=["obstacles"], summary="One obstacle", responses=READ | errors(404))
 async def get_obstacle(obstacle_id: str, desk: DeskDep) -> wire.Obstacle:
     """One box."""
-    return convert.obstacle(_box(desk, obstacle_id))
+    return convert.obstacle(_box(desk, obstacle_id), desk.now_s())
 
 
 @api.post(
@@ -272,12 +272,12 @@ async def get_obstacle(obstacle_id: str, desk: DeskDep) -> wire.Obstacle:
     responses=COMMAND,
 )
 async def add_obstacle(body: wire.ObstaclePost, desk: DeskDep, response: Response) -> wire.Obstacle:
-    """Refused when its id is taken, or when it would stand on a vehicle in the air."""
-    box = convert.obstacle_wanted(body, body.id or desk.new_obstacle_id())
+    """Refused when its id is taken, or it would stand on a vehicle in the air or too close ahead of one."""
+    box = convert.obstacle_wanted(body, body.id or desk.new_obstacle_id(), desk.now_s())
     desk.service.add_obstacle(box)
     desk.accepted(replace(desk.plan, obstacles=(*desk.plan.obstacles, box)))
     response.headers["Location"] = f"/api/v1/obstacles/{box.id}"
-    return convert.obstacle(box)
+    return convert.obstacle(box, box.time_s)
 
 
 @api.put(
@@ -287,16 +287,16 @@ async def add_obstacle(body: wire.ObstaclePost, desk: DeskDep, response: Respons
     responses=COMMAND | errors(404),
 )
 async def change_obstacle(obstacle_id: str, body: wire.ObstaclePut, desk: DeskDep) -> wire.Obstacle:
-    """Replace the box of this id. Refused when it would stand on a vehicle in the air."""
+    """Replace the box of this id. Refused when it would stand on a vehicle or too close ahead of one."""
     if body.id and body.id != obstacle_id:
         raise InvalidError("id", body.id, f"{obstacle_id!r}, as in the path, or absent")
-    box = convert.obstacle_wanted(body, obstacle_id)
+    box = convert.obstacle_wanted(body, obstacle_id, desk.now_s())
     desk.service.change_obstacle(box)
     others = desk.plan.obstacles
     desk.accepted(
         replace(desk.plan, obstacles=tuple(box if each.id == obstacle_id else each for each in others))
     )
-    return convert.obstacle(box)
+    return convert.obstacle(box, box.time_s)
 
 
 @api.delete(

@@ -149,13 +149,15 @@ TargetPut = Annotated[
 
 
 class Box(Inward):
-    """A box standing on the ground, edges along the show frame's axes."""
+    """A box on the ground, edges along the show frame's axes, where it is now; it goes on as it moves."""
 
     x_m: Coordinate = Field(description="Of its centre.")
     y_m: Coordinate
     half_length_x_m: Length
     half_length_y_m: Length
     height_m: Length = Field(description="Of its top, above the show's origin.")
+    velocity_x_m_s: Velocity = 0.0
+    velocity_y_m_s: Velocity = 0.0
 
 
 class ObstaclePost(Box):
@@ -323,7 +325,7 @@ class Yaw(Outward):
 
 
 class Obstacle(Outward):
-    """A box standing on the ground."""
+    """A box on the ground, where it is now."""
 
     id: str
     x_m: float
@@ -331,6 +333,8 @@ class Obstacle(Outward):
     half_length_x_m: float
     half_length_y_m: float
     height_m: float
+    velocity_x_m_s: float
+    velocity_y_m_s: float
 
 
 class Origin(Outward):

@@ -197,10 +197,13 @@ class Client:
         half_length_x_m: float,
         half_length_y_m: float,
         height_m: float,
+        velocity_x_m_s: float = 0.0,
+        velocity_y_m_s: float = 0.0,
         obstacle_id: str | None = None,
     ) -> wire.Obstacle:
         """Add a box; without an id it is given one."""
-        body = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m) | _given(id=obstacle_id)
+        box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
+        body = box | _moving(velocity_x_m_s, velocity_y_m_s) | _given(id=obstacle_id)
         return self._one(wire.Obstacle, "POST", "/api/v1/obstacles", body)
 
     def change_obstacle(
@@ -212,9 +215,12 @@ class Client:
         half_length_x_m: float,
         half_length_y_m: float,
         height_m: float,
+        velocity_x_m_s: float = 0.0,
+        velocity_y_m_s: float = 0.0,
     ) -> wire.Obstacle:
         """Replace the box of this id."""
-        body = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
+        box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
+        body = box | _moving(velocity_x_m_s, velocity_y_m_s)
         return self._one(wire.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
 
     def remove_obstacle(self, obstacle_id: str) -> None:
@@ -287,3 +293,7 @@ def _box(
         "half_length_y_m": half_length_y_m,
         "height_m": height_m,
     }
+
+
+def _moving(velocity_x_m_s: float, velocity_y_m_s: float) -> dict[str, Any]:
+    return {"velocity_x_m_s": velocity_x_m_s, "velocity_y_m_s": velocity_y_m_s}

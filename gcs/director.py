@@ -266,7 +266,7 @@ class Director:
             wanted_m,
             np.array(taken_m).reshape(-1, 2),
             flight.config.operation.place_spacing_m,
-            ellipses_of(flight.plan, flight.config.control),
+            ellipses_of(flight.plan, flight.config.control, flight.fleet.time_s),
         )
         ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
         return {

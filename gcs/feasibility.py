@@ -13,8 +13,9 @@ from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.formation.orbit import CLEAR_OF_FENCE_M, followed_target, target_reach_m
 from gcs.formation.thomson import smallest_radius_m
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target
+from gcs.safety.constraints import Braking
 from gcs.safety.filter import SafetySettings
-from gcs.safety.walls import Fence
+from gcs.safety.walls import Fence, obstacle_constraints
 from gcs.state import Array, VehicleId
 
 NEARLY_M = 1e-9
@@ -137,14 +138,19 @@ def check_obstacle(
     avoidance: AvoidanceSettings,
     airborne_m: Mapping[VehicleId, Array],
     homes_m: Mapping[VehicleId, Array],
+    *,
+    velocities_m_s: Mapping[VehicleId, Array] | None = None,
+    braking: Braking | None = None,
 ) -> None:
-    """An obstacle may not stand on a vehicle in the air, nor on the place where one is to land.
+    """An obstacle may not stand on a vehicle in the air, nor where one cannot stop, nor on a landing place.
 
     Args:
-        obstacle: in the show frame.
+        obstacle: in the show frame, where it is now.
         avoidance: the margins kept beside and above it.
         airborne_m: (3,) position of every vehicle in the air.
         homes_m: (3,) landing place of every vehicle that flies.
+        velocities_m_s: (3,) of those in the air; without it they are taken to stand still.
+        braking: how surely they stop; without it that is not asked.
 
     Raises: RefusedError naming the vehicles.
     """
@@ -160,11 +166,28 @@ def check_obstacle(
             and -place_m[2] < highest_m
         ]
 
+    def could_not_stop(name: VehicleId) -> bool:
+        velocity_m_s = (velocities_m_s or {}).get(name, np.zeros(3))
+        place_m = airborne_m[name]
+        if braking is None or not np.isfinite([*place_m, *velocity_m_s]).all():
+            return False
+        wall = {obstacle.id: ellipse}
+        slack_m_s = obstacle_constraints(place_m[None], np.ones(1, bool), wall, braking).slack_m_s(
+            velocity_m_s[None]
+        )
+        return bool((slack_m_s < 0.0).any())
+
     hit = near(airborne_m, 0.0, ellipse.top_height_m)
     if hit:
         raise RefusedError(
             f"obstacle {obstacle.id} would stand on {', '.join(hit)} (margin {margin_m:g} m, headroom"
             f" {headroom_m:g} m included); move it, or the formation, away first"
+        )
+    late = [name for name in airborne_m if could_not_stop(name)]
+    if late:
+        raise RefusedError(
+            f"obstacle {obstacle.id} would be too close ahead of {', '.join(late)} to stop (margin"
+            f" {margin_m:g} m included); move it farther away, or pause first"
         )
     blocked = near(homes_m, avoidance.near_m, np.inf)  # nearer, the ellipse would push those who come home
     if blocked:

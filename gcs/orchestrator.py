@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from gcs.config import Config
-from gcs.control import Tick, tick
+from gcs.control import Tick, tick, warm_up
 from gcs.director import Director
 from gcs.errands import Errands
 from gcs.errors import LinkError, RefusedError, UnknownError
@@ -44,6 +44,7 @@ class Orchestrator:
             config: checked.
             links: one for each of the configuration's, with its vehicles.
         """
+        warm_up()
         now_s = asyncio.get_running_loop().time()
         self._config = config
         self._flight = Flight(config, links, now_s)
@@ -193,6 +194,7 @@ class Orchestrator:
 
     def _place_obstacle(self, obstacle: Obstacle) -> None:
         flight = self._flight
+        obstacle = replace(obstacle, time_s=asyncio.get_running_loop().time())
         comes_down_m = {
             vehicle.id: vehicle.goal_m if vehicle.phase is Phase.LANDING else vehicle.home_m
             for vehicle in self._taking_part()
@@ -202,6 +204,10 @@ class Orchestrator:
             self._config.control.law.avoidance,
             {vehicle.id: flight.position_m(vehicle) for vehicle in flight.airborne},
             {name: place_m for name, place_m in comes_down_m.items() if place_m is not None},
+            velocities_m_s={
+                vehicle.id: flight.fleet.velocity_m_s[vehicle.row] for vehicle in flight.airborne
+            },
+            braking=self._config.control.safety.braking,
         )
         others = [known for known in flight.plan.obstacles if known.id != obstacle.id]
         self._set_obstacles([*others, obstacle])

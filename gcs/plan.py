@@ -110,7 +110,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """A box standing on the ground, edges along the show frame's axes."""
+    """A box on the ground, edges along the show frame's axes, as last told; it goes on with its velocity."""
 
     id: str
     x_m: float  # centre
@@ -118,16 +118,35 @@ class Obstacle:
     half_length_x_m: float
     half_length_y_m: float
     height_m: float  # of its top, above the show's origin
+    velocity_x_m_s: float = 0.0
+    velocity_y_m_s: float = 0.0
+    time_s: float = 0.0  # loop clock: when it was there
 
     def __post_init__(self) -> None:
         if not self.id:
             raise InvalidError("id", self.id, "at least one character")
-        require_finite(x_m=self.x_m, y_m=self.y_m)
+        require_finite(
+            x_m=self.x_m,
+            y_m=self.y_m,
+            velocity_x_m_s=self.velocity_x_m_s,
+            velocity_y_m_s=self.velocity_y_m_s,
+            time_s=self.time_s,
+        )
         require_positive(
             half_length_x_m=self.half_length_x_m,
             half_length_y_m=self.half_length_y_m,
             height_m=self.height_m,
         )
+
+    def position_m(self, time_s: float) -> tuple[float, float]:
+        """(x, y) of its centre at `time_s`, by dead reckoning."""
+        elapsed_s = time_s - self.time_s
+        return self.x_m + self.velocity_x_m_s * elapsed_s, self.y_m + self.velocity_y_m_s * elapsed_s
+
+    @property
+    def speed_m_s(self) -> float:
+        """Over the ground."""
+        return hypot(self.velocity_x_m_s, self.velocity_y_m_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,25 +1,32 @@
-"""The article's own controller and virtual dynamics (sections 1 and 2.3), kept as a model.
+"""The article's own controller and virtual dynamics (sections 1, 2.3 and 4.3), kept as a model.
 
 It is nearly undamped with the article's parameters (zeta = 0.025) and is not what flies; `gcs.formation.law`
 is. The scenarios of section 5 use it.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import replace
 
+from gcs.formation.obstacles import AvoidanceSettings, Ellipse
+from gcs.formation.orbit import Center, advance_center
 from gcs.formation.repulsion import repulsion_force
 from gcs.formation.sphere import sphere_force
+from gcs.formation.steering import avoid_all
+from gcs.settings import Positive, Settings
 from gcs.state import Array
 
+ANSWER_S = 0.2
+"""A drone that avoids takes on the velocity along its tangent with this time constant."""
 
-@dataclass(frozen=True, slots=True)
-class ArticleParameters:
+
+class ArticleParameters(Settings):
     """Section 5 of the article: M, k, k_s, k_r, r_d."""
 
-    mass_kg: float = 10.0
-    damping_n_s_m: float = 1.0
-    sphere_gain: float = 5.0
-    repulsion_gain: float = 0.2
-    radius_m: float = 2.0
+    mass_kg: Positive = 10.0
+    damping_n_s_m: Positive = 1.0
+    sphere_gain: Positive = 5.0
+    repulsion_gain: Positive = 0.2
+    radius_m: Positive = 2.0
 
 
 def formation_force(
@@ -51,6 +58,51 @@ def feed_forward_force(
         parameters.mass_kg * center_acceleration_m_s2 + parameters.damping_n_s_m * center_velocity_m_s
     )
     return force
+
+
+def avoiding_force(
+    position_m: Array,
+    velocity_m_s: Array,
+    force_n: Array,
+    ellipses: Mapping[str, Ellipse],
+    sides: Mapping[str, float],
+    sliding_m_s: Array,
+    parameters: ArticleParameters,
+    settings: AvoidanceSettings,
+) -> Array:
+    """The force that makes a drone fly along its tangent where the law's own leads into an ellipse.
+
+    The article blends velocities, its dynamics obey forces: what is turned is the velocity to which the force
+    leads within `ANSWER_S`, and the force is changed by what that turn takes.
+
+    Args:
+        position_m: (n, 3), z down, as `velocity_m_s` and `force_n`.
+        velocity_m_s: (n, 3).
+        force_n: (n, 3) that formation and feed-forward want.
+        ellipses: around the obstacles.
+        sides: LEFT or RIGHT, chosen once for the whole formation.
+        sliding_m_s: (n,) speed to keep along the tangent.
+        parameters: mass and damping.
+        settings: distances and rates of the avoidance.
+
+    Returns: (n, 3) in N; exactly `force_n` where nothing is in the way.
+    Source: article, section 4.3.
+    """
+    free_m_s2 = (force_n - parameters.damping_n_s_m * velocity_m_s) / parameters.mass_kg
+    wanted_m_s = velocity_m_s + ANSWER_S * free_m_s2
+    turned_m_s = avoid_all(position_m, wanted_m_s, ellipses, sides, sliding_m_s, settings)
+    force: Array = force_n + parameters.mass_kg / ANSWER_S * (turned_m_s - wanted_m_s)
+    return force
+
+
+def step_center(center: Center, wanted_m_s: Array, dt_s: float, acceleration_max_m_s2: float) -> Center:
+    """Move the centre as `step_virtual` moves drones, (3,) each, no harder than the limit.
+
+    With the same integration and `feed_forward_force` the drones' motion relative to the centre is exactly
+    that about a centre at rest, however hard it turns.
+    """
+    moved = advance_center(center, wanted_m_s, dt_s, acceleration_max_m_s2)
+    return replace(moved, position_m=center.position_m + dt_s * moved.velocity_m_s)
 
 
 def step_virtual(

@@ -1,57 +1,92 @@
-"""The flown law: the sum of centre motion, sphere, spreading, symmetry breaking and avoidance.
+"""The flown law: the centre's motion, and each drone's way to its place on the sphere.
 
-Gains are rates (1/s), independent of N and R. The article's terms are in `sphere`, `repulsion`, `orbit` and
-`obstacles`; what is fed back and forward here follows FACTS, section 1.
+Nobody is assigned a place: the places are the drones' own directions, moved on by their mutual repulsion, and
+remembered from tick to tick. Gains are rates (1/s), independent of N and R. The article's terms are in
+`sphere`, `repulsion`, `orbit` and `steering`; docs/decisions/0001 derives the gains.
 """
 
+from collections.abc import Sequence
+from functools import lru_cache
+from hashlib import blake2b
+from math import cos, pi, sin, sqrt
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
-from gcs.formation.obstacles import AvoidanceSettings, Ellipse, avoid, choose_side, heads_into
+from gcs.compiled import kernel
+from gcs.formation.obstacles import AvoidanceSettings
 from gcs.formation.orbit import Center, followed_target, orbit_velocity, within_ground_speed
-from gcs.formation.repulsion import spreading_velocity
-from gcs.formation.sphere import TINY, sphere_velocity
+from gcs.formation.sphere import TINY
 from gcs.plan import Plan
 from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import Array
+from gcs.state import Array, VehicleId
+
+KEPT_KICKS = 32_768
+"""Of so many vehicles the kick need not be worked out again."""
 
 
 class LawSettings(Settings):
-    """Rates and bounds of the law; docs/architecture.md says how they were found."""
+    """Rates and bounds of the law; docs/decisions/0001 says how they were found."""
 
-    speed_m_s: Positive = 4.0  # bound of each term that draws a drone to its place
-    sphere_rate_per_s: Positive = 0.8
+    speed_m_s: Positive = 4.0  # bound of what draws a drone to its place
+    place_rate_per_s: Positive = 1.0  # at which a drone's distance from its place decays
+    sweeps: Annotated[int, Field(ge=1, le=100)] = 4  # of the places' descent, every tick
+    pull: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0005  # of the places to the drones, each sweep
+    symmetry_rad: NotNegative = 0.03  # by which at most a new drone's place is off its own direction
+    sphere_rate_per_s: Positive = 0.8  # this and the next three: of drones that see their neighbours only
     spreading_rate_per_s: Positive = 0.8
-    spreading_steps: Annotated[int, Field(ge=1, le=100)] = 20
-    centroid_rate_per_s: Positive = 0.8
-    centroid_speed_max_m_s: Positive = 1.0
+    symmetry_speed_m_s: NotNegative = 0.3
+    symmetry_decay_s: Positive = 4.0
     goal_rate_per_s: Positive = 0.8
     center_speed_max_m_s: Positive = 4.0  # over the ground
     center_acceleration_max_m_s2: Positive = 1.0
     climb_max_m_s: Positive = 1.0  # of the centre, up and down
-    symmetry_speed_m_s: NotNegative = 0.3  # of the kick that breaks symmetry
-    symmetry_decay_s: Positive = 4.0
     avoidance: AvoidanceSettings = AvoidanceSettings()
 
 
-def kick_directions(seeds: Array) -> Array:
-    """One unit vector for each seed, (n,) to (n, 3): the same for the same drone every time.
+@lru_cache(maxsize=KEPT_KICKS)
+def kick_of(name: VehicleId) -> tuple[float, float]:
+    """Two numbers within the unit circle, the same for the same drone every time.
 
-    A symmetric start sits on a saddle and stays there; these, decaying, push it off.
+    A symmetric start sits on a saddle and stays there; these push it off.
     """
-    return np.array(
-        [vector / np.linalg.norm(vector) for vector in (_normal3(int(seed)) for seed in seeds)]
-    ).reshape(-1, 3)
+    digest = blake2b(name.encode(), digest_size=8).digest()
+    size = sqrt(int.from_bytes(digest[:4], "big") / 2**32)
+    angle_rad = 2.0 * pi * int.from_bytes(digest[4:], "big") / 2**32
+    return size * cos(angle_rad), size * sin(angle_rad)
 
 
-def _normal3(seed: int) -> Array:
-    return np.random.default_rng(seed).normal(size=3)
+def kicks(direction: Array, ids: Sequence[VehicleId], rows: NDArray[np.intp]) -> Array:
+    """Each drone's own small push, no longer than 1 and at right angles to its direction.
+
+    Sideways and up or down as seen from the centre, so that it turns with the formation about the vertical.
+
+    Args:
+        direction: (n, 3) unit vectors from the centre.
+        ids: of the fleet.
+        rows: (n,) which of them these are.
+
+    Returns: (n, 3).
+    """
+    level = np.hypot(direction[:, 0], direction[:, 1])[:, None]
+    sideways = np.column_stack([-direction[:, 1], direction[:, 0], np.zeros(len(direction))])
+    sideways = np.where(level > TINY, sideways / np.maximum(level, TINY), (0.0, 1.0, 0.0))
+    along = np.array([kick_of(ids[row]) for row in rows.tolist()]).reshape(-1, 2)
+    pushed: Array = along[:, :1] * sideways + along[:, 1:] * np.cross(direction, sideways)
+    return pushed
+
+
+def begun(direction: Array, ids: Sequence[VehicleId], rows: NDArray[np.intp], settings: LawSettings) -> Array:
+    """(n, 3) first places of those who join: their own directions, a little off; arguments as of `kicks`."""
+    place: Array = direction + settings.symmetry_rad * kicks(direction, ids, rows)
+    place /= np.linalg.norm(place, axis=1, keepdims=True)
+    return place
 
 
 def wanted_center_velocity(
-    center: Center, plan: Plan, time_s: float, settings: LawSettings, *, reach_m: float
+    center: Center, plan: Plan, time_s: float, settings: LawSettings, *, reach_m: float, pace: float
 ) -> Array:
     """(3,) velocity that takes the centre to its orbit round the target, and to its height.
 
@@ -60,6 +95,7 @@ def wanted_center_velocity(
         plan: target, orbit and height.
         time_s: for which the target is reckoned.
         settings: speeds and rates.
+        pace: share of the orbit's speed that the vehicles can keep up with.
         reach_m: the target is followed no farther than this from the show's origin (`gcs.formation.orbit`).
 
     Source: article, section 3; the target's velocity is added (the printed law is relative to it), and the
@@ -77,116 +113,79 @@ def wanted_center_velocity(
     )
     climb_m_s = settings.goal_rate_per_s * (-plan.formation.height_m - center.position_m[2])
     return np.append(
-        within_ground_speed(target_velocity, relative, settings.center_speed_max_m_s),
+        within_ground_speed(target_velocity, pace * relative, settings.center_speed_max_m_s),
         np.clip(climb_m_s, -settings.climb_max_m_s, settings.climb_max_m_s),
     )
 
 
-def update_sides(
-    sides: dict[str, float],
-    ellipses: dict[str, Ellipse],
-    position_m: Array,
-    center: Center,
-    wanted_center_m_s: Array,
-    settings: LawSettings,
-) -> dict[str, float]:
-    """Which obstacle is passed on which side: chosen once for the whole formation, then kept.
+@kernel
+def directions_from(position_m: Array, center_m: Array) -> tuple[Array, Array]:
+    """(n, 3) unit vectors from the centre (3,) to the drones (n, 3), and (n,) their distances.
 
-    A side is chosen when the first of the drones (n, 3) or the centre comes near and moves towards the
-    obstacle, and forgotten when none of them is near any more.
+    A drone at the very centre is taken to be straight above it.
     """
-    everyone_m = np.vstack([position_m, center.position_m])
-    motion_m_s = np.broadcast_to(wanted_center_m_s, everyone_m.shape)
-    kept: dict[str, float] = {}
-    for name, ellipse in ellipses.items():
-        near = ellipse.distance_m(everyone_m) < settings.avoidance.lookahead_m * 1.5
-        if not near.any():
-            continue
-        if name in sides:
-            kept[name] = sides[name]
-        elif (near & heads_into(ellipse, everyone_m, motion_m_s)).any():
-            kept[name] = choose_side(ellipse, center.position_m, wanted_center_m_s)
-    return kept
+    direction, distance_m = np.empty_like(position_m), np.empty(len(position_m))
+    for i in range(len(position_m)):
+        square = 0.0
+        for k in range(3):
+            direction[i, k] = position_m[i, k] - center_m[k]
+            square += direction[i, k] ** 2
+        distance_m[i] = sqrt(square)
+        if distance_m[i] > TINY:
+            for k in range(3):
+                direction[i, k] /= distance_m[i]
+        else:
+            direction[i, 0], direction[i, 1], direction[i, 2] = 0.0, 0.0, -1.0
+    return direction, distance_m
 
 
-def avoid_all(
-    position_m: Array,
-    velocity_m_s: Array,
-    ellipses: dict[str, Ellipse],
-    sides: dict[str, float],
-    sliding_m_s: Array,
-    settings: LawSettings,
-) -> Array:
-    """Avoid every obstacle in turn, the nearest last so that it has the last word; (n, 3) in and out.
-
-    Obstacles without an entry in `sides` are passed on whichever side costs less. Those to which everybody
-    keeps the distance from which `avoid` begins are passed over: it would return what it is given.
-    """
-    reach_m = max(settings.avoidance.lookahead_m, settings.avoidance.near_m)
-    nearest_m = {
-        name: float(ellipse.distance_m(position_m).min(initial=np.inf)) for name, ellipse in ellipses.items()
-    }
-    concerned = [name for name, distance_m in nearest_m.items() if distance_m < reach_m]
-    for name in sorted(concerned, key=lambda name: -nearest_m[name]):
-        velocity_m_s = avoid(
-            position_m,
-            velocity_m_s,
-            ellipses[name],
-            settings.avoidance,
-            side=np.full(len(position_m), sides.get(name, 0.0)),
-            sliding_m_s=sliding_m_s,
-        )
-    return velocity_m_s
-
-
-def formation_velocity(
-    position_m: Array,
-    charge: Array,
-    kick: Array,
-    engaged_s: Array,
-    center: Center,
-    *,
+@kernel
+def place_velocity(
+    direction: Array,
+    distance_m: Array,
+    place: Array,
     radius_m: float,
-    settings: LawSettings,
+    rate_per_s: float,
+    speed_max_m_s: float,
 ) -> Array:
-    """Where the drones of the formation should go, before obstacles and safety.
+    """Each drone's way to its place: along the sphere and on to it, at the same time.
+
+    Along the sphere instead of straight, because straight ways lead through the sphere, and so through each
+    other and through those that have arrived.
 
     Args:
-        position_m: (n, 3), show frame.
-        charge: (n,) each drone's share of the sphere, 1 for equal ones.
-        kick: (n, 3) unit vectors from `kick_directions`.
-        engaged_s: (n,) seconds since each drone joined; its kick decays with them.
-        center: its velocity is fed forward to every drone, and the true centroid's error fed back.
-        radius_m: of the sphere now.
-        settings: rates and bounds.
+        direction: (n, 3) unit vectors from the centre.
+        distance_m: (n,) from the centre.
+        place: (n, 3) unit vectors to the places.
+        radius_m: of the sphere.
+        rate_per_s: how fast a small error decays.
+        speed_max_m_s: no row is faster.
 
-    Returns: (n, 3) in m/s.
-    Source: article, sections 2 and 3, as corrected in FACTS, section 1.
+    Returns: (n, 3) in m/s, relative to the centre.
+    Source: article, section 2.1, divided by ``2 r r_d`` near the shell, so that the gain is a rate; 2.2.
     """
-    velocity = sphere_velocity(
-        position_m,
-        center.position_m,
-        radius_m=radius_m,
-        rate_per_s=settings.sphere_rate_per_s,
-        speed_max_m_s=settings.speed_m_s,
-    )
-    velocity = velocity + spreading_velocity(
-        position_m,
-        center.position_m,
-        charge,
-        radius_m=radius_m,
-        rate_per_s=settings.spreading_rate_per_s,
-        speed_max_m_s=settings.speed_m_s,
-        steps=settings.spreading_steps,
-    )
-    decay = np.exp(-engaged_s / settings.symmetry_decay_s)[:, None]
-    velocity = velocity + settings.symmetry_speed_m_s * decay * kick
-    if len(position_m) >= 2:  # one drone alone is never at the centre
-        error_m = center.position_m - position_m.mean(axis=0)
-        pull_m_s = settings.centroid_rate_per_s * error_m
-        size_m_s = float(np.linalg.norm(pull_m_s))
-        velocity = velocity + pull_m_s * min(1.0, settings.centroid_speed_max_m_s / max(size_m_s, TINY))
-    return velocity + center.velocity_m_s
+    velocity = np.empty_like(direction)
+    for i in range(len(direction)):
+        cosine = 0.0
+        for k in range(3):
+            cosine += direction[i, k] * place[i, k]
+        square = 0.0
+        for k in range(3):
+            velocity[i, k] = place[i, k] - cosine * direction[i, k]
+            square += velocity[i, k] ** 2
+        sine = sqrt(square)
+        along_m_s = rate_per_s * radius_m * np.arctan2(sine, cosine)
+        inward_m_s = rate_per_s * (distance_m[i] ** 2 - radius_m**2) / (2.0 * radius_m)
+        share = along_m_s / max(sine, TINY)
+        square = 0.0
+        for k in range(3):
+            velocity[i, k] = share * velocity[i, k] - inward_m_s * direction[i, k]
+            square += velocity[i, k] ** 2
+        speed_m_s = sqrt(square)
+        if speed_m_s > speed_max_m_s:
+            for k in range(3):
+                velocity[i, k] *= speed_max_m_s / speed_m_s
+    return velocity
 
 
 def goal_velocity(position_m: Array, goal_m: Array, *, settings: LawSettings) -> Array:

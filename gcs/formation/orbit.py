@@ -10,6 +10,12 @@ from gcs.state import Array
 NEAR_M = 1e-3
 """Closer to the target than this the field has no direction of its own; it then points along x."""
 
+PACE_LEAST = 0.2
+PACE_REGAINED_PER_S = 0.02
+PACE_LOST_PER_M = 0.5
+GUST_M_S = 0.1  # so much behind is nothing
+PACE_LOST_MAX_PER_S = 0.1
+"""See `next_pace`: 5 m/s round 30 m leave half of 1 m/s2 for braking."""
 
 CLEAR_OF_FENCE_M = 2.0
 """Kept between the fence and the farthest point of the sphere on the farthest point of the orbit."""
@@ -85,6 +91,25 @@ def orbit_velocity(
     around = turn * 2.0 * rho_m * radius_m
     factor = speed_m_s / (rho_m * (rho_m**2 + radius_m**2))
     return factor * np.array([-x * inward + y * around, -y * inward - x * around])
+
+
+def next_pace(pace: float, behind_m_s: float, dt_s: float) -> float:
+    """Slow the orbit down while a vehicle at its limits falls behind; go back to full speed in peace.
+
+    In wind the airspeed of an orbit changes along it, and may be more than a vehicle has. The centre then
+    waits for the slowest. No faster than the centre can brake, so that it stays on its circle.
+
+    Args:
+        pace: share of the orbit's speed until now.
+        behind_m_s: by how much the slowest of those at their limits is too slow along the way, 0: nobody is.
+        dt_s: of one tick.
+
+    Returns: from 0.2 to 1.
+    """
+    rate_per_s = max(
+        PACE_REGAINED_PER_S - PACE_LOST_PER_M * max(behind_m_s - GUST_M_S, 0.0), -PACE_LOST_MAX_PER_S
+    )
+    return min(1.0, max(PACE_LEAST, pace + dt_s * rate_per_s))
 
 
 def within_ground_speed(target_m_s: Array, relative_m_s: Array, limit_m_s: float) -> Array:

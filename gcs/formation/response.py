@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from gcs.compiled import kernel
 from gcs.formation.sphere import TINY
-from gcs.state import Array
+from gcs.state import Array, Mask
 
 
 def scale_to_limits(
@@ -21,22 +22,29 @@ def scale_to_limits(
 
     Returns: (n, 3) in m/s.
     """
-    horizontal_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
-    vertical_m_s = velocity_m_s[:, 2]
-    vertical_max_m_s = np.where(vertical_m_s < 0.0, up_max_m_s, down_max_m_s)
-    factor = np.minimum(
-        horizontal_max_m_s / np.maximum(horizontal_m_s, TINY),
-        vertical_max_m_s / np.maximum(np.abs(vertical_m_s), TINY),
-    )
-    scaled: Array = velocity_m_s * np.minimum(1.0, factor)[:, None]
+    return _scaled(velocity_m_s, horizontal_max_m_s, up_max_m_s, down_max_m_s)
+
+
+@kernel
+def _scaled(velocity_m_s: Array, horizontal_max_m_s: float, up_max_m_s: float, down_max_m_s: float) -> Array:
+    scaled = np.empty_like(velocity_m_s)
+    for i in range(len(velocity_m_s)):
+        x, y, z = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
+        horizontal = horizontal_max_m_s / max(np.hypot(x, y), TINY)
+        vertical = (up_max_m_s if z < 0.0 else down_max_m_s) / max(abs(z), TINY)
+        share = min(1.0, horizontal, vertical)
+        if not np.isfinite(x + y + z):
+            share = np.nan
+        for k in range(3):
+            scaled[i, k] = velocity_m_s[i, k] * share
     return scaled
 
 
+@kernel
 def compensate(
     wanted_m_s: Array,
     measured_m_s: Array,
     acceleration_m_s2: Array,
-    *,
     gain: float,
     vertical_gain: float,
     lead_s: float,
@@ -48,23 +56,158 @@ def compensate(
     Args:
         wanted_m_s: (n, 3) velocity the vehicle should have now.
         measured_m_s: (n, 3) velocity it has.
-        acceleration_m_s2: (n, 3) or (3,) wanted acceleration.
+        acceleration_m_s2: (n, 3) wanted acceleration.
         gain: how much of the horizontal velocity error is added to the setpoint; 0 trusts the autopilot.
         vertical_gain: likewise up and down, where PX4 answers three times as fast by itself.
         lead_s: seconds by which the autopilot's answer lags.
 
     Returns: (n, 3) setpoints in m/s, not yet within limits.
     """
-    gains = np.array([gain, gain, vertical_gain])
-    setpoint: Array = wanted_m_s + gains * (wanted_m_s - measured_m_s) + lead_s * acceleration_m_s2
+    setpoint = np.empty_like(wanted_m_s)
+    for i in range(len(wanted_m_s)):
+        for k in range(3):
+            setpoint[i, k] = wanted_m_s[i, k] + lead_s * acceleration_m_s2[i, k]
+            setpoint[i, k] += (vertical_gain if k == 2 else gain) * (wanted_m_s[i, k] - measured_m_s[i, k])
     return setpoint
 
 
-def limit_change(wanted_m_s: Array, before_m_s: Array, acceleration_max_m_s2: float, dt_s: float) -> Array:
-    """Follow `wanted_m_s` (n, 3) from `before_m_s` (n, 3) no harder than the acceleration limit."""
-    change_m_s = wanted_m_s - before_m_s
-    size_m_s = np.linalg.norm(change_m_s, axis=1, keepdims=True)
-    followed: Array = before_m_s + change_m_s * np.minimum(
-        1.0, acceleration_max_m_s2 * dt_s / np.maximum(size_m_s, TINY)
-    )
+@kernel
+def limit_change(
+    wanted_m_s: Array, before_m_s: Array, measured_m_s: Array, acceleration_max_m_s2: float, dt_s: float
+) -> Array:
+    """Follow the wanted velocity no harder than the acceleration limit.
+
+    Args:
+        wanted_m_s: (n, 3).
+        before_m_s: (n, 3) of the tick before; NaN where nothing was commanded, then `measured_m_s` counts.
+        measured_m_s: (n, 3).
+        acceleration_max_m_s2: of the change.
+        dt_s: since then.
+
+    Returns: (n, 3) in m/s.
+    """
+    followed = np.empty_like(wanted_m_s)
+    for i in range(len(wanted_m_s)):
+        square = 0.0
+        for k in range(3):
+            before = before_m_s[i, k] if np.isfinite(before_m_s[i, k]) else measured_m_s[i, k]
+            followed[i, k] = before
+            square += (wanted_m_s[i, k] - before) ** 2
+        share = min(1.0, acceleration_max_m_s2 * dt_s / max(np.sqrt(square), TINY))
+        for k in range(3):
+            followed[i, k] += share * (wanted_m_s[i, k] - followed[i, k])
     return followed
+
+
+@kernel
+def shrink_relative(
+    base_m_s: Array,
+    relative_m_s: Array,
+    horizontal_max_m_s: float,
+    up_max_m_s: float,
+    down_max_m_s: float,
+    speed_max_m_s: Array,
+) -> Array:
+    """What is common to all, plus as much of each one's own motion as the limits leave.
+
+    Args:
+        base_m_s: (3,) velocity of the formation.
+        relative_m_s: (n, 3) relative to it.
+        horizontal_max_m_s: sideways.
+        up_max_m_s: of climbing.
+        down_max_m_s: of sinking.
+        speed_max_m_s: (n,) of each vehicle, in any direction.
+
+    Returns: (n, 3) in m/s. Where the common part breaks a limit by itself, it is returned alone.
+    Source: article, section 3: v_t + v_d.
+    """
+    total = np.empty_like(relative_m_s)
+    for i in range(len(relative_m_s)):
+        x, y, z = relative_m_s[i, 0], relative_m_s[i, 1], relative_m_s[i, 2]
+        limit = min(horizontal_max_m_s, speed_max_m_s[i])
+        share = _share(
+            base_m_s[0] ** 2 + base_m_s[1] ** 2, base_m_s[0] * x + base_m_s[1] * y, x * x + y * y, limit
+        )
+        if speed_max_m_s[i] < np.inf:
+            square = base_m_s[0] ** 2 + base_m_s[1] ** 2 + base_m_s[2] ** 2
+            inner = base_m_s[0] * x + base_m_s[1] * y + base_m_s[2] * z
+            share = min(share, _share(square, inner, x * x + y * y + z * z, speed_max_m_s[i]))
+        if z > 0.0:
+            share = min(share, max(down_max_m_s - base_m_s[2], 0.0) / z)
+        elif z < 0.0:
+            share = min(share, max(up_max_m_s + base_m_s[2], 0.0) / -z)
+        for k in range(3):
+            total[i, k] = base_m_s[k] + share * relative_m_s[i, k]
+    return total
+
+
+@kernel
+def _share(base_square: float, inner: float, square: float, limit: float) -> float:
+    """Largest s in [0, 1] with |base + s relative| within the limit; 0 when base alone is not."""
+    room = limit * limit - base_square
+    if square == 0.0:
+        return 1.0
+    if room <= 0.0:
+        return 0.0
+    share: float = (np.sqrt(inner * inner + square * room) - inner) / square
+    return min(1.0, share)
+
+
+@kernel
+def correct_trim(
+    trim_m_s: Array,
+    expected_m_s: Array,
+    allowed_m_s: Array,
+    measured_m_s: Array,
+    base_m_s: Array,
+    commanded: Mask,
+    wished_m_s: Array,
+    setpoint_m_s: Array,
+    dt_s: float,
+    response_s: float,
+    rate_per_s: float,
+    vertical_rate_per_s: float,
+    trim_max_m_s: float,
+) -> tuple[Array, Array]:
+    """Learn what each vehicle's setpoint must be off by: against wind, drag and its own response.
+
+    Args:
+        trim_m_s: (n, 3) so far.
+        expected_m_s: (n, 3) velocity relative to the base that a vehicle which answers as measured would
+            have now, NaN at first.
+        allowed_m_s: (n, 3) velocity it was told to have.
+        measured_m_s: (n, 3).
+        base_m_s: (n, 3) part of what was told that is led for, and so expected without lag.
+        commanded: (n,) the others forget.
+        wished_m_s: (n, 3) setpoints before limits.
+        setpoint_m_s: (n, 3) and after: where they differ, the trim does not grow.
+        dt_s: since the last tick.
+        response_s: time constant of the answer.
+        rate_per_s: of the correction, sideways.
+        vertical_rate_per_s: and up and down.
+        trim_max_m_s: in any direction.
+
+    Returns: the next trim and expectation.
+    """
+    blend = 1.0 - np.exp(-dt_s / response_s)
+    trim, expected = np.zeros_like(trim_m_s), np.full_like(expected_m_s, np.nan)
+    for i in range(len(trim)):
+        if not commanded[i]:
+            continue
+        before, after, held = 0.0, 0.0, False
+        for k in range(3):
+            was = expected_m_s[i, k]
+            if np.isnan(was):
+                was = measured_m_s[i, k] - base_m_s[i, k]
+            expected[i, k] = was + blend * (allowed_m_s[i, k] - base_m_s[i, k] - was)
+            rate = vertical_rate_per_s if k == 2 else rate_per_s
+            trim[i, k] = trim_m_s[i, k] + dt_s * rate * (base_m_s[i, k] + expected[i, k] - measured_m_s[i, k])
+            held = held or abs(wished_m_s[i, k] - setpoint_m_s[i, k]) > TINY
+            before += trim_m_s[i, k] ** 2
+            after += trim[i, k] ** 2
+        if held and after > before:
+            trim[i] = trim_m_s[i]
+            after = before
+        if after > trim_max_m_s**2:
+            trim[i] *= trim_max_m_s / np.sqrt(after)
+    return trim, expected

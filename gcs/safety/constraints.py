@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.errors import ShapeError
-from gcs.settings import Positive, Settings
+from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import Array
 
 NOBODY = -1
@@ -61,8 +61,24 @@ class Braking(Settings):
     """How surely a vehicle stops, from the recorded response (docs/decisions/0004)."""
 
     reaction_s: Positive = 0.8  # delay and build-up of the answer, as if nothing happened meanwhile
+    lead_s: NotNegative = 0.6  # between vehicles: the closing speed measured now goes on for so long
     deceleration_m_s2: Positive = 2.0  # then, on the average of the stop
-    escape_rate_per_s: Positive = 0.5  # speed away from what one is already too close to, per metre
+    escape_rate_per_s: Positive = 1.5  # speed away from what one is already too close to, per metre
+
+    def over_link(self, delay_s: float) -> "Braking":
+        """The same when telemetry and setpoints each take `delay_s`: a round trip more before anything helps.
+
+        Escaping is a loop through the link too; its time constant grows by two round trips, so that it
+        does not swing.
+        """
+        if delay_s == 0.0:
+            return self
+        return Braking(
+            reaction_s=self.reaction_s + 2.0 * delay_s,
+            lead_s=self.lead_s + 2.0 * delay_s,
+            deceleration_m_s2=self.deceleration_m_s2,
+            escape_rate_per_s=1.0 / (1.0 / self.escape_rate_per_s + 4.0 * delay_s),
+        )
 
     def speed_m_s(self, gap_m: Array) -> Array:
         """Fastest approach from which one stops within `gap_m` (any shape).

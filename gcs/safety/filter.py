@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -9,13 +10,21 @@ from gcs.formation.obstacles import Ellipse
 from gcs.formation.response import scale_to_limits
 from gcs.formation.sphere import TINY
 from gcs.safety.constraints import NOBODY, Braking, Constraints
-from gcs.safety.projection import project, shrink
-from gcs.safety.separation import Floor, keepout_constraints, separation_constraints
+from gcs.safety.neighbours import Rows
+from gcs.safety.projection import nearest, shortened, tightest
+from gcs.safety.separation import Floor, Pairs, keepout_constraints, separation_constraints
+from gcs.safety.traffic import Traffic
 from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
-from gcs.settings import Positive, Settings
+from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import Array, Mask
 
 NOTICEABLE_M_S = 0.05
+
+SPARE_M_S = 0.5
+"""Pairs are looked for as if everybody could be led to a velocity that far from the wanted one."""
+
+ATTEMPTS = 3
+"""At the last, everybody is looked at as if it could be led to any velocity within the limits."""
 
 
 class Limits(Settings):
@@ -38,6 +47,8 @@ class SafetySettings(Settings):
     floor: Floor = Floor()
     fence: Fence = Fence()
     braking: Braking = Braking()
+    traffic: Traffic = Traffic()
+    link_delay_s: NotNegative = 0.0  # one way, of telemetry and of setpoints alike, as far as it is known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,41 +79,69 @@ def filter_velocities(
 
     Returns: (n, 3) in m/s, and for each row what it was restrained for, "" when it was not.
     """
-    here = surroundings
-    constraints = Constraints.joined(
-        separation_constraints(
-            here.position_m,
+    here, limits = surroundings, settings.limits
+    braking = settings.braking.over_link(settings.link_delay_s)
+    moving_m_s = np.where(np.isfinite(here.velocity_m_s), here.velocity_m_s, 0.0)
+    position_m = here.position_m + settings.link_delay_s * moving_m_s
+    wanted_m_s = cap(np.where(here.commanded[:, None], wanted_m_s, 0.0), limits, here.speed_max_m_s)
+    walls = _walls(position_m, here, settings, braking)
+    spare_m_s = np.full(len(wanted_m_s), SPARE_M_S)
+    for attempt in range(ATTEMPTS):
+        if attempt == ATTEMPTS - 1:  # no velocity within the limits differs by more
+            spare_m_s = limits.fastest_m_s + np.linalg.norm(wanted_m_s, axis=1)
+        pairs = separation_constraints(
+            position_m,
             here.velocity_m_s,
             here.commanded,
             here.airborne,
             floor=settings.floor,
-            braking=settings.braking,
-            names=here.names,
+            braking=braking,
             uncertainty_m=here.uncertainty_m,
-            fastest_m_s=settings.limits.fastest_m_s,
-        ),
+            course_m_s=wanted_m_s,
+            spare_m_s=spare_m_s,
+        )
+        joined = _joined(walls, pairs)
+        allowed_m_s = shortened(cap(nearest(wanted_m_s, *joined), limits, here.speed_max_m_s), *joined)
+        changed_m_s = np.linalg.norm(allowed_m_s - wanted_m_s, axis=1)
+        if (changed_m_s <= spare_m_s).all():
+            break  # nobody was led to where nobody had looked
+        spare_m_s = np.maximum(spare_m_s, 1.5 * changed_m_s)
+    return allowed_m_s, _reasons(wanted_m_s, allowed_m_s, walls, pairs, joined, here.names)
+
+
+Joined: TypeAlias = tuple[Rows, Rows, Array, Array]
+"""Rows (k,), rows or NOBODY (k,), normals (k, 3) and bounds (k,): the walls first, then the pairs."""
+
+
+def _joined(walls: Constraints, pairs: Pairs) -> Joined:
+    if len(walls) == 0:
+        return pairs.first, pairs.second, pairs.normal, pairs.bound_m_s
+    return (
+        np.concatenate([walls.first, pairs.first]),
+        np.concatenate([walls.second, pairs.second]),
+        np.concatenate([walls.normal, pairs.normal]),
+        np.concatenate([walls.bound_m_s, pairs.bound_m_s]),
+    )
+
+
+def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, braking: Braking) -> Constraints:
+    """All that concerns each vehicle alone: paths of lost vehicles, the fence, obstacles."""
+    fastest_m_s = settings.limits.fastest_m_s
+    return Constraints.joined(
         keepout_constraints(
-            here.position_m,
+            position_m,
             here.commanded,
             here.segments_m,
             floor=settings.floor,
-            braking=settings.braking,
+            braking=braking,
             uncertainty_m=here.uncertainty_m,
-            fastest_m_s=settings.limits.fastest_m_s,
+            fastest_m_s=fastest_m_s,
         ),
-        fence_constraints(here.position_m, here.commanded, here.descending, settings.fence, settings.braking),
-        obstacle_constraints(
-            here.position_m,
-            here.commanded,
-            here.ellipses,
-            settings.braking,
-            fastest_m_s=settings.limits.fastest_m_s,
+        fence_constraints(
+            position_m, here.commanded, here.descending, settings.fence, braking, fastest_m_s=fastest_m_s
         ),
+        obstacle_constraints(position_m, here.commanded, here.ellipses, braking, fastest_m_s=fastest_m_s),
     )
-    limits, fastest_m_s = settings.limits, here.speed_max_m_s
-    wanted_m_s = cap(np.where(here.commanded[:, None], wanted_m_s, 0.0), limits, fastest_m_s)
-    allowed_m_s = shrink(cap(project(wanted_m_s, constraints), limits, fastest_m_s), constraints)
-    return allowed_m_s, _reasons(wanted_m_s, allowed_m_s, constraints)
 
 
 def cap(velocity_m_s: Array, limits: Limits, speed_max_m_s: Array | float = np.inf) -> Array:
@@ -119,13 +158,30 @@ def cap(velocity_m_s: Array, limits: Limits, speed_max_m_s: Array | float = np.i
     )
 
 
-def _reasons(wanted_m_s: Array, allowed_m_s: Array, constraints: Constraints) -> tuple[str, ...]:
-    """For each row that was changed noticeably: the constraint that the wanted velocity broke most."""
-    changed = np.linalg.norm(wanted_m_s - allowed_m_s, axis=1) > NOTICEABLE_M_S
+def _reasons(
+    wanted_m_s: Array,
+    allowed_m_s: Array,
+    walls: Constraints,
+    pairs: Pairs,
+    joined: Joined,
+    names: Sequence[str],
+) -> tuple[str, ...]:
+    """For each row that was changed noticeably: the constraint that the wanted velocity broke most.
+
+    Who broke none was pushed by others: the constraint it came nearest to breaking.
+    """
     reasons = [""] * len(wanted_m_s)
-    slack_m_s = constraints.slack_m_s(wanted_m_s)
-    for k in np.argsort(slack_m_s)[::-1]:  # the worst last, so that it stays
-        for row in (constraints.first[k], constraints.second[k]):
-            if row != NOBODY and changed[row] and slack_m_s[k] < 0.0:
-                reasons[row] = constraints.reason[k]
-    return tuple(reason or ("limits" if changed[row] else "") for row, reason in enumerate(reasons))
+    changed = np.flatnonzero(np.linalg.norm(wanted_m_s - allowed_m_s, axis=1) > NOTICEABLE_M_S)
+    if len(changed) == 0:
+        return tuple(reasons)
+    which = tightest(wanted_m_s, *joined)
+    for row in changed:
+        k = which[row]
+        if k == NOBODY:
+            reasons[row] = "limits"
+        elif k < len(walls):
+            reasons[row] = walls.reason[k]
+        else:
+            first, other = pairs.first[k - len(walls)], pairs.other[k - len(walls)]
+            reasons[row] = f"separation from {names[other if first == row else first]}"
+    return tuple(reasons)

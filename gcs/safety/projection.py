@@ -1,9 +1,10 @@
 """The nearest velocities that break no constraint."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gcs.compiled import kernel
 from gcs.safety.constraints import NOBODY, Constraints
+from gcs.safety.neighbours import Rows
 from gcs.state import Array
 
 NEARLY_M_S = 1e-6
@@ -12,17 +13,24 @@ NEARLY_M_S = 1e-6
 TOLERANCE_M_S = 1e-3
 """What the projection may leave broken before rows are shrunk."""
 
-ITERATIONS = 120
-"""Of the dual ascent. What it leaves undone, the shrinking afterwards does."""
+SETTLED_M_S = 1e-4
+"""The sweeps end when none of them changes a velocity by more."""
+
+SWEEPS = 100
+"""At most, over the constraints in hand. What they leave undone, the shrinking afterwards does."""
+
+ROUNDS = 4
+"""How often constraints that were broken on the way are taken in hand too."""
 
 SHRINKS = 60
+"""By the factors needed; after that, rows that still approach come to rest."""
 
 
 def project(wanted_m_s: Array, constraints: Constraints) -> Array:
     """Change the velocities as little as possible (least squares) so that all constraints hold.
 
-    Accelerated projected gradient ascent on the dual (Hildreth's problem; Beck and Teboulle 2009). Only
-    constraints that are broken, or near it, take part, and it is repeated while that breaks others.
+    Hildreth's method, forwards and backwards in turn, until it settles: the nearest point is unique, so the
+    order of the constraints does not matter. Only constraints that are broken, or were on the way, take part.
 
     Args:
         wanted_m_s: (n, 3), finite.
@@ -31,37 +39,9 @@ def project(wanted_m_s: Array, constraints: Constraints) -> Array:
     Returns: (n, 3) in m/s. Constraints may still be broken slightly, or where they contradict each other:
         see `shrink`.
     """
-    velocity = wanted_m_s
-    active = np.zeros(len(constraints), dtype=bool)
-    for _ in range(4):
-        broken = constraints.slack_m_s(velocity) < -NEARLY_M_S
-        if not (broken & ~active).any():
-            break
-        active |= broken
-        velocity = _ascend(wanted_m_s, constraints, np.flatnonzero(active))
-    return velocity
-
-
-def _ascend(wanted_m_s: Array, constraints: Constraints, rows: NDArray[np.intp]) -> Array:
-    """Solve for the constraints in `rows` (k,) only."""
-    k, flat = len(rows), wanted_m_s.size
-    matrix = np.zeros((k, flat))
-    first, second = constraints.first[rows], constraints.second[rows]
-    column = np.arange(3)
-    matrix[np.arange(k)[:, None], first[:, None] * 3 + column] = constraints.normal[rows]
-    shared = np.flatnonzero(second != NOBODY)
-    matrix[shared[:, None], second[shared, None] * 3 + column] = -constraints.normal[rows[shared]]
-    gram = matrix @ matrix.T
-    lack = constraints.bound_m_s[rows] - matrix @ wanted_m_s.ravel()
-    step = 1.0 / float(np.abs(gram).sum(axis=1).max())
-    dual, ahead, momentum = np.zeros(k), np.zeros(k), 1.0
-    for _ in range(ITERATIONS):
-        later = np.maximum(0.0, ahead + step * (lack - gram @ ahead))
-        faster = (1.0 + np.sqrt(1.0 + 4.0 * momentum**2)) / 2.0
-        ahead = later + (momentum - 1.0) / faster * (later - dual)
-        dual, momentum = later, faster
-    solved: Array = wanted_m_s + (dual @ matrix).reshape(wanted_m_s.shape)
-    return solved
+    return nearest(
+        wanted_m_s, constraints.first, constraints.second, constraints.normal, constraints.bound_m_s
+    )
 
 
 def shrink(velocity_m_s: Array, constraints: Constraints) -> Array:
@@ -76,16 +56,133 @@ def shrink(velocity_m_s: Array, constraints: Constraints) -> Array:
 
     Returns: (n, 3) in m/s, each row shorter or equal.
     """
-    mendable = constraints.bound_m_s <= 0.0
-    factor = np.ones(len(velocity_m_s))
-    for _ in range(SHRINKS):
-        scaled = velocity_m_s * factor[:, None]
-        broken = np.flatnonzero((constraints.slack_m_s(scaled) < -TOLERANCE_M_S) & mendable)
-        if len(broken) == 0:
-            return scaled
-        first, second = constraints.first[broken], constraints.second[broken]
-        np.multiply.at(factor, first, 0.8)
-        pair = second != NOBODY
-        np.multiply.at(factor, second[pair], 0.8)
-        factor[factor < 1e-3] = 0.0
-    return velocity_m_s * factor[:, None]
+    return shortened(
+        velocity_m_s, constraints.first, constraints.second, constraints.normal, constraints.bound_m_s
+    )
+
+
+@kernel
+def along_m_s(velocity_m_s: Array, i: int, normal: Array, k: int) -> float:
+    """Speed of row i along normal k."""
+    speed_m_s: float = (
+        normal[k, 0] * velocity_m_s[i, 0]
+        + normal[k, 1] * velocity_m_s[i, 1]
+        + normal[k, 2] * velocity_m_s[i, 2]
+    )
+    return speed_m_s
+
+
+@kernel
+def slack_m_s(velocity_m_s: Array, i: int, j: int, normal: Array, bound_m_s: Array, k: int) -> float:
+    """How far constraint k, of rows i and j (or NOBODY), is from being broken; negative: broken."""
+    slack: float = along_m_s(velocity_m_s, i, normal, k) - bound_m_s[k]
+    if j != NOBODY:
+        slack -= along_m_s(velocity_m_s, j, normal, k)
+    return slack
+
+
+@kernel
+def nearest(wanted_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Array:
+    """As `project`, on arrays: rows (k,), (k,), normals (k, 3), bounds (k,)."""
+    velocity_m_s = wanted_m_s.copy()
+    count = len(first)
+    force_m_s = np.zeros(count)
+    in_hand, taken = np.empty(count, np.intp), np.zeros(count, np.bool_)
+    many = 0
+    for _ in range(ROUNDS):
+        before = many
+        for k in range(count):
+            if not taken[k] and (
+                slack_m_s(velocity_m_s, first[k], second[k], normal, bound_m_s, k) < -NEARLY_M_S
+            ):
+                taken[k] = True
+                in_hand[many] = k
+                many += 1
+        if many == before:
+            break
+        for sweep in range(SWEEPS):
+            largest_m_s = 0.0
+            for place in range(many):
+                k = in_hand[place if sweep % 2 == 0 else many - 1 - place]
+                changed_m_s = _settle(velocity_m_s, force_m_s, k, first[k], second[k], normal, bound_m_s)
+                largest_m_s = max(largest_m_s, changed_m_s)
+            if largest_m_s < SETTLED_M_S:
+                break
+    return velocity_m_s
+
+
+@kernel
+def _settle(
+    velocity_m_s: Array, force_m_s: Array, k: int, i: int, j: int, normal: Array, bound_m_s: Array
+) -> float:
+    """Push the rows of constraint k, in place, until it just holds or is not needed. Returns: how much."""
+    lack_m_s = slack_m_s(velocity_m_s, i, j, normal, bound_m_s, k)
+    if lack_m_s >= 0.0 and force_m_s[k] == 0.0:
+        return 0.0
+    share = 1.0 if j == NOBODY else 0.5
+    force = max(0.0, force_m_s[k] - share * lack_m_s)
+    push_m_s = force - force_m_s[k]
+    force_m_s[k] = force
+    for axis in range(3):
+        velocity_m_s[i, axis] += push_m_s * normal[k, axis]
+        if j != NOBODY:
+            velocity_m_s[j, axis] -= push_m_s * normal[k, axis]
+    changed_m_s: float = abs(push_m_s)
+    return changed_m_s
+
+
+@kernel
+def shortened(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Array:
+    """As `shrink`, on arrays: rows (k,), (k,), normals (k, 3), bounds (k,)."""
+    shorter_m_s = velocity_m_s.copy()
+    broken = True
+    tries = 0
+    while broken:
+        broken = False
+        factor = np.ones(len(velocity_m_s))
+        for k in range(len(first)):
+            if bound_m_s[k] > 0.0:
+                continue
+            i, j = first[k], second[k]
+            if not slack_m_s(shorter_m_s, i, j, normal, bound_m_s, k) < -TOLERANCE_M_S:
+                continue
+            broken = True
+            approach_m_s = -along_m_s(shorter_m_s, i, normal, k)
+            other_m_s = along_m_s(shorter_m_s, j, normal, k) if j != NOBODY else 0.0
+            _demand(factor, i, j, approach_m_s, other_m_s, -bound_m_s[k])
+        if tries >= SHRINKS:
+            factor = np.floor(factor)
+        tries += 1
+        for i in range(len(factor)):
+            if factor[i] < 1.0:
+                shorter_m_s[i] *= factor[i]
+    return shorter_m_s
+
+
+@kernel
+def _demand(factor: Array, i: int, j: int, approach_m_s: float, other_m_s: float, allowed_m_s: float) -> None:
+    """Lower the factors of rows i and j, in place, so that the sum of their approaches is allowed."""
+    if approach_m_s > 0.0 and other_m_s > 0.0:
+        both = allowed_m_s / (approach_m_s + other_m_s)
+        factor[i], factor[j] = min(factor[i], both), min(factor[j], both)
+    elif approach_m_s > 0.0:
+        factor[i] = min(factor[i], (allowed_m_s - other_m_s) / approach_m_s)
+    else:
+        factor[j] = min(factor[j], (allowed_m_s - approach_m_s) / other_m_s)
+
+
+@kernel
+def tightest(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Rows:
+    """(n,) for each row the constraint on it that velocities (n, 3) break most, or come nearest to breaking.
+
+    NOBODY where there is none.
+    """
+    least_m_s, which = np.full(len(velocity_m_s), np.inf), np.full(len(velocity_m_s), NOBODY)
+    for k in range(len(first)):
+        i, j = first[k], second[k]
+        slack = slack_m_s(velocity_m_s, i, j, normal, bound_m_s, k)
+        if slack < least_m_s[i]:
+            least_m_s[i], which[i] = slack, k
+        if j != NOBODY and slack < least_m_s[j]:
+            least_m_s[j], which[j] = slack, k
+    return which

@@ -1,17 +1,17 @@
 """Separation between vehicles: an ellipsoid, taller than wide because of downwash."""
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gcs.compiled import kernel
 from gcs.safety.constraints import NOBODY, Braking, Constraints
+from gcs.safety.neighbours import Rows, near_pairs
 from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import Array, Mask
 
 TINY = 1e-9
-Rows: TypeAlias = NDArray[np.intp]
 
 
 class Floor(Settings):
@@ -21,6 +21,7 @@ class Floor(Settings):
     vertical_m: Positive = 3.0
     margin_m: NotNegative = 0.3  # added horizontally, in proportion vertically: for the tracking
     uncertainty_m: NotNegative = 0.35  # of each vehicle's position, where it is not known better
+    vertical_uncertainty: Positive = 2.0  # times that up and down (recorded: 0.41 m against 0.19 m)
     pad_height_m: NotNegative = 2.0  # pairs that are both below this height on their pads are exempt
 
     @property
@@ -28,11 +29,32 @@ class Floor(Settings):
         """(3,) factors that turn the ellipsoid into a sphere of radius `horizontal_m`."""
         return np.array([1.0, 1.0, self.horizontal_m / self.vertical_m])
 
+    def kept_m(self, uncertainty_m: float) -> tuple[float, float]:
+        """Semi-axes, sideways and up, with margin, for a pair whose uncertainties add up to that."""
+        stretch = self.vertical_m / self.horizontal_m
+        return (
+            self.horizontal_m + self.margin_m + uncertainty_m,
+            self.vertical_m + self.margin_m * stretch + self.vertical_uncertainty * uncertainty_m,
+        )
+
     @property
     def widest_m(self) -> float:
         """Separation that satisfies floor and margin in every direction."""
-        stretch = max(1.0, self.vertical_m / self.horizontal_m)
-        return (self.horizontal_m + self.margin_m + 2.0 * self.uncertainty_m) * stretch
+        return max(self.kept_m(2.0 * self.uncertainty_m))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairs:
+    """k constraints between vehicles, as `Constraints`, without words. Owns its arrays."""
+
+    first: Rows  # (k,) row i, commanded
+    second: Rows  # (k,) row j where it is commanded too, or NOBODY
+    other: Rows  # (k,) row j in any case
+    normal: Array  # (k, 3)
+    bound_m_s: Array  # (k,)
+
+    def __len__(self) -> int:
+        return len(self.first)
 
 
 def pairs_that_count(position_m: Array, airborne: Mask, floor: Floor) -> tuple[Rows, Rows]:
@@ -56,12 +78,54 @@ def scaled_distance_m(position_m: Array, first: Rows, second: Rows, floor: Floor
 
 def minimum_separation(position_m: Array, airborne: Mask, floor: Floor) -> tuple[float, int]:
     """Smallest true distance of the pairs that count (inf without any), and how many are inside the floor."""
-    first, second = pairs_that_count(position_m, airborne, floor)
-    if len(first) == 0:
-        return np.inf, 0
-    distance_m = np.linalg.norm(position_m[first] - position_m[second], axis=1)
-    inside = scaled_distance_m(position_m, first, second, floor) < floor.horizontal_m
-    return float(distance_m.min()), int(inside.sum())
+    position_m, airborne = np.array(position_m), np.array(airborne)  # frozen arrays are another type to numba
+    known: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
+    look_m = max(floor.horizontal_m, floor.vertical_m)
+    farthest_m = 2.0 * float(np.abs(position_m[known]).max(initial=0.0)) * np.sqrt(3.0) + look_m
+    while True:
+        radius_m = np.full(len(position_m), look_m / 2.0)
+        first, second = near_pairs(position_m, known, radius_m)
+        found_m, inside = _closest(
+            position_m,
+            airborne,
+            first,
+            second,
+            floor.horizontal_m,
+            floor.vertical_m,
+            floor.pad_height_m,
+        )
+        if np.isfinite(found_m) or look_m > farthest_m:
+            return found_m, inside
+        look_m *= 2.0
+
+
+@kernel
+def _closest(
+    position_m: Array,
+    airborne: Mask,
+    first: Rows,
+    second: Rows,
+    horizontal_m: float,
+    vertical_m: float,
+    pad_height_m: float,
+) -> tuple[float, int]:
+    """Of those pairs (k,) that count: the smallest distance, and how many are inside the floor."""
+    least_m2, inside = np.inf, 0
+    for k in range(len(first)):
+        i, j = first[k], second[k]
+        low = -position_m[i, 2] < pad_height_m and -position_m[j, 2] < pad_height_m
+        if low or not (airborne[i] or airborne[j]):
+            continue
+        x_m, y_m, z_m = (
+            position_m[i, 0] - position_m[j, 0],
+            position_m[i, 1] - position_m[j, 1],
+            position_m[i, 2] - position_m[j, 2],
+        )
+        least_m2 = min(least_m2, x_m * x_m + y_m * y_m + z_m * z_m)
+        z_m *= horizontal_m / vertical_m
+        if x_m * x_m + y_m * y_m + z_m * z_m < horizontal_m * horizontal_m:
+            inside += 1
+    return np.sqrt(least_m2), inside
 
 
 def separation_constraints(
@@ -72,10 +136,10 @@ def separation_constraints(
     *,
     floor: Floor,
     braking: Braking,
-    names: Sequence[str],
     uncertainty_m: Array,
-    fastest_m_s: float = np.inf,
-) -> Constraints:
+    course_m_s: Array,
+    spare_m_s: Array,
+) -> Pairs:
     """Bound the closing speed of every pair that could come too close, by what can still be braked.
 
     Where both are commanded they share the duty, as the projection finds cheapest; where one is not (held
@@ -83,35 +147,135 @@ def separation_constraints(
 
     Args:
         position_m: (n, 3), show frame; NaN rows take no part.
-        velocity_m_s: (n, 3) measured.
+        velocity_m_s: (n, 3) measured. What of it closes the gap goes on for ``braking.lead_s``.
         commanded: (n,) True where this tick sends a setpoint.
         airborne: (n,) True where a vehicle is in the air or may be.
         floor: ellipsoid and margin.
         braking: how surely vehicles stop.
-        names: (n,) for the reasons.
         uncertainty_m: (n,) of the positions, sideways; added to the margin.
-        fastest_m_s: nobody may fly faster, in any direction. Pairs that could still brake from twice the
-            closing speed possible then are left out: no velocities within the limits break their constraint.
+        course_m_s: (n, 3) velocities wanted of the commanded ones.
+        spare_m_s: (n,) by how much each one's velocity may come to differ from that. Pairs whose constraint
+            no such velocities break are left out.
     """
-    first, second = pairs_that_count(position_m, airborne, floor)
-    relevant = commanded[first] | commanded[second]
-    first, second = first[relevant], second[relevant]
-    swap = ~commanded[first]
-    first, second = np.where(swap, second, first), np.where(swap, first, second)
+    known: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
+    measured_m_s = np.where(np.isfinite(velocity_m_s), velocity_m_s, 0.0)  # unknown: at least keep away
+    course_m_s = np.where(commanded[:, None], course_m_s, measured_m_s)
+    spare_m_s = np.where(commanded, spare_m_s, 0.0)
+    mean_m_s = (
+        course_m_s.mean(axis=0) if len(course_m_s) else np.zeros(3)
+    )  # what all share brings nobody near
+    drift_m_s = np.linalg.norm(measured_m_s - mean_m_s, axis=1)
+    stray_m_s = np.linalg.norm(course_m_s - mean_m_s, axis=1) + spare_m_s
+    reach_m = stray_m_s * braking.reaction_s + stray_m_s**2 / braking.deceleration_m_s2
+    wide_m, tall_m = floor.kept_m(0.0)
+    wider_m = wide_m + 2.0 * uncertainty_m
+    taller_m = tall_m + 2.0 * floor.vertical_uncertainty * uncertainty_m
+    look_m = np.maximum(wider_m, taller_m) / 2.0 + reach_m + braking.lead_s * drift_m_s
+    flat = max(float((taller_m / wider_m).max(initial=1.0)), float((wider_m / taller_m).max(initial=1.0)))
+    # Along the gradient the gap may look shorter than the way to the ellipsoid: Kantorovich's inequality.
+    look_m = look_m * (1.0 + flat**2) / (2.0 * flat) + TINY
+    position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)  # frozen: another type to numba
+    first, second = near_pairs(position_m, known, look_m)
+    both_ways = _bounds(
+        position_m,
+        measured_m_s,
+        course_m_s,
+        spare_m_s,
+        np.array(commanded),
+        np.array(airborne),
+        uncertainty_m,
+        first,
+        second,
+        (
+            wide_m,
+            tall_m,
+            floor.vertical_uncertainty,
+            floor.pad_height_m,
+            braking.reaction_s,
+            braking.lead_s,
+            braking.deceleration_m_s2,
+            braking.escape_rate_per_s,
+        ),
+    )
+    return Pairs(*both_ways)
 
-    scaled = (position_m[first] - position_m[second]) * floor.scale
-    distance_m = np.linalg.norm(scaled, axis=1)
-    apart = np.where(distance_m[:, None] > TINY, scaled / np.maximum(distance_m, TINY)[:, None], (0, 0, 1.0))
-    gap_m = distance_m - floor.horizontal_m - floor.margin_m - uncertainty_m[first] - uncertainty_m[second]
-    both = commanded[second]
-    normal, bound_m_s = _true_bound(apart * floor.scale, gap_m, braking)
-    known_m_s = np.where(np.isfinite(velocity_m_s), velocity_m_s, 0.0)  # unknown: at least keep away
-    bound_m_s = bound_m_s + np.where(both, 0.0, (normal * known_m_s[second]).sum(axis=1))
-    possible_m_s = np.where(both, 2.0, 1.0) * fastest_m_s
-    kept = bound_m_s >= -2.0 * possible_m_s
-    reasons = tuple(f"separation from {names[j]}" for j in second[kept])
-    shared = np.where(both, second, NOBODY)
-    return Constraints(first[kept], shared[kept], normal[kept], bound_m_s[kept], reasons)
+
+Numbers: TypeAlias = tuple[float, float, float, float, float, float, float, float]
+
+
+@kernel
+def _bounds(
+    position_m: Array,
+    measured_m_s: Array,
+    course_m_s: Array,
+    spare_m_s: Array,
+    commanded: Mask,
+    airborne: Mask,
+    uncertainty_m: Array,
+    first: Rows,
+    second: Rows,
+    numbers: Numbers,
+) -> tuple[Rows, Rows, Rows, Array, Array]:
+    """Turn near pairs (k,) into the constraints that could bind; see `separation_constraints`."""
+    wide_m, tall_m, taller, pad_height_m, reaction_s, lead_s, deceleration_m_s2, escape_per_s = numbers
+    count = len(first)
+    rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
+    normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
+    normal = np.empty(3)
+    kept = 0
+    for k in range(count):
+        i, j = first[k], second[k]
+        if not commanded[i]:
+            i, j = j, i
+        low = -position_m[i, 2] < pad_height_m and -position_m[j, 2] < pad_height_m
+        if low or not commanded[i] or not (airborne[i] or airborne[j]):
+            continue
+        unsure_m = uncertainty_m[i] + uncertainty_m[j]
+        gap_m = _gap(position_m, i, j, wide_m + unsure_m, tall_m + taller * unsure_m, normal)
+        closing_m_s, theirs_m_s, wanted_m_s = 0.0, 0.0, spare_m_s[i] + spare_m_s[j]
+        for axis in range(3):
+            wanted_m_s -= normal[axis] * (course_m_s[i, axis] - course_m_s[j, axis])
+            closing_m_s -= normal[axis] * (measured_m_s[i, axis] - measured_m_s[j, axis])
+            theirs_m_s += normal[axis] * measured_m_s[j, axis]
+        allowed_m_s = _allowed(
+            gap_m - lead_s * max(closing_m_s, 0.0), reaction_s, deceleration_m_s2, escape_per_s
+        )
+        if allowed_m_s > wanted_m_s:
+            continue
+        rows[kept], others[kept] = i, j
+        shared[kept] = j if commanded[j] else NOBODY
+        for axis in range(3):
+            normals[kept, axis] = normal[axis]
+        bounds_m_s[kept] = -allowed_m_s if commanded[j] else theirs_m_s - allowed_m_s
+        kept += 1
+    return rows[:kept], shared[:kept], others[:kept], normals[:kept], bounds_m_s[:kept]
+
+
+@kernel
+def _gap(position_m: Array, i: int, j: int, wide_m: float, tall_m: float, normal: Array) -> float:
+    """True metres from i to the ellipsoid about j, along the normal (3,), which is filled in."""
+    flat = wide_m / tall_m
+    x, y = position_m[i, 0] - position_m[j, 0], position_m[i, 1] - position_m[j, 1]
+    z = (position_m[i, 2] - position_m[j, 2]) * flat
+    scaled_m = np.sqrt(x * x + y * y + z * z)
+    if scaled_m < TINY:
+        normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
+        return -tall_m
+    normal[0], normal[1], normal[2] = x / scaled_m, y / scaled_m, z / scaled_m * flat
+    slope = np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
+    for axis in range(3):
+        normal[axis] /= slope
+    gap_m: float = (scaled_m - wide_m) / slope
+    return gap_m
+
+
+@kernel
+def _allowed(gap_m: float, reaction_s: float, deceleration_m_s2: float, escape_per_s: float) -> float:
+    """As `Braking.speed_m_s`, for one gap."""
+    if gap_m < 0.0:
+        return escape_per_s * gap_m
+    stop_s: float = np.sqrt(reaction_s * reaction_s + 2.0 * gap_m / deceleration_m_s2)
+    return deceleration_m_s2 * (stop_s - reaction_s)
 
 
 def keepout_constraints(

@@ -1,10 +1,11 @@
-"""Walls that do not move: obstacles, lowest and greatest height, greatest distance."""
+"""Walls: obstacles, lowest and greatest height, greatest distance."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from gcs.formation.obstacles import Ellipse
+from gcs.compiled import kernel
+from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.safety.constraints import NOBODY, Braking, Constraints
 from gcs.settings import Positive, Settings
 from gcs.state import Array, Mask
@@ -19,7 +20,13 @@ class Fence(Settings):
 
 
 def fence_constraints(
-    position_m: Array, commanded: Mask, descending: Mask, fence: Fence, braking: Braking
+    position_m: Array,
+    commanded: Mask,
+    descending: Mask,
+    fence: Fence,
+    braking: Braking,
+    *,
+    fastest_m_s: float = np.inf,
 ) -> Constraints:
     """Bound the speed towards the fence by what can still be braked.
 
@@ -29,17 +36,28 @@ def fence_constraints(
         descending: (n,) True where a vehicle is on its way to the ground and may go below the least height.
         fence: where they may be.
         braking: how surely they stop.
+        fastest_m_s: nobody may fly faster, in any direction. Where twice that could still be braked, there
+            is no constraint: no velocity within the limits breaks it.
     """
     height_m = -position_m[:, 2]
-    up = np.broadcast_to(np.array([0.0, 0.0, -1.0]), position_m.shape)
     distance_m = np.hypot(position_m[:, 0], position_m[:, 1])
-    inward = np.zeros_like(position_m)
-    inward[:, :2] = -position_m[:, :2] / np.maximum(distance_m, 1e-9)[:, None]
-    return Constraints.joined(
-        _wall(commanded & ~descending, up, height_m - fence.height_min_m, "least height", braking),
-        _wall(commanded, -up, fence.height_max_m - height_m, "greatest height", braking),
-        _wall(commanded, inward, fence.distance_max_m - distance_m, "greatest distance", braking),
-    )
+    upright = np.array([[0.0, 0.0, -1.0]])
+    parts = []
+    for rows, gap_m, reason in (
+        (commanded & ~descending, height_m - fence.height_min_m, "least height"),
+        (commanded, fence.height_max_m - height_m, "greatest height"),
+        (commanded, fence.distance_max_m - distance_m, "greatest distance"),
+    ):
+        near = rows & (braking.speed_m_s(gap_m) <= 2.0 * fastest_m_s)
+        if not near.any():
+            continue
+        if reason == "greatest distance":
+            inward = np.zeros_like(position_m)
+            inward[:, :2] = -position_m[:, :2] / np.maximum(distance_m, 1e-9)[:, None]
+        else:
+            inward = np.repeat(upright if reason == "least height" else -upright, len(position_m), axis=0)
+        parts.append(_wall(near, inward, gap_m, reason, braking))
+    return Constraints.joined(*parts) if parts else Constraints.none()
 
 
 def obstacle_constraints(
@@ -50,7 +68,11 @@ def obstacle_constraints(
     *,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
-    """Bound the speed towards each obstacle: sideways below its top, downwards within it.
+    """Bound the speed towards each box grown by its margin and headroom, relative to the box itself.
+
+    The law goes around the ellipse; the wall is the box inside it, which is convex: one half-space along the
+    shortest way to it, over its top and past its edges too. Who is inside is led out where that is nearest,
+    and does not sink meanwhile.
 
     Args:
         position_m: (n, 3), show frame.
@@ -60,22 +82,75 @@ def obstacle_constraints(
         fastest_m_s: nobody may fly faster, in any direction. Where twice that could still be braked, there
             is no constraint: no velocity within the limits breaks it.
     """
-    height_m = -position_m[:, 2]
-    parts = [Constraints.none()]
-    for name, ellipse in ellipses.items():
-        sideways_m = ellipse.distance_m(position_m)
-        matters = commanded & (braking.speed_m_s(sideways_m) <= 2.0 * fastest_m_s)
-        if not matters.any():
-            continue
-        above_m = height_m - ellipse.top_height_m
-        outward = np.zeros_like(position_m)
-        outward[:, :2] = ellipse.outward(position_m)
-        over = sideways_m < 0.0  # also below the top, where one is led out sideways: no sinking meanwhile
-        up = np.broadcast_to(np.array([0.0, 0.0, -1.0]), position_m.shape)
-        parts.append(_wall(matters & (above_m < 0.0), outward, sideways_m, f"obstacle {name}", braking))
-        sinking_m = np.maximum(above_m, 0.0)
-        parts.append(_wall(commanded & over, up, sinking_m, f"obstacle {name} below", braking))
-    return Constraints.joined(*parts)
+    if not ellipses:
+        return Constraints.none()
+    outlines = Outlines.of(ellipses)
+    known = commanded & np.isfinite(position_m).all(axis=1)
+    outward, gap_m = nearest_way_out(
+        np.array(position_m, order="C"),
+        outlines.center_m,
+        outlines.half_length_m,
+        outlines.top_height_m,
+    )
+    moving_m_s = outward[..., 0] * outlines.velocity_m_s[:, 0] + outward[..., 1] * outlines.velocity_m_s[:, 1]
+    bound_m_s = moving_m_s - braking.speed_m_s(gap_m)
+    row, box = np.nonzero(known[:, None] & (bound_m_s >= -2.0 * fastest_m_s))
+    inside_row, inside_box = np.nonzero(known[:, None] & (gap_m < 0.0) & (outward[..., 2] == 0.0))
+    names = [f"obstacle {name}" for name in outlines.names]
+    walls = Constraints(
+        row,
+        np.full(len(row), NOBODY),
+        np.array(outward[row, box]),
+        np.array(bound_m_s[row, box]),
+        tuple(names[k] for k in box),
+    )
+    if len(inside_row) == 0:
+        return walls
+    floors = Constraints(
+        inside_row,
+        np.full(len(inside_row), NOBODY),
+        np.tile((0.0, 0.0, -1.0), (len(inside_row), 1)),
+        np.zeros(len(inside_row)),
+        tuple(f"{names[k]} below" for k in inside_box),
+    )
+    return Constraints.joined(walls, floors)
+
+
+@kernel
+def nearest_way_out(
+    position_m: Array, center_m: Array, half_length_m: Array, top_height_m: Array
+) -> tuple[Array, Array]:
+    """Unit vectors (n, m, 3) away from boxes on the ground, and how far outside everybody is, (n, m).
+
+    Inside, the way out is through the nearest side or the top, and the distance negative.
+
+    Args:
+        position_m: (n, 3), show frame.
+        center_m: (m, 2) of the boxes.
+        half_length_m: (m, 2).
+        top_height_m: (m,).
+    """
+    n, m = len(position_m), len(center_m)
+    outward, gap_m = np.zeros((n, m, 3)), np.empty((n, m))
+    for i in range(n):
+        for j in range(m):
+            x_m, y_m = position_m[i, 0] - center_m[j, 0], position_m[i, 1] - center_m[j, 1]
+            beside_x, beside_y = abs(x_m) - half_length_m[j, 0], abs(y_m) - half_length_m[j, 1]
+            above = -position_m[i, 2] - top_height_m[j]
+            out_x, out_y, out_z = max(beside_x, 0.0), max(beside_y, 0.0), max(above, 0.0)
+            away = np.sqrt(out_x * out_x + out_y * out_y + out_z * out_z)
+            if away > 0.0:
+                out_x, out_y, out_z = out_x / away, out_y / away, out_z / away
+            else:
+                away = max(beside_x, beside_y, above)
+                out_x = 1.0 if beside_x == away else 0.0
+                out_y = 1.0 if out_x == 0.0 and beside_y == away else 0.0
+                out_z = 1.0 - out_x - out_y
+            gap_m[i, j] = away
+            outward[i, j, 0] = out_x if x_m >= 0.0 else -out_x
+            outward[i, j, 1] = out_y if y_m >= 0.0 else -out_y
+            outward[i, j, 2] = -out_z
+    return outward, gap_m
 
 
 def _wall(rows: Mask, inward: Array, gap_m: Array, reason: str, braking: Braking) -> Constraints:

@@ -4,6 +4,8 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from gcs.formation.obstacles import Ellipse
+from gcs.formation.steering import contact_m, tangent
 from gcs.plan import Obstacle
 from gcs.state import Array, Mask
 
@@ -38,6 +40,19 @@ def obstacles(draw: st.DrawFn) -> Obstacle:
     x_m, y_m = draw(within(-40.0, 40.0)), draw(within(-40.0, 40.0))
     half_x_m, half_y_m = draw(within(0.5, 20.0)), draw(within(0.5, 20.0))
     return Obstacle("box", x_m, y_m, half_x_m, half_y_m, draw(within(1.0, 60.0)))
+
+
+def tangent_of(ellipse: Ellipse, place: Array, side: float) -> Array:
+    """(2,) unit vector from a place along one of its tangents."""
+    x_m, y_m = float(place[0]) - ellipse.x_m, float(place[1]) - ellipse.y_m
+    return np.array(tangent(x_m, y_m, ellipse.semi_x_m, ellipse.semi_y_m, side), dtype=np.float64)
+
+
+def met_m(ellipse: Ellipse, place: Array, velocity: Array, shrunk: float = 1.0) -> float:
+    """How far ahead an ellipse, or a smaller one, is met."""
+    x_m, y_m = float(place[0]) - ellipse.x_m, float(place[1]) - ellipse.y_m
+    semi_x_m, semi_y_m = shrunk * ellipse.semi_x_m, shrunk * ellipse.semi_y_m
+    return contact_m(x_m, y_m, semi_x_m, semi_y_m, float(velocity[0]), float(velocity[1]))
 
 
 COUNTS = st.integers(1, 6)

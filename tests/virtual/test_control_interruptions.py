@@ -110,6 +110,7 @@ def test_a_tick_in_which_nobody_is_heard_commands_nobody_and_does_not_end_the_fo
 def with_one_lost() -> tuple[list[Moment], Array]:
     """One of four falls silent and sinks, as COM_OBL_RC_ACT 0 makes it; the others fly on."""
     flight = in_orbit()
+    flight.run(11.0)  # from here its column stands in the others' way
     flight.task[0] = Task.NONE
     flight.airborne[0] = False  # nobody knows: its column stands for it
     last_m = flight.believed_m[0].copy()

@@ -90,7 +90,7 @@ async def story(show: Show) -> Flight:
     service.set_yaw(Yaw(YawPolicy.TARGET))
     service.add_obstacle(BOX)
     service.set_target(Target(31.0, 1.0))
-    past = await after(23.0)
+    past = await after(30.0)  # the sphere goes past the mast in a wide arc
     inside_m = np.array([show.ellipse("mast").distance_m(moment.true_m) for moment in past.moments])
     plans["mast"] = show.view.plan
     turned_down = await refusals(show)

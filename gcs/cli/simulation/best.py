@@ -19,8 +19,9 @@ STARTS = 60
 FEW_STARTS = 6
 
 
-def search(count: int, starts: int, seed: int = 0) -> Array:
-    """The best of several descents from random starts: (count, 3) unit vectors."""
+def search(charge: Array, starts: int, seed: int = 0) -> Array:
+    """The best of several descents from random starts, for charges (n,): (n, 3) unit vectors."""
+    count = len(charge)
     random = np.random.default_rng(seed)
     least, found = np.inf, np.zeros((count, 3))
     for _ in range(starts):
@@ -28,6 +29,7 @@ def search(count: int, starts: int, seed: int = 0) -> Array:
         result = minimize(
             energy_and_gradient,
             begin,
+            args=(charge,),
             jac=True,
             method="L-BFGS-B",
             options={"ftol": 1e-15, "gtol": 1e-8, "maxiter": 5000, "maxfun": 50_000},
@@ -38,26 +40,41 @@ def search(count: int, starts: int, seed: int = 0) -> Array:
     return unit
 
 
+def best(charges: int | tuple[float, ...]) -> Array:
+    """(n, 3) unit vectors of the best configuration known here; searched for when it is not at hand.
+
+    `charges` are those of n drones, or their number when all are alike.
+    """
+    if isinstance(charges, int) or len(set(charges)) == 1:
+        return _best_alike(charges if isinstance(charges, int) else len(charges))
+    return _best_unlike(charges)
+
+
 @cache
-def best(count: int) -> Array:
-    """(count, 3) unit vectors of the best configuration known here; searched for when it is not at hand."""
+def _best_alike(count: int) -> Array:
     with resources.as_file(resources.files("gcs.cli.simulation") / "best.npz") as file, np.load(file) as kept:
         if str(count) in kept:
             unit = kept[str(count)].astype(np.float64)
             return np.asarray(unit / np.linalg.norm(unit, axis=1, keepdims=True))
-    return search(count, FEW_STARTS)
+    return search(np.ones(count), FEW_STARTS)
 
 
 @cache
-def best_figures(count: int) -> tuple[float, float]:
+def _best_unlike(charges: tuple[float, ...]) -> Array:
+    return search(np.array(charges), STARTS)
+
+
+@cache
+def best_figures(charges: int | tuple[float, ...]) -> tuple[float, float]:
     """Energy and nearest distance of `best`, on the unit sphere."""
-    energy, nearest = energy_and_nearest(best(count))
+    charge = np.ones(charges) if isinstance(charges, int) else np.array(charges)
+    energy, nearest = energy_and_nearest(best(charges), charge)
     return float(energy), float(nearest)
 
 
 def write(path: Path) -> None:
     """Search them all; takes some minutes."""
-    found = {str(count): search(count, STARTS) for count in KEPT}
+    found = {str(count): search(np.ones(count), STARTS) for count in KEPT}
     np.savez_compressed(path, **{name: unit.astype(np.float32) for name, unit in found.items()})  # type: ignore[arg-type]
 
 

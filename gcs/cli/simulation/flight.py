@@ -6,17 +6,27 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.cli.simulation import layout
+from gcs.cli.simulation.article import fly_article
+from gcs.cli.simulation.boxes import draw_world
 from gcs.cli.simulation.judge import closest_m
+from gcs.cli.simulation.neighbours import Neighbourhood
+from gcs.cli.simulation.passing import THROUGH_M, approaching
 from gcs.cli.simulation.record import NOWHERE, Record
 from gcs.cli.simulation.scenario import FormationFlight, GoalFlight, Scenario
 from gcs.cli.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
-from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
+from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
+from gcs.errors import RefusedError
+from gcs.feasibility import check_obstacle
+from gcs.formation.neighbours import Sight
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.state import Array, FleetState, Mask, Traits
 
 ABOVE_HOME_M = 0.8  # as gcs.errands
 HANDOVER_HEIGHT_M = 1.5
+AFTER_BOXES_S = 25.0
+"""A flight among random boxes goes on for so long after the last of them."""
+
 LINGER_S = 5.0
 """A flight to goals goes on for so long after the last arrived."""
 
@@ -51,6 +61,7 @@ class SimulatedFlight:
 
     def fly(self) -> Record:
         """From engagement to the end."""
+        warm_up()
         began_s = time.perf_counter()
         while self.time_s < self.scenario.duration_s - 1e-9 and not self.finished():
             self.before_tick()
@@ -65,6 +76,10 @@ class SimulatedFlight:
         """Whether nothing more is to be seen."""
         return False
 
+    def sight(self) -> Sight | None:
+        """What each drone's own law sees; None: everything that the ground station hears."""
+        return None
+
     def decide(self, fleet: FleetState, tasks: Tasks) -> Tick:
         """The tick itself, as it flies real vehicles."""
         return tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings)
@@ -78,6 +93,7 @@ class SimulatedFlight:
             self.descending.copy(),
             np.zeros((0, 2, 3)),
             center_moves=self.center_moves,
+            sight=self.sight(),
         )
         began_s = time.perf_counter()
         decided = self.decide(fleet, tasks)
@@ -98,7 +114,14 @@ class SimulatedFlight:
         record.center_m.append(NOWHERE if memory.center is None else memory.center.position_m)
         record.radius_m.append(memory.radius_m)
         record.target_m.append(np.array(self.plan.target.position_m(self.time_s)))
-        record.boxes.append(self.plan.obstacles)
+        now_s = self.time_s
+        places_m = [box.position_m(now_s) for box in self.plan.obstacles]
+        record.boxes.append(
+            tuple(
+                replace(box, x_m=x_m, y_m=y_m, time_s=now_s)
+                for box, (x_m, y_m) in zip(self.plan.obstacles, places_m, strict=True)
+            )
+        )
         record.restrained.append(sum(reason != "" for reason in decided.restrained_by))
 
     def _closest_m(self, position_m: Array) -> float:
@@ -132,31 +155,33 @@ class FormationRun(SimulatedFlight):
         start_m = layout.formation_start_m(flight, everyone, self._random)
         radius_m = flight.radius_m or layout.assembly_radius_m(everyone)
         height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
-        plan = Plan(
-            Formation(radius_m, height_m),
-            Orbit(flight.orbit.radius_m, flight.orbit.speed_m_s, flight.orbit.direction),
-            Target(),
-            tuple(
-                Obstacle(
-                    f"box {index + 1}",
-                    box.x_m,
-                    box.y_m,
-                    box.half_length_x_m,
-                    box.half_length_y_m,
-                    box.height_m,
-                )
-                for index, box in enumerate(flight.boxes)
-            ),
-        )
+        orbit = Orbit(flight.orbit.radius_m, flight.orbit.speed_m_s, flight.orbit.direction)
+        self._boxes = _boxes_of(flight)
+        self._target_m = np.array([flight.target.x_m, flight.target.y_m])
+        if flight.random_boxes is not None:
+            avoidance = scenario.control.law.avoidance
+            drawn = draw_world(self._random, flight.random_boxes, avoidance, radius_m)
+            orbit = Orbit(drawn.orbit_radius_m, drawn.speed_m_s)
+            self._boxes = list(zip(drawn.boxes, drawn.appear_s, strict=True))
+            self._target_m = np.array(drawn.target_m)
+            start_m = start_m + np.array([drawn.orbit_radius_m, 0.0, 0.0])
+        plan = Plan(Formation(radius_m, height_m), orbit)
         super().__init__(scenario, start_m, np.full((everyone, 3), np.nan), plan, seed)
+        self.record.orbit_radius_m = orbit.radius_m
         self.task[:count] = Task.FORMATION
         self._joining = np.arange(everyone) >= count
         self._changed = self._ended = False
+        self._passing_s = 0.0
         rows = np.arange(everyone)
         charge = np.array(flight.charges)[rows % len(flight.charges)]
+        self.record.charge = charge
         speeds_m_s = np.array(flight.speeds_m_s or (np.inf,))
         self.traits = Traits(charge, speeds_m_s[rows % len(speeds_m_s)], np.array(self.traits.uncertainty_m))
-        self._target_m = np.array([flight.target.x_m, flight.target.y_m])
+        self._neighbourhood = (
+            None
+            if flight.radio is None
+            else Neighbourhood(flight.radio, charge, radius_m, self.world.tick_s, seed)
+        )
         self._target_m_s = np.array([flight.target.velocity_x_m_s, flight.target.velocity_y_m_s])
 
     def before_tick(self) -> None:
@@ -164,10 +189,19 @@ class FormationRun(SimulatedFlight):
         flight, now_s = self.flight, self.time_s
         self.center_moves = now_s >= flight.center_moves_from_s and not self._ended
         self._move_target()
+        self._show_boxes()
         if not self._changed and (flight.leave_share or flight.join) and now_s >= flight.change_s:
             self._change()
         if flight.ending != "none" and now_s >= flight.ending_s:
             self._end()
+
+    def sight(self) -> Sight | None:
+        """The inboxes, if the drones have only those."""
+        if self._neighbourhood is None:
+            return None
+        return self._neighbourhood.exchange(
+            self.time_s, *self.world.estimate(), self.world.in_air & self.present, self.memory.center
+        )
 
     def _move_target(self) -> None:
         now_s, dt_s = self.time_s, self.world.tick_s
@@ -180,6 +214,27 @@ class FormationRun(SimulatedFlight):
             self._target_m_s = self._target_m_s + dt_s * acceleration_m_s2
         target = target_at(now_s, self._target_m, self._target_m_s)
         self.plan = replace(self.plan, target=target)
+
+    def _show_boxes(self) -> None:
+        """Boxes become known when it is their time, but never where somebody could not stop any more."""
+        now_s, world = self.time_s, self.world
+        names = [name for row, name in enumerate(world.ids) if world.in_air[row] and self.present[row]]
+        for entry in [entry for entry in self._boxes if entry[1] <= now_s + 1e-9]:
+            box = entry[0]
+            x_m, y_m = box.position_m(now_s)
+            try:
+                check_obstacle(
+                    replace(box, x_m=x_m, y_m=y_m, time_s=now_s),
+                    self.settings.law.avoidance,
+                    {name: world.position_m[world.row_of[name]] for name in names},
+                    {},
+                    velocities_m_s={name: world.velocity_m_s[world.row_of[name]] for name in names},
+                    braking=self.settings.safety.braking,
+                )
+            except RefusedError:
+                continue
+            self._boxes.remove(entry)
+            self.plan = replace(self.plan, obstacles=(*self.plan.obstacles, box))
 
     def _change(self) -> None:
         self._changed = True
@@ -220,8 +275,21 @@ class FormationRun(SimulatedFlight):
         self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
     def finished(self) -> bool:
-        """When all are down."""
+        """When all are down; among random boxes some time after the last came nearer to one."""
+        if self.flight.random_boxes is not None:
+            return self._past_all_boxes()
         return self._ended and not self.record.in_air[-1].any()
+
+    def _past_all_boxes(self) -> bool:
+        record, now_s = self.record, self.time_s
+        if len(record.time_s) < 2:
+            return False
+        if approaching(record, len(record.time_s) - 1):
+            self._passing_s = now_s
+        rho_m = float(np.linalg.norm(record.center_m[-1][:2] - record.target_m[-1]))
+        there = abs(rho_m - record.orbit_radius_m) < THROUGH_M
+        turned = not record.orbit_radius_m or self._passing_s > 0.0
+        return there and turned and now_s - self._passing_s > AFTER_BOXES_S
 
 
 class GoalRun(SimulatedFlight):
@@ -243,6 +311,26 @@ class GoalRun(SimulatedFlight):
         return self.time_s - self._since_s > LINGER_S
 
 
+def _boxes_of(flight: FormationFlight) -> list[tuple[Obstacle, float]]:
+    """The boxes of the file, known from the beginning."""
+    return [
+        (
+            Obstacle(
+                f"box {index + 1}",
+                box.x_m,
+                box.y_m,
+                box.half_length_x_m,
+                box.half_length_y_m,
+                box.height_m,
+                box.velocity_x_m_s,
+                box.velocity_y_m_s,
+            ),
+            0.0,
+        )
+        for index, box in enumerate(flight.boxes)
+    ]
+
+
 def target_at(time_s: float, place_m: Array, velocity_m_s: Array) -> Target:
     """The target as an operator would tell it: (2,) place and (2,) velocity."""
     return Target(
@@ -256,4 +344,4 @@ def fly(scenario: Scenario, count: int, seed: int) -> Record:
         return FormationRun(scenario, scenario.flight, count, seed).fly()
     if isinstance(scenario.flight, GoalFlight):
         return GoalRun(scenario, scenario.flight, count, seed).fly()
-    raise NotImplementedError
+    return fly_article(scenario, scenario.flight, count, seed)

@@ -37,9 +37,21 @@ def closest_m(
     return np.sqrt(least_m2), inside
 
 
+def energy_and_nearest(direction: Array, charge: Array | None = None) -> tuple[float, float]:
+    """Coulomb energy of charges (n,), 1 each unless given, at (n, 3) unit vectors; the smallest distance."""
+    return _energy_and_nearest(direction, np.ones(len(direction)) if charge is None else charge)
+
+
+def energy_and_gradient(flat: Array, charge: Array | None = None) -> tuple[float, Array]:
+    """Energy of charges (n,), 1 each unless given, at the directions of n points, (3 n,) flattened.
+
+    Returns: and its gradient with respect to the points, (3 n,).
+    """
+    return _energy_and_gradient(flat, np.ones(len(flat) // 3) if charge is None else charge)
+
+
 @kernel
-def energy_and_nearest(direction: Array) -> tuple[float, float]:
-    """Coulomb energy of unit charges at (n, 3) unit vectors, and the smallest distance between two."""
+def _energy_and_nearest(direction: Array, charge: Array) -> tuple[float, float]:
     n = len(direction)
     total, least2 = 0.0, 4.0
     for i in range(n):
@@ -48,13 +60,12 @@ def energy_and_nearest(direction: Array) -> tuple[float, float]:
             dx, dy, dz = direction[j, 0] - x, direction[j, 1] - y, direction[j, 2] - z
             distance2 = dx * dx + dy * dy + dz * dz
             least2 = min(least2, distance2)
-            total += 1.0 / np.sqrt(max(distance2, 1e-18))
+            total += charge[i] * charge[j] / np.sqrt(max(distance2, 1e-18))
     return total, np.sqrt(least2)
 
 
 @kernel
-def energy_and_gradient(flat: Array) -> tuple[float, Array]:
-    """Energy of the directions of n points, (3 n,) flattened, and its gradient with respect to the points."""
+def _energy_and_gradient(flat: Array, charge: Array) -> tuple[float, Array]:
     n = len(flat) // 3
     points = flat.reshape(n, 3)
     length = np.empty(n)
@@ -70,8 +81,9 @@ def energy_and_gradient(flat: Array) -> tuple[float, Array]:
             dy = direction[i, 1] - direction[j, 1]
             dz = direction[i, 2] - direction[j, 2]
             inverse = 1.0 / np.sqrt(max(dx * dx + dy * dy + dz * dz, 1e-18))
-            total += inverse
-            cube = inverse * inverse * inverse
+            both = charge[i] * charge[j]
+            total += both * inverse
+            cube = both * inverse * inverse * inverse
             pull[i, 0] -= dx * cube
             pull[i, 1] -= dy * cube
             pull[i, 2] -= dz * cube

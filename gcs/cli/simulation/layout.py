@@ -4,6 +4,7 @@ from math import ceil, sqrt
 
 import numpy as np
 
+from gcs.cli.simulation.best import best
 from gcs.cli.simulation.scenario import FormationFlight, GoalFlight
 from gcs.errors import ConfigError
 from gcs.state import Array
@@ -68,6 +69,12 @@ def formation_start_m(flight: FormationFlight, count: int, random: np.random.Gen
         return grid_m(count, flight.spacing_m, flight.takeoff_height_m)
     if flight.start == "square":
         return square_m(count, flight.spacing_m, flight.takeoff_height_m)
+    if flight.start == "sphere":
+        radius_m = flight.radius_m or assembly_radius_m(count)
+        height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
+        turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
+        on_sphere: Array = radius_m * best(count) @ turn.T - (0.0, 0.0, height_m)
+        return on_sphere
     half_m = 1.5 * (flight.radius_m or assembly_radius_m(count))
     low_m = np.array([-half_m, -half_m, -flight.takeoff_height_m - 2.0 * half_m])
     high_m = np.array([half_m, half_m, -flight.takeoff_height_m])

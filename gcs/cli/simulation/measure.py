@@ -8,18 +8,27 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
+from gcs.cli.simulation.article import article_figures
 from gcs.cli.simulation.best import best, best_figures
 from gcs.cli.simulation.judge import energy_and_nearest
+from gcs.cli.simulation.passing import (
+    last_passing_tick,
+    penetrations_and_clearance_m,
+    same_side,
+    through,
+)
 from gcs.cli.simulation.record import Record
-from gcs.cli.simulation.scenario import FormationFlight, GoalFlight, Judged
+from gcs.cli.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged
 from gcs.safety.filter import Limits
 from gcs.state import Array, Mask
 
 SETTLED_ENERGY = 1.005
 SETTLED_RADIUS = 0.02
 STEADY_S = 5.0
+ON_ORBIT_M = 0.2
 ROTATIONS = 60
-PENETRATION_M = 1.0
+UNLIKE = 1e3
+"""On the unit sphere; no drone takes the place of one with another charge."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +55,8 @@ def shape_over_time(record: Record) -> Shape:
         offset_m = position_m[rows].astype(np.float64) - record.center_m[tick]
         distance_m = np.linalg.norm(offset_m, axis=1)
         direction = offset_m / np.maximum(distance_m, 1e-9)[:, None]
-        here, there = energy_and_nearest(direction), best_figures(count)
+        charges = record.charges(rows)
+        here, there = energy_and_nearest(direction, np.array(charges)), best_figures(charges)
         energy[tick], nearest[tick] = here[0] / there[0], here[1] / there[1]
         radius_m[tick] = np.abs(distance_m - record.radius_m[tick]).max()
         settled[tick] = (
@@ -104,8 +114,9 @@ def shape_error_m(record: Record, ticks: NDArray[np.intp]) -> float:
         record.position_m[tick][record.formed[tick]].astype(np.float64) - record.center_m[tick]
         for tick in ticks
     ]
-    target = best(len(offsets_m[-1]))
-    order = _matched(offsets_m[-1] / record.radius_m[ticks[-1]], target)
+    charges = record.charges(record.formed[ticks[-1]])
+    target = best(charges)
+    order = _matched(offsets_m[-1] / record.radius_m[ticks[-1]], target, np.array(charges))
     squares = [
         _squared_error(offset_m, record.radius_m[tick] * target[order])
         for offset_m, tick in zip(offsets_m, ticks, strict=True)
@@ -127,8 +138,9 @@ def _squared_error(offset_m: Array, place_m: Array) -> float:
     return float(((turned_m - offset_m) ** 2).sum(axis=1).mean())
 
 
-def _matched(points: Array, target: Array) -> NDArray[np.intp]:
-    """Which row of the target belongs to each point, over many first guesses of the rotation."""
+def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
+    """Which row of the target, of the same charge, belongs to each point; many guesses of the rotation."""
+    unlike = UNLIKE * (charge[:, None] != charge[None])
     random = np.random.default_rng(0)
     least, found = np.inf, np.arange(len(points))
     for _ in range(ROTATIONS if len(points) <= 64 else ROTATIONS // 6):
@@ -136,7 +148,7 @@ def _matched(points: Array, target: Array) -> NDArray[np.intp]:
         turn = turn * np.sign(np.linalg.det(turn))
         for _ in range(20):
             turned = target @ turn.T
-            order = linear_sum_assignment(((points[:, None] - turned[None]) ** 2).sum(axis=2))[1]
+            order = linear_sum_assignment(((points[:, None] - turned[None]) ** 2).sum(axis=2) + unlike)[1]
             better = _rotation(target[order], points)
             if np.abs(better - turn).max() < 1e-6:
                 break
@@ -160,7 +172,7 @@ def formation(record: Record, shape: Shape) -> dict[str, object]:
     """Settling, and the steady shape."""
     flight = record.scenario.flight
     ticks = steady_ticks(record)
-    if not isinstance(flight, FormationFlight) or len(ticks) == 0:
+    if isinstance(flight, GoalFlight) or len(ticks) == 0:
         return dict.fromkeys(
             (
                 "settled",
@@ -173,9 +185,10 @@ def formation(record: Record, shape: Shape) -> dict[str, object]:
                 "shape_error_m",
             )
         )
-    settle_s = settle_time_s(record, shape) if flight.ending == "none" else _settled_once_s(record, shape)
+    stays = isinstance(flight, ArticleFlight) or flight.ending == "none"
+    settle_s = settle_time_s(record, shape) if stays else _settled_once_s(record, shape)
     rows = record.formed[ticks[-1]]
-    change = int(np.searchsorted(record.time_s, record.changed_s - 1e-9)) if flight.ending == "none" else 0
+    change = int(np.searchsorted(record.time_s, record.changed_s - 1e-9)) if stays else 0
     limits = record.scenario.control.safety.limits
     straight_s = straight_line_time_s(
         record.position_m[change][rows] - _centered(record, change),
@@ -197,7 +210,7 @@ def formation(record: Record, shape: Shape) -> dict[str, object]:
     return {
         "settled": settle_s is not None,
         "settle_time_s": rounded(settle_s),
-        "straight_line_time_s": rounded(straight_s),
+        "straight_line_time_s": None if isinstance(flight, ArticleFlight) else rounded(straight_s),
         "radius_error_m": rounded(float(steady_radius_m.max())),
         "radius_share": rounded(float(steady_radius_m.max()) / record.radius_m[ticks[-1]], 5),
         "energy_ratio": rounded(float(shape.energy_ratio[ticks].mean()), 6),
@@ -221,7 +234,7 @@ def tracking(record: Record) -> dict[str, object]:
     """True centroid against true target, once settled for the first time."""
     flight = record.scenario.flight
     figures: dict[str, object] = {"orbit_radius_error_m": None, "center_speed_m_s": None}
-    if not isinstance(flight, FormationFlight) or not flight.orbit.radius_m:
+    if isinstance(flight, GoalFlight) or not flight.orbit.radius_m:
         return figures
     settle_s = _on_orbit_s(record, flight)
     ticks = [t for t in range(len(record.time_s)) if settle_s is not None and record.time_s[t] >= settle_s]
@@ -237,11 +250,11 @@ def tracking(record: Record) -> dict[str, object]:
     return figures
 
 
-def _on_orbit_s(record: Record, flight: FormationFlight) -> float | None:
+def _on_orbit_s(record: Record, flight: FormationFlight | ArticleFlight) -> float | None:
     """When the commanded centre is on its orbit for the first time, and 5 s more for the drones to settle."""
     for t, center_m in enumerate(record.center_m):
         rho_m = float(np.linalg.norm(center_m[:2] - record.target_m[t]))
-        if record.time_s[t] >= flight.center_moves_from_s and abs(rho_m - flight.orbit.radius_m) < 0.1:
+        if record.time_s[t] >= flight.center_moves_from_s and abs(rho_m - flight.orbit.radius_m) < ON_ORBIT_M:
             return record.time_s[t] + STEADY_S
     return None
 
@@ -270,26 +283,33 @@ def arrival(record: Record) -> dict[str, object]:
     }
 
 
-def obstacles(record: Record) -> dict[str, object]:
-    """Who was inside a box grown by 1 m and below its top plus 1 m; the smallest distance to a box itself."""
-    nothing = dict.fromkeys(("penetrations", "minimum_clearance_m", "reformed_time_s", "same_side"))
+def obstacles(record: Record, shape: Shape) -> dict[str, object]:
+    """Who came inside a box, how near anybody came, when the shape was whole again, who passed where."""
     if not any(record.boxes):
-        return nothing
-    inside = np.zeros(record.count, dtype=bool)
-    least_m = np.inf
-    for tick, boxes in enumerate(record.boxes):
-        position_m = record.position_m[tick]
-        flying = record.in_air[tick]
-        for box in boxes:
-            beyond_m = np.abs(position_m[:, :2] - (box.x_m, box.y_m)) - (
-                box.half_length_x_m,
-                box.half_length_y_m,
-            )
-            above_m = -position_m[:, 2] - box.height_m
-            inside |= flying & (beyond_m < PENETRATION_M).all(axis=1) & (above_m < PENETRATION_M)
-            gap_m = np.linalg.norm(np.maximum(np.column_stack([beyond_m, above_m]), 0.0), axis=1)
-            least_m = min(least_m, float(gap_m[flying].min(initial=np.inf)))
-    return nothing | {"penetrations": int(inside.sum()), "minimum_clearance_m": rounded(least_m)}
+        keys = ("penetrations", "minimum_clearance_m", "reformed_time_s", "same_side", "through")
+        return dict.fromkeys(keys)
+    penetrations, clearance_m = penetrations_and_clearance_m(record)
+    return {
+        "penetrations": penetrations,
+        "minimum_clearance_m": rounded(clearance_m),
+        "reformed_time_s": rounded(_reformed_s(record, shape)),
+        "same_side": same_side(record) if _single_box(record) else None,
+        "through": through(record),
+    }
+
+
+def _single_box(record: Record) -> bool:
+    """One standing box on a straight way."""
+    boxes = record.boxes[-1]
+    return len(boxes) == 1 and not boxes[0].speed_m_s and record.orbit_radius_m == 0.0
+
+
+def _reformed_s(record: Record, shape: Shape) -> float | None:
+    """From the last passing until settled for good; None: not before the end."""
+    last = last_passing_tick(record)
+    not_yet = np.flatnonzero(~shape.settled[last:])
+    first = last + (int(not_yet[-1]) + 1 if len(not_yet) else 0)
+    return record.time_s[first] - record.time_s[last] if first < len(record.time_s) else None
 
 
 def ticks_ms(record: Record) -> dict[str, object]:
@@ -319,7 +339,8 @@ def report(record: Record) -> dict[str, object]:
         "separation": separation(record),
         "formation": formation(record, shape),
         "tracking": tracking(record),
-        "obstacles": obstacles(record),
+        "obstacles": obstacles(record, shape),
         "arrival": arrival(record),
+        "article": article_figures(record),
         "tick": ticks_ms(record),
     }

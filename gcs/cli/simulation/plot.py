@@ -9,8 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from gcs.cli.simulation.article_plot import draw_article
 from gcs.cli.simulation.measure import SETTLED_ENERGY, report, shape_over_time
 from gcs.cli.simulation.record import Record
+from gcs.cli.simulation.scenario import ArticleFlight
 
 SHOWN_PATHS = 60
 COLOURS = "viridis"
@@ -20,6 +22,16 @@ def draw(record: Record, file: Path) -> dict[str, object]:
     """Draw the flight into `file`. Returns: its figures."""
     figures = report(record)
     page = Figure(figsize=(11.0, 8.0), layout="constrained")
+    if isinstance(record.scenario.flight, ArticleFlight):
+        draw_article(page, record, record.scenario.flight)
+    else:
+        _draw_flight(page, record)
+    page.suptitle(f"{record.scenario.name}, {record.count} vehicles, seed {record.seed}")
+    page.savefig(file, dpi=130)
+    return figures
+
+
+def _draw_flight(page: Figure, record: Record) -> None:
     grid = page.add_gridspec(3, 2, width_ratios=(1.25, 1.0))
     _paths(page.add_subplot(grid[:2, 0], projection="3d"), record)
     _from_above(page.add_subplot(grid[2, 0]), record)
@@ -31,9 +43,6 @@ def draw(record: Record, file: Path) -> dict[str, object]:
     else:
         _way_left(radius, record)
         _restrained(shape, record)
-    page.suptitle(f"{record.scenario.name}, {record.count} vehicles, seed {record.seed}")
-    page.savefig(file, dpi=130)
-    return figures
 
 
 def _shown(record: Record) -> tuple[np.ndarray, list[tuple[int, tuple[float, float, float, float]]]]:

@@ -32,6 +32,8 @@ class Record:
     restrained: list[int] = field(default_factory=list)  # how many the filter held back
     tick_s: list[float] = field(default_factory=list)  # how long each decision took
     violating: set[tuple[int, int]] = field(default_factory=set)  # pairs
+    charge: Array | None = None  # (n,), None: all alike
+    orbit_radius_m: float = 0.0
     wall_s: float = 0.0
     changed_s: float = 0.0  # from here on settling is judged: engagement, or the last event
 
@@ -39,6 +41,11 @@ class Record:
     def count(self) -> int:
         """How many vehicles."""
         return len(self.start_m)
+
+    def charges(self, rows: Mask) -> tuple[float, ...]:
+        """Of the drones of `rows` (n,)."""
+        charge = np.ones(self.count) if self.charge is None else self.charge
+        return tuple(charge[rows].tolist())
 
     @property
     def path_m(self) -> Array:

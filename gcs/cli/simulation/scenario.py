@@ -9,7 +9,10 @@ from pydantic import Field, ValidationError, model_validator
 from gcs import config as configuration
 from gcs.control import ControlSettings
 from gcs.errors import ConfigError
-from gcs.plan import Direction
+from gcs.formation.article import ArticleParameters
+from gcs.formation.consensus import ConsensusSettings
+from gcs.formation.obstacles import AvoidanceSettings
+from gcs.plan import MAX_OBSTACLES, Direction
 from gcs.settings import NotNegative, Positive, Settings
 
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
@@ -41,13 +44,18 @@ class World(Settings):
     tick_rate_hz: Annotated[float, Field(ge=1.0, le=50.0)] = 20.0
 
 
-class TargetPath(Settings):
-    """The ground target: where it begins, and how its velocity changes."""
+class SteadyTarget(Settings):
+    """A ground target that goes straight on."""
 
     x_m: float = 0.0
     y_m: float = 0.0
     velocity_x_m_s: float = 0.0
     velocity_y_m_s: float = 0.0
+
+
+class TargetPath(SteadyTarget):
+    """The ground target: where it begins, and how its velocity changes."""
+
     turns: tuple["Turn", ...] = ()
 
 
@@ -68,23 +76,62 @@ class Circle(Settings):
     direction: Direction = Direction.COUNTERCLOCKWISE
 
 
-class Box(Settings):
-    """An obstacle, and how it moves."""
+class StandingBox(Settings):
+    """An obstacle."""
 
     x_m: float
     y_m: float
     half_length_x_m: Positive
     half_length_y_m: Positive
     height_m: Positive
+
+
+class Box(StandingBox):
+    """An obstacle, and how it moves."""
+
     velocity_x_m_s: float = 0.0
     velocity_y_m_s: float = 0.0
+
+
+class RandomBoxes(Settings):
+    """Boxes drawn at random for every seed, in the way of a formation that flies at once."""
+
+    kind: Literal["one", "many", "on-orbit"]
+    half_length_min_m: Positive = 1.5
+    half_length_max_m: Positive = 8.0
+    height_min_m: Positive = 8.0
+    height_max_m: Positive = 45.0
+    speed_min_m_s: Positive = 2.0  # of the formation's centre
+    speed_max_m_s: Positive = 4.0
+    length_m: Positive = 120.0  # from start to target, among many boxes
+    orbit_radius_m: Positive = 30.0
+    boxes_max: Annotated[int, Field(ge=1, le=MAX_OBSTACLES)] = 10
+    moving_share: Share = 0.3  # no faster than half the formation
+    sudden_share: Share = 0.3  # of the boxes become known in flight, never within a stopping distance
+    sudden_until_s: NotNegative = 15.0
+    passage_m: Positive = 6.0  # between boxes that do not overlap: twice floor, margin and uncertainty
+    stopping_m: Positive = 12.0  # free around the start; a stop from 5 m/s takes 10.3 m
+    beyond_m: Positive = 5.0  # free around the sphere at the target
+
+
+class Radio(Settings):
+    """Each drone's law knows only what its neighbours say: where they are, and think the centre is."""
+
+    neighbours: Annotated[int, Field(ge=1)] = 12  # the range holds about so many on the finished sphere
+    delay_s: NotNegative = 0.1
+    loss: Share = 0.1  # of the messages, each between two drones by itself
+    silence_max_s: Positive = 0.5  # who was not heard for so long is forgotten
+    center: Literal["told", "agreed"] = "told"  # agreed: by consensus between neighbours, from sightings
+    sighting_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  # of the drones see the centre
+    sighting_error_m: NotNegative = 0.0  # standard deviation along each axis, each drone's own, constant
+    consensus: ConsensusSettings = ConsensusSettings()
 
 
 class FormationFlight(Settings):
     """Vehicles that hover at take-off height are engaged at time 0, all of them, and stay in formation."""
 
     kind: Literal["formation"]
-    start: Literal["grid", "random", "square"] = "grid"
+    start: Literal["grid", "random", "square", "sphere"] = "grid"
     spacing_m: Positive = 4.0
     takeoff_height_m: Positive = 5.0
     radius_m: Positive | None = None  # None: max(10, 1.4 sqrt(N))
@@ -93,11 +140,13 @@ class FormationFlight(Settings):
     center_moves_from_s: NotNegative = 0.0
     target: TargetPath = TargetPath()
     boxes: tuple[Box, ...] = ()
+    random_boxes: RandomBoxes | None = None  # also set target, orbit and speed; only with start: sphere
     leave_share: Share = 0.0  # of the vehicles vanish at `change_s`
     join: Annotated[int, Field(ge=0)] = 0  # vehicles that hover beside the others join at `change_s`
     change_s: NotNegative = 0.0
     ending: Literal["none", "return", "descend", "hold", "land"] = "none"
     ending_s: NotNegative = 0.0
+    radio: Radio | None = None  # None: the law knows everything that the ground station hears
     charges: tuple[Positive, ...] = (1.0,)  # vehicle by vehicle, from the first again when they run out
     speeds_m_s: tuple[Positive, ...] = ()  # likewise each vehicle's own limit; none: only the fleet's
 
@@ -117,7 +166,17 @@ class ArticleFlight(Settings):
     """Section 5 of the article, with its own parameters and virtual dynamics."""
 
     kind: Literal["article"]
-    part: Literal["assembly", "tracking", "obstacle"]
+    parameters: ArticleParameters = ArticleParameters()
+    charge: Positive = 1.0  # of every drone; the article does not say
+    start_half_m: Positive = 2.0  # drones start at random in a cube of twice that about the target
+    spacing_m: Positive = 1.0
+    height_m: Positive = 10.0
+    orbit: Circle = Circle(radius_m=15.0, speed_m_s=12.0)
+    center_moves_from_s: NotNegative = 0.0
+    center_acceleration_max_m_s2: Positive = 20.0  # the article's centre has no limit
+    target: SteadyTarget = SteadyTarget()
+    boxes: tuple[StandingBox, ...] = ()
+    avoidance: AvoidanceSettings = AvoidanceSettings()
 
 
 Flight: TypeAlias = Annotated[FormationFlight | GoalFlight | ArticleFlight, Field(discriminator="kind")]
@@ -135,10 +194,8 @@ class Judged(Settings):
 
     vehicles: tuple[VehicleCount, ...]
     seeds: Annotated[int, Field(ge=1, le=1000)] = 1  # that many, from `first_seed`
-    first_seed: int = 1000
-    must: dict[str, Gate] = Field(
-        default_factory=dict
-    )  # for instance separation.violations; every run
+    first_seed: int = 5000
+    must: dict[str, Gate] = Field(default_factory=dict)  # for instance separation.violations; every run
     mostly: dict[str, Gate] = Field(default_factory=dict)  # likewise, in 95 % of the runs of each fleet
     few: Annotated[int, Field(ge=0)] = 20  # up to so many vehicles `nearest_few` holds, above `nearest_many`
     nearest_few: float = 0.97
@@ -163,6 +220,8 @@ class Scenario(Settings):
             for what, when_s in (("change_s", flight.change_s), ("ending_s", flight.ending_s)):
                 if when_s >= self.duration_s:
                     raise ValueError(f"flight.{what} = {when_s:g}: before duration_s = {self.duration_s:g}")
+            if flight.random_boxes is not None and flight.start != "sphere":
+                raise ValueError("flight.random_boxes: the formation flies at once, so start: sphere")
         return self
 
 

@@ -73,7 +73,7 @@ class TrueWorld:
         self._steps = int(np.ceil(self.tick_s / LONGEST_STEP_S - 1e-9))
         self.step_s = self.tick_s / self._steps
         self.ids: tuple[VehicleId, ...] = tuple(f"d{i + 1}" for i in range(n))
-        self._row_of = {name: row for row, name in enumerate(self.ids)}
+        self.row_of = {name: row for row, name in enumerate(self.ids)}
         self.time_s = 0.0
         self.response = varied_response(n, world, self._random)
         self.air = Air(world.wind, world.wind.gust_m_s * self._random.standard_normal((n, 3)))
@@ -81,9 +81,10 @@ class TrueWorld:
         self._error = noise.draw(n, world.noise, self._random)
         self.in_air: Mask = np.ones(n, dtype=bool)
         self.ground_m = np.zeros(n)  # z of the ground below each
+        self._gone: Mask = np.zeros(n, dtype=bool)
         self._rest_m = np.full((n, 3), np.nan)  # where those who landed stand
         self._command_m_s = np.zeros((n, 3))
-        self._heard_m, self._heard_m_s = self._estimate()
+        self._heard_m, self._heard_m_s = self.estimate()
         self._heard_s = np.zeros(n)
         self._telemetry: deque[tuple[float, Mask, Array, Array]] = deque()
         self._setpoints: deque[tuple[float, Array]] = deque()
@@ -110,7 +111,8 @@ class TrueWorld:
         """(n, 3) positions as they last arrived."""
         return self._heard_m
 
-    def _estimate(self) -> tuple[Array, Array]:
+    def estimate(self) -> tuple[Array, Array]:
+        """(n, 3) positions and (n, 3) velocities as the vehicles themselves believe them."""
         if not self._world.noise:
             return self.bodies.position_m, self.bodies.velocity_m_s
         return (
@@ -120,7 +122,7 @@ class TrueWorld:
 
     def hear(self) -> FleetState:
         """What the ground station knows now: brought forward from its arrival with the reported velocity."""
-        position_m, velocity_m_s = self._estimate()
+        position_m, velocity_m_s = self.estimate()
         n, world = len(self.ids), self._world
         kept = self._random.random(n) >= world.loss if world.loss else np.ones(n, dtype=bool)
         self._telemetry.append((self.time_s + world.telemetry_delay_s, kept, position_m, velocity_m_s))
@@ -132,6 +134,8 @@ class TrueWorld:
             self._heard_s = np.where(arrived, self.time_s, self._heard_s)
         age_s = self.time_s - self._heard_s
         forward_m = self._heard_m + age_s[:, None] * self._heard_m_s
+        if self._gone.any():
+            age_s[self._gone], forward_m[self._gone] = np.inf, np.nan
         return FleetState(self.time_s, self.ids, forward_m, self._heard_m_s.copy(), np.zeros(n), age_s)
 
     def say(self, setpoints: Setpoints) -> None:
@@ -141,7 +145,7 @@ class TrueWorld:
         if setpoints.ids == self.ids:
             sent_m_s = np.array(setpoints.velocity_m_s)
         else:
-            sent_m_s[[self._row_of[name] for name in setpoints.ids]] = setpoints.velocity_m_s
+            sent_m_s[[self.row_of[name] for name in setpoints.ids]] = setpoints.velocity_m_s
         if world.loss:
             sent_m_s[self._random.random(n) < world.loss] = np.nan
         self._setpoints.append((self.time_s + world.setpoint_delay_s, sent_m_s))
@@ -154,7 +158,8 @@ class TrueWorld:
             sent_m_s[rows] = np.nan
 
     def remove(self, rows: Mask) -> None:
-        """They are gone: neither in the air nor anywhere."""
+        """They are gone: neither in the air nor anywhere, and never heard again."""
+        self._gone = self._gone | rows
         self.in_air = self.in_air & ~rows
 
     def advance(self) -> list[Array]:

@@ -5,6 +5,7 @@ import pytest
 from api_fake_service import FakeService
 from api_harness import Api
 
+from api import convert
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Direction, YawPolicy
 from gcs.service import Outcome, ShowAction, VehicleAction
@@ -237,7 +238,8 @@ def test_the_heading_is_turned_into_the_show_frame_and_back(api: Api) -> None:
 
 def test_an_obstacle_is_added_read_changed_and_removed(api: Api) -> None:
     added = api("POST", "/api/v1/obstacles", json={"id": "tower", **BOX})
-    assert (added.status_code, added.json()) == (201, {"id": "tower", **BOX})
+    standing = {"velocity_x_m_s": 0.0, "velocity_y_m_s": 0.0}
+    assert (added.status_code, added.json()) == (201, {"id": "tower", **BOX, **standing})
     assert added.headers["location"] == "/api/v1/obstacles/tower"
     changed = api("PUT", "/api/v1/obstacles/tower", json={**BOX, "height_m": 9.0})
     assert changed.json()["height_m"] == 9.0
@@ -248,6 +250,15 @@ def test_an_obstacle_is_added_read_changed_and_removed(api: Api) -> None:
     assert api("GET", "/api/v1/obstacles").json() == []
     for method, body in (("GET", None), ("PUT", BOX), ("DELETE", None)):
         assert api(method, "/api/v1/obstacles/tower", json=body).status_code == 404
+
+
+def test_an_obstacle_that_moves_is_told_where_it_is_now(api: Api) -> None:
+    moving = {**BOX, "id": "crane", "velocity_x_m_s": 1.0, "velocity_y_m_s": -0.5}
+    assert api("POST", "/api/v1/obstacles", json=moving).json()["x_m"] == pytest.approx(BOX["x_m"], abs=0.5)
+    box = api.service.plan.obstacles[0]
+    assert (box.velocity_x_m_s, box.velocity_y_m_s) == (1.0, -0.5)
+    told = convert.obstacle(box, box.time_s + 4.0)
+    assert (told.x_m, told.y_m) == pytest.approx((box.x_m + 4.0, box.y_m - 2.0))
 
 
 def test_an_obstacle_without_an_id_is_given_one_that_was_never_used(api: Api) -> None:

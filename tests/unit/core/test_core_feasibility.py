@@ -21,6 +21,7 @@ from gcs.feasibility import (
 from gcs.formation.law import LawSettings
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Target
+from gcs.safety.constraints import Braking
 from gcs.safety.filter import SafetySettings
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
@@ -167,6 +168,26 @@ def test_an_obstacle_on_a_vehicle_in_the_air_is_refused_by_name_and_one_well_bel
     said = refuse(BOX, {"a": (7.0, 0.0, -12.9), "b": (30.0, 0.0, -5.0)}, {})
     assert "would stand on a " in said
     accept(BOX, {"a": (7.0, 0.0, -13.1), "b": (7.2, 0.0, -5.0)}, {})
+
+
+def test_an_obstacle_too_close_ahead_of_a_vehicle_to_stop_is_refused_by_name() -> None:
+    def place(x_m: float, flies_m_s: float, box_m_s: float = 0.0) -> None:
+        moving = replace(BOX, velocity_x_m_s=box_m_s)
+        check_obstacle(
+            moving,
+            AVOIDANCE,
+            {"a": np.array([x_m, 0.0, -5.0])},
+            {},
+            velocities_m_s={"a": np.array([flies_m_s, 0.0, 0.0])},
+            braking=Braking(),
+        )
+
+    place(-12.3, 4.0)  # its wall is 5 m from its centre, and 4 m/s stop within 7.2 m
+    for x_m, flies_m_s, box_m_s in ((-12.1, 4.0, 0.0), (-12.3, 3.0, -1.1)):
+        with pytest.raises(RefusedError, match="too close ahead of a to stop"):
+            place(x_m, flies_m_s, box_m_s)
+    place(-12.1, -4.0)
+    place(-12.1, float("nan"))
 
 
 def test_an_obstacle_on_or_close_beside_a_landing_place_is_refused_by_name() -> None:

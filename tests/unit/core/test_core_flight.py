@@ -1,5 +1,7 @@
 """When the sphere stands, and what is kept free around a vehicle that is lost."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from core_silent_link import SilentLink
@@ -34,10 +36,7 @@ def flight(count: int, charges: tuple[float, ...] | None = None) -> Flight:
 def at(subject: Flight, position_m: Array) -> Flight:
     n = len(position_m)
     subject.fleet = FleetState(0.0, subject.fleet.ids, position_m, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
-    nothing = np.full(n, np.nan)
-    subject.memory = Memory(
-        0.0, Center.at_rest(CENTER_M), RADIUS_M, np.full((n, 3), np.nan), nothing, nothing, nothing, {}
-    )
+    subject.memory = replace(Memory.fresh(n, 0.0), center=Center.at_rest(CENTER_M), radius_m=RADIUS_M)
     for vehicle in subject.vehicles.values():
         vehicle.phase = Phase.FORMATION
     return subject

@@ -9,18 +9,22 @@ from gcs.errors import ShapeError
 from gcs.formation.obstacles import Ellipse
 from gcs.safety.constraints import NOBODY, Braking, Constraints
 from gcs.safety.filter import Limits, SafetySettings, Surroundings, cap, filter_velocities
+from gcs.safety.kernels import warm_up
+from gcs.safety.neighbours import near_pairs
 from gcs.safety.projection import project, shrink
 from gcs.safety.separation import (
     Floor,
     keepout_constraints,
     minimum_separation,
     pairs_that_count,
+    scaled_distance_m,
     separation_constraints,
 )
+from gcs.safety.traffic import Traffic, count_meetings, keep_right
 from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
 from gcs.state import Array
 
-BRAKING = Braking(reaction_s=0.5, deceleration_m_s2=1.5, escape_rate_per_s=0.5)
+BRAKING = Braking(reaction_s=0.5, lead_s=0.0, deceleration_m_s2=1.5, escape_rate_per_s=0.5)
 FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=1.0, uncertainty_m=0.0, pad_height_m=2.0)
 FENCE = Fence(height_min_m=3.0, height_max_m=100.0, distance_max_m=300.0)
 SETTINGS = SafetySettings(limits=Limits(), floor=FLOOR, fence=FENCE, braking=BRAKING)
@@ -160,6 +164,9 @@ def test_the_minimum_is_the_true_distance_and_the_floor_is_an_ellipsoid() -> Non
 
 def test_the_widest_separation_satisfies_the_ellipsoid_in_every_direction() -> None:
     assert FLOOR.widest_m == pytest.approx(4.5)
+    unsure = FLOOR.model_copy(update={"uncertainty_m": 0.35, "vertical_uncertainty": 2.0})
+    assert unsure.widest_m == pytest.approx(4.5 + 2.0 * 0.7)
+    assert unsure.kept_m(0.7) == pytest.approx((3.7, 5.9))
     assert Floor(horizontal_m=3.0, vertical_m=2.0, margin_m=1.0, uncertainty_m=0.0).widest_m == pytest.approx(
         4.0
     )
@@ -214,8 +221,9 @@ def test_nobody_commanded_means_no_constraints() -> None:
         ~nobody,
         floor=FLOOR,
         braking=BRAKING,
-        names=["a", "b"],
         uncertainty_m=np.zeros(2),
+        course_m_s=np.zeros((2, 3)),
+        spare_m_s=np.full(2, 10.0),
     )
     assert len(found) == 0
     paths = np.array([[[0.0, 0.0, -20.0], [0.0, 0.0, 0.0]]])
@@ -227,6 +235,149 @@ def test_nobody_commanded_means_no_constraints() -> None:
         )
         == 0
     )
+
+
+def test_what_closes_in_now_goes_on_for_the_lead_and_what_parts_earns_nothing() -> None:
+    lead = BRAKING.model_copy(update={"lead_s": 0.5})
+    settings = SETTINGS.model_copy(update={"braking": lead})
+    position = np.array([[-4.0, 0.0, -20.0], [4.0, 0.0, -20.0]])  # 5 m to floor and margin
+    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    for measured_m_s, gap_m in ((1.0, 4.0), (-1.0, 5.0)):
+        closing = np.array([[measured_m_s, 0.0, 0.0], [-measured_m_s, 0.0, 0.0]])
+        allowed, _ = filter_velocities(wanted, surroundings(position, velocity=closing), settings)
+        expected = float(BRAKING.speed_m_s(np.array([gap_m]))[0])
+        assert allowed[0, 0] - allowed[1, 0] == pytest.approx(expected, abs=2e-3)
+
+
+def test_over_a_slow_link_everybody_is_further_on_brakes_earlier_and_escapes_more_gently() -> None:
+    assert BRAKING.over_link(0.0) is BRAKING
+    late = BRAKING.over_link(0.2)
+    assert (late.reaction_s, late.lead_s) == pytest.approx((0.9, BRAKING.lead_s + 0.4))
+    assert late.deceleration_m_s2 == BRAKING.deceleration_m_s2
+    assert late.escape_rate_per_s == pytest.approx(1.0 / (1.0 / 0.5 + 0.8))
+    settings = SETTINGS.model_copy(update={"link_delay_s": 0.2})
+    position = np.array([[-4.0, 0.0, -20.0], [4.0, 0.0, -20.0]])
+    closing = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    allowed, _ = filter_velocities(3.0 * closing, surroundings(position, velocity=closing), settings)
+    gap_m = 5.0 - 0.2 * 2.0 - late.lead_s * 2.0  # where they are by now, and where that leads
+    assert allowed[0, 0] - allowed[1, 0] == pytest.approx(
+        float(late.speed_m_s(np.array([gap_m]))[0]), abs=2e-3
+    )
+
+
+def test_who_is_pushed_to_where_nobody_had_looked_is_looked_at_again() -> None:
+    # an escape pushes the middle one, which rests, onto the right one, far beyond what anybody wants
+    position = np.array([[0.0, 0.0, -20.0], [0.4, 0.0, -20.0], [4.4, 0.0, -20.0]])
+    hard = SETTINGS.model_copy(update={"braking": BRAKING.model_copy(update={"escape_rate_per_s": 3.0})})
+    allowed, reasons = filter_velocities(np.zeros((3, 3)), surroundings(position), hard)
+    assert allowed[1, 0] - allowed[0, 0] > 5.0
+    assert allowed[2, 0] - allowed[1, 0] >= -float(BRAKING.speed_m_s(np.array([1.0]))[0]) - 2e-3
+    assert reasons[2] == "separation from d1"
+
+
+# neighbours
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 60, 400])
+def test_the_grid_finds_every_near_pair_once(count: int) -> None:
+    rng = np.random.default_rng(count)
+    position = rng.normal(0.0, 15.0, (count, 3))
+    position[: count // 10] *= 40.0  # far out
+    takes_part = rng.random(count) < 0.9
+    radius = rng.uniform(0.1, 4.0, count)
+    first, second = near_pairs(np.where(takes_part[:, None], position, np.nan), takes_part, radius)
+    i, j = np.triu_indices(count, 1)
+    near = np.linalg.norm(position[i] - position[j], axis=1) < radius[i] + radius[j]
+    near &= takes_part[i] & takes_part[j]
+    found = [tuple(sorted(pair)) for pair in zip(first.tolist(), second.tolist(), strict=True)]
+    assert sorted(found) == list(zip(i[near].tolist(), j[near].tolist(), strict=True))
+
+
+def test_the_minimum_separation_of_a_crowd_and_of_two_far_apart() -> None:
+    rng = np.random.default_rng(1)
+    crowd = rng.normal(0.0, 30.0, (300, 3)) - (0.0, 0.0, 200.0)
+    first, second = pairs_that_count(crowd, np.ones(300, bool), FLOOR)
+    least = np.linalg.norm(crowd[first] - crowd[second], axis=1).min()
+    inside = int((scaled_distance_m(crowd, first, second, FLOOR) < FLOOR.horizontal_m).sum())
+    assert minimum_separation(crowd, np.ones(300, bool), FLOOR) == pytest.approx((least, inside))
+    far = np.array([[0.0, 0.0, -9.0], [5e4, 0.0, -9.0]])
+    assert minimum_separation(far, np.ones(2, bool), FLOOR) == pytest.approx((5e4, 0))
+    assert minimum_separation(np.full((2, 3), np.nan), np.ones(2, bool), FLOOR) == (np.inf, 0)
+
+
+# traffic
+
+
+def to_goals(
+    position: Array, goal: Array, wanted: Array, *, turned: list[bool] | None = None, angle: float = 45.0
+) -> Array:
+    n = len(position)
+    everybody = np.ones(n, dtype=bool)
+    return keep_right(
+        wanted,
+        position,
+        np.zeros((n, 3)),
+        goal,
+        to_goal=everybody if turned is None else np.array(turned),
+        commanded=everybody,
+        airborne=everybody,
+        flatness=2.0 / 3.0,
+        settings=Traffic(angle_max_deg=angle),
+    )
+
+
+HEAD_ON = np.array([[-30.0, 0.0, -20.0], [30.0, 0.0, -20.0]])
+
+
+def test_two_that_would_meet_head_on_both_keep_to_the_right() -> None:
+    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    turned = to_goals(HEAD_ON, HEAD_ON[::-1], wanted)
+    angle = np.radians(45.0) * -np.expm1(-1.0 / Traffic().crowd)
+    assert turned[0] == pytest.approx([3.0 * np.cos(angle), 3.0 * np.sin(angle), 0.0])
+    assert turned[1] == pytest.approx(-turned[0])
+
+
+def test_straight_up_and_straight_down_part_to_different_sides() -> None:
+    column = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -60.0]])
+    turned = to_goals(column, column[::-1], np.array([[0.0, 0.0, -2.0], [0.0, 0.0, 1.4]]))
+    assert turned[0, 1] > 0.1 > -0.1 > turned[1, 1]
+
+
+@pytest.mark.parametrize(
+    ("goal", "wanted"),
+    [
+        (np.array([[30.0, 18.0, -20.0], [-30.0, -18.0, -20.0]]), [[3.0, 0.9, 0.0], [-3.0, -0.9, 0.0]]),
+        (HEAD_ON * 2.0, [[-3.0, 0.0, 0.0], [3.0, 0.0, 0.0]]),
+        (HEAD_ON * 0.5, [[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]),
+        (np.array([[20.0, 0.0, -20.0], [80.0, 0.0, -20.0]]), [[3.0, 0.0, 0.0], [3.0, 0.0, 0.0]]),
+    ],
+    ids=["past each other at a distance", "apart", "both stop before they meet", "side by side"],
+)
+def test_who_meets_nobody_flies_straight_on(goal: Array, wanted: list[list[float]]) -> None:
+    assert to_goals(HEAD_ON, goal, np.array(wanted)).tolist() == wanted
+
+
+def test_only_those_on_their_way_to_a_goal_are_turned_and_none_where_the_angle_is_zero() -> None:
+    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    some = to_goals(HEAD_ON, HEAD_ON[::-1], wanted, turned=[False, True])
+    assert some[0].tolist() == wanted[0].tolist()
+    assert some[1, 1] < 0.0
+    nobody = to_goals(HEAD_ON, HEAD_ON[::-1], wanted, turned=[False, False])
+    assert nobody.tolist() == wanted.tolist()
+    assert to_goals(HEAD_ON, HEAD_ON[::-1], wanted, angle=0.0).tolist() == wanted.tolist()
+
+
+def test_an_unknown_place_or_goal_turns_nobody() -> None:
+    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    unknown = np.where([[True], [False]], HEAD_ON, np.nan)
+    assert to_goals(unknown, HEAD_ON[::-1], wanted).tolist() == wanted.tolist()
+    assert to_goals(HEAD_ON, unknown * np.nan, wanted).tolist() == wanted.tolist()
+
+
+def test_warming_up_runs_every_kernel() -> None:
+    warm_up()
+    assert count_meetings.signatures  # type: ignore[attr-defined]
+    assert near_pairs.signatures  # type: ignore[attr-defined]
 
 
 # paths of lost vehicles
@@ -281,7 +432,7 @@ def test_right_above_the_origin_no_direction_is_fenced() -> None:
     assert (found.slack_m_s(np.array([[8.0, 0.0, 0.0]])) > 0.0).all()
 
 
-BOX = Ellipse(0.0, 0.0, 5.0, 5.0, top_height_m=12.0)
+BOX = Ellipse(0.0, 0.0, 5.0 * sqrt(2), 5.0 * sqrt(2), top_height_m=12.0)  # its wall: 5 m to every side
 
 
 def test_below_its_top_an_obstacle_is_a_wall_and_above_it_a_floor() -> None:
@@ -299,10 +450,28 @@ def test_well_above_an_obstacle_nothing_is_changed() -> None:
 
 
 def test_inside_an_obstacle_one_is_led_out_and_does_not_sink_meanwhile() -> None:
-    inside = surroundings(np.array([[-4.0, 0.0, -11.9]]), ellipses={"b": BOX})
+    inside = surroundings(np.array([[-4.0, 0.0, -9.0]]), ellipses={"b": BOX})
     allowed = filtered(np.array([[3.0, 0.0, 1.4]]), inside)
     assert allowed[0, 0] == pytest.approx(-0.5, abs=2e-3)
     assert allowed[0, 2] == pytest.approx(0.0, abs=2e-3)
+    just_below = surroundings(np.array([[-4.0, 0.0, -11.8]]), ellipses={"b": BOX})
+    risen = filtered(np.array([[3.0, 0.0, 1.4]]), just_below)
+    assert risen[0] == pytest.approx([3.0, 0.0, -0.1], abs=2e-3)
+
+
+def test_over_its_edge_an_obstacle_is_a_wall_across_both_ways() -> None:
+    diagonal = np.array([[-8.0, 0.0, -16.0]])  # 3 m beside and 4 m above: 5 m away
+    found = obstacle_constraints(diagonal, np.array([True]), {"b": BOX}, BRAKING)
+    assert found.normal == pytest.approx(np.array([[-0.6, 0.0, -0.8]]))
+    assert found.bound_m_s == pytest.approx(-BRAKING.speed_m_s(np.array([5.0])))
+
+
+def test_from_an_obstacle_that_moves_everybody_keeps_away_relative_to_it() -> None:
+    coming = Ellipse(0.0, 0.0, 5.0 * sqrt(2), 5.0 * sqrt(2), 12.0, velocity_x_m_s=-1.5, velocity_y_m_s=1.0)
+    beside = surroundings(np.array([[-5.5, 0.0, -8.0]]), ellipses={"b": coming})
+    allowed = filtered(np.zeros((1, 3)), beside)
+    possible = float(BRAKING.speed_m_s(np.array([0.5]))[0])
+    assert allowed[0] == pytest.approx([possible - 1.5, 0.0, 0.0], abs=2e-3)
 
 
 def test_obstacles_concern_only_those_who_are_commanded() -> None:
@@ -327,7 +496,7 @@ def test_every_restraint_has_its_reason_in_words() -> None:
     position = np.array([[0.0, 0.0, -20.0], [3.2, 0.0, -20.0], [0.0, 50.0, -3.1], [90.0, 0.0, -20.0]])
     wanted = np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.4], [0.0, 1.0, 0.0]])
     _, reasons = filter_velocities(wanted, surroundings(position), SETTINGS)
-    assert reasons == ("separation from d1", "separation from d1", "least height", "")
+    assert reasons == ("separation from d1", "separation from d0", "least height", "")
 
 
 def test_the_worst_of_several_restraints_is_the_one_that_is_told() -> None:

@@ -5,7 +5,17 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from gcs.formation.article import ArticleParameters, feed_forward_force, formation_force, step_virtual
+from gcs.formation.article import (
+    ANSWER_S,
+    ArticleParameters,
+    avoiding_force,
+    feed_forward_force,
+    formation_force,
+    step_center,
+    step_virtual,
+)
+from gcs.formation.obstacles import AvoidanceSettings, Ellipse
+from gcs.formation.orbit import Center
 from gcs.formation.repulsion import repulsion_force
 from gcs.formation.sphere import sphere_force
 from gcs.formation.thomson import energy, nearest_m
@@ -140,3 +150,48 @@ def test_without_it_the_articles_orbit_pulls_the_formation_apart(settled: Array)
 def test_the_settled_shape_has_the_energy_of_the_tetrahedron(settled: Array) -> None:
     direction = settled / np.linalg.norm(settled, axis=1, keepdims=True)
     assert energy(direction) == pytest.approx(TETRAHEDRON_ENERGY, rel=1e-3)
+
+
+def test_a_centre_that_turns_hard_does_not_move_the_drones_relative_to_it() -> None:
+    start = np.random.default_rng(2).uniform(-2.0, 2.0, (4, 3))
+    at_rest, velocity = start.copy(), np.zeros((4, 3))
+    led, led_m_s, center = start.copy(), np.zeros((4, 3)), Center.at_rest(np.zeros(3))
+    for index in range(400):
+        angle_rad = 0.01 * index
+        wanted_m_s = 12.0 * np.array([np.cos(angle_rad), np.sin(angle_rad), 0.0])
+        force = formation_force(at_rest, np.zeros(3), np.ones(4), SECTION_5)
+        at_rest, velocity = step_virtual(at_rest, velocity, force, FINE_S, SECTION_5)
+        later = step_center(center, wanted_m_s, FINE_S, 20.0)
+        force = formation_force(led, center.position_m, np.ones(4), SECTION_5) + feed_forward_force(
+            center.velocity_m_s, later.acceleration_m_s2, SECTION_5
+        )
+        led, led_m_s = step_virtual(led, led_m_s, force, FINE_S, SECTION_5)
+        center = later
+    assert np.linalg.norm(center.position_m) > 10.0
+    assert led - center.position_m == pytest.approx(at_rest, abs=1e-9)
+
+
+def avoiding(place: Array, velocity: Array) -> Array:
+    """Force near an ellipse about the origin, half-axes 4 and 3, to be passed right; none was wanted."""
+    box = {"box": Ellipse(0.0, 0.0, 4.0, 3.0, 30.0)}
+    settings = AvoidanceSettings(lookahead_m=10.0, near_m=1.0)
+    sliding = np.linalg.norm(velocity, axis=1)
+    return avoiding_force(
+        place, velocity, SECTION_5.damping_n_s_m * velocity, box, {"box": 1.0}, sliding, SECTION_5, settings
+    )
+
+
+def test_the_force_is_as_it_was_where_nothing_is_in_the_way() -> None:
+    place = np.array([[-30.0, 0.0, -10.0], [-8.0, 0.0, -10.0], [-8.0, 0.0, -40.0]])
+    velocity = np.array([[5.0, 0.0, 0.0], [-5.0, 0.0, 0.0], [5.0, 0.0, 0.0]])  # far; leaving; above
+    assert avoiding(place, velocity) == pytest.approx(SECTION_5.damping_n_s_m * velocity)
+
+
+def test_who_flies_at_an_ellipse_is_turned_onto_its_tangent_within_the_answering_time() -> None:
+    # from (-5, 0) the tangent to x^2/16 + y^2/9 = 1 touches at x = -16/5, y = 9/5: along (1.8, 1.8)
+    velocity = np.array([[5.0, 0.0, 0.0]])
+    force = avoiding(np.array([[-5.0, 0.0, -10.0]]), velocity)
+    free = (force - SECTION_5.damping_n_s_m * velocity) / SECTION_5.mass_kg
+    turned = velocity + ANSWER_S * free
+    assert turned[0, 1] == pytest.approx(turned[0, 0])
+    assert turned[0, 1] > 2.0

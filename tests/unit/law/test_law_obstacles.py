@@ -1,48 +1,81 @@
 """Ellipses, tangents and avoidance (article, section 4, corrected)."""
 
-from math import cos, pi, sin, sqrt
+from math import cos, inf, pi, sin, sqrt
+from typing import Any
 
 import numpy as np
 import pytest
 
-from gcs.formation.law import LawSettings, avoid_all, update_sides
-from gcs.formation.obstacles import (
+from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
+from gcs.formation.steering import (
     LEFT,
     RIGHT,
-    AvoidanceSettings,
-    Ellipse,
-    avoid,
-    choose_side,
-    heads_into,
-    tangent_directions,
-    tangent_points_m,
+    Way,
+    avoid_all,
+    contact_m,
+    contacts_m,
+    push,
+    steer,
+    steer_center,
+    tangent,
+    warm_up,
+    way_ahead,
 )
-from gcs.formation.orbit import Center
-from gcs.plan import Obstacle
+from gcs.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.state import Array
 
 AVOIDANCE = AvoidanceSettings(
     margin_m=2.0, headroom_m=3.0, lookahead_m=12.0, near_m=3.0, push_rate_per_s=0.5, lead_out_m_s=1.5
 )
-LAW = LawSettings(avoidance=AVOIDANCE)
 BOX = Obstacle("b", x_m=10.0, y_m=-5.0, half_length_x_m=2.0, half_length_y_m=4.0, height_m=20.0)
 AROUND = Ellipse.around(BOX, margin_m=2.0, headroom_m=3.0)
-UNIT = Ellipse(0.0, 0.0, 1.0, 1.0, 100.0)
 ROUND = Ellipse(0.0, 0.0, 5.0, 5.0, 20.0)
 OUTSIDE = np.array([[30.0, 10.0, -5.0], [10.0, -40.0, -5.0], [-4.0, -6.0, -5.0], [10.0, 9.0, -5.0]])
+BEHIND = Way(np.array([60.0, 0.0]), 80.0)
 
 
-def flown(position: Array, velocity: Array, *, side: float = 0.0, sliding_m_s: float = 0.0) -> Array:
-    """What avoidance of ROUND makes of one drone's velocity."""
-    result: Array = avoid(
-        position[None],
-        velocity[None],
-        ROUND,
-        AVOIDANCE,
-        side=np.array([side]),
-        sliding_m_s=np.array([sliding_m_s]),
+def tangent_of(ellipse: Ellipse, place: Array, side: float) -> Array:
+    """(2,) unit vector from a place along one of its tangents."""
+    x_m, y_m = float(place[0]) - ellipse.x_m, float(place[1]) - ellipse.y_m
+    return np.array(tangent(x_m, y_m, ellipse.semi_x_m, ellipse.semi_y_m, side), dtype=np.float64)
+
+
+def met_m(ellipse: Ellipse, place: Array, velocity: Array, shrunk: float = 1.0) -> float:
+    """How far ahead an ellipse, or a smaller one, is met."""
+    x_m, y_m = float(place[0]) - ellipse.x_m, float(place[1]) - ellipse.y_m
+    semi_x_m, semi_y_m = shrunk * ellipse.semi_x_m, shrunk * ellipse.semi_y_m
+    return contact_m(x_m, y_m, semi_x_m, semi_y_m, float(velocity[0]), float(velocity[1]))
+
+
+def flown(
+    position: Array,
+    velocity: Array,
+    *,
+    side: float = 0.0,
+    sliding_m_s: float = 0.0,
+    ellipses: dict[str, Ellipse] | None = None,
+) -> Array:
+    """What avoidance of ROUND, or of others, makes of one drone's velocity."""
+    ellipses = ellipses or {"r": ROUND}
+    sides = {name: side for name in ellipses if side}
+    result: Array = avoid_all(
+        position[None], velocity[None], ellipses, sides, np.array([sliding_m_s]), AVOIDANCE
     )[0]
     return result
+
+
+def led(
+    center: Array,
+    wanted: Array,
+    ellipses: dict[str, Ellipse],
+    sides: dict[str, float] | None = None,
+    *,
+    way: Way = BEHIND,
+    radius_m: float = 10.0,
+) -> tuple[Array, dict[str, float]]:
+    """Where the centre of a sphere is led."""
+    drones = center + radius_m * np.vstack([np.eye(3), -np.eye(3)])
+    return steer_center(center, wanted, drones, ellipses, sides or {}, AVOIDANCE, radius_m=radius_m, way=way)
 
 
 def test_the_ellipse_is_the_articles_around_the_grown_box() -> None:
@@ -57,41 +90,63 @@ def test_the_ellipse_leaves_the_margin_everywhere_around_the_box() -> None:
     assert np.linalg.norm(beyond, axis=1).min() >= 2.0 - 1e-9
 
 
-def test_tangent_points_of_a_circle_are_those_of_the_textbook() -> None:
+def test_tangents_of_a_circle_are_those_of_the_textbook() -> None:
     # from (2, 0) to the unit circle: (1/2, +-sqrt(3)/2); left, looking along -x with y to the right, is... +y
-    left, right = tangent_points_m(UNIT, np.array([[2.0, 0.0]]))
-    assert left == pytest.approx(np.array([[0.5, sqrt(3) / 2]]))
-    assert right == pytest.approx(np.array([[0.5, -sqrt(3) / 2]]))
+    assert tangent(2.0, 0.0, 1.0, 1.0, LEFT) == pytest.approx((-sqrt(3) / 2, 0.5))
+    assert tangent(2.0, 0.0, 1.0, 1.0, RIGHT) == pytest.approx((-sqrt(3) / 2, -0.5))
 
 
-@pytest.mark.parametrize("which", [0, 1])
-def test_tangent_points_lie_on_the_ellipse_and_the_lines_touch_it_there(which: int) -> None:
-    touch = tangent_points_m(AROUND, OUTSIDE)[which]
-    assert (AROUND.normalised(touch) ** 2).sum(axis=1) == pytest.approx(np.ones(len(OUTSIDE)))
-    along = touch - OUTSIDE[:, :2]
-    assert (AROUND.outward(touch) * along).sum(axis=1) == pytest.approx(np.zeros(len(OUTSIDE)), abs=1e-9)
-
-
-@pytest.mark.parametrize("which", [0, 1])
-def test_tangent_directions_are_unit_vectors_that_point_ahead_to_the_tangent_point(which: int) -> None:
-    direction = tangent_directions(AROUND, OUTSIDE)[which]
-    along = tangent_points_m(AROUND, OUTSIDE)[which] - OUTSIDE[:, :2]
-    assert np.linalg.norm(direction, axis=1) == pytest.approx(np.ones(len(OUTSIDE)))
-    assert (direction * along).sum(axis=1) == pytest.approx(np.linalg.norm(along, axis=1))
-    assert ((AROUND.outward(OUTSIDE) * direction).sum(axis=1) < 0.0).all()
+@pytest.mark.parametrize("side", [LEFT, RIGHT])
+def test_a_tangent_just_misses_the_ellipse_and_a_little_inside_of_it_one_meets_it(side: float) -> None:
+    for place in OUTSIDE:
+        ahead = tangent_of(AROUND, place, side)
+        for off_rad, meets in ((1e-3, side == LEFT), (-1e-3, side == RIGHT)):
+            turned = ahead + off_rad * np.array([-ahead[1], ahead[0]])
+            assert (met_m(AROUND, place, turned) < inf) == meets
 
 
 def test_left_and_right_are_as_the_one_who_passes_sees_them() -> None:
     # looking along +x with y to the right: left is -y
-    left, right = tangent_directions(ROUND, np.array([[-20.0, 0.0, -5.0]]))
-    assert left[0, 1] < 0.0 < right[0, 1]
+    assert tangent(-20.0, 0.0, 5.0, 5.0, LEFT)[1] < 0.0 < tangent(-20.0, 0.0, 5.0, 5.0, RIGHT)[1]
 
 
-def test_on_and_inside_the_ellipse_the_directions_follow_its_contour() -> None:
-    place = np.array([[-5.0, 0.0, -5.0], [-2.0, 0.0, -5.0]])
-    left, right = tangent_directions(ROUND, place)
-    assert left == pytest.approx(np.array([[0.0, -1.0], [0.0, -1.0]]), abs=1e-9)
-    assert right == pytest.approx(np.array([[0.0, 1.0], [0.0, 1.0]]), abs=1e-9)
+@pytest.mark.parametrize("x_m", [-5.0, -2.0])
+def test_on_and_inside_the_ellipse_the_tangents_follow_its_contour(x_m: float) -> None:
+    assert tangent(x_m, 0.0, 5.0, 5.0, LEFT) == pytest.approx((0.0, -1.0), abs=1e-9)
+    assert tangent(x_m, 0.0, 5.0, 5.0, RIGHT) == pytest.approx((0.0, 1.0), abs=1e-9)
+
+
+def test_at_the_very_centre_there_is_a_tangent_too() -> None:
+    assert tangent(0.0, 0.0, 5.0, 5.0, LEFT) == (0.0, 1.0)
+
+
+def test_contact_is_how_far_one_flies_until_the_ellipse() -> None:
+    assert contact_m(-20.0, 0.0, 5.0, 5.0, 3.0, 0.0) == pytest.approx(15.0)
+    assert contact_m(-20.0, 3.0, 5.0, 5.0, 0.1, 0.0) == pytest.approx(16.0)
+    assert contact_m(-20.0, 5.1, 5.0, 5.0, 3.0, 0.0) == inf
+    assert contact_m(-20.0, 0.0, 5.0, 5.0, -3.0, 0.0) == inf
+    assert contact_m(-20.0, 0.0, 5.0, 5.0, 0.0, 0.0) == inf
+    assert contact_m(-4.0, 0.0, 5.0, 5.0, 1.0, 0.0) == 0.0
+    assert contact_m(-4.0, 0.0, 5.0, 5.0, -1.0, 0.0) == inf
+
+
+def test_a_box_that_moves_is_where_dead_reckoning_says() -> None:
+    box = Obstacle("b", 1.0, 2.0, 3.0, 4.0, 5.0, velocity_x_m_s=0.5, velocity_y_m_s=-1.0, time_s=10.0)
+    told = Ellipse.around(box, margin_m=2.0, headroom_m=3.0)
+    later = Ellipse.around(box, margin_m=2.0, headroom_m=3.0, time_s=14.0)
+    assert (told.x_m, told.y_m) == (1.0, 2.0)
+    assert (later.x_m, later.y_m) == (3.0, -2.0)
+    assert (later.velocity_x_m_s, later.velocity_y_m_s) == (0.5, -1.0)
+
+
+def test_many_outlines_are_as_far_away_as_each_ellipse() -> None:
+    outlines = Outlines.of({"r": ROUND, "a": AROUND})
+    places = np.vstack([OUTSIDE, [(0.0, 0.0, -5.0), (10.0, -5.0, -5.0)]])
+    for count in range(len(places) + 1):
+        expected = [e.distance_m(places[:count]).min(initial=inf) for e in (ROUND, AROUND)]
+        assert outlines.nearest_m(places[:count]) == pytest.approx(expected)
+    assert outlines.half_length_m[1] == pytest.approx([4.0, 6.0])
+    assert outlines.only(np.array([False, True])).names == ("a",)
 
 
 def test_distance_is_exact_for_a_circle_and_along_the_axes() -> None:
@@ -117,28 +172,18 @@ def test_the_very_centre_is_inside_and_has_a_way_out() -> None:
     assert not AROUND.contains(OUTSIDE).any()
 
 
-def test_who_heads_into_the_ellipse_is_between_its_tangents() -> None:
-    place = np.tile(np.array([-20.0, 0.0, -5.0]), (5, 1))
-    half_rad = np.arcsin(5.0 / 20.0)
-    angles_rad = np.array([0.0, half_rad - 0.01, half_rad + 0.01, pi, 0.0])
-    velocity = np.stack([np.cos(angles_rad), np.sin(angles_rad), np.zeros(5)], axis=1)
-    velocity[4] = 0.0
-    assert heads_into(ROUND, place, velocity).tolist() == [True, True, False, False, False]
-
-
 def test_near_the_obstacle_the_velocity_is_turned_along_the_tangent() -> None:
-    place = np.array([-8.0, 0.1, -5.0])  # just inside near_m: only the tangent counts
+    place = np.array([-8.0, 0.1, -5.0])  # just at near_m: only the tangent counts
     result = flown(place, np.array([2.0, 0.0, -0.5]), side=RIGHT, sliding_m_s=2.0)
-    right = tangent_directions(ROUND, place[None])[1][0]
-    pushed = result[:2] - 2.0 * right
+    right = np.array(tangent(-8.0, 0.1, 5.0, 5.0, RIGHT))
     assert result[2] == -0.5
-    assert np.linalg.norm(pushed) == pytest.approx(0.0, abs=0.01)
+    assert np.linalg.norm(result[:2] - 2.0 * right) == pytest.approx(0.0, abs=0.01)
 
 
 def test_between_lookahead_and_near_both_count() -> None:
     place = np.array([-5.0 - 7.5, 0.0, -5.0])  # half way: 7.5 m, between 12 and 3
     result = flown(place, np.array([2.0, 0.0, 0.0]), side=LEFT, sliding_m_s=2.0)
-    left = tangent_directions(ROUND, place[None])[0][0]
+    left = np.array(tangent(-12.5, 0.0, 5.0, 5.0, LEFT))
     assert result[:2] == pytest.approx((np.array([2.0, 0.0]) + 2.0 * left) / 2)
 
 
@@ -165,7 +210,7 @@ def test_one_inside_is_led_out_whatever_it_wants(place: tuple[float, float, floa
         assert result[:2] @ ROUND.outward(here[None])[0] >= AVOIDANCE.lead_out_m_s - 1e-9
 
 
-def test_with_no_side_given_the_tangent_that_loses_less_is_taken() -> None:
+def test_with_no_side_given_the_tangent_that_changes_less_is_taken() -> None:
     place = np.array([-8.0, 0.0, -5.0])
     assert flown(place, np.array([2.0, 0.4, 0.0]))[1] > 0.4
     assert flown(place, np.array([2.0, -0.4, 0.0]))[1] < -0.4
@@ -177,51 +222,141 @@ def test_straight_at_the_obstacle_one_waits_or_slides_as_told() -> None:
     assert np.hypot(*flown(place, straight, sliding_m_s=0.0)[:2]) < 1.5
 
 
-def test_the_side_that_turns_the_formation_least_is_chosen() -> None:
-    center = np.array([-20.0, -2.0, -10.0])
-    assert choose_side(ROUND, center, np.array([2.0, 0.0, 0.0])) == LEFT
-    assert choose_side(ROUND, center * (1, -1, 1), np.array([2.0, 0.0, 0.0])) == RIGHT
+def test_one_in_the_notch_between_two_that_overlap_is_led_out_round_either_and_not_into_the_other() -> None:
+    pair = {"a": Ellipse(0.0, -4.0, 5.0, 5.0, 20.0), "b": Ellipse(0.0, 4.0, 5.0, 5.0, 20.0)}
+    notch = np.array([-3.2, 0.0, -5.0])
+    for side in (LEFT, RIGHT):
+        result = flown(notch, np.array([2.0, 0.0, 0.0]), side=side, sliding_m_s=2.0, ellipses=pair)
+        assert result[0] < 0.0
+        assert result[1] * side > 0.5
+
+
+def test_of_two_in_a_row_neither_is_met() -> None:
+    near, far = Ellipse(5.0, 0.0, 3.0, 3.0, 100.0), Ellipse(14.0, 3.0, 4.0, 4.0, 100.0)
+    place, wanted = np.array([-0.5, 0.0, -5.0]), np.array([2.0, 0.0, 0.0])
+    around = flown(place, wanted, sliding_m_s=2.0, ellipses={"near": near, "far": far})
+    again = flown(place, wanted, sliding_m_s=2.0, ellipses={"far": far, "near": near})
+    assert around == pytest.approx(again)
+    for ellipse in (near, far):
+        assert met_m(ellipse, place, around, 0.99) == inf
+
+
+def test_past_an_obstacle_that_moves_the_relative_velocity_is_along_the_tangent() -> None:
+    crossing = Ellipse(8.0, -8.0, 3.0, 3.0, 100.0, 0.0, 1.5)  # would be in the way just in time
+    place, wanted = np.array([2.0, 0.0, -5.0]), np.array([2.0, 0.0, 0.0])
+    around = flown(place, wanted, sliding_m_s=2.0, ellipses={"c": crossing})
+    assert around.tolist() != wanted.tolist()
+    still = flown(place, wanted, sliding_m_s=2.0, ellipses={"c": Ellipse(8.0, -8.0, 3.0, 3.0, 100.0)})
+    assert still.tolist() == wanted.tolist()
+
+
+def test_one_that_rests_makes_way_for_an_obstacle_that_comes() -> None:
+    coming = Ellipse(-8.0, 1.0, 4.0, 4.0, 100.0, 2.0, 0.0)
+    away = flown(np.array([0.0, 0.0, -5.0]), np.zeros(3), ellipses={"c": coming})
+    assert away[1] < -0.3
+    assert np.hypot(away[0], away[1]) < 2.0
+
+
+def test_the_side_that_turns_the_formation_least_is_chosen_and_kept() -> None:
+    center, wanted = np.array([-40.0, -2.0, -10.0]), np.array([2.0, 0.0, 0.0])
+    around, sides = led(center, wanted, {"r": ROUND})
+    assert sides == {"r": LEFT}
+    assert around[1] < 0.0
+    assert led(center * (1, -1, 1), wanted, {"r": ROUND})[1] == {"r": RIGHT}
+    kept, still = led(center * (1, -1, 1), wanted, {"r": ROUND}, sides)
+    assert still == sides
+    assert kept[1] < 0.0
 
 
 @pytest.mark.parametrize("turn_rad", np.linspace(-pi, pi, 9))
 def test_the_choice_does_not_flip_where_angles_wrap(turn_rad: float) -> None:
     c, s = cos(turn_rad), sin(turn_rad)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    assert choose_side(ROUND, turn @ (-20.0, -2.0, -10.0), turn @ (2.0, 0.0, 0.0)) == LEFT
+    way = Way(turn[:2, :2] @ (60.0, 0.0), 80.0)
+    _, sides = led(turn @ (-40.0, -2.0, -10.0), turn @ (2.0, 0.0, 0.0), {"r": ROUND}, way=way)
+    assert sides == {"r": LEFT}
 
 
-def test_the_whole_formation_passes_on_one_side_and_keeps_to_it() -> None:
+def test_all_drones_of_a_formation_pass_on_the_side_it_chose() -> None:
     swarm = np.array([[-11.0, -4.0, -5.0], [-11.0, 4.0, -5.0], [-14.0, 0.0, -5.0]])
-    center = Center(swarm.mean(axis=0) + np.array([0.0, 0.5, 0.0]), np.array([2.0, 0.0, 0.0]), np.zeros(3))
-    wanted = np.array([2.0, 0.0, 0.0])
-    ellipses = {"r": ROUND}
-    chosen = update_sides({}, ellipses, swarm, center, wanted, LAW)
-    assert chosen == {"r": RIGHT}
-    kept = update_sides(chosen, ellipses, swarm * (1, -1, 1), center, wanted * (1, -1, 1), LAW)
-    assert kept == chosen
-    around = avoid_all(swarm, np.tile(wanted, (3, 1)), ellipses, chosen, np.full(3, 2.0), LAW)
+    wanted = np.tile([2.0, 0.0, 0.0], (3, 1))
+    around = avoid_all(swarm, wanted, {"r": ROUND}, {"r": RIGHT}, np.full(3, 2.0), AVOIDANCE)
     assert (around[:, 1] > 0.0).all()
 
 
-def test_a_side_is_chosen_only_near_and_forgotten_once_past() -> None:
-    ellipses, wanted = {"r": ROUND}, np.array([2.0, 0.0, 0.0])
-    far = np.array([[-60.0, 1.0, -5.0]])
-    beside = np.array([[-15.0, 1.0, -5.0]])
-    assert update_sides({}, ellipses, far, Center.at_rest(far[0]), wanted, LAW) == {}
-    assert update_sides({"r": LEFT}, ellipses, far, Center.at_rest(far[0]), wanted, LAW) == {}
-    assert update_sides({}, ellipses, beside, Center.at_rest(beside[0]), -wanted, LAW) == {}
-    assert update_sides({"r": LEFT}, ellipses, beside, Center.at_rest(beside[0]), -wanted, LAW) == {"r": LEFT}
+def test_the_centre_keeps_the_whole_sphere_clear() -> None:
+    center, wanted = np.array([-40.0, -2.0, -10.0]), np.array([2.0, 0.0, 0.0])
+    for _ in range(400):
+        center = center + 0.2 * led(center, wanted, {"r": ROUND}, {"r": LEFT})[0]
+        assert np.hypot(*center[:2]) > 5.0 + 10.0 + 2.5
+        toward = np.array([60.0, 0.0, -10.0]) - center
+        wanted = 2.0 * toward / max(float(np.linalg.norm(toward)), 2.0)
+    assert center == pytest.approx([60.0, 0.0, -10.0], abs=0.5)
 
 
-def test_the_nearest_of_several_obstacles_has_the_last_word() -> None:
-    near = Ellipse(5.0, 0.0, 3.0, 3.0, 100.0)
-    far = Ellipse(14.0, 3.0, 4.0, 4.0, 100.0)
-    place = np.array([[-0.5, 0.0, -5.0]])
-    wanted = np.array([[2.0, 0.0, 0.0]])
-    around = avoid_all(place, wanted, {"near": near, "far": far}, {}, np.array([2.0]), LAW)
-    reordered = avoid_all(place, wanted, {"far": far, "near": near}, {}, np.array([2.0]), LAW)
-    assert around == pytest.approx(reordered)
-    assert not heads_into(near, place, around)[0]
+def test_of_a_sphere_that_is_mostly_above_the_box_only_what_is_below_counts() -> None:
+    wanted = np.array([2.0, 0.0, 0.0])
+    assert led(np.array([-40.0, 10.0, -21.0]), wanted, {"r": ROUND})[0][1] > 0.0
+    assert led(np.array([-40.0, 10.0, -29.9]), wanted, {"r": ROUND})[0].tolist() == wanted.tolist()
+    assert led(np.array([-40.0, 0.0, -30.1]), wanted, {"r": ROUND})[0].tolist() == wanted.tolist()
+
+
+def test_a_destination_close_to_an_obstacle_is_reached_and_one_within_it_is_not_circled() -> None:
+    wanted = np.array([2.0, 0.0, 0.0])
+    beside = Way(np.array([-9.0, 0.0]), 3.0)
+    assert led(np.array([-12.0, 0.0, -10.0]), wanted, {"r": ROUND}, way=beside)[0].tolist() == wanted.tolist()
+    within = Way(np.array([0.0, 0.0]), 5.5)
+    waits, _ = led(np.array([-5.5, 0.0, -10.0]), np.array([2.0, 0.0, 0.0]), {"r": ROUND}, way=within)
+    assert np.hypot(waits[0], waits[1]) < 0.9
+
+
+def test_a_side_is_forgotten_when_nobody_is_near_any_more_and_the_way_is_free() -> None:
+    wanted = np.array([2.0, 0.0, 0.0])
+    assert led(np.array([60.0, 1.0, -5.0]), wanted, {"r": ROUND}, {"r": LEFT})[1] == {}
+    assert led(np.array([20.0, 1.0, -5.0]), wanted, {"r": ROUND}, {"r": LEFT})[1] == {"r": LEFT}
+    assert led(np.array([-15.0, 1.0, -5.0]), -wanted, {"r": ROUND})[1] == {}
+
+
+def test_a_side_once_chosen_is_kept_although_turning_back_would_change_less() -> None:
+    boxes = (
+        Obstacle("by", -11.3, 84.5, 4.8, 4.4, 32.8),
+        Obstacle("ahead", -4.8, 120.5, 3.6, 2.5, 40.2),
+        Obstacle("beyond", -14.6, 77.0, 4.3, 6.4, 22.1),
+        Obstacle("far", -22.1, 79.6, 7.9, 5.9, 21.2),
+    )
+    ellipses = {box.id: Ellipse.around(box, margin_m=2.0, headroom_m=3.0) for box in boxes}
+    center, wanted = np.array([15.0, 110.8, -20.0]), np.array([-3.02, 0.39, 0.0])
+    way = Way(np.array([-28.4, 116.6]), 43.8)
+    for side in (LEFT, RIGHT):
+        around, sides = led(center, wanted, ellipses, {"ahead": side}, way=way)
+        assert around[1] * side < -2.5  # left of a heading along -x is +y
+        assert sides["ahead"] == side
+
+
+def test_a_formation_that_hovers_makes_way_for_an_obstacle_that_comes_and_not_for_one_that_does_not() -> None:
+    coming = Ellipse(-25.0, 3.0, 5.0, 5.0, 100.0, 1.5, 0.0)
+    center = np.array([0.0, 0.0, -20.0])
+    here = Way(center[:2], 0.0)
+    away, sides = led(center, np.zeros(3), {"c": coming}, way=here)
+    assert away[1] < -0.3
+    assert sides == {"c": RIGHT}
+    going = Ellipse(-30.0, 3.0, 5.0, 5.0, 100.0, -1.5, 0.0)
+    assert led(center, np.zeros(3), {"c": going}, way=here)[0].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_the_way_ahead_ends_at_the_target_goes_round_it_or_is_none_while_assembling() -> None:
+    plan = Plan(Formation(10.0, 20.0), Orbit(0.0, 2.0), Target(30.0, 40.0))
+    center = np.array([0.0, 0.0, -20.0])
+    way = way_ahead(center, plan, 0.0, moves=True, reach_m=200.0)
+    assert way.ends_m is not None
+    assert way.ends_m.tolist() == [30.0, 40.0]
+    assert way.straight_m == pytest.approx(50.0)
+    waiting = way_ahead(center, plan, 0.0, moves=False, reach_m=200.0)
+    assert waiting.straight_m == 0.0
+    round_it = Plan(Formation(10.0, 20.0), Orbit(30.0, 2.0), Target(30.0, 40.0))
+    circling = way_ahead(center, round_it, 0.0, moves=True, reach_m=200.0)
+    assert circling.ends_m is None
+    assert circling.straight_m == 30.0
 
 
 def test_obstacles_out_of_everybodys_reach_cost_nothing_and_change_nothing() -> None:
@@ -233,10 +368,20 @@ def test_obstacles_out_of_everybodys_reach_cost_nothing_and_change_nothing() -> 
     place, wanted = random.normal(size=(8, 3)) * 12.0, random.normal(size=(8, 3)) * 3.0
     place[:, 2] -= 30.0
     slides = np.full(8, 2.0)
-    by_distance = sorted(ellipses, key=lambda name: -float(ellipses[name].distance_m(place).min()))
-    expected, near = wanted, 0
-    for name in by_distance:
-        before, near = expected, near + int(ellipses[name].distance_m(place).min() < 12.0)
-        expected = avoid(place, before, ellipses[name], LAW.avoidance, side=np.zeros(8), sliding_m_s=slides)
-    assert 0 < near < 32
-    assert avoid_all(place, wanted, ellipses, {}, slides, LAW).tolist() == expected.tolist()
+    near = {name: e for name, e in ellipses.items() if float(e.distance_m(place).min()) < 12.0}
+    assert 0 < len(near) < 32
+    expected = avoid_all(place, wanted, near, {}, slides, AVOIDANCE)
+    assert avoid_all(place, wanted, ellipses, {}, slides, AVOIDANCE).tolist() == expected.tolist()
+    far = {name: e for name, e in ellipses.items() if name not in near}
+    assert avoid_all(place, wanted, far, {}, slides, AVOIDANCE) is wanted
+
+
+def test_after_the_warm_up_nothing_is_compiled_any_more() -> None:
+    warm_up()
+    kernels: list[Any] = [steer, push, contacts_m]
+    known = [len(each.signatures) for each in kernels]
+    place, wanted = np.array([[-8.0, 0.0, -5.0]]), np.array([[2.0, 0.0, 0.0]])
+    place.setflags(write=False)  # as in FleetState
+    avoid_all(place, wanted, {"r": ROUND}, {}, np.array([1.0]), AVOIDANCE)
+    led(place[0], wanted[0], {"r": ROUND})
+    assert [len(each.signatures) for each in kernels] == known

@@ -7,10 +7,13 @@ import pytest
 
 from gcs.formation.law import LawSettings, wanted_center_velocity
 from gcs.formation.orbit import (
+    PACE_LEAST,
+    PACE_LOST_MAX_PER_S,
     Center,
     advance_center,
     followed_target,
     held_within,
+    next_pace,
     orbit_velocity,
     target_reach_m,
     within_ground_speed,
@@ -109,8 +112,12 @@ def test_a_small_change_of_the_centre_is_made_at_once() -> None:
 
 def test_the_centre_climbs_to_its_height_no_faster_than_allowed() -> None:
     plan = Plan(Formation(5.0, 30.0), Orbit(0.0, 2.0), Target(10.0, 0.0))
-    low = wanted_center_velocity(Center.at_rest(np.array([10.0, 0.0, -10.0])), plan, 0.0, LAW, reach_m=200.0)
-    near = wanted_center_velocity(Center.at_rest(np.array([10.0, 0.0, -30.5])), plan, 0.0, LAW, reach_m=200.0)
+    low = wanted_center_velocity(
+        Center.at_rest(np.array([10.0, 0.0, -10.0])), plan, 0.0, LAW, reach_m=200.0, pace=1.0
+    )
+    near = wanted_center_velocity(
+        Center.at_rest(np.array([10.0, 0.0, -30.5])), plan, 0.0, LAW, reach_m=200.0, pace=1.0
+    )
     assert low == pytest.approx(np.array([0.0, 0.0, -LAW.climb_max_m_s]))
     assert near == pytest.approx(np.array([0.0, 0.0, 0.5 * LAW.goal_rate_per_s]))
 
@@ -118,7 +125,7 @@ def test_the_centre_climbs_to_its_height_no_faster_than_allowed() -> None:
 def test_a_moving_target_is_orbited_where_it_is_by_now() -> None:
     plan = Plan(Formation(5.0, 30.0), Orbit(10.0, 2.0), Target(0.0, 0.0, 1.0, 0.0, time_s=100.0))
     center = Center.at_rest(np.array([20.0, 10.0, -30.0]))  # at 120 s right beside the target, on the circle
-    wanted = wanted_center_velocity(center, plan, 120.0, LAW, reach_m=200.0)
+    wanted = wanted_center_velocity(center, plan, 120.0, LAW, reach_m=200.0, pace=1.0)
     assert wanted == pytest.approx(np.array([1.0 + 2.0, 0.0, 0.0]))
 
 
@@ -168,3 +175,18 @@ def test_the_outward_motion_is_bounded_by_what_can_still_be_stopped() -> None:
     assert held_within(np.array([-6.0, 3.0]), np.array([92.0, 0.0]), 100.0, 1.0).tolist() == [-6.0, 3.0]
     beyond = held_within(np.array([1.0, 3.0]), np.array([105.0, 0.0]), 100.0, 1.0)
     assert beyond == pytest.approx(np.array([0.0, 3.0]))
+
+
+def test_the_orbit_slows_down_while_somebody_is_left_behind_and_speeds_up_again() -> None:
+    slowed = next_pace(1.0, 2.0, 0.05)
+    assert slowed == pytest.approx(1.0 - 0.05 * PACE_LOST_MAX_PER_S)
+    assert slowed < next_pace(slowed, 0.0, 0.05) < 1.0
+    assert next_pace(1.0, 0.0, 0.05) == 1.0
+    assert next_pace(PACE_LEAST, 100.0, 0.05) == PACE_LEAST
+
+
+def test_the_targets_own_velocity_is_not_slowed_down() -> None:
+    plan = Plan(Formation(5.0, 30.0), Orbit(10.0, 2.0), Target(0.0, 0.0, 1.0, 0.0))
+    center = Center.at_rest(np.array([0.0, 10.0, -30.0]))
+    wanted = wanted_center_velocity(center, plan, 0.0, LAW, reach_m=200.0, pace=0.5)
+    assert wanted == pytest.approx(np.array([1.0 + 1.0, 0.0, 0.0]))

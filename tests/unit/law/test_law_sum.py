@@ -1,73 +1,82 @@
-"""The flown law as a whole: what is added up, and what each part is for."""
+"""The flown law as a whole: each drone's way to its place, and what breaks symmetry."""
 
 import numpy as np
 import pytest
 
-from gcs.formation.law import LawSettings, formation_velocity, goal_velocity, kick_directions
-from gcs.formation.orbit import Center
+from gcs.formation.law import (
+    LawSettings,
+    begun,
+    directions_from,
+    goal_velocity,
+    kick_of,
+    kicks,
+    place_velocity,
+)
+from gcs.formation.repulsion import sweep
 from gcs.state import Array
 
 LAW = LawSettings()
 CENTER = np.array([5.0, -3.0, -20.0])
 OCTAHEDRON = np.vstack([np.eye(3), -np.eye(3)])  # the best shape for six
-LATER_S = 1e3  # long after the symmetry was broken
+SQUARE = np.array([[1.0, 0, 0], [0, 1.0, 0], [-1.0, 0, 0], [0, -1.0, 0]])
+NAMES = ("a", "b", "c", "d")
 
 
-def law(position: Array, center: Center, *, engaged_s: float = LATER_S) -> Array:
-    n = len(position)
-    return formation_velocity(
-        position,
-        np.ones(n),
-        kick_directions(np.arange(n, dtype=np.float64)),
-        np.full(n, engaged_s),
-        center,
-        radius_m=10.0,
-        settings=LAW,
+def led(position: Array, place: Array) -> Array:
+    direction, distance_m = directions_from(position, CENTER)
+    return place_velocity(direction, distance_m, place, 10.0, LAW.place_rate_per_s, LAW.speed_m_s)
+
+
+def test_in_its_place_nobody_moves_relative_to_the_centre() -> None:
+    assert led(CENTER + 10.0 * OCTAHEDRON, OCTAHEDRON) == pytest.approx(np.zeros((6, 3)), abs=1e-9)
+
+
+def test_near_its_place_everybody_flies_straight_there_at_the_rate() -> None:
+    off = np.random.default_rng(1).normal(size=(6, 3)) * 0.01
+    velocity = led(CENTER + 10.0 * OCTAHEDRON + off, OCTAHEDRON)
+    assert velocity == pytest.approx(-LAW.place_rate_per_s * off, abs=1e-4)
+
+
+def test_the_way_to_the_other_side_leads_along_the_sphere_and_not_through_it() -> None:
+    velocity = led(CENTER + np.array([[10.0, 0.0, 0.0]]), np.array([[-0.99, 0.0, -np.sqrt(1 - 0.99**2)]]))
+    assert velocity == pytest.approx(np.array([[0.0, 0.0, -LAW.speed_m_s]]), abs=1e-9)
+
+
+def test_nobody_is_led_faster_than_the_laws_speed() -> None:
+    far = CENTER + 300.0 * OCTAHEDRON[::-1]
+    assert np.linalg.norm(led(far, OCTAHEDRON), axis=1) == pytest.approx(np.full(6, LAW.speed_m_s))
+
+
+def test_one_at_the_very_centre_and_one_opposite_its_place_are_led_somewhere_finite() -> None:
+    position = CENTER + np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
+    velocity = led(position, np.array([[0.0, 0, -1], [-1.0, 0, 0]]))
+    assert np.isfinite(velocity).all()
+    assert velocity[0, 2] < 0.0
+
+
+def test_an_exactly_symmetric_start_is_broken_at_once_and_by_little() -> None:
+    place = begun(SQUARE, NAMES, np.arange(4), LAW)
+    assert np.abs(place[:, 2]).max() > 1e-3
+    assert np.linalg.norm(place - SQUARE, axis=1).max() <= LAW.symmetry_rad
+    change = np.zeros((4, 3))
+    place, change = sweep(place, change, SQUARE, np.ones(4), 100, 0.0)
+    assert np.linalg.norm(place[:, None] - place[None], axis=2)[0, 1:] == pytest.approx(
+        np.full(3, 1.633), abs=1e-3
     )
 
 
-def test_in_the_right_shape_everybody_goes_with_the_centre() -> None:
-    shape = CENTER + 10.0 * OCTAHEDRON
-    center = Center(CENTER, np.array([1.0, 2.0, -0.5]), np.zeros(3))
-    assert law(shape, center) == pytest.approx(np.tile([1.0, 2.0, -0.5], (6, 1)), abs=1e-3)
-
-
-def test_a_shape_that_lags_behind_as_a_whole_is_called_back() -> None:
-    shape = CENTER + 10.0 * OCTAHEDRON + (0.5, 0.0, 0.0)
-    mean = law(shape, Center.at_rest(CENTER)).mean(axis=0)
-    assert mean[0] < -LAW.centroid_rate_per_s * 0.5
-    assert abs(mean[1]) < 0.1
-
-
-def test_calling_back_is_bounded() -> None:
-    away = CENTER + 10.0 * OCTAHEDRON + (500.0, 0.0, 0.0)
-    alone = law(away, Center.at_rest(CENTER))
-    bound = 2 * LAW.speed_m_s + LAW.centroid_speed_max_m_s
-    assert (np.linalg.norm(alone, axis=1) <= bound + 1e-9).all()
-
-
-def test_one_drone_alone_flies_to_the_sphere_and_not_to_its_centre() -> None:
-    on_the_shell = CENTER + np.array([[10.0, 0.0, 0.0]])
-    assert law(on_the_shell, Center.at_rest(CENTER)) == pytest.approx(np.zeros((1, 3)), abs=1e-9)
-
-
-def test_an_exactly_symmetric_start_is_broken_at_once_and_the_kick_fades() -> None:
-    square = CENTER + 10.0 * np.array([[1.0, 0, 0], [0, 1.0, 0], [-1.0, 0, 0], [0, -1.0, 0]])
-    begun = law(square, Center.at_rest(CENTER), engaged_s=0.0)
-    later = law(square, Center.at_rest(CENTER), engaged_s=LATER_S)
-    assert np.abs(begun[:, 2]).max() > 0.05
-    assert np.abs(later).max() < 1e-6
-    kick = np.linalg.norm(begun - later, axis=1)
-    assert kick == pytest.approx(np.full(4, LAW.symmetry_speed_m_s))
-
-
 def test_every_drone_has_a_kick_of_its_own_the_same_every_time() -> None:
-    seeds = np.array([1.0, 2.0, 3.0])
-    kicks = kick_directions(seeds)
-    assert np.linalg.norm(kicks, axis=1) == pytest.approx(np.ones(3))
-    assert kick_directions(seeds[::-1]).tolist() == kicks[::-1].tolist()
-    assert np.abs(kicks[0] - kicks[1]).max() > 0.1
-    assert kick_directions(np.zeros(0)).shape == (0, 3)
+    assert len({kick_of(f"d{i}") for i in range(1000)}) == 1000
+    assert kick_of("d1") == kick_of("d1")
+    assert max(np.hypot(*kick_of(f"d{i}")) for i in range(1000)) <= 1.0
+    order = np.array([2, 0, 3, 1])
+    assert kicks(SQUARE[order], NAMES, order).tolist() == kicks(SQUARE, NAMES, np.arange(4))[order].tolist()
+    assert kicks(np.zeros((0, 3)), NAMES, np.arange(0)).shape == (0, 3)
+
+
+def test_straight_above_the_centre_there_is_a_kick_too() -> None:
+    above = np.array([[0.0, 0.0, -1.0]])
+    assert np.linalg.norm(kicks(above, NAMES, np.array([1]))) == pytest.approx(np.hypot(*kick_of("b")))
 
 
 def test_a_goal_far_away_is_approached_at_the_laws_speed_and_a_near_one_gently() -> None:

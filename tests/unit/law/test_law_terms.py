@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gcs.errors import InvalidError
-from gcs.formation.repulsion import spread_directions, spreading_velocity
-from gcs.formation.response import compensate, limit_change, scale_to_limits
+from gcs.formation.repulsion import CHANGE_MAX_RAD, SWEEP_MAX_RAD, pushes, repulsion_force, sweep, sweeps_for
+from gcs.formation.response import compensate, correct_trim, limit_change, scale_to_limits, shrink_relative
 from gcs.formation.sphere import sphere_velocity
 from gcs.formation.thomson import (
     best_configuration,
@@ -47,8 +47,9 @@ def test_a_drone_at_the_very_centre_is_sent_up() -> None:
 # spreading
 
 
-def spread(direction: Array, steps: int = 400) -> Array:
-    return spread_directions(direction, np.ones(len(direction)), steps=steps)
+def spread(direction: Array, sweeps: int = 400, charge: Array | None = None) -> Array:
+    charge = np.ones(len(direction)) if charge is None else charge
+    return sweep(direction, np.zeros_like(direction), direction, charge, sweeps, 0.0)[0]
 
 
 def random_directions(count: int, seed: int) -> Array:
@@ -59,7 +60,7 @@ def random_directions(count: int, seed: int) -> Array:
 
 @pytest.mark.parametrize(
     ("count", "best"),
-    [(2, 0.5), (3, 1.732051), (4, 3.674235), (6, 9.985281), (8, 19.675288), (12, 49.165253)],
+    [(2, 0.5), (3, 1.732051), (4, 3.674235), (6, 9.985281), (8, 19.675288), (12, 49.165253), (50, 1055.182)],
 )
 def test_repulsion_alone_leads_to_the_best_shape_known(count: int, best: float) -> None:
     assert energy(spread(random_directions(count, seed=1))) == pytest.approx(best, rel=1e-4)
@@ -68,39 +69,47 @@ def test_repulsion_alone_leads_to_the_best_shape_known(count: int, best: float) 
 def test_eight_drones_off_a_cube_settle_in_the_square_antiprism() -> None:
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / sqrt(3.0)
     nudged = corners + 0.02 * random_directions(8, seed=2)
-    settled = spread(nudged / np.linalg.norm(nudged, axis=1, keepdims=True), steps=2000)
+    settled = spread(nudged / np.linalg.norm(nudged, axis=1, keepdims=True), sweeps=2000)
     assert energy(corners) == pytest.approx(19.7408, abs=1e-3)
     assert energy(settled) == pytest.approx(19.675288, rel=1e-5)
 
 
-def test_looking_ahead_turns_nobody_by_more_than_the_step_allows() -> None:
-    crowded = np.array([[1.0, 0.0, 0.0], [1.0, 1e-4, 0.0]])
+def test_one_sweep_turns_nobody_by_more_than_it_may() -> None:
+    crowded = np.array([[1.0, 0.0, 0.0], [1.0, 1e-3, 0.0]])
     crowded = crowded / np.linalg.norm(crowded, axis=1, keepdims=True)
-    ahead = spread(crowded, steps=1)
-    turned_rad = np.arccos(np.clip((ahead * crowded).sum(axis=1), -1.0, 1.0))
-    assert turned_rad == pytest.approx(np.arctan([0.15, 0.15]), rel=1e-6)
+    turned = np.linalg.norm(spread(crowded, sweeps=1) - crowded, axis=1)
+    assert turned == pytest.approx([SWEEP_MAX_RAD, SWEEP_MAX_RAD], rel=1e-2)
+    _, change = sweep(crowded, np.zeros((2, 3)), crowded, np.ones(2), 20, 0.0)
+    assert (np.linalg.norm(change, axis=1) <= CHANGE_MAX_RAD * (1 + 1e-9)).all()
 
 
-def test_spreading_is_bounded_and_along_the_sphere_only() -> None:
-    place = np.array([[10.0, 0.0, 0.0], [10.0, 0.5, 0.0], [0.0, 0.0, 3.0]])
-    velocity = spreading_velocity(
-        place, ORIGIN, np.ones(3), radius_m=10.0, rate_per_s=0.8, speed_max_m_s=2.0, steps=20
+def test_the_fast_sum_is_the_articles_force() -> None:
+    direction, charge = random_directions(40, seed=5), np.linspace(0.5, 2.0, 40)
+    exact = repulsion_force(direction, charge, gain=1.0)
+    assert np.abs(pushes(direction, charge) - exact).max() < 1e-5 * np.abs(exact).max()
+
+
+def test_drones_in_one_direction_do_not_push_each_other() -> None:
+    assert np.isfinite(spread(np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))).all()
+
+
+def test_large_fleets_make_fewer_sweeps_a_tick_but_never_none() -> None:
+    assert [sweeps_for(count, 4) for count in (0, 1, 1000, 1400, 2000, 10_000)] == [4, 4, 4, 2, 1, 1]
+
+
+def test_places_follow_drones_that_cannot_reach_them() -> None:
+    place = best_configuration(4, starts=2)
+    angle_rad = 0.5
+    turn = np.array(
+        [[np.cos(angle_rad), -np.sin(angle_rad), 0], [np.sin(angle_rad), np.cos(angle_rad), 0], [0, 0, 1]]
     )
-    assert (np.linalg.norm(velocity, axis=1) <= 2.0 + 1e-9).all()
-    assert (velocity * place).sum(axis=1) == pytest.approx(np.zeros(3), abs=1e-9)
-    assert (velocity[0] - velocity[1]) @ (place[0] - place[1]) > 0.0
-
-
-def test_drones_in_the_same_place_and_at_the_centre_get_finite_velocities() -> None:
-    place = np.array([[5.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    velocity = spreading_velocity(
-        place, ORIGIN, np.ones(3), radius_m=5.0, rate_per_s=0.8, speed_max_m_s=2.0, steps=5
-    )
-    assert np.isfinite(velocity).all()
+    held = place @ turn.T
+    followed, _ = sweep(place, np.zeros((4, 3)), held, np.ones(4), 4000, 0.002)
+    assert followed == pytest.approx(held, abs=1e-3)
 
 
 def test_a_larger_charge_keeps_the_others_farther_away() -> None:
-    direction = spread_directions(random_directions(4, seed=3), np.array([3.0, 1.0, 1.0, 1.0]), steps=800)
+    direction = spread(random_directions(4, seed=3), charge=np.array([3.0, 1.0, 1.0, 1.0]))
     distance = np.linalg.norm(direction[:, None] - direction[None], axis=2)
     from_heavy = distance[0, 1:]
     between_light = np.array([distance[1, 2], distance[1, 3], distance[2, 3]])
@@ -149,10 +158,10 @@ def test_the_inner_loop_asks_for_more_where_the_vehicle_lags() -> None:
     setpoint = compensate(
         np.array([[2.0, 0.0, 1.0]]),
         np.array([[1.0, 0.0, 0.5]]),
-        np.array([0.4, 0.0, 0.0]),
-        gain=1.5,
-        vertical_gain=0.2,
-        lead_s=0.5,
+        np.array([[0.4, 0.0, 0.0]]),
+        1.5,
+        0.2,
+        0.5,
     )
     assert setpoint == pytest.approx(np.array([[3.7, 0.0, 1.1]]))
 
@@ -160,8 +169,84 @@ def test_the_inner_loop_asks_for_more_where_the_vehicle_lags() -> None:
 def test_the_wanted_velocity_changes_no_faster_than_the_acceleration() -> None:
     before = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     wanted = np.array([[3.0, 4.0, 0.0], [1.05, 0.0, 0.0]])
-    followed = limit_change(wanted, before, 2.0, 0.1)
+    followed = limit_change(wanted, before, before, 2.0, 0.1)
     assert followed == pytest.approx(np.array([[0.12, 0.16, 0.0], [1.05, 0.0, 0.0]]))
+
+
+def test_who_was_not_commanded_before_starts_from_the_measured_velocity() -> None:
+    wanted, unknown, measured = (
+        np.array([[3.0, 4.0, 0.0]]),
+        np.full((1, 3), np.nan),
+        np.array([[0.0, 1.0, 0.0]]),
+    )
+    followed = limit_change(wanted, unknown, measured, 2.0, 0.1)
+    assert followed == pytest.approx(measured + 0.2 * np.array([[1.0, 1.0, 0.0]]) / sqrt(2.0))
+
+
+LIMITLESS = np.full(1, np.inf)
+
+
+def test_what_is_common_to_all_is_kept_and_the_relative_part_shrinks() -> None:
+    base = np.array([3.0, 0.0, 0.0])
+    # |(3 + 4 s, 0)| = 5 and 1 m/s of climbing out of 2
+    ahead = shrink_relative(base, np.array([[4.0, 0.0, 0.0]]), 5.0, 1.0, 1.0, LIMITLESS)
+    climbing = shrink_relative(base, np.array([[2.0, 0.0, -2.0]]), 5.0, 1.0, 1.0, LIMITLESS)
+    slow = shrink_relative(base, np.array([[0.0, 0.0, -2.0]]), 9.0, 9.0, 9.0, np.array([3.5]))
+    assert ahead == pytest.approx(np.array([[5.0, 0.0, 0.0]]))
+    assert climbing == pytest.approx(np.array([[4.0, 0.0, -1.0]]))
+    assert slow == pytest.approx(np.array([[3.0, 0.0, -sqrt(3.5**2 - 9.0)]]))
+
+
+def test_a_formation_faster_than_the_limit_leaves_nothing_for_the_relative_part() -> None:
+    base = np.array([6.0, 0.0, 0.0])
+    assert shrink_relative(base, np.array([[-1.0, 1.0, 0.0]]), 5.0, 1.0, 1.0, LIMITLESS) == pytest.approx(
+        base[None]
+    )
+
+
+def trimmed(measured: Array, *, wished: float = 0.0, trim: float = 0.0, ticks: int = 1) -> Array:
+    """After being told to fly at (2, 0, 0), of which 1 is the formation's."""
+    one = np.array([[1.0, 0.0, 0.0]])
+    trim_m_s, expected = trim * one, np.full((1, 3), np.nan)
+    for _ in range(ticks):
+        trim_m_s, expected = correct_trim(
+            trim_m_s,
+            expected,
+            2.0 * one,
+            measured,
+            one,
+            np.ones(1, dtype=bool),
+            wished * one,
+            0.0 * one,
+            0.05,
+            0.4,
+            1.0,
+            0.5,
+            4.0,
+        )
+    return trim_m_s
+
+
+def test_a_vehicle_that_stays_too_slow_is_told_to_fly_faster_and_no_more_than_so() -> None:
+    slow = np.array([[0.5, 0.0, 0.0]])
+    assert 0.0 < trimmed(slow)[0, 0] < trimmed(slow, ticks=20)[0, 0]
+    assert trimmed(slow, ticks=4000) == pytest.approx(np.array([[4.0, 0.0, 0.0]]))
+
+
+def test_at_a_limit_the_trim_does_not_grow_but_may_shrink() -> None:
+    assert trimmed(np.array([[0.5, 0.0, 0.0]]), wished=12.0, trim=1.0, ticks=50)[0, 0] == 1.0
+    assert trimmed(np.array([[3.5, 0.0, 0.0]]), wished=12.0, trim=1.0, ticks=50)[0, 0] < 1.0
+
+
+def test_a_vehicle_that_answers_as_expected_is_not_trimmed() -> None:
+    assert np.abs(trimmed(np.array([[2.0, 0.0, 0.0]]), ticks=400)).max() < 1e-9
+
+
+def test_who_is_not_commanded_is_forgotten() -> None:
+    here, nobody = np.ones((1, 3)), np.zeros(1, dtype=bool)
+    trim, expected = correct_trim(here, here, here, here, here, nobody, here, here, 0.05, 0.4, 1.0, 0.5, 4.0)
+    assert (trim == 0.0).all()
+    assert np.isnan(expected).all()
 
 
 # yaw

@@ -138,7 +138,7 @@ def test_a_penetration_is_inside_the_box_grown_by_a_metre_and_below_its_top_plus
         place = np.array([(x_m, 0.0, -height_m), (30.0, 30.0, -10.0)])
         record = record_of([place] * 3)
         record.boxes = [(Obstacle("b", 0.0, 0.0, 4.0, 4.0, 10.0),)] * 3
-        return measure.obstacles(record)["penetrations"]
+        return measure.obstacles(record, measure.shape_over_time(record))["penetrations"]
 
     assert [penetrations(4.9, 10.9), penetrations(5.1, 10.9), penetrations(4.9, 11.1)] == [1, 0, 0]
 
@@ -181,6 +181,7 @@ def test_a_report_names_every_section_of_every_kind_of_flight() -> None:
         "tracking",
         "obstacles",
         "arrival",
+        "article",
         "tick",
     ]
     assert figures["duration_s"] == 2.0

@@ -1,0 +1,218 @@
+"""Section 5 of the article: its own law, parameters and virtual dynamics, instead of the tick that flies."""
+
+import time
+from dataclasses import dataclass, field
+from math import sqrt
+
+import numpy as np
+
+from gcs.cli.simulation.layout import scattered_m
+from gcs.cli.simulation.record import Record
+from gcs.cli.simulation.scenario import ArticleFlight, Scenario
+from gcs.formation.article import (
+    avoiding_force,
+    feed_forward_force,
+    formation_force,
+    step_center,
+    step_virtual,
+)
+from gcs.formation.obstacles import Ellipse
+from gcs.formation.orbit import Center, orbit_velocity
+from gcs.formation.steering import Way, steer_center
+from gcs.plan import Obstacle, Target
+from gcs.safety.separation import Floor, scaled_distance_m
+from gcs.state import Array
+
+SUBSTEPS = 10
+"""Steps of the virtual dynamics in a tick; at 20 Hz they last 5 ms."""
+
+JUDGED_S = 10.0
+"""Edges and orbit are judged over so long at the end: more than once round the orbit."""
+
+AWARE_M = 40.0
+"""Boxes farther from the centre than this are passed over: they are beyond every reach of the avoidance."""
+
+VERTICES = 4
+TETRAHEDRON_EDGE = sqrt(8.0 / 3.0)
+"""Of the regular tetrahedron in the unit sphere: 1.633."""
+
+
+@dataclass(slots=True, eq=False)
+class VirtualFormation:
+    """Drones, their centre and the sides chosen: what the virtual dynamics move. Show frame."""
+
+    position_m: Array  # (n, 3)
+    velocity_m_s: Array  # (n, 3)
+    center: Center
+    sides: dict[str, float] = field(default_factory=dict)
+
+
+def fly_article(scenario: Scenario, flight: ArticleFlight, count: int, seed: int) -> Record:
+    """Fly it once. Raises: ConfigError when the vehicles do not fit where they are to start."""
+    start_m = _start_m(flight, count, np.random.default_rng([seed, 1]))
+    course = Course.of(flight, count)
+    formation = VirtualFormation(
+        start_m, np.zeros_like(start_m), Center.at_rest(np.append(course.target_m(0.0), -flight.height_m))
+    )
+    floor = scenario.control.safety.floor
+    record = Record(scenario, seed, start_m, np.full_like(start_m, np.nan), floor.horizontal_m)
+    tick_s = 1.0 / scenario.world.tick_rate_hz
+    began_s = time.perf_counter()
+    for index in range(round(scenario.duration_s * scenario.world.tick_rate_hz)):
+        now_s = index * tick_s
+        _keep(record, now_s, formation, course)
+        tick_began_s, least_m = time.perf_counter(), np.inf
+        for substep in range(SUBSTEPS):
+            _step(formation, course, now_s + substep * tick_s / SUBSTEPS, tick_s / SUBSTEPS)
+            least_m = min(least_m, _closest_m(formation.position_m, floor, record))
+        record.tick_s.append((time.perf_counter() - tick_began_s) / SUBSTEPS)
+        record.closest_m.append(least_m)
+    record.wall_s = time.perf_counter() - began_s
+    return record
+
+
+def _start_m(flight: ArticleFlight, count: int, random: np.random.Generator) -> Array:
+    half_m = np.full(3, flight.start_half_m)
+    start_m = scattered_m(count, -half_m, half_m, flight.spacing_m, random)
+    middle_m = np.array([flight.target.x_m, flight.target.y_m, -flight.height_m])
+    around_m: Array = start_m + middle_m
+    return around_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """What the formation flies through and after, and with which charges."""
+
+    flight: ArticleFlight
+    target: Target
+    boxes: tuple[Obstacle, ...]
+    ellipses: dict[str, Ellipse]
+    charge: Array  # (n,)
+
+    @staticmethod
+    def of(flight: ArticleFlight, count: int) -> "Course":
+        """As the scenario says."""
+        boxes = tuple(
+            Obstacle(f"box {k + 1}", b.x_m, b.y_m, b.half_length_x_m, b.half_length_y_m, b.height_m)
+            for k, b in enumerate(flight.boxes)
+        )
+        avoidance = flight.avoidance
+        ellipses = {
+            box.id: Ellipse.around(box, margin_m=avoidance.margin_m, headroom_m=avoidance.headroom_m)
+            for box in boxes
+        }
+        path = flight.target
+        target = Target(path.x_m, path.y_m, path.velocity_x_m_s, path.velocity_y_m_s)
+        return Course(flight, target, boxes, ellipses, np.full(count, flight.charge))
+
+    def near(self, center_m: Array) -> bool:
+        """Whether a centre at (3,) is so near to a box that anybody has to know of it."""
+        return any(ellipse.distance_m(center_m[None])[0] < AWARE_M for ellipse in self.ellipses.values())
+
+    def target_m(self, time_s: float) -> Array:
+        """(2,) where it is."""
+        return np.array(self.target.position_m(time_s))
+
+    def center_velocity_m_s(self, center_m: Array, time_s: float) -> Array:
+        """(3,) that the tracking law, as corrected, wants of a centre at (3,); the target's is in it."""
+        if time_s < self.flight.center_moves_from_s:
+            return np.zeros(3)
+        orbit = self.flight.orbit
+        relative_m_s = orbit_velocity(
+            center_m[:2] - self.target_m(time_s),
+            radius_m=orbit.radius_m,
+            speed_m_s=orbit.speed_m_s,
+            direction=orbit.direction,
+            braking_m_s2=self.flight.center_acceleration_max_m_s2,
+        )
+        return np.append(relative_m_s + self.target.velocity_m_s, 0.0)
+
+
+def _step(formation: VirtualFormation, course: Course, time_s: float, dt_s: float) -> None:
+    """Centre and drones, `dt_s` on."""
+    flight, before = course.flight, formation.center
+    ellipses = course.ellipses if course.near(before.position_m) else {}
+    ahead_m = before.position_m + dt_s * before.velocity_m_s  # the field counts where the step ends
+    wanted_m_s, formation.sides = steer_center(
+        before.position_m,
+        course.center_velocity_m_s(ahead_m, time_s + dt_s),
+        formation.position_m,
+        ellipses,
+        formation.sides,
+        flight.avoidance,
+        radius_m=flight.parameters.radius_m,
+        way=Way(None, flight.orbit.radius_m),
+    )
+    center = step_center(before, wanted_m_s, dt_s, flight.center_acceleration_max_m_s2)
+    force_n = formation_force(
+        formation.position_m, before.position_m, course.charge, flight.parameters
+    ) + feed_forward_force(before.velocity_m_s, center.acceleration_m_s2, flight.parameters)
+    if ellipses:
+        sliding_m_s = np.full(len(course.charge), np.hypot(*center.velocity_m_s[:2]))
+        force_n = avoiding_force(
+            formation.position_m,
+            formation.velocity_m_s,
+            force_n,
+            ellipses,
+            formation.sides,
+            sliding_m_s,
+            flight.parameters,
+            flight.avoidance,
+        )
+    formation.position_m, formation.velocity_m_s = step_virtual(
+        formation.position_m, formation.velocity_m_s, force_n, dt_s, flight.parameters
+    )
+    formation.center = center
+
+
+def _keep(record: Record, time_s: float, formation: VirtualFormation, course: Course) -> None:
+    everyone = np.ones(record.count, dtype=bool)
+    record.time_s.append(time_s)
+    record.position_m.append(formation.position_m.astype(np.float32))
+    record.formed.append(everyone)
+    record.in_air.append(everyone)
+    record.center_m.append(formation.center.position_m)
+    record.radius_m.append(course.flight.parameters.radius_m)
+    record.target_m.append(course.target_m(time_s))
+    record.boxes.append(course.boxes)
+    record.restrained.append(0)
+
+
+def _closest_m(position_m: Array, floor: Floor, record: Record) -> float:
+    first, second = np.triu_indices(len(position_m), 1)
+    distance_m = scaled_distance_m(position_m, first, second, floor)
+    near = distance_m < floor.horizontal_m
+    record.violating.update(zip(first[near].tolist(), second[near].tolist(), strict=True))
+    return float(distance_m.min(initial=np.inf))
+
+
+def article_figures(record: Record) -> dict[str, object]:
+    """What section 5 claims, by the true states at the end of a flight of its own four drones.
+
+    `edge_error` is the largest of any edge, as a share of 1.633 r_d; `orbit_radius_error_m` the largest
+    distance of the centroid from the orbit; `inside_ellipse` how many drones ever were inside the article's
+    own ellipse, half-axes sqrt(2) times the half-lengths, at any height.
+    """
+    nothing = dict.fromkeys(("edge_error", "orbit_radius_error_m", "inside_ellipse"))
+    flight = record.scenario.flight
+    if not isinstance(flight, ArticleFlight):
+        return nothing
+    judged = round(JUDGED_S * record.scenario.world.tick_rate_hz)
+    path_m = record.path_m
+    first, second = np.triu_indices(record.count, 1)
+    edge_m = np.linalg.norm(path_m[-judged:, first] - path_m[-judged:, second], axis=2)
+    edge_error = np.abs(edge_m / (TETRAHEDRON_EDGE * flight.parameters.radius_m) - 1.0).max(initial=0.0)
+    from_target_m = path_m[-judged:, :, :2].mean(axis=1) - np.array(record.target_m[-judged:])
+    rho_m = np.hypot(from_target_m[:, 0], from_target_m[:, 1])
+    figures = nothing | {
+        "edge_error": round(float(edge_error), 5) if record.count == VERTICES else None,
+        "orbit_radius_error_m": round(float(np.abs(rho_m - flight.orbit.radius_m).max()), 4),
+    }
+    if not flight.boxes:
+        return figures
+    inside = np.zeros(record.count, dtype=bool)
+    for box in record.boxes[-1]:
+        ellipse = Ellipse.around(box, margin_m=0.0, headroom_m=0.0)
+        for position_m in path_m:
+            inside |= ellipse.contains(position_m)
+    return figures | {"inside_ellipse": int(inside.sum())}

@@ -1,0 +1,96 @@
+"""How a flight passed its boxes: who came inside, how near, when all were past, on which side."""
+
+import numpy as np
+
+from gcs.cli.simulation.record import Record
+from gcs.formation.obstacles import Ellipse
+from gcs.plan import Obstacle
+from gcs.state import Array, Mask
+
+PENETRATION_M = 1.0
+NEAR_M = 15.0
+"""Who is farther from a box than this has nothing to do with it."""
+
+NEARER_M_S = 0.5
+"""Who comes nearer to a box no faster than this has passed it: shaking is not approaching."""
+
+THROUGH_M = 2.0
+"""At the end everybody is at most so far from the sphere, and the sphere from where it was sent."""
+
+
+def penetrations_and_clearance_m(record: Record) -> tuple[int, float]:
+    """How many drones were inside a box grown by 1 m, below its top plus 1 m; the least distance to one."""
+    inside = np.zeros(record.count, dtype=bool)
+    least_m = np.inf
+    for tick, boxes in enumerate(record.boxes):
+        position_m, flying = record.position_m[tick], record.in_air[tick]
+        for box in boxes:
+            beyond_m = _beyond_m(box, position_m)
+            within = (beyond_m[:, :2] < PENETRATION_M).all(axis=1) & (beyond_m[:, 2] < PENETRATION_M)
+            inside |= flying & within
+            gap_m = np.linalg.norm(np.maximum(beyond_m, 0.0), axis=1)
+            least_m = min(least_m, float(gap_m[flying].min(initial=np.inf)))
+    return int(inside.sum()), least_m
+
+
+def last_passing_tick(record: Record) -> int:
+    """The last at which somebody still came nearer to a box; 0 without any."""
+    return max((tick for tick in range(1, len(record.time_s)) if approaching(record, tick)), default=0)
+
+
+def approaching(record: Record, tick: int) -> bool:
+    """Whether at that tick a drone near a box, below its top, came nearer to it, or a box became known."""
+    step_m = NEARER_M_S / record.scenario.world.tick_rate_hz
+    before = {box.id: box for box in record.boxes[tick - 1]}
+    for box in record.boxes[tick]:
+        if box.id not in before:
+            return True
+        here_m = _beyond_m(box, record.position_m[tick])
+        gap_m = np.hypot(*np.maximum(here_m[:, :2], 0.0).T)
+        near = (gap_m < NEAR_M) & (here_m[:, 2] < 0.0)
+        if near.any():
+            there_m = _beyond_m(before[box.id], record.position_m[tick - 1])
+            nearer = np.hypot(*np.maximum(there_m[:, :2], 0.0).T) - gap_m > step_m
+            if (nearer & near).any():
+                return True
+    return False
+
+
+def same_side(record: Record) -> bool:
+    """Whether those who had to avoid the one standing box all passed it on the same side of the course."""
+    box = record.boxes[-1][0]
+    course_m = record.target_m[-1] - record.center_m[0][:2]
+    ahead = course_m / max(float(np.linalg.norm(course_m)), 1e-9)
+    avoidance = record.scenario.control.law.avoidance
+    ellipse = Ellipse.around(box, margin_m=avoidance.margin_m, headroom_m=avoidance.headroom_m)
+    start_m = record.position_m[0].astype(np.float64)
+    must = _meets(ellipse, start_m, ahead) & (-start_m[:, 2] < ellipse.top_height_m)
+    sides = set()
+    for row in np.flatnonzero(must):
+        offset_m = record.path_m[:, row, :2] - (box.x_m, box.y_m)
+        beside = int(np.argmax(offset_m @ ahead > 0.0))
+        sides.add(bool(offset_m[beside] @ (-ahead[1], ahead[0]) > 0.0))
+    return len(sides) <= 1
+
+
+def through(record: Record) -> bool:
+    """Whether the formation is where it was sent, everybody of it on the sphere."""
+    center_m, rows = record.center_m[-1], record.formed[-1]
+    away_m = abs(float(np.linalg.norm(center_m[:2] - record.target_m[-1])) - record.orbit_radius_m)
+    off_m = np.linalg.norm(record.position_m[-1][rows] - center_m, axis=1) - record.radius_m[-1]
+    return bool(away_m < THROUGH_M and (np.abs(off_m) < THROUGH_M).all())
+
+
+def _meets(ellipse: Ellipse, start_m: Array, ahead: Array) -> Mask:
+    """(n,) whether a straight line from each start (n, 3) along `ahead` (2,) leads through the ellipse."""
+    point, heading = ellipse.normalised(start_m), ahead / ellipse.semi_m
+    along = point @ heading
+    outside = (point**2).sum(axis=1) - 1.0
+    meets: Mask = (along < 0.0) & (along**2 > outside * (heading @ heading))
+    return meets
+
+
+def _beyond_m(box: Obstacle, position_m: Array) -> Array:
+    """(n, 3) how far beyond the box's faces: x, y, and above its top; negative within."""
+    level_m = np.abs(position_m[:, :2] - (box.x_m, box.y_m)) - (box.half_length_x_m, box.half_length_y_m)
+    return np.column_stack([level_m, -position_m[:, 2] - box.height_m]).astype(np.float64)

@@ -1,0 +1,85 @@
+"""Agreeing on the formation's centre with one's neighbours, instead of being told (article, section 6).
+
+Row i of everything here depends on row i of its arguments alone: each drone could compute its own.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.formation.sphere import TINY
+from gcs.settings import Positive, Settings
+from gcs.state import Array, Mask
+
+
+class ConsensusSettings(Settings):
+    """How strongly a drone holds on to what it sees for itself."""
+
+    sighting_rate_per_s: Positive = 0.1  # pull of the own sighting; the neighbours' is some 3 per second
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """Where each drone believes the centre to be and to go; NaN rows where it knows nothing. Show frame."""
+
+    center_m: Array  # (n, 3)
+    velocity_m_s: Array  # (n, 3)
+
+    @staticmethod
+    def told(center_m: Array, velocity_m_s: Array, count: int) -> "Belief":
+        """All know the same: (3,) and (3,)."""
+        return Belief(np.tile(center_m, (count, 1)), np.tile(velocity_m_s, (count, 1)))
+
+    @staticmethod
+    def nothing(count: int) -> "Belief":
+        """Nobody knows anything yet."""
+        return Belief(np.full((count, 3), np.nan), np.full((count, 3), np.nan))
+
+    def only(self, rows: Mask) -> "Belief":
+        """Of the drones of `rows` (n,)."""
+        return Belief(self.center_m[rows], self.velocity_m_s[rows])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Heard:
+    """What each drone's neighbours said they believe, at most k of them. Show frame."""
+
+    center_m: Array  # (n, k, 3), NaN where there is none
+    velocity_m_s: Array  # (n, k, 3)
+    degree: Array  # (n, k) how many neighbours each of them hears
+
+
+def agree(belief: Belief, heard: Heard, sighting: Belief, dt_s: float, settings: ConsensusSettings) -> Belief:
+    """One round: go on with the believed velocity, mix with the neighbours, lean towards the own sighting.
+
+    Metropolis weights, ``1 / (1 + max(d_i, d_j))``, are the same for both of a pair, so that everybody counts
+    alike in what is agreed; nobody needs to know more than its neighbours. A message lost makes a pair's
+    exchange one-sided and moves the agreed value; leaning towards the sightings takes it back to their mean.
+
+    Args:
+        belief: of n drones. Who has none takes its own sighting, else its neighbours' mean.
+        heard: from their neighbours.
+        sighting: what each sees for itself, NaN rows for those who see nothing.
+        dt_s: since the last round.
+        settings: rates.
+
+    Returns: the beliefs `dt_s` later.
+    Source: Xiao, Boyd, Lall 2005, "A scheme for robust distributed sensor fusion based on average consensus".
+    """
+    known: Mask = np.asarray(np.isfinite(heard.center_m).all(axis=2))
+    degree = known.sum(axis=1)
+    weight = np.where(known, 1.0 / (1.0 + np.maximum(degree[:, None], heard.degree)), 0.0)
+    lean = 1.0 - np.exp(-settings.sighting_rate_per_s * dt_s)
+
+    def mixed(own: Array, others: Array, seen: Array) -> Array:
+        others = np.where(known[:, :, None], others, 0.0)
+        mean = others.sum(axis=1) / np.maximum(degree, TINY)[:, None]
+        first = np.where(degree[:, None] > 0, mean, np.nan)
+        begun = np.where(np.isfinite(own), own, np.where(np.isfinite(seen), seen, first))
+        pull = (weight[:, :, None] * (others - begun[:, None])).sum(axis=1)
+        later: Array = begun + pull + np.where(np.isfinite(seen), lean * (seen - begun), 0.0)
+        return later
+
+    velocity_m_s = mixed(belief.velocity_m_s, heard.velocity_m_s, sighting.velocity_m_s)
+    went_m = belief.center_m + dt_s * belief.velocity_m_s
+    return Belief(mixed(went_m, heard.center_m, sighting.center_m), velocity_m_s)

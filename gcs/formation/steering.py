@@ -1,0 +1,514 @@
+"""Going around obstacles along their tangents (article, sections 4.2 and 4.3, corrected). Compiled.
+
+Whoever would meet an ellipse takes a tangent instead: of all tangents of all ellipses within reach the one
+that meets no other ellipse and changes the wanted velocity least, on the side already chosen if there is
+one. Where ellipses overlap, the tangents between them are blocked by the other one, so only those of the
+common outline are left, and nobody is led into the notch.
+
+An ellipse may move: what counts is the velocity relative to it, so a tangent leads past where it will be.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.compiled import kernel
+from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
+from gcs.formation.orbit import followed_target
+from gcs.plan import Plan
+from gcs.state import Array, Mask
+
+Index: TypeAlias = NDArray[np.intp]
+
+LEFT, RIGHT = -1.0, 1.0
+"""Sides on which to pass, as seen by the one who passes; y points right."""
+
+WRONG_SIDE_M_S = 1e3
+"""Passing on the other side than chosen costs more than any change of velocity."""
+
+BLOCKED_M_S = 1e6
+"""And meeting another obstacle costs more than that."""
+
+STANDING_M_S = 1e-6
+"""Slower than this, relative to an obstacle, nobody meets it."""
+
+FORESEEN_S = 8.0
+"""So long in advance a centre that stands still makes way for an obstacle that moves."""
+
+SLOWEST_M_S = 0.1
+"""The centre's time of arrival is reckoned with this speed at least."""
+
+SIDE_KEPT = 1.5
+"""Lookaheads from an obstacle within which a side is not forgotten."""
+
+SHORTEST_WAY_M = 20.0
+"""On an orbit smaller than this the centre looks farther ahead than its radius."""
+
+
+@kernel
+def tangent(x_m: float, y_m: float, semi_x_m: float, semi_y_m: float, side: float) -> tuple[float, float]:
+    """Unit vector from (x, y), relative to the ellipse's centre, along its left or right tangent.
+
+    The article's arctan points backwards and loses the quadrant; this points ahead, to the tangent point,
+    and on or inside the ellipse along its contour. Left and right as seen looking towards the ellipse.
+    Source: article, section 4.1; the system solved for the unit circle.
+    """
+    qx, qy = x_m / semi_x_m, y_m / semi_y_m
+    square = qx * qx + qy * qy
+    if square > 1.0:
+        across = -side * np.sqrt(square - 1.0) / square
+        along_x = (qx / square - across * qy - qx) * semi_x_m
+        along_y = (qy / square + across * qx - qy) * semi_y_m
+        length = np.hypot(along_x, along_y)
+        if length > 1e-6:
+            return along_x / length, along_y / length
+    nx, ny = qx / semi_x_m, qy / semi_y_m
+    length = np.hypot(nx, ny)
+    if length < 1e-9:
+        nx, ny, length = 1.0, 0.0, 1.0
+    return side * ny / length, -side * nx / length
+
+
+@kernel
+def contact_m(
+    x_m: float, y_m: float, semi_x_m: float, semi_y_m: float, vx_m_s: float, vy_m_s: float
+) -> float:
+    """How far from (x, y), relative to the ellipse's centre, one meets it with that relative velocity.
+
+    Infinity when not at all; 0 on or inside it, unless on the way out.
+    """
+    speed_m_s = np.hypot(vx_m_s, vy_m_s)
+    if speed_m_s < STANDING_M_S:
+        return inf
+    qx, qy = x_m / semi_x_m, y_m / semi_y_m
+    hx, hy = vx_m_s / speed_m_s / semi_x_m, vy_m_s / speed_m_s / semi_y_m
+    b = qx * hx + qy * hy
+    if b >= 0.0:
+        return inf
+    c = qx * qx + qy * qy - 1.0
+    if c <= 0.0:
+        return 0.0
+    a = hx * hx + hy * hy
+    root = b * b - a * c
+    return inf if root <= 0.0 else (-b - np.sqrt(root)) / a
+
+
+@kernel
+def contacts_m(place: Array, velocity: Array, center_m: Array, semi_m: Array, moving_m_s: Array) -> Array:
+    """(m,) `contact_m` from one place with one velocity, (2,) or more each, for every ellipse."""
+    ahead_m = np.empty(len(center_m))
+    for j in range(len(center_m)):
+        ahead_m[j] = contact_m(
+            place[0] - center_m[j, 0],
+            place[1] - center_m[j, 1],
+            semi_m[j, 0],
+            semi_m[j, 1],
+            velocity[0] - moving_m_s[j, 0],
+            velocity[1] - moving_m_s[j, 1],
+        )
+    return ahead_m
+
+
+@kernel
+def along_tangent(
+    wanted: Array, tangent_x: float, tangent_y: float, moving: Array, keep_m_s: float
+) -> tuple[float, float]:
+    """The velocity whose part relative to an obstacle `moving` (2,) points along the tangent.
+
+    As fast over the ground as the wanted velocity (2,) along the tangent, at least `keep_m_s`; and at least
+    what is wanted relative to the obstacle.
+    """
+    over_ground = max(wanted[0] * tangent_x + wanted[1] * tangent_y, keep_m_s)
+    drift = moving[0] * tangent_x + moving[1] * tangent_y
+    square = drift * drift + over_ground * over_ground - moving[0] * moving[0] - moving[1] * moving[1]
+    relative = np.sqrt(max(square, 0.0)) - drift
+    nearest = (wanted[0] - moving[0]) * tangent_x + (wanted[1] - moving[1]) * tangent_y
+    relative = max(relative, nearest, 0.0)
+    return moving[0] + relative * tangent_x, moving[1] + relative * tangent_y
+
+
+@kernel
+def first_contact(
+    place: Array,
+    velocity: Array,
+    concerned: Mask,
+    reach_m: Array,
+    center_m: Array,
+    semi_m: Array,
+    moving_m_s: Array,
+    left_out: int,
+) -> tuple[float, int]:
+    """How far (relative path) to the first ellipse met within its reach, and which; infinity, -1 for none.
+
+    Args:
+        place: (2,).
+        velocity: (2,) over the ground.
+        concerned: (m,) which ellipses count.
+        reach_m: (m,) what is farther does not count.
+        center_m: (m, 2).
+        semi_m: (m, 2).
+        moving_m_s: (m, 2) how they move.
+        left_out: index of one that does not count, or -1.
+    """
+    least_m, first = inf, -1
+    for j in range(len(center_m)):
+        if j != left_out and concerned[j]:
+            ahead_m = contact_m(
+                place[0] - center_m[j, 0],
+                place[1] - center_m[j, 1],
+                semi_m[j, 0],
+                semi_m[j, 1],
+                velocity[0] - moving_m_s[j, 0],
+                velocity[1] - moving_m_s[j, 1],
+            )
+            if ahead_m < reach_m[j] and ahead_m < least_m:
+                least_m, first = ahead_m, j
+    return least_m, first
+
+
+@kernel
+def turns(before: Array, after: Array, moving: Array) -> float:
+    """Above 0 where the second velocity, relative to an obstacle, is to the right of the first; (2,) each."""
+    bx, by = before[0] - moving[0], before[1] - moving[1]
+    cross: float = bx * (after[1] - moving[1]) - by * (after[0] - moving[0])
+    return cross
+
+
+@kernel
+def breaks_side(
+    place: Array, velocity: Array, concerned: Mask, center_m: Array, moving_m_s: Array, side: Array
+) -> bool:
+    """Whether that velocity (2,) passes an obstacle ahead on the other side than the one chosen for it."""
+    for j in range(len(center_m)):
+        if concerned[j] and side[j] != 0.0:
+            vx, vy = velocity[0] - moving_m_s[j, 0], velocity[1] - moving_m_s[j, 1]
+            dx, dy = center_m[j, 0] - place[0], center_m[j, 1] - place[1]
+            if vx * dx + vy * dy > 0.0 and (vx * dy - vy * dx) * side[j] > 0.0:
+                return True
+    return False
+
+
+@kernel
+def best_tangent(
+    place: Array,
+    wanted: Array,
+    keep_m_s: float,
+    concerned: Mask,
+    reach_m: Array,
+    center_m: Array,
+    semi_m: Array,
+    moving_m_s: Array,
+    side: Array,
+    first: int,
+) -> Array:
+    """The velocity (2,) that one takes instead of the wanted one (2,), which meets ellipse `first`.
+
+    Of all tangents within reach one that meets no other ellipse; of those one that breaks no side; of those
+    the one that changes least. Other arguments as in `steer`, for one vehicle.
+    """
+    least, best, velocity = inf, wanted.copy(), np.empty(2)
+    for j in range(len(center_m)):
+        x_m, y_m = place[0] - center_m[j, 0], place[1] - center_m[j, 1]
+        far = np.hypot(x_m, y_m) - max(semi_m[j, 0], semi_m[j, 1]) > reach_m[j]
+        if far or not concerned[j]:
+            continue
+        for way in (LEFT, RIGHT):
+            tx, ty = tangent(x_m, y_m, semi_m[j, 0], semi_m[j, 1], way)
+            velocity[0], velocity[1] = along_tangent(wanted, tx, ty, moving_m_s[j], keep_m_s)
+            cost = np.hypot(velocity[0] - wanted[0], velocity[1] - wanted[1])
+            cost += WRONG_SIDE_M_S * (turns(wanted, velocity, moving_m_s[first]) * side[first] < 0.0)
+            cost += WRONG_SIDE_M_S * breaks_side(place, velocity, concerned, center_m, moving_m_s, side)
+            if cost < least:
+                ahead_m, other = first_contact(
+                    place, velocity, concerned, reach_m, center_m, semi_m, moving_m_s, j
+                )
+                cost += BLOCKED_M_S / (1.0 + ahead_m) if other >= 0 else 0.0
+            if cost < least:
+                least = cost
+                best[:] = velocity
+    return best
+
+
+@kernel
+def steer(
+    position_m: Array,
+    wanted_m_s: Array,
+    keep_m_s: Array,
+    concerned: Mask,
+    reach_m: Array,
+    center_m: Array,
+    semi_m: Array,
+    moving_m_s: Array,
+    side: Array,
+) -> tuple[Array, Array, Index]:
+    """Along the best tangent for everybody who would meet an ellipse.
+
+    A side once chosen for the ellipse met first is kept by turning that way only, even backwards; for those
+    behind it, by not passing them on the other side.
+
+    Args:
+        position_m: (n, 2).
+        wanted_m_s: (n, 2).
+        keep_m_s: (n,) speed to keep along a tangent.
+        concerned: (n, m) True where a vehicle has to avoid an ellipse.
+        reach_m: (m,) how far ahead meeting it counts.
+        center_m: (m, 2) of the ellipses.
+        semi_m: (m, 2).
+        moving_m_s: (m, 2).
+        side: (m,) LEFT, RIGHT, or 0 for whichever costs less.
+
+    Returns: (n, 2) velocities, (n,) how far ahead the wanted ones meet the first ellipse, inf: they do not,
+        and are returned as they are; and (n,) which that is, -1 for none.
+    """
+    turned_m_s = wanted_m_s.copy()
+    met_m, met = np.full(len(position_m), inf), np.full(len(position_m), -1)
+    for i in range(len(position_m)):
+        place, wanted = position_m[i], wanted_m_s[i]
+        met_m[i], first = first_contact(
+            place, wanted, concerned[i], reach_m, center_m, semi_m, moving_m_s, -1
+        )
+        met[i] = first
+        if first < 0:
+            continue
+        turned_m_s[i] = best_tangent(
+            place, wanted, keep_m_s[i], concerned[i], reach_m, center_m, semi_m, moving_m_s, side, first
+        )
+    return turned_m_s, met_m, met
+
+
+@kernel
+def push(
+    position_m: Array,
+    velocity_m_s: Array,
+    concerned: Mask,
+    center_m: Array,
+    semi_m: Array,
+    moving_m_s: Array,
+    near_m: float,
+    rate_per_s: float,
+    lead_out_m_s: float,
+) -> Array:
+    """Velocities (n, 2) with a push away from ellipses that are near; inside one, nothing leads farther in.
+
+    Arguments as in `steer`; the push grows from `near_m` on by `rate_per_s`, up to `lead_out_m_s`.
+    """
+    pushed_m_s = velocity_m_s.copy()
+    for i in range(len(position_m)):
+        for j in range(len(center_m)):
+            if not concerned[i, j]:
+                continue
+            qx = (position_m[i, 0] - center_m[j, 0]) / semi_m[j, 0]
+            qy = (position_m[i, 1] - center_m[j, 1]) / semi_m[j, 1]
+            radius = np.hypot(qx, qy)
+            nx, ny = qx / semi_m[j, 0], qy / semi_m[j, 1]
+            slope = np.hypot(nx, ny)
+            if radius < 1e-9:
+                nx, ny, slope = 1.0, 0.0, 1.0
+            away_m = (radius - 1.0) * radius / slope
+            if away_m >= near_m:
+                continue
+            nx, ny = nx / slope, ny / slope
+            faster_m_s = min(rate_per_s * (near_m - away_m), lead_out_m_s)
+            if away_m <= 0.0:
+                vx, vy = pushed_m_s[i, 0] - moving_m_s[j, 0], pushed_m_s[i, 1] - moving_m_s[j, 1]
+                faster_m_s -= min(vx * nx + vy * ny, 0.0)
+            pushed_m_s[i, 0] += faster_m_s * nx
+            pushed_m_s[i, 1] += faster_m_s * ny
+    return pushed_m_s
+
+
+def avoid_all(
+    position_m: Array,
+    velocity_m_s: Array,
+    ellipses: Mapping[str, Ellipse],
+    sides: Mapping[str, float],
+    sliding_m_s: Array,
+    settings: AvoidanceSettings,
+) -> Array:
+    """Turn the velocities of those who would meet an ellipse along a tangent, and push those near one.
+
+    Args:
+        position_m: (n, 3), show frame, z down.
+        velocity_m_s: (n, 3), what the law wants.
+        ellipses: the obstacles, margin and headroom included.
+        sides: LEFT or RIGHT where the formation has chosen; others are passed where it costs less.
+        sliding_m_s: (n,) speed to keep along the tangent even when the wanted velocity points straight at
+            the obstacle: that of the formation, so that nobody stays behind; 0 lets one wait there.
+        settings: distances and rates.
+
+    Returns: (n, 3) in m/s; the vertical component is left as it is, and so is everything of those well
+        above the obstacles.
+    Source: article, sections 4.2 and 4.3.
+    """
+    outlines = Outlines.of(ellipses)
+    reach_m = max(settings.lookahead_m, settings.near_m)
+    near = outlines.nearest_m(position_m) < reach_m
+    if not near.any():
+        return velocity_m_s
+    outlines = outlines.only(near)
+    place_m, wanted_m_s = np.array(position_m[:, :2], order="C"), np.array(velocity_m_s[:, :2], order="C")
+    concerned = -position_m[:, 2:] < outlines.top_height_m
+    turned_m_s, met_m, _ = steer(
+        place_m,
+        wanted_m_s,
+        np.array(sliding_m_s, dtype=np.float64),
+        concerned,
+        np.full(len(outlines), settings.lookahead_m),
+        outlines.center_m,
+        outlines.semi_m,
+        outlines.velocity_m_s,
+        np.array([sides.get(name, 0.0) for name in outlines.names]),
+    )
+    blend_m = max(settings.lookahead_m - settings.near_m, 1e-9)
+    weight = np.clip((settings.lookahead_m - met_m) / blend_m, 0.0, 1.0)[:, None]
+    result = velocity_m_s.copy()
+    result[:, :2] = push(
+        place_m,
+        wanted_m_s + weight * (turned_m_s - wanted_m_s),
+        concerned,
+        outlines.center_m,
+        outlines.semi_m,
+        outlines.velocity_m_s,
+        settings.near_m,
+        settings.push_rate_per_s,
+        settings.lead_out_m_s,
+    )
+    return result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """What is known of the centre's way beforehand."""
+
+    ends_m: Array | None  # (2,) where it comes to stay, if it does
+    straight_m: float  # so far ahead its wanted velocity stays about the same
+
+
+def way_ahead(center_m: Array, plan: Plan, time_s: float, *, moves: bool, reach_m: float) -> Way:
+    """The way of a centre at (3,): to the target, round it, or nowhere while it may not move.
+
+    Args:
+        center_m: show frame.
+        plan: target and orbit.
+        time_s: now.
+        moves: False while assembling.
+        reach_m: how far from the show's origin the target is followed (`gcs.formation.orbit`).
+    """
+    if not moves:
+        return Way(center_m[:2], 0.0)
+    if plan.orbit.radius_m > 0.0:
+        return Way(None, max(plan.orbit.radius_m, SHORTEST_WAY_M))
+    target_m, target_m_s = followed_target(
+        np.array(plan.target.position_m(time_s)), np.array(plan.target.velocity_m_s), reach_m
+    )
+    away_m = float(np.hypot(*(target_m - center_m[:2])))
+    goes_on_m = FORESEEN_S * float(np.hypot(*target_m_s))
+    return Way(target_m, away_m + goes_on_m)
+
+
+def steer_center(
+    center_m: Array,
+    wanted_m_s: Array,
+    drones_m: Array,
+    ellipses: Mapping[str, Ellipse],
+    sides: Mapping[str, float],
+    settings: AvoidanceSettings,
+    *,
+    radius_m: float,
+    way: Way,
+) -> tuple[Array, dict[str, float]]:
+    """The velocity that leads the formation's centre, and with it the whole sphere, past every obstacle.
+
+    The ellipses are grown by as much of the sphere as is below their tops, so that nobody need leave the
+    shape. Where the centre is nearer already, or is to come nearer, they are grown less.
+
+    Args:
+        center_m: (3,) of the sphere, show frame.
+        wanted_m_s: (3,).
+        drones_m: (n, 3) of the formation; a side is kept while one of them is near the obstacle.
+        ellipses: the obstacles, margin and headroom included.
+        sides: chosen so far: LEFT or RIGHT by name.
+        settings: distances and rates.
+        radius_m: of the sphere.
+        way: on which the centre is.
+
+    Returns: (3,) in m/s, and the sides that count from now on: one for the whole formation.
+    """
+    outlines = Outlines.of(ellipses)
+    if len(outlines) == 0:
+        return wanted_m_s, {}
+    tall = -center_m[2] - radius_m < outlines.top_height_m
+    there_m = np.full(len(outlines), inf)
+    if way.ends_m is not None:  # of one that moves nobody knows where it will be then
+        there_m = np.where(outlines.stand, outlines.nearest_m(way.ends_m[None]), inf)
+    grown = _grown(outlines, center_m, there_m, radius_m, settings)
+    reach_m = _reach_m(outlines, wanted_m_s, way, settings)
+    waits = bool((there_m[tall] < 0.0).any())  # where it is nearest to what it cannot reach
+    chosen_m_s, _, met = steer(
+        np.array(center_m[None, :2]),
+        np.array(wanted_m_s[None, :2]),
+        np.array([0.0 if waits else float(np.hypot(wanted_m_s[0], wanted_m_s[1]))]),
+        tall[None],
+        reach_m,
+        grown.center_m,
+        grown.semi_m,
+        grown.velocity_m_s,
+        np.array([sides.get(name, 0.0) for name in grown.names]),
+    )
+    ahead = tall & (
+        contacts_m(np.array(center_m), np.array(wanted_m_s), grown.center_m, grown.semi_m, grown.velocity_m_s)
+        < reach_m
+    )
+    near = outlines.nearest_m(drones_m) < SIDE_KEPT * settings.lookahead_m
+    kept = _sides_taken(grown, center_m, chosen_m_s[0], ahead) | dict(sides)
+    if met[0] >= 0:
+        right = turns(wanted_m_s[:2], chosen_m_s[0], grown.velocity_m_s[met[0]])
+        kept[grown.names[met[0]]] = RIGHT if right > 0.0 else LEFT
+    counts = {name for name, counting in zip(grown.names, ahead | near, strict=True) if counting}
+    return np.append(chosen_m_s[0], wanted_m_s[2]), {n: side for n, side in kept.items() if n in counts}
+
+
+def _sides_taken(outlines: Outlines, center_m: Array, velocity_m_s: Array, ahead: Mask) -> dict[str, float]:
+    """On which side a centre at (3,) passes those that are `ahead` (m,), with that velocity (2,)."""
+    offset_m, passing_m_s = center_m[:2] - outlines.center_m, velocity_m_s - outlines.velocity_m_s
+    on_right = offset_m[:, 0] * passing_m_s[:, 1] > offset_m[:, 1] * passing_m_s[:, 0]
+    return {outlines.names[j]: LEFT if on_right[j] else RIGHT for j in np.flatnonzero(ahead)}
+
+
+def _grown(
+    outlines: Outlines, center_m: Array, there_m: Array, radius_m: float, settings: AvoidanceSettings
+) -> Outlines:
+    """The ellipses as the sphere's centre (3,) sees them: its section below each top goes past whole.
+
+    No farther than to the centre itself, nor than `there_m` (m,): its destination's distance to each.
+    """
+    above_m = np.maximum(-center_m[2] - outlines.top_height_m, 0.0)
+    section_m = np.sqrt(np.maximum(radius_m**2 - above_m**2, 0.0))
+    clear_m = settings.center_clearance * section_m + settings.near_m
+    possible_m = np.minimum(outlines.nearest_m(center_m[None]), there_m)
+    return outlines.grown(np.clip(clear_m, 0.0, np.maximum(possible_m, 0.0)))
+
+
+def _reach_m(outlines: Outlines, wanted_m_s: Array, way: Way, settings: AvoidanceSettings) -> Array:
+    """(m,) how far ahead of the centre each ellipse counts: as far as it goes straight, and its lookahead.
+
+    One that moves counts for FORESEEN_S too when the centre arrives before, or stands.
+    """
+    speed_m_s = float(np.hypot(wanted_m_s[0], wanted_m_s[1]))
+    relative_m_s = np.hypot(*(wanted_m_s[:2] - outlines.velocity_m_s).T)
+    foreseen_s = max(way.straight_m / max(speed_m_s, SLOWEST_M_S), FORESEEN_S)
+    reach_m = np.where(outlines.stand, way.straight_m, relative_m_s * foreseen_s)
+    return np.minimum(reach_m, settings.center_lookahead_m)
+
+
+def warm_up() -> None:
+    """Run every kernel once, with the types of flight: compiled or loaded before anybody flies."""
+    center_m, wanted_m_s = np.array([0.0, 0.0, -20.0]), np.array([2.0, 0.0, 0.0])
+    tower = {"tower": Ellipse(10.0, 0.0, 5.0, 5.0, top_height_m=30.0)}
+    settings, way = AvoidanceSettings(), Way(None, SHORTEST_WAY_M)
+    steer_center(center_m, wanted_m_s, center_m[None], tower, {}, settings, radius_m=1.0, way=way)
+    avoid_all(center_m[None], wanted_m_s[None], tower, {}, np.zeros(1), settings)

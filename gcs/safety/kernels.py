@@ -1,0 +1,41 @@
+"""Everything compiled that the filter uses, compiled or loaded before anybody flies."""
+
+import numpy as np
+
+from gcs.formation.obstacles import Ellipse
+from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
+from gcs.safety.separation import minimum_separation
+from gcs.safety.traffic import keep_right
+
+
+def warm_up() -> None:
+    """Run every kernel once, with the types of flight; the first time after a change takes seconds."""
+    settings = SafetySettings()
+    position_m = np.array([[0.0, 0.0, -20.0], [2.5, 0.0, -20.0], [40.0, 0.0, -20.0]])
+    wanted_m_s = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    everybody, nobody = np.ones(3, dtype=bool), np.zeros(3, dtype=bool)
+    surroundings = Surroundings(
+        position_m,
+        wanted_m_s,
+        everybody,
+        everybody,
+        nobody,
+        np.zeros((0, 2, 3)),
+        {"box": Ellipse(45.0, 0.0, 5.0, 5.0, top_height_m=30.0)},
+        ("a", "b", "c"),
+        np.zeros(3),
+        np.full(3, np.inf),
+    )
+    turned_m_s = keep_right(
+        wanted_m_s,
+        position_m,
+        wanted_m_s,
+        position_m + 10.0 * wanted_m_s,
+        to_goal=everybody,
+        commanded=everybody,
+        airborne=everybody,
+        flatness=1.0,
+        settings=settings.traffic,
+    )
+    filter_velocities(turned_m_s, surroundings, settings)
+    minimum_separation(position_m, everybody, settings.floor)

@@ -1,0 +1,135 @@
+"""Rules of the road for vehicles that fly to places of their own: keep right, the more the fuller the way.
+
+A filter that only restrains ends in a jam where many ways cross: everybody is right to brake, and nobody
+moves. Looking ahead along the whole way costs less. Whoever would meet others keeps to the right of its
+straight way, so that opposite traffic parts, and a crowd whose ways all cross in one point goes round that
+point, all the same way round.
+"""
+
+from math import radians
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from gcs.compiled import kernel
+from gcs.safety.neighbours import Rows
+from gcs.settings import NotNegative, Positive, Settings
+from gcs.state import Array, Mask
+
+STANDING_M_S = 0.2
+"""Who wants less than this stands where it is."""
+
+STRAIGHT_UP_M = 1e-6
+"""A way that leads less far to the side has no right; it takes one by whether it leads up or down."""
+
+
+class Traffic(Settings):
+    """How far vehicles keep to the right of their straight way."""
+
+    angle_max_deg: Annotated[float, Field(ge=0.0, le=60.0)] = 45.0  # 0: always straight on
+    passing_m: Positive = 8.0  # closer than this, sideways, is a meeting
+    crowd: Positive = 4.0  # so many meetings bring two thirds of the greatest angle
+    horizon_s: NotNegative = 10.0  # for how long the others are expected to go on, if they have no goal
+
+
+def keep_right(
+    wanted_m_s: Array,
+    position_m: Array,
+    velocity_m_s: Array,
+    goal_m: Array,
+    *,
+    to_goal: Mask,
+    commanded: Mask,
+    airborne: Mask,
+    flatness: float,
+    settings: Traffic,
+) -> Array:
+    """Turn those on their way to a goal to the right, the more others they would meet on it.
+
+    It looks along the straight ways to their ends, so that the crowd is seen before it is there, and needs
+    no memory: where the way is free again, it is flown straight.
+
+    Args:
+        wanted_m_s: (n, 3), show frame: straight to the goal, or what else is wanted.
+        position_m: (n, 3), show frame; NaN rows take no part.
+        velocity_m_s: (n, 3) measured: those who are not commanded go on with it.
+        goal_m: (n, 3); only rows of `to_goal` count.
+        to_goal: (n,) who may be turned. On the way down to a pad one may not.
+        commanded: (n,).
+        airborne: (n,) who is met at all.
+        flatness: how much less a metre up and down counts than one sideways.
+        settings: angle and look-ahead.
+
+    Returns: (n, 3) in m/s, each row as fast as before or, where it leads up or down, little faster.
+    """
+    turned = to_goal & np.isfinite(goal_m).all(axis=1)
+    if not turned.any() or settings.angle_max_deg == 0.0:
+        return wanted_m_s
+    course_m_s = np.where(commanded[:, None], wanted_m_s, velocity_m_s)
+    met = airborne & np.isfinite(position_m).all(axis=1) & np.isfinite(course_m_s).all(axis=1)
+    turned &= met
+    speed_m_s = np.linalg.norm(course_m_s, axis=1)
+    left_m = np.linalg.norm(np.where(turned[:, None], goal_m - position_m, 0.0), axis=1)
+    lasts_s = np.where(turned, left_m / np.maximum(speed_m_s, STANDING_M_S), settings.horizon_s)
+    lasts_s = np.where(speed_m_s > STANDING_M_S, lasts_s, 0.0)
+    scale = np.array([1.0, 1.0, flatness])
+    meetings = count_meetings(
+        np.flatnonzero(met), turned, position_m * scale, course_m_s * scale, lasts_s, settings.passing_m
+    )
+    angle_rad = radians(settings.angle_max_deg) * -np.expm1(-meetings / settings.crowd)
+    aside_m_s = _to_the_right(wanted_m_s, goal_m - position_m, angle_rad)
+    kept: Array = np.where(turned[:, None], aside_m_s, wanted_m_s)
+    return kept
+
+
+def _to_the_right(velocity_m_s: Array, way_m: Array, angle_rad: Array) -> Array:
+    """(n, 3) turned by (n,) towards the right-hand side of the ways (n, 3), seen from above."""
+    speed_m_s = np.linalg.norm(velocity_m_s, axis=1)
+    aside_m = np.hypot(way_m[:, 0], way_m[:, 1])
+    upright = aside_m < STRAIGHT_UP_M
+    level = way_m[:, :2] / np.where(upright, 1.0, aside_m)[:, None]
+    level[upright, 0], level[upright, 1] = np.where(way_m[upright, 2] < 0.0, 1.0, -1.0), 0.0
+    right = np.stack([-level[:, 1], level[:, 0], np.zeros(len(level))], axis=1)
+    ahead_m_s = np.cos(angle_rad)[:, None] * velocity_m_s
+    turned: Array = ahead_m_s + (np.sin(angle_rad) * speed_m_s)[:, None] * right
+    return turned
+
+
+@kernel
+def count_meetings(
+    members: Rows, turned: Mask, position_m: Array, course_m_s: Array, lasts_s: Array, passing_m: float
+) -> Array:
+    """(n,) how many others each would meet, going straight on: each counts 1 head-on, 0 at `passing_m`.
+
+    Args:
+        members: (k,) rows that take part.
+        turned: (n,) for whom it is counted.
+        position_m: (n, 3), in a metric in which the floor is a sphere.
+        course_m_s: (n, 3), likewise.
+        lasts_s: (n,) how long each goes on.
+        passing_m: the distance that is none of anybody's concern.
+    """
+    meetings = np.zeros(len(position_m))
+    for a in range(len(members)):
+        i = members[a]
+        for b in range(a + 1, len(members)):
+            j = members[b]
+            if not (turned[i] or turned[j]):
+                continue
+            away_m2, closing_m2_s, speed_m2_s2 = 0.0, 0.0, 0.0
+            for axis in range(3):
+                offset_m = position_m[j, axis] - position_m[i, axis]
+                relative_m_s = course_m_s[j, axis] - course_m_s[i, axis]
+                away_m2 += offset_m * offset_m
+                closing_m2_s -= offset_m * relative_m_s
+                speed_m2_s2 += relative_m_s * relative_m_s
+            if closing_m2_s <= 0.0 or speed_m2_s2 < 1e-6:
+                continue
+            when_s = min(closing_m2_s / speed_m2_s2, lasts_s[i], lasts_s[j])
+            passed_m2 = away_m2 + when_s * (when_s * speed_m2_s2 - 2.0 * closing_m2_s)
+            weight = 1.0 - passed_m2 / (passing_m * passing_m)
+            if weight > 0.0:
+                meetings[i] += weight
+                meetings[j] += weight
+    return meetings

@@ -1,0 +1,117 @@
+"""A drone among its neighbours: what is out of range does not count, and an even shape is at rest."""
+
+import numpy as np
+import pytest
+
+from gcs.formation.consensus import Belief
+from gcs.formation.law import LawSettings
+from gcs.formation.neighbours import AHEAD, Sight, sighted_velocity, step_aside
+from gcs.formation.orbit import Center
+from gcs.formation.thomson import energy, nearest_m
+from gcs.state import Array
+
+LAW = LawSettings()
+RADIUS_M = 10.0
+ORIGIN = np.zeros(3)
+
+
+def everybody(position_m: Array) -> Array:
+    """(n, n - 1, 3) inboxes in which everybody is."""
+    n = len(position_m)
+    rows = np.array([[j for j in range(n) if j != i] for i in range(n)])
+    inbox_m: Array = position_m[rows]
+    return inbox_m
+
+
+def aside_of(position_m: Array, range_m: float, center_m: Array = ORIGIN) -> Array:
+    inbox_m = everybody(position_m)
+    center = np.tile(center_m, (len(position_m), 1))
+    return step_aside(position_m, center, inbox_m, np.ones(inbox_m.shape[:2]), range_m)
+
+
+def velocity_of(position_m: Array, sight: Sight, engaged_s: float = 1e6) -> Array:
+    n = len(position_m)
+    return sighted_velocity(
+        position_m,
+        np.zeros((n, 3)),
+        np.full(n, engaged_s),
+        sight,
+        Center.at_rest(ORIGIN),
+        radius_m=RADIUS_M,
+        settings=LAW,
+    )
+
+
+def random_directions(count: int, seed: int) -> Array:
+    direction = np.random.default_rng(seed).normal(size=(count, 3))
+    return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True))
+
+
+def test_two_drones_step_apart_as_newtons_method_says() -> None:
+    # 90 degrees apart, chord sqrt(2), range 2: share 1/2, window 1/2; the push along the tangent is
+    # (1/2) / 2^1.5, the stiffness (1/4 + 1/2) / 2^1.5: a step of 2/3, and the other one the other way
+    aside = aside_of(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), 2.0)
+    assert aside == pytest.approx(np.array([[0.0, -2 / 3, 0.0], [-2 / 3, 0.0, 0.0]]))
+
+
+def test_the_step_is_at_right_angles_to_the_radius_and_the_same_on_any_sphere() -> None:
+    direction = random_directions(12, 1)
+    aside = aside_of(direction, 1.2)
+    assert (aside * direction).sum(axis=1) == pytest.approx(np.zeros(12), abs=1e-12)
+    assert aside_of(7.0 * direction + 3.0, 7.0 * 1.2, np.full(3, 3.0)) == pytest.approx(aside)
+
+
+def test_who_is_beyond_the_range_unknown_or_in_the_same_place_does_not_count() -> None:
+    place = np.array([[1.0, 0.0, 0.0]])
+    inbox = np.array([[[-1.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [1.0, 0.0, 0.0]]])
+    assert not step_aside(place, np.zeros((1, 3)), inbox, np.ones((1, 3)), 1.9).any()
+
+
+def test_a_neighbour_counts_less_and_less_up_to_the_range() -> None:
+    place = np.array([[1.0, 0.0, 0.0]])
+    near, charge = [0.0, 1.0, 0.0], np.ones((1, 2))
+    edge = [[0.0, -np.sin(a), np.cos(a)] for a in (0.1, 0.2)]
+    range_m = float(np.linalg.norm(np.array(edge[0]) - place[0])) + 1e-6
+    only = step_aside(place, np.zeros((1, 3)), np.array([[near, [np.nan] * 3]]), charge, 2.0)
+    assert only[0, 1] < 0.0
+    alone = step_aside(place, np.zeros((1, 3)), np.array([[edge[0], edge[1]]]), charge, range_m)
+    assert np.linalg.norm(alone) < 1e-5  # both all but at the edge
+
+
+@pytest.mark.parametrize("count", [20, 50])
+def test_with_a_dozen_neighbours_any_start_becomes_as_even_as_with_all(count: int) -> None:
+    least = {20: 150.881568, 50: 1055.182315}[count]
+    range_m = 2.0 * np.sqrt(12 / (count - 1))
+    place = random_directions(count, 3)
+    for _ in range(400):
+        place = place + 0.4 * np.clip(aside_of(place, range_m), -0.2, 0.2)
+        place = place / np.linalg.norm(place, axis=1, keepdims=True)
+    assert energy(place) / least < 1.0005
+    assert nearest_m(place) > 0.95 * 3.1 / np.sqrt(count)
+
+
+def test_the_velocity_is_the_step_at_the_laws_rate_and_no_faster_than_its_bound() -> None:
+    place = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(3.0), np.sin(3.0), 0.0]])
+    sight = Sight(everybody(place), np.ones((2, 1)), 2.0 * RADIUS_M)
+    aside = aside_of(place, 2.0 * RADIUS_M)
+    wanted = LAW.spreading_rate_per_s * AHEAD * RADIUS_M * aside
+    assert velocity_of(place, sight) == pytest.approx(wanted, abs=1e-9)
+    close = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(1.0), np.sin(1.0), 0.0]])
+    sight = Sight(everybody(close), np.ones((2, 1)), 2.0 * RADIUS_M)
+    assert np.linalg.norm(velocity_of(close, sight), axis=1) == pytest.approx(LAW.speed_m_s)
+
+
+def test_each_flies_about_the_centre_it_believes_in_and_rests_without_one() -> None:
+    place = np.array([[12.0, 0.0, 0.0], [10.0, 5.0, 0.0]])
+    alone = np.full((2, 1, 3), np.nan)
+    belief = Belief(np.array([[2.0, 0.0, 0.0], [np.nan] * 3]), np.array([[0.5, 0.0, 0.0], [np.nan] * 3]))
+    velocity = velocity_of(place, Sight(alone, np.ones((2, 1)), 5.0, belief))
+    assert velocity == pytest.approx(np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+
+
+def test_a_row_depends_on_that_drones_inbox_alone() -> None:
+    place = RADIUS_M * random_directions(6, 4)
+    whole = velocity_of(place, Sight(everybody(place), np.ones((6, 5)), 15.0))
+    rows = np.array([False, True, False, False, True, False])
+    part = velocity_of(place[rows], Sight(everybody(place), np.ones((6, 5)), 15.0).only(rows))
+    assert part == pytest.approx(whole[rows])

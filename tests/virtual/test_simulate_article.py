@@ -1,0 +1,62 @@
+"""Section 5 of the article, flown as it is shipped."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs.cli.simulation import scenario as scenarios
+from gcs.cli.simulation.article import article_figures
+from gcs.cli.simulation.batch import broken
+from gcs.cli.simulation.flight import fly
+from gcs.cli.simulation.measure import report
+from gcs.cli.simulation.plot import draw
+from gcs.cli.simulation.record import Record
+from gcs.cli.simulation.scenario import ArticleFlight
+
+VEHICLES = 4
+
+
+def flown(name: str, seed: int) -> Record:
+    return fly(scenarios.load(scenarios.find(name)), VEHICLES, seed)
+
+
+@pytest.fixture(scope="module")
+def around_a_box() -> Record:
+    return flown("article-obstacle", 7)
+
+
+@pytest.mark.xdist_group("article")
+@pytest.mark.parametrize("name", ["article-assembly", "article-tracking"])
+def test_four_drones_become_a_tetrahedron_and_keep_it_round_the_target(name: str) -> None:
+    record = flown(name, 7)
+    figures = report(record)
+    assert not broken(figures, record.scenario.judged.must)
+    assert figures["formation"]["settled"]  # type: ignore[index]
+    assert figures["tracking"]["center_speed_m_s"] == pytest.approx(12.0, abs=0.5)  # type: ignore[index]
+
+
+@pytest.mark.xdist_group("article")
+def test_the_formation_passes_a_box_and_is_a_tetrahedron_again(around_a_box: Record) -> None:
+    flight = around_a_box.scenario.flight
+    assert isinstance(flight, ArticleFlight)
+    assert not broken(report(around_a_box), around_a_box.scenario.judged.must)
+    path_m = around_a_box.path_m
+    box = flight.boxes[0]
+    away_m = np.linalg.norm(path_m[:, :, :2] - (box.x_m, box.y_m), axis=2).min(axis=1)
+    assert away_m.min() < 10.0
+
+
+@pytest.mark.xdist_group("article")
+def test_the_same_seed_flies_the_same_way_and_another_one_does_not() -> None:
+    short = scenarios.load(scenarios.find("article-tracking")).model_copy(update={"duration_s": 25.0})
+    once, again, other = (fly(short, VEHICLES, seed) for seed in (7, 7, 8))
+    assert np.array_equal(again.path_m, once.path_m)
+    assert not np.allclose(other.path_m, once.path_m)
+    assert article_figures(again) == article_figures(once)
+
+
+@pytest.mark.xdist_group("article")
+def test_section_5_is_drawn(around_a_box: Record, tmp_path: Path) -> None:
+    draw(around_a_box, tmp_path / "article.png")
+    assert (tmp_path / "article.png").stat().st_size > 50_000

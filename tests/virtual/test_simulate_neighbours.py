@@ -1,0 +1,86 @@
+"""Drones with nothing but their inboxes: what arrives in them, and what comes of it in flight."""
+
+import numpy as np
+import pytest
+
+from gcs.cli.simulation import scenario as scenarios
+from gcs.cli.simulation.batch import broken
+from gcs.cli.simulation.flight import fly
+from gcs.cli.simulation.layout import lattice
+from gcs.cli.simulation.measure import report
+from gcs.cli.simulation.neighbours import Neighbourhood, range_m
+from gcs.cli.simulation.scenario import Radio
+from gcs.formation.neighbours import Sight
+from gcs.formation.orbit import Center
+from gcs.state import Array
+
+TICK_S = 0.05
+RADIUS_M = 10.0
+
+
+def exchanged(radio: Radio, position_m: Array, rounds: int, velocity_m_s: Array | None = None) -> list[Sight]:
+    """What everybody sees, round by round, while all go on with `velocity_m_s`."""
+    n = len(position_m)
+    velocity = np.zeros((n, 3)) if velocity_m_s is None else velocity_m_s
+    around = Neighbourhood(radio, np.arange(1.0, n + 1.0), RADIUS_M, TICK_S, 1)
+    center = Center.at_rest(np.array([1.0, 2.0, -30.0]))
+    return [
+        around.exchange(k * TICK_S, position_m + k * TICK_S * velocity, velocity, np.ones(n, bool), center)
+        for k in range(rounds)
+    ]
+
+
+def test_a_range_holds_about_as_many_neighbours_as_asked_on_an_even_sphere() -> None:
+    for count in (20, 50, 200):
+        place = RADIUS_M * lattice(count)
+        apart_m = np.linalg.norm(place[:, None] - place[None], axis=2)
+        within = (apart_m < range_m(12, count, RADIUS_M)).sum() / count - 1.0
+        assert 9.5 < within < 13.0
+    assert range_m(12, 4, RADIUS_M) == 2.0 * RADIUS_M
+
+
+def test_an_inbox_holds_those_in_range_brought_forward_and_with_their_charges() -> None:
+    place = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 40.0, 0.0]])
+    pace = np.tile((1.0, -2.0, 0.5), (3, 1))
+    radio = Radio(delay_s=0.1, loss=0.0)
+    seen = exchanged(radio, place, 8, pace)
+    assert not np.isfinite(seen[1].inbox_m).any()  # still under way
+    last = seen[7]
+    assert last.inbox_m[0, 0] == pytest.approx(place[1] + 7 * TICK_S * pace[1])
+    assert last.inbox_m[1, 0] == pytest.approx(place[0] + 7 * TICK_S * pace[0])
+    assert not np.isfinite(last.inbox_m[2]).any()
+    assert last.inbox_charge[0, 0] == 2.0
+    assert last.belief is None
+
+
+def test_lost_messages_leave_the_one_before_and_the_silent_are_forgotten() -> None:
+    place = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
+    known = [
+        bool(np.isfinite(sight.inbox_m[0]).all())
+        for sight in exchanged(Radio(delay_s=0.0, loss=0.5, silence_max_s=0.5), place, 400)
+    ]
+    assert np.mean(known) > 0.95
+    around = Neighbourhood(Radio(delay_s=0.0, loss=0.0), np.ones(2), RADIUS_M, TICK_S, 1)
+    still = np.zeros((2, 3))
+    heard = []
+    for k in range(30):
+        present = np.array([True, k < 10])
+        heard.append(
+            bool(np.isfinite(around.exchange(k * TICK_S, place, still, present, None).inbox_m[0]).all())
+        )
+    assert heard[12]
+    assert not heard[25]
+
+
+def test_beliefs_agree_on_what_all_see_together() -> None:
+    radio = Radio(center="agreed", sighting_error_m=1.0, loss=0.1)
+    belief = exchanged(radio, RADIUS_M * lattice(20), 600)[-1].belief
+    assert belief is not None
+    assert np.ptp(belief.center_m, axis=0).max() < 0.3
+    assert np.abs(belief.center_m.mean(axis=0) - (1.0, 2.0, -30.0)).max() < 1.0
+
+
+@pytest.mark.parametrize("name", ["neighbours-only", "consensus"])
+def test_twenty_with_a_dozen_neighbours_each_become_an_even_sphere(name: str) -> None:
+    record = fly(scenarios.load(scenarios.find(name)), 20, 7)
+    assert not broken(report(record), record.scenario.judged.must)
