@@ -200,7 +200,7 @@ def test_nobody_is_ever_truly_inside_the_floor_whatever_changes(flight: Flight) 
 @pytest.mark.parametrize(
     ("name", "kind", "says"),
     [
-        ("too small", InvalidError, "at least 3.0 m for 4 vehicles"),
+        ("too small", InvalidError, "at least 3.2 m for 4 vehicles"),
         ("too low", InvalidError, "at least 11.0 m"),
         ("too high", InvalidError, "at most 92.0 m"),
         ("orbit too fast", InvalidError, "at most the centre's 4 m/s"),
@@ -240,5 +240,5 @@ async def smallest(show: Show) -> tuple[Refusal, tuple[float, int]]:
 def test_the_smallest_radius_that_is_named_is_accepted_and_keeps_the_floor() -> None:
     refusal, (told_m, violations) = fly(smallest)
     assert refusal.kind is InvalidError
-    assert told_m == 3.0
+    assert told_m == 3.2
     assert violations == 0

@@ -94,7 +94,7 @@ def test_abort_brings_the_lowest_down_first(aborted: Descent) -> None:
 async def abort_over_a_crate(show: Show) -> Descent:
     """Under the lowest lies something, so that it has to go a long way sideways."""
     started = await show.start()
-    await show.wait(6.0)
+    await show.wait(12.0)
     x_m, y_m, _ = show.true_m[int(np.argmax(show.true_m[:, 2]))].tolist()
     show.service.add_obstacle(Obstacle("crate", x_m, y_m, 1.0, 1.0, 1.0))
     return await ordered(show, ShowAction.ABORT, started)

@@ -99,7 +99,7 @@ def odd() -> dict[str, Refusal]:
         ("stop", RefusedError, "not possible while the show is idle"),
         ("abort", RefusedError, "not possible while the show is idle"),
         ("pause", RefusedError, "it is from assembling, running"),
-        ("radius", InvalidError, "at least 2.6 m for 3 vehicles"),
+        ("radius", InvalidError, "at least 2.9 m for 3 vehicles"),
         ("pad", RefusedError, "d2"),
         ("nobody", RefusedError, "no vehicle is online"),
     ],

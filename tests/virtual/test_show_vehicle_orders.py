@@ -165,18 +165,18 @@ async def no_room(show: Show) -> tuple[Refusal, OrderRecord]:
     await show.start()
     show.link.silence("d4")
     await show.phase("d4", Phase.LOST)
-    show.service.set_formation(Formation(2.7, 14.0))
+    show.service.set_formation(Formation(2.9, 14.0))
     show.link.restore("d4")
     await show.phase("d4", Phase.HOLD)
     refusal = await refused(show, lambda: show.service.command_vehicle("d4", JOIN))
-    show.service.set_formation(Formation(3.0, 14.0))
+    show.service.set_formation(Formation(3.2, 14.0))
     return refusal, await show.order("d4", JOIN)
 
 
 def test_joining_a_sphere_too_small_for_one_more_is_refused_with_the_radius_that_would_do() -> None:
     refusal, joined = fly(no_room, parameters={"COM_OBL_RC_ACT": 5})
     assert refusal.kind is RefusedError
-    assert "at least 3.0 m for 4 vehicles" in refusal.text
+    assert "at least 3.2 m for 4 vehicles" in refusal.text
     assert joined.outcome is Outcome.DONE
 
 
