@@ -25,6 +25,12 @@ ROUNDS = 4
 SHRINKS = 60
 """By the factors needed; after that, rows that still approach come to rest."""
 
+VISITS = 4_000_000
+"""Of constraints by the sweeps, and by the shrinking: where many contradict each other, a tick must end."""
+
+FEWEST = 8
+"""Sweeps and shrinkings there are always."""
+
 
 def project(wanted_m_s: Array, constraints: Constraints) -> Array:
     """Change the velocities as little as possible (least squares) so that all constraints hold.
@@ -100,7 +106,7 @@ def nearest(wanted_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m
                 many += 1
         if many == before:
             break
-        for sweep in range(SWEEPS):
+        for sweep in range(min(SWEEPS, max(FEWEST, VISITS // max(many, 1)))):
             largest_m_s = 0.0
             for place in range(many):
                 k = in_hand[place if sweep % 2 == 0 else many - 1 - place]
@@ -136,7 +142,7 @@ def shortened(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bou
     """As `shrink`, on arrays: rows (k,), (k,), normals (k, 3), bounds (k,)."""
     shorter_m_s = velocity_m_s.copy()
     broken = True
-    tries = 0
+    tries, most = 0, min(SHRINKS, max(FEWEST, VISITS // max(len(first), 1)))
     while broken:
         broken = False
         factor = np.ones(len(velocity_m_s))
@@ -150,7 +156,7 @@ def shortened(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bou
             approach_m_s = -along_m_s(shorter_m_s, i, normal, k)
             other_m_s = along_m_s(shorter_m_s, j, normal, k) if j != NOBODY else 0.0
             _demand(factor, i, j, approach_m_s, other_m_s, -bound_m_s[k])
-        if tries >= SHRINKS:
+        if tries >= most:
             factor = np.floor(factor)
         tries += 1
         for i in range(len(factor)):

@@ -20,7 +20,8 @@ from gcs.formation.article import ArticleParameters, formation_force, step_virtu
 from gcs.formation.law import goal_velocity
 from gcs.frames import ShowFrame
 from gcs.plan import Formation, Plan
-from gcs.safety.filter import Surroundings, filter_velocities
+from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
+from gcs.safety.walls import Fence
 from gcs.state import Array, FleetState, Traits
 from sim.dynamics import PointMasses, Response, step
 
@@ -77,7 +78,8 @@ def control_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]
         np.zeros((0, 2, 3)),
     )
     plan = Plan(Formation(radius_m, radius_m + 10.0))
-    traits, settings = Traits.alike(count), ControlSettings()
+    fence = Fence(height_max_m=4.0 * radius_m + 100.0, distance_max_m=4.0 * radius_m)
+    traits, settings = Traits.alike(count), ControlSettings(safety=SafetySettings(fence=fence))
     memory = [Memory.fresh(count, 0.0)]
     rng = np.random.default_rng(1)
     shaken = [on_sphere(count, radius_m).position_m + rng.normal(0.0, 0.1, (count, 3)) for _ in range(8)]
