@@ -49,7 +49,7 @@ from gcs.state import Array, FleetState, Mask, Setpoints, Traits, freeze
 LONGEST_STEP_S = 0.2
 """After a longer pause the commanded centre does not catch up: what was not flown is not flown."""
 
-PRESSED = 0.75
+PRESSED = 0.65
 """Share of the speed limit from which a vehicle's setpoint has little left to give."""
 
 STANDING_M_S = 0.5

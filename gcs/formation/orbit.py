@@ -11,10 +11,10 @@ NEAR_M = 1e-3
 """Closer to the target than this the field has no direction of its own; it then points along x."""
 
 PACE_LEAST = 0.2
-PACE_REGAINED_PER_S = 0.02
-PACE_LOST_PER_M = 0.5
+PACE_REGAINED_PER_S = 0.01
+PACE_LOST_PER_M = 1.0
 GUST_M_S = 0.1  # so much behind is nothing
-PACE_LOST_MAX_PER_S = 0.1
+PACE_LOST_MAX_PER_S = 0.15
 """See `next_pace`: 5 m/s round 30 m leave half of 1 m/s2 for braking."""
 
 CLEAR_OF_FENCE_M = 2.0

@@ -68,7 +68,7 @@ def test_seeds_run_from_a_up_to_without_b_and_judged_ones_from_the_file(
     trial: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert [run["seed"] for run in flown(capsys, trial, "--seeds", "3:6")[1]] == [3, 4, 5]
-    assert [run["seed"] for run in flown(capsys, trial, "--judged")[1]] == [5000, 5001]
+    assert [run["seed"] for run in flown(capsys, trial, "--judged")[1]] == [6000, 6001]
 
 
 def test_what_a_scenario_demands_and_does_not_get_is_said_and_is_the_exit_code(

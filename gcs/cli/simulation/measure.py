@@ -25,7 +25,7 @@ from gcs.state import Array, Mask
 SETTLED_ENERGY = 1.005
 SETTLED_RADIUS = 0.02
 STEADY_S = 5.0
-ON_ORBIT_M = 0.2
+ON_ORBIT_M = 0.5
 ROTATIONS = 60
 UNLIKE = 1e3
 """On the unit sphere; no drone takes the place of one with another charge."""
