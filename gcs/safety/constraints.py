@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gcs.compiled import kernel
 from gcs.errors import ShapeError
 from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import Array
@@ -88,3 +89,14 @@ class Braking(Settings):
         a, t = self.deceleration_m_s2, self.reaction_s
         stop: Array = a * (np.sqrt(t * t + 2.0 * np.maximum(gap_m, 0.0) / a) - t)
         return np.where(gap_m < 0.0, self.escape_rate_per_s * gap_m, stop)
+
+
+@kernel
+def allowed_speed_m_s(
+    gap_m: float, reaction_s: float, deceleration_m_s2: float, escape_rate_per_s: float
+) -> float:
+    """As `Braking.speed_m_s`, for one gap."""
+    if gap_m < 0.0:
+        return escape_rate_per_s * gap_m
+    stop_s: float = np.sqrt(reaction_s * reaction_s + 2.0 * gap_m / deceleration_m_s2)
+    return deceleration_m_s2 * (stop_s - reaction_s)

@@ -6,8 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
+from gcs.compiled import kernel
 from gcs.formation.obstacles import Ellipse
-from gcs.formation.response import scale_to_limits
 from gcs.formation.sphere import TINY
 from gcs.safety.constraints import NOBODY, Braking, Constraints
 from gcs.safety.neighbours import Rows
@@ -146,16 +146,27 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
 
 def cap(velocity_m_s: Array, limits: Limits, speed_max_m_s: Array | float = np.inf) -> Array:
     """(n, 3) within the limits and each vehicle's own speed (n,): long rows shortened; not finite: rest."""
-    finite = np.isfinite(velocity_m_s).all(axis=1, keepdims=True)
-    trusted_m_s = np.where(finite, velocity_m_s, 0.0)
-    speed_m_s = np.linalg.norm(trusted_m_s, axis=1)
-    own = np.minimum(1.0, speed_max_m_s / np.maximum(speed_m_s, TINY))
-    return scale_to_limits(
-        trusted_m_s * own[:, None],
-        horizontal_max_m_s=limits.horizontal_m_s,
-        up_max_m_s=limits.up_m_s,
-        down_max_m_s=limits.down_m_s,
+    own_m_s = np.full(len(velocity_m_s), speed_max_m_s) if np.ndim(speed_max_m_s) == 0 else speed_max_m_s
+    return _capped(
+        np.array(velocity_m_s), np.array(own_m_s), limits.horizontal_m_s, limits.up_m_s, limits.down_m_s
     )
+
+
+@kernel
+def _capped(
+    velocity_m_s: Array, own_m_s: Array, horizontal_m_s: float, up_m_s: float, down_m_s: float
+) -> Array:
+    """As `cap`, for (n, 3) and (n,)."""
+    capped = np.zeros_like(velocity_m_s)
+    for i in range(len(velocity_m_s)):
+        x, y, z = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
+        if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
+            continue
+        share = min(1.0, own_m_s[i] / max(np.sqrt(x * x + y * y + z * z), TINY))
+        share = min(share, horizontal_m_s / max(np.hypot(x, y), TINY))
+        share = min(share, (up_m_s if z < 0.0 else down_m_s) / max(abs(z), TINY))
+        capped[i, 0], capped[i, 1], capped[i, 2] = share * x, share * y, share * z
+    return capped
 
 
 def _reasons(

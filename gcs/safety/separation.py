@@ -6,12 +6,15 @@ from typing import TypeAlias
 import numpy as np
 
 from gcs.compiled import kernel
-from gcs.safety.constraints import NOBODY, Braking, Constraints
+from gcs.safety.constraints import NOBODY, Braking, Constraints, allowed_speed_m_s
 from gcs.safety.neighbours import Rows, near_pairs
 from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import Array, Mask
 
 TINY = 1e-9
+
+ALL_PAIRS = 200
+"""Up to so many vehicles looking at every pair is faster than finding the near ones."""
 
 
 class Floor(Settings):
@@ -80,23 +83,31 @@ def minimum_separation(position_m: Array, airborne: Mask, floor: Floor) -> tuple
     """Smallest true distance of the pairs that count (inf without any), and how many are inside the floor."""
     position_m, airborne = np.array(position_m), np.array(airborne)  # frozen arrays are another type to numba
     known: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
+    semi_axes = floor.horizontal_m, floor.vertical_m, floor.pad_height_m
+    if len(position_m) <= ALL_PAIRS:
+        return _closest(position_m, airborne, *every_pair(known), *semi_axes)
     look_m = max(floor.horizontal_m, floor.vertical_m)
     farthest_m = 2.0 * float(np.abs(position_m[known]).max(initial=0.0)) * np.sqrt(3.0) + look_m
     while True:
-        radius_m = np.full(len(position_m), look_m / 2.0)
-        first, second = near_pairs(position_m, known, radius_m)
-        found_m, inside = _closest(
-            position_m,
-            airborne,
-            first,
-            second,
-            floor.horizontal_m,
-            floor.vertical_m,
-            floor.pad_height_m,
-        )
+        near = near_pairs(position_m, known, np.full(len(position_m), look_m / 2.0))
+        found_m, inside = _closest(position_m, airborne, *near, *semi_axes)
         if np.isfinite(found_m) or look_m > farthest_m:
             return found_m, inside
         look_m *= 2.0
+
+
+@kernel
+def every_pair(known: Mask) -> tuple[Rows, Rows]:
+    """Rows (k,) and (k,) of all pairs of those in `known` (n,)."""
+    rows = np.flatnonzero(known)
+    count = len(rows) * (len(rows) - 1) // 2
+    first, second = np.empty(count, np.intp), np.empty(count, np.intp)
+    k = 0
+    for i in range(len(rows)):
+        for j in range(i + 1, len(rows)):
+            first[k], second[k] = rows[i], rows[j]
+            k += 1
+    return first, second
 
 
 @kernel
@@ -157,32 +168,30 @@ def separation_constraints(
         spare_m_s: (n,) by how much each one's velocity may come to differ from that. Pairs whose constraint
             no such velocities break are left out.
     """
-    known: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
-    measured_m_s = np.where(np.isfinite(velocity_m_s), velocity_m_s, 0.0)  # unknown: at least keep away
-    course_m_s = np.where(commanded[:, None], course_m_s, measured_m_s)
-    spare_m_s = np.where(commanded, spare_m_s, 0.0)
-    mean_m_s = (
-        course_m_s.mean(axis=0) if len(course_m_s) else np.zeros(3)
-    )  # what all share brings nobody near
-    drift_m_s = np.linalg.norm(measured_m_s - mean_m_s, axis=1)
-    stray_m_s = np.linalg.norm(course_m_s - mean_m_s, axis=1) + spare_m_s
-    reach_m = stray_m_s * braking.reaction_s + stray_m_s**2 / braking.deceleration_m_s2
-    wide_m, tall_m = floor.kept_m(0.0)
-    wider_m = wide_m + 2.0 * uncertainty_m
-    taller_m = tall_m + 2.0 * floor.vertical_uncertainty * uncertainty_m
-    look_m = np.maximum(wider_m, taller_m) / 2.0 + reach_m + braking.lead_s * drift_m_s
-    flat = max(float((taller_m / wider_m).max(initial=1.0)), float((wider_m / taller_m).max(initial=1.0)))
-    # Along the gradient the gap may look shorter than the way to the ellipsoid: Kantorovich's inequality.
-    look_m = look_m * (1.0 + flat**2) / (2.0 * flat) + TINY
     position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)  # frozen: another type to numba
-    first, second = near_pairs(position_m, known, look_m)
+    commanded, airborne = np.array(commanded), np.array(airborne)
+    wide_m, tall_m = floor.kept_m(0.0)
+    known, measured_m_s, course_m_s, spare_m_s, look_m = _looks(
+        position_m,
+        np.array(velocity_m_s),
+        commanded,
+        uncertainty_m,
+        np.array(course_m_s),
+        spare_m_s,
+        (wide_m, tall_m, floor.vertical_uncertainty),
+        (braking.reaction_s, braking.lead_s, braking.deceleration_m_s2),
+    )
+    if len(position_m) <= ALL_PAIRS:
+        first, second = every_pair(known)
+    else:
+        first, second = near_pairs(position_m, known, look_m)
     both_ways = _bounds(
         position_m,
         measured_m_s,
         course_m_s,
         spare_m_s,
-        np.array(commanded),
-        np.array(airborne),
+        commanded,
+        airborne,
         uncertainty_m,
         first,
         second,
@@ -198,6 +207,53 @@ def separation_constraints(
         ),
     )
     return Pairs(*both_ways)
+
+
+@kernel
+def _looks(
+    position_m: Array,
+    velocity_m_s: Array,
+    commanded: Mask,
+    uncertainty_m: Array,
+    course_m_s: Array,
+    spare_m_s: Array,
+    floor: tuple[float, float, float],
+    braking: tuple[float, float, float],
+) -> tuple[Mask, Array, Array, Array, Array]:
+    """Who is known, how each moves, is wanted to and may come to, and how far each must look around.
+
+    Returns: (n,) known, (n, 3) measured, (n, 3) course, (n,) spare, (n,) half the distance to look at, m.
+    """
+    wide_m, tall_m, taller = floor
+    reaction_s, lead_s, deceleration_m_s2 = braking
+    n = len(position_m)
+    known, measured, course = np.empty(n, np.bool_), velocity_m_s.copy(), course_m_s.copy()
+    spare, look_m, mean = np.zeros(n), np.empty(n), np.zeros(3)
+    flat = 1.0
+    for i in range(n):
+        known[i] = True
+        for k in range(3):
+            known[i] &= np.isfinite(position_m[i, k])
+            if not np.isfinite(measured[i, k]):
+                measured[i, k] = 0.0  # unknown: at least keep away
+            if not commanded[i]:
+                course[i, k] = measured[i, k]
+            mean[k] += course[i, k] / n  # what all share brings nobody near
+        spare[i] = spare_m_s[i] if commanded[i] else 0.0
+        wider_m, taller_m = wide_m + 2.0 * uncertainty_m[i], tall_m + 2.0 * taller * uncertainty_m[i]
+        flat = max(flat, taller_m / wider_m, wider_m / taller_m)
+    # Along the gradient the gap may look shorter than the way to the ellipsoid: Kantorovich's inequality.
+    longer = (1.0 + flat**2) / (2.0 * flat)
+    for i in range(n):
+        drift2, stray2 = 0.0, 0.0
+        for k in range(3):
+            drift2 += (measured[i, k] - mean[k]) ** 2
+            stray2 += (course[i, k] - mean[k]) ** 2
+        stray_m_s = np.sqrt(stray2) + spare[i]
+        reach_m = stray_m_s * reaction_s + stray_m_s**2 / deceleration_m_s2
+        wider_m, taller_m = wide_m + 2.0 * uncertainty_m[i], tall_m + 2.0 * taller * uncertainty_m[i]
+        look_m[i] = (max(wider_m, taller_m) / 2.0 + reach_m + lead_s * np.sqrt(drift2)) * longer + TINY
+    return known, measured, course, spare, look_m
 
 
 Numbers: TypeAlias = tuple[float, float, float, float, float, float, float, float]
@@ -237,7 +293,7 @@ def _bounds(
             wanted_m_s -= normal[axis] * (course_m_s[i, axis] - course_m_s[j, axis])
             closing_m_s -= normal[axis] * (measured_m_s[i, axis] - measured_m_s[j, axis])
             theirs_m_s += normal[axis] * measured_m_s[j, axis]
-        allowed_m_s = _allowed(
+        allowed_m_s = allowed_speed_m_s(
             gap_m - lead_s * max(closing_m_s, 0.0), reaction_s, deceleration_m_s2, escape_per_s
         )
         if allowed_m_s > wanted_m_s:
@@ -267,15 +323,6 @@ def _gap(position_m: Array, i: int, j: int, wide_m: float, tall_m: float, normal
         normal[axis] /= slope
     gap_m: float = (scaled_m - wide_m) / slope
     return gap_m
-
-
-@kernel
-def _allowed(gap_m: float, reaction_s: float, deceleration_m_s2: float, escape_per_s: float) -> float:
-    """As `Braking.speed_m_s`, for one gap."""
-    if gap_m < 0.0:
-        return escape_per_s * gap_m
-    stop_s: float = np.sqrt(reaction_s * reaction_s + 2.0 * gap_m / deceleration_m_s2)
-    return deceleration_m_s2 * (stop_s - reaction_s)
 
 
 def keepout_constraints(

@@ -6,7 +6,8 @@ import numpy as np
 
 from gcs.compiled import kernel
 from gcs.formation.obstacles import Ellipse, Outlines
-from gcs.safety.constraints import NOBODY, Braking, Constraints
+from gcs.safety.constraints import NOBODY, Braking, Constraints, allowed_speed_m_s
+from gcs.safety.neighbours import Rows
 from gcs.settings import Positive, Settings
 from gcs.state import Array, Mask
 
@@ -39,25 +40,61 @@ def fence_constraints(
         fastest_m_s: nobody may fly faster, in any direction. Where twice that could still be braked, there
             is no constraint: no velocity within the limits breaks it.
     """
-    height_m = -position_m[:, 2]
-    distance_m = np.hypot(position_m[:, 0], position_m[:, 1])
-    upright = np.array([[0.0, 0.0, -1.0]])
-    parts = []
-    for rows, gap_m, reason in (
-        (commanded & ~descending, height_m - fence.height_min_m, "least height"),
-        (commanded, fence.height_max_m - height_m, "greatest height"),
-        (commanded, fence.distance_max_m - distance_m, "greatest distance"),
-    ):
-        near = rows & (braking.speed_m_s(gap_m) <= 2.0 * fastest_m_s)
-        if not near.any():
+    rows, sides, normal, bound_m_s = _fence_rows(
+        np.array(position_m),
+        np.array(commanded),
+        np.array(descending),
+        (fence.height_min_m, fence.height_max_m, fence.distance_max_m),
+        (braking.reaction_s, braking.deceleration_m_s2, braking.escape_rate_per_s),
+        2.0 * fastest_m_s,
+    )
+    reasons = tuple(FENCE_REASONS[side] for side in sides.tolist())
+    return Constraints(rows, np.full(len(rows), NOBODY), normal, bound_m_s, reasons)
+
+
+FENCE_REASONS = ("least height", "greatest height", "greatest distance")
+
+
+@kernel
+def _fence_rows(
+    position_m: Array,
+    commanded: Mask,
+    descending: Mask,
+    fence: tuple[float, float, float],
+    braking: tuple[float, float, float],
+    possible_m_s: float,
+) -> tuple[Rows, Rows, Array, Array]:
+    """Rows (k,), sides of the fence (k,), inward normals (k, 3), bounds (k,) of all that could bind."""
+    height_min_m, height_max_m, distance_max_m = fence
+    most = 3 * len(position_m)
+    rows, sides = np.empty(most, np.intp), np.empty(most, np.intp)
+    normal, bound_m_s = np.zeros((most, 3)), np.empty(most)
+    kept = 0
+    for i in range(len(position_m)):
+        if not commanded[i]:
             continue
-        if reason == "greatest distance":
-            inward = np.zeros_like(position_m)
-            inward[:, :2] = -position_m[:, :2] / np.maximum(distance_m, 1e-9)[:, None]
-        else:
-            inward = np.repeat(upright if reason == "least height" else -upright, len(position_m), axis=0)
-        parts.append(_wall(near, inward, gap_m, reason, braking))
-    return Constraints.joined(*parts) if parts else Constraints.none()
+        x_m, y_m, height_m = position_m[i, 0], position_m[i, 1], -position_m[i, 2]
+        distance_m = np.sqrt(x_m * x_m + y_m * y_m)
+        for side in range(3):
+            if side == 0 and descending[i]:
+                continue
+            if side == 0:
+                gap_m = height_m - height_min_m
+            elif side == 1:
+                gap_m = height_max_m - height_m
+            else:
+                gap_m = distance_max_m - distance_m
+            allowed_m_s = allowed_speed_m_s(gap_m, braking[0], braking[1], braking[2])
+            if not allowed_m_s <= possible_m_s:
+                continue
+            rows[kept], sides[kept], bound_m_s[kept] = i, side, -allowed_m_s
+            if side == 2:
+                normal[kept, 0] = -x_m / max(distance_m, 1e-9)
+                normal[kept, 1] = -y_m / max(distance_m, 1e-9)
+            else:
+                normal[kept, 2] = -1.0 if side == 0 else 1.0
+            kept += 1
+    return rows[:kept], sides[:kept], normal[:kept], bound_m_s[:kept]
 
 
 def obstacle_constraints(
