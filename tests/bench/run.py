@@ -141,9 +141,9 @@ def flat_filter(count: int) -> tuple[Callable[[], object], Callable[[], object]]
     simulator.set_time_step(1e-9)  # so that it stays where it is
     simulator.set_agent_defaults(20.0, 10, 5.0, 5.0, settings.safety.floor.horizontal_m / 2.0, 4.0)
     for row in range(count):
-        agent = simulator.add_agent(pyrvo.Vector2(*position_m[row, :2].tolist()))
-        simulator.set_agent_velocity(agent, pyrvo.Vector2(*wanted_m_s[row, :2].tolist()))
-        simulator.set_agent_pref_velocity(agent, pyrvo.Vector2(*wanted_m_s[row, :2].tolist()))
+        agent = simulator.add_agent(tuple(position_m[row, :2].tolist()))
+        simulator.set_agent_velocity(agent, tuple(wanted_m_s[row, :2].tolist()))
+        simulator.set_agent_pref_velocity(agent, tuple(wanted_m_s[row, :2].tolist()))
     return lambda: filter_velocities(wanted_m_s, here, settings.safety), simulator.do_step
 
 
