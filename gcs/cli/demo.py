@@ -21,6 +21,7 @@ from gcs.cli import logs, report
 from gcs.cli.serve import running
 from gcs.cli.story import ORBIT_RADIUS_M, Marks, StoppedEarlyError, Story, shortest_s
 from gcs.client import Client
+from gcs.control import warm_up
 from gcs.errors import ConfigError, GcsError
 from gcs.feasibility import smallest_formation_radius_m
 from gcs.orchestrator import Orchestrator
@@ -52,6 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Fly. Returns: 0 when all landed and nothing touched, 1 otherwise."""
     logs.set_up(logging.INFO if arguments.verbose else logging.ERROR)
     config = make_config(arguments)
+    print("getting ready (the first time the law is compiled, for up to half a minute)", flush=True)
+    warm_up()
     try:
         with tempfile.TemporaryDirectory(prefix="gcs-demo-") as temporary:
             folder = Path(arguments.truth or temporary)
