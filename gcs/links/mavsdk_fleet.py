@@ -22,6 +22,9 @@ log = logging.getLogger(__name__)
 SYSTEM_ID: Final = 245  # MAVSDK's own as a ground station, with component 190
 COMPONENT_ID: Final = 190
 
+_LOG_LEVELS: Final = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.ERROR}
+"""The others are for those who mend MAVSDK. Its errors are seldom, and the last may be why the process ends."""
+
 _HEADING_MAX_DEG: Final = 360.0  # above: unknown on the wire
 
 
@@ -104,6 +107,10 @@ class MavsdkVehicle:
         except MavsdkError as error:
             raise OrderError(error.result.name) from error
 
+    def destroy(self) -> None:
+        """Release the vehicle and its plugins; nothing of it may be used afterwards."""
+        self._system.destroy()
+
     def _take_off(self, height_m: float) -> None:
         self._action.set_takeoff_altitude(height_m)
         self._action.takeoff()
@@ -115,12 +122,16 @@ class MavsdkFleet:
     `open`, `discover` and `destroy` block for milliseconds and belong on another thread than the loop's. A
     thread cannot be cancelled, so they exclude each other, and after `destroy` the others do nothing: MAVSDK
     itself would crash.
+
+    Every vehicle is kept and released here. Left to Python's garbage collector, one could be halfway through
+    its release on another thread when MAVSDK ends, and MAVSDK aborts the process for that.
     """
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
         """`send` gets what MAVSDK wants sent, on MAVSDK's thread."""
         self._send = send
         self._mavsdk: Any = None
+        self._vehicles: list[MavsdkVehicle] = []
         self._destroyed = False
         self._lock = Lock()
 
@@ -153,6 +164,7 @@ class MavsdkFleet:
                     continue
                 try:
                     found[system_id] = MavsdkVehicle(system)
+                    self._vehicles.append(found[system_id])
                 except RuntimeError as error:  # a plugin could not be made; it is tried again soon
                     log.warning("vehicle_not_met", extra={"system_id": system_id, "cause": str(error)})
                     system.destroy()
@@ -162,11 +174,13 @@ class MavsdkFleet:
         """End its threads; no plugin of it may be used afterwards."""
         with self._lock:
             self._destroyed = True
+            for vehicle in self._vehicles:
+                vehicle.destroy()
             if self._mavsdk is not None:
                 self._mavsdk.destroy()
 
 
 def _pass_on(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
     """MAVSDK prints to stdout unless somebody takes its messages."""
-    log.log(logging.DEBUG if level < LogLevel.WARN else logging.INFO, "mavsdk", extra={"said": message})
+    log.log(_LOG_LEVELS.get(level, logging.DEBUG), "mavsdk", extra={"said": message})
     return True
