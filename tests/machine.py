@@ -15,6 +15,7 @@ these between the moment it was found free and the moment it is opened.
 
 LOOK_S = 0.01
 STALL_S = 0.05
+"""Shorter pauses are not noted: what is measured with `Witness.awake_s` may still hold one of them."""
 
 
 def free_ports(count: int = 1) -> int:

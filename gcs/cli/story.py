@@ -24,6 +24,9 @@ LANDING_S = 75.0
 SETTLE_S = 20.0
 """From assembled or past the obstacle until the shape counts as steady."""
 
+AWAY_SPEED_M_S = 1.2
+"""Of the target after the obstacle; with the orbit's speed still below what the centre may fly."""
+
 AHEAD_S = 13.0
 """How far ahead on its path the formation meets the obstacle."""
 
@@ -123,7 +126,8 @@ class Story:
             self._say(f"a tower of 6 x 6 x 45 m stands in their way at ({box.x_m:g}, {box.y_m:g})")
             self._sleep(10.0)
             self._until("passing the tower", 60.0, partial(self._clear_of, box))
-            self._say("past the tower; they re-form")
+            self._say("past the tower; the target turns away from it, and they re-form")
+            self._turn_away(box)
             self._sleep(SETTLE_S)
             return
         raise OrderError("no place for the obstacle was accepted")
@@ -194,6 +198,14 @@ class Story:
             center_m = center_m + step_s * (target_m_s + around_m_s)
             target_m = target_m + step_s * target_m_s
         return float(center_m[0]), float(center_m[1])
+
+    def _turn_away(self, box: Obstacle) -> None:
+        """Send the target straight away from the box, so that nothing disturbs the rest of the orbit."""
+        target = self._client.target()
+        x_m, y_m = target.x_m or 0.0, target.y_m or 0.0
+        away_m = np.array([x_m - box.x_m, y_m - box.y_m])
+        vx_m_s, vy_m_s = (AWAY_SPEED_M_S / max(float(np.hypot(*away_m)), 1.0) * away_m).tolist()
+        self._client.set_target(x_m, y_m, velocity_x_m_s=vx_m_s, velocity_y_m_s=vy_m_s)
 
     def _clear_of(self, box: Obstacle) -> bool:
         """Whether every vehicle has passed: none near, and the formation moves away."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from ground import SOON_S, flying_config, last_truths, until, vehicles, wait_until
-from machine import free_ports
+from machine import Witness, free_ports
 
 from gcs.cli.serve import make_link
 from gcs.lifecycle import Phase, ShowPhase
@@ -18,11 +18,6 @@ from gcs.service import ShowAction
 pytestmark = pytest.mark.xdist_group("e2e")
 
 DEADMAN_S = 0.2
-NOTED_S = 0.1
-"""The record says when the call that sends returned, which on a busy machine is somewhat after the sending.
-tests/wire/test_link_stall.py holds the arrivals, which the kernel dates, to the 0.2 s exactly.
-"""
-
 STOPPED_S = 3.0
 BEAT_S = 1.5
 """Heartbeats come once a second."""
@@ -92,11 +87,13 @@ async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkLink, float, lis
 
 @pytest.mark.parametrize("stop", [block_the_loop, end_the_tick])
 def test_when_control_stops_setpoints_cease_and_the_failsafe_begins(tmp_path: Path, stop: Stop) -> None:
-    link, last_tick_s, phases = asyncio.run(fly_and_stop(tmp_path, stop))
+    with Witness() as machine:
+        link, last_tick_s, phases = asyncio.run(fly_and_stop(tmp_path, stop))
     for vehicle_id in IDS:
         times_s = link.setpoint_times_s(vehicle_id)
         assert times_s, "setpoints flowed before"
         assert last_tick_s - times_s[-1] < 0.1, "they flowed until the last tick"
-        assert times_s[-1] - last_tick_s <= DEADMAN_S + NOTED_S
+        # the record says when the call that sends returned: a pause of the machine between may be in it
+        assert machine.awake_s(last_tick_s, times_s[-1]) <= DEADMAN_S
     if stop is block_the_loop:
         assert phases == [Phase.PILOT, Phase.PILOT], "the failsafe's mode is nobody's order: hands off"

@@ -13,7 +13,7 @@ from machine import free_ports
 
 @pytest.mark.xdist_group("demo")
 def test_the_demo_flies_its_story_and_nothing_touches() -> None:
-    command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "8", "--seconds", "210", "--json"]
+    command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "8", "--seconds", "240", "--json"]
     command += ["--api-port", "0", "--port-base", str(free_ports(8))]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

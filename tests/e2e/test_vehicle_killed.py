@@ -33,6 +33,9 @@ STEADY_S = 5.0
 WATCHED_S = 15.0
 """And at least this long after it."""
 
+RE_FORMED_S = 20.0
+"""From the kill on, silence and re-spreading together."""
+
 FORMED = 1.01
 """Energy over that of the best shape known; 8 minus 1 unformed is 1.03."""
 
@@ -58,11 +61,12 @@ def energy_ratio(view: FleetView, best: float) -> float:
     return energy(direction) / best
 
 
-async def re_formed(orchestrator: Orchestrator, best: float) -> float:
+async def re_formed(orchestrator: Orchestrator, best: float, killed_s: float, machine: Witness) -> float:
     """The median over two seconds, since one moment's carries the position noise; waits for a good one."""
     ratios: deque[float] = deque(maxlen=40)
-    end_s = time.monotonic() + SOON_S
-    while len(ratios) < 40 or (np.median(ratios) >= FORMED and time.monotonic() < end_s):
+    while len(ratios) < 40 or (
+        np.median(ratios) >= FORMED and machine.awake_s(killed_s, time.monotonic()) < RE_FORMED_S
+    ):
         await asyncio.sleep(0.05)
         ratios.append(energy_ratio(orchestrator.view.value, best))
     return float(np.median(ratios))
@@ -73,7 +77,7 @@ async def fly_and_kill(folder: Path, machine: Witness) -> Seen:
     # before the flight: it takes seconds, in which the service on the same loop would send no setpoints
     best = energy(best_configuration(7))
     base = free_ports(8)
-    config = flying_config(8, base, silence_s=4.0)
+    config = flying_config(8, base, silence_s=2.0)
     with vehicles(8, base, folder, *PATIENT) as processes:
         link = make_link(config.links[0], config)
         assert isinstance(link, MavsdkLink)
@@ -91,7 +95,7 @@ async def fly_and_kill(folder: Path, machine: Witness) -> Seen:
         processes[4].kill()
         killed_s = time.monotonic()
         await until("lost", SOON_S, lambda: view.value.vehicles[4].phase is Phase.LOST)
-        ratio = await re_formed(orchestrator, best)
+        ratio = await re_formed(orchestrator, best, killed_s, machine)
         await until("watched", SOON_S, lambda: time.monotonic() > killed_s + WATCHED_S)
         with Client(f"http://127.0.0.1:{await listening}", timeout_s=30.0) as client:
             fleet = await asyncio.to_thread(client.fleet)
@@ -115,14 +119,14 @@ def test_the_others_keep_their_setpoint_rate(flight: Seen) -> None:
         before_s = times_s[(times_s >= killed_s - STEADY_S) & (times_s < killed_s)]
         after_s = times_s[(times_s >= killed_s) & (times_s < killed_s + WATCHED_S)]
         usual_s = np.median(np.diff(before_s))
-        assert usual_s <= 0.1, vehicle_id  # MAVSDK's 0.05 s, but for a machine that has much else to do
+        assert usual_s <= 0.06, vehicle_id
         assert np.median(np.diff(after_s)) <= 1.2 * usual_s, vehicle_id
-        before_hz, after_hz = len(before_s) / STEADY_S, len(after_s) / WATCHED_S
-        assert before_hz >= 10.0, vehicle_id
-        assert after_hz >= 0.6 * before_hz, vehicle_id  # the machine may be busier now; the median tells more
+        before_hz = len(before_s) / machine.awake_s(killed_s - STEADY_S, killed_s)
+        after_hz = len(after_s) / machine.awake_s(killed_s, killed_s + WATCHED_S)
+        assert after_hz >= 0.9 * before_hz >= 15.0, vehicle_id
         # nobody is kept waiting either, but for the machine and what it takes to hear everybody again
         waits_s = [machine.awake_s(first_s, next_s) for first_s, next_s in pairwise(after_s.tolist())]
-        assert max(waits_s) < 0.5, vehicle_id
+        assert max(waits_s) < 0.3, vehicle_id
 
 
 def test_the_others_re_form(flight: Seen) -> None:

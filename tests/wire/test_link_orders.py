@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from link_bench import PERIOD_S, Ticks, a_link, do, ready, running, until
 from link_peer import Peer
-from machine import Witness, free_ports
+from machine import STALL_S, Witness, free_ports
 
 from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.links import Link, Order, Verb
@@ -124,7 +124,7 @@ def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
             peer.acknowledges = False
             killed_s = time.monotonic()
             await do(link, Verb.KILL, "v1")
-            assert machine.awake_s(killed_s, time.monotonic()) < 0.3  # an order waits 0.5 s for its answer
+            assert machine.awake_s(killed_s, time.monotonic()) < 0.15  # an order waits 0.5 s for its answer
             for task in (arming, queued):
                 with pytest.raises(OrderError):
                     await task
@@ -154,7 +154,7 @@ def test_a_silent_vehicle_delays_nobody() -> None:
                     await until(lambda: time.monotonic() - ticks.last_s < PERIOD_S)
                     began_s = time.monotonic()
                     await do(link, verb, "v2")
-                    assert machine.awake_s(began_s, time.monotonic()) < 0.5
+                    assert machine.awake_s(began_s, time.monotonic()) < 0.3
                 with pytest.raises(OrderError, match=r"arm failed \(TIMEOUT\)"):
                     await lost
                 await until(lambda: time.monotonic() - link.snapshot().heartbeat_time_s[0] > 3.1)
@@ -164,8 +164,8 @@ def test_a_silent_vehicle_delays_nobody() -> None:
                 assert now_s - link.setpoint_times_s("v1")[-1] > 0.2  # silent for 3 s: not commanded
                 times_s = [time_s for time_s in link.setpoint_times_s("v2") if time_s > silent_s]
                 assert np.median(np.diff(times_s)) < 1.2 * PERIOD_S
-                # MAVSDK waits 0.5 s and more for an answer: nobody else does, whatever the scheduler adds
-                assert max(machine.awake_s(*gap) for gap in pairwise(times_s)) < 0.4
+                # MAVSDK waits 0.5 s and more for an answer: nobody else does
+                assert max(machine.awake_s(*gap) for gap in pairwise(times_s)) < 2 * PERIOD_S + STALL_S
 
     port = free_ports(2)
     with Peer(port, 1) as silent, Peer(port + 1, 2), Witness() as machine:
