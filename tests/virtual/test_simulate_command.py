@@ -53,6 +53,12 @@ def test_the_same_seed_gives_the_same_figures_and_another_seed_others(
     assert first["seed"] == 5
 
 
+def test_a_row_is_flown_as_it_is_judged(capsys: pytest.CaptureFixture[str]) -> None:
+    code, (figures,) = flown(capsys, "--row", "saddle", "--seeds", "6000:6001")
+    assert (figures["scenario"], figures["vehicles"], figures["seed"]) == ("square-start", 4, 6000)
+    assert code == 0
+
+
 def test_a_run_is_one_json_object_with_every_section(trial: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, (figures,) = flown(capsys, trial)
     assert figures["vehicles"] == 4
@@ -101,7 +107,8 @@ def test_a_plot_is_drawn(trial: Path, tmp_path: Path, capsys: pytest.CaptureFixt
         ([], "name a scenario"),
         (["nonsense"], "there is no such file"),
         (["assembly", "--vehicles", "0"], "at least 1"),
-        (["assembly", "--all"], "name none beside it"),
+        (["assembly", "--all"], "one of them"),
+        (["assembly", "--row", "shape"], "one of them"),
         (["assembly", "--seed", "1", "--seeds", "1:3"], "not both"),
         (["assembly", "--seeds", "1:3", "--plot", "x.png"], "one seed"),
         (["assembly", "--plot", "nowhere/x.png"], "a folder that exists"),

@@ -18,6 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "scenario", nargs="*", metavar="SCENARIO", help="a YAML file, or the name of a shipped one"
     )
     parser.add_argument("--all", action="store_true", help="every scenario that is shipped, as it is judged")
+    parser.add_argument(
+        "--row", choices=scenarios.ROWS, help="the scenarios of one row of docs/flight-quality.md, as judged"
+    )
     parser.add_argument("--judged", action="store_true", help="the runs on which the scenario is judged")
     parser.add_argument("--seed", type=int, metavar="S", help="1 unless told otherwise")
     parser.add_argument("--seeds", type=_seeds, metavar="A:B", help="from A up to, without, B")
@@ -44,12 +47,16 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _paths(arguments: argparse.Namespace) -> list[Path]:
-    if arguments.all and arguments.scenario:
-        raise ConfigError("--all flies every shipped scenario: name none beside it")
-    if not arguments.all and not arguments.scenario:
+    if sum(map(bool, (arguments.all, arguments.row, arguments.scenario))) > 1:
+        raise ConfigError("--all, --row or scenarios by name: one of them")
+    if arguments.all:
+        return scenarios.shipped()
+    if arguments.row:
+        return [path for path in scenarios.shipped() if scenarios.load(path).row == arguments.row]
+    if not arguments.scenario:
         known = ", ".join(path.stem for path in scenarios.shipped())
         raise ConfigError(f"name a scenario, or --all; there are: {known}")
-    return scenarios.shipped() if arguments.all else [scenarios.find(name) for name in arguments.scenario]
+    return [scenarios.find(name) for name in arguments.scenario]
 
 
 def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
@@ -57,7 +64,7 @@ def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
     if arguments.seed is not None and arguments.seeds is not None:
         raise ConfigError("--seed or --seeds, not both")
     judged = judged_runs(path, scenario)
-    if arguments.all or arguments.judged:
+    if arguments.all or arguments.row or arguments.judged:
         judged = [run for run in judged if arguments.vehicles in (None, run.vehicles)]
         wanted = None if arguments.seeds is None else set(arguments.seeds)
         return [run for run in judged if wanted is None or run.seed in wanted]

@@ -62,11 +62,11 @@ class SimulatedFlight:
     def fly(self) -> Record:
         """From engagement to the end."""
         warm_up()
-        began_s = time.perf_counter()
+        began_s = time.process_time()
         while self.time_s < self.scenario.duration_s - 1e-9 and not self.finished():
             self.before_tick()
             self._tick()
-        self.record.wall_s = time.perf_counter() - began_s
+        self.record.busy_s = time.process_time() - began_s
         return self.record
 
     def before_tick(self) -> None:
@@ -95,9 +95,9 @@ class SimulatedFlight:
             center_moves=self.center_moves,
             sight=self.sight(),
         )
-        began_s = time.perf_counter()
+        began_s = time.thread_time()
         decided = self.decide(fleet, tasks)
-        took_s = time.perf_counter() - began_s
+        took_s = time.thread_time() - began_s
         self.memory = decided.memory
         self._keep(decided, took_s)
         self.world.say(decided.setpoints)

@@ -30,11 +30,11 @@ class Record:
     boxes: list[tuple[Obstacle, ...]] = field(default_factory=list)  # where they are
     closest_m: list[float] = field(default_factory=list)  # in the floor's metric, over the tick's steps
     restrained: list[int] = field(default_factory=list)  # how many the filter held back
-    tick_s: list[float] = field(default_factory=list)  # how long each decision took
+    tick_s: list[float] = field(default_factory=list)  # processor time of each decision
     violating: set[tuple[int, int]] = field(default_factory=set)  # pairs
     charge: Array | None = None  # (n,), None: all alike
     orbit_radius_m: float = 0.0
-    wall_s: float = 0.0
+    busy_s: float = 0.0  # processor time of the whole flight
     changed_s: float = 0.0  # from here on settling is judged: engagement, or the last event
 
     @property

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias, get_args
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -17,6 +17,13 @@ from gcs.settings import NotNegative, Positive, Settings
 
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
 VehicleCount: TypeAlias = Annotated[int, Field(ge=1, le=20_000)]
+
+Row: TypeAlias = Literal[
+    "shape", "saddle", "article", "tracking", "separation", "obstacles", "changes", "neighbours", "landing"
+]
+"""The rows of docs/flight-quality.md: scenarios that show the same thing."""
+
+ROWS: tuple[str, ...] = get_args(Row)
 
 MOST_PARENTS = 3
 """A scenario may be like another that is like another; a longer chain is a loop or a riddle."""
@@ -207,6 +214,7 @@ class Scenario(Settings):
 
     name: str
     about: str
+    row: Row | None = None
     duration_s: Positive
     flight: Flight
     judged: Judged

@@ -169,7 +169,7 @@ def test_the_centroid_is_judged_against_the_true_target_once_on_the_orbit() -> N
 
 
 def test_a_report_names_every_section_of_every_kind_of_flight() -> None:
-    figures = measure.report(replace(record_of([CENTER + 10.0 * TETRAHEDRON] * 40), wall_s=0.5))
+    figures = measure.report(replace(record_of([CENTER + 10.0 * TETRAHEDRON] * 40), busy_s=0.5))
     assert list(figures) == [
         "scenario",
         "vehicles",

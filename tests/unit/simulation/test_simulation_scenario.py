@@ -33,6 +33,7 @@ def test_every_shipped_scenario_can_be_read_and_says_what_it_is_about(path: Path
     scenario = scenarios.load(path)
     assert scenario.name == path.stem
     assert scenario.about.endswith(".")
+    assert scenario.row is not None
 
 
 @pytest.mark.parametrize("path", scenarios.shipped(), ids=lambda path: path.stem)
