@@ -4,12 +4,37 @@ Compiled code is kept on disk, so that only the first run after a change waits f
 stays as written (no fast-math), so that the same input gives the same output everywhere.
 """
 
+import os
 from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
 from typing import TypeVar
 
 import numba
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
+
+MARK = b"@kernel"
+
+
+def kept_in(package: Path) -> Path:
+    """The folder for the compiled code of a package, named after what all its kernels say.
+
+    Numba looks at the file of the kernel that is called, but not at those of the kernels that it calls: after
+    a change in one of them it would go on flying the old code. With another name all is compiled anew.
+    """
+    sources = [path.read_bytes() for path in sorted(package.rglob("*.py"))]
+    digest = sha256(b"\0".join(source for source in sources if MARK in source)).hexdigest()[:16]
+    if numba.config.CACHE_DIR:
+        base = Path(numba.config.CACHE_DIR)
+    elif os.access(package, os.W_OK):
+        base = package / "__pycache__"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / package.name
+    return base / f"kernels-{digest}"
+
+
+numba.config.CACHE_DIR = str(kept_in(Path(__file__).parent))
 
 
 def kernel(function: Kernel) -> Kernel:

@@ -60,6 +60,15 @@ def feed_forward_force(
     return force
 
 
+def acceleration(velocity_m_s: Array, force_n: Array, parameters: ArticleParameters) -> Array:
+    """The virtual dynamics, ``(u - k p') / M``: (n, 3) in m/s^2, of drones at (n, 3) m/s under (n, 3) N.
+
+    Source: article, section 1.
+    """
+    found: Array = (force_n - parameters.damping_n_s_m * velocity_m_s) / parameters.mass_kg
+    return found
+
+
 def avoiding_force(
     position_m: Array,
     velocity_m_s: Array,
@@ -88,8 +97,7 @@ def avoiding_force(
     Returns: (n, 3) in N; exactly `force_n` where nothing is in the way.
     Source: article, section 4.3.
     """
-    free_m_s2 = (force_n - parameters.damping_n_s_m * velocity_m_s) / parameters.mass_kg
-    wanted_m_s = velocity_m_s + ANSWER_S * free_m_s2
+    wanted_m_s = velocity_m_s + ANSWER_S * acceleration(velocity_m_s, force_n, parameters)
     turned_m_s = avoid_all(position_m, wanted_m_s, ellipses, sides, sliding_m_s, settings)
     force: Array = force_n + parameters.mass_kg / ANSWER_S * (turned_m_s - wanted_m_s)
     return force
@@ -113,6 +121,5 @@ def step_virtual(
     Returns: position and velocity `dt_s` later.
     Source: article, section 1.
     """
-    acceleration_m_s2 = (force_n - parameters.damping_n_s_m * velocity_m_s) / parameters.mass_kg
-    later_m_s = velocity_m_s + dt_s * acceleration_m_s2
+    later_m_s = velocity_m_s + dt_s * acceleration(velocity_m_s, force_n, parameters)
     return position_m + dt_s * later_m_s, later_m_s

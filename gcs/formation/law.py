@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gcs.compiled import kernel
+from gcs.formation.neighbours import NeighboursSettings
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.formation.orbit import Center, followed_target, orbit_velocity, within_ground_speed
 from gcs.formation.sphere import TINY
@@ -35,15 +36,12 @@ class LawSettings(Settings):
     sweeps: Annotated[int, Field(ge=1, le=100)] = 4  # of the places' descent, every tick
     pull: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0005  # of the places to the drones, each sweep
     symmetry_rad: NotNegative = 0.03  # by which at most a new drone's place is off its own direction
-    sphere_rate_per_s: Positive = 0.8  # this and the next three: of drones that see their neighbours only
-    spreading_rate_per_s: Positive = 0.8
-    symmetry_speed_m_s: NotNegative = 0.3
-    symmetry_decay_s: Positive = 4.0
     goal_rate_per_s: Positive = 0.8
     center_speed_max_m_s: Positive = 4.0  # over the ground
     center_acceleration_max_m_s2: Positive = 1.0
     climb_max_m_s: Positive = 1.0  # of the centre, up and down
     avoidance: AvoidanceSettings = AvoidanceSettings()
+    neighbours: NeighboursSettings = NeighboursSettings()
 
 
 @lru_cache(maxsize=KEPT_KICKS)
@@ -111,11 +109,10 @@ def wanted_center_velocity(
         direction=plan.orbit.direction,
         braking_m_s2=settings.center_acceleration_max_m_s2 / 2,
     )
+    level_m_s = within_ground_speed(target_velocity, pace * relative, settings.center_speed_max_m_s)
     climb_m_s = settings.goal_rate_per_s * (-plan.formation.height_m - center.position_m[2])
-    return np.append(
-        within_ground_speed(target_velocity, pace * relative, settings.center_speed_max_m_s),
-        np.clip(climb_m_s, -settings.climb_max_m_s, settings.climb_max_m_s),
-    )
+    bounded_m_s = min(max(climb_m_s, -settings.climb_max_m_s), settings.climb_max_m_s)
+    return np.array([level_m_s[0], level_m_s[1], bounded_m_s])
 
 
 @kernel

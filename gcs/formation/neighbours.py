@@ -9,9 +9,9 @@ import numpy as np
 
 from gcs.compiled import kernel
 from gcs.formation.consensus import Belief
-from gcs.formation.law import LawSettings
 from gcs.formation.orbit import Center
 from gcs.formation.sphere import TINY, sphere_velocity
+from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import Array, Mask, freeze
 
 AHEAD = 2.0
@@ -21,6 +21,15 @@ Nobody can follow the repulsion ahead for all the others, as `gcs.formation.law`
 along the plain force: the farther, the faster. Measured (N = 20 and 50, PX4's response, 10 % loss): settled
 after 36 to 60 s with 0.5, 13 to 25 s with 2; 3 is no faster, with 4 the stiff modes never come to rest.
 """
+
+
+class NeighboursSettings(Settings):
+    """Rates of drones that see their neighbours only; docs/decisions/0001 has those of all others."""
+
+    sphere_rate_per_s: Positive = 0.8  # at which the distance from the sphere decays
+    spreading_rate_per_s: Positive = 0.8  # at which a drone goes to its place among its neighbours
+    symmetry_speed_m_s: NotNegative = 0.3  # of the push that breaks symmetries when a drone joins
+    symmetry_decay_s: Positive = 4.0  # after which a third of it is left
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +111,8 @@ def sighted_velocity(
     center: Center,
     *,
     radius_m: float,
-    settings: LawSettings,
+    speed_max_m_s: float,
+    settings: NeighboursSettings,
 ) -> Array:
     """Where each drone should go, from its own inbox alone: onto the sphere, and away from its neighbours.
 
@@ -115,7 +125,8 @@ def sighted_velocity(
         sight: rows as `position_m`.
         center: commanded; counts only where no beliefs are given.
         radius_m: of the sphere now.
-        settings: rates and bounds.
+        speed_max_m_s: bound of either part.
+        settings: rates.
 
     Returns: (n, 3) in m/s. Who knows of no centre rests.
     Source: article, section 2.3: "using only the position of the formation center and its neighbors".
@@ -127,12 +138,12 @@ def sighted_velocity(
         belief.center_m,
         radius_m=radius_m,
         rate_per_s=settings.sphere_rate_per_s,
-        speed_max_m_s=settings.speed_m_s,
+        speed_max_m_s=speed_max_m_s,
     )
     aside = step_aside(position_m, belief.center_m, sight.inbox_m, sight.inbox_charge, sight.range_m)
     along_m_s = settings.spreading_rate_per_s * AHEAD * radius_m * aside
     speed_m_s = np.linalg.norm(along_m_s, axis=1, keepdims=True)
-    along_m_s *= np.minimum(1.0, settings.speed_m_s / np.maximum(speed_m_s, TINY))
+    along_m_s *= np.minimum(1.0, speed_max_m_s / np.maximum(speed_m_s, TINY))
     kick_m_s = settings.symmetry_speed_m_s * np.exp(-engaged_s / settings.symmetry_decay_s)[:, None] * kick
     velocity = drawn_m_s + along_m_s + kick_m_s + belief.velocity_m_s
     return np.where(np.isfinite(belief.center_m).all(axis=1, keepdims=True), velocity, 0.0)

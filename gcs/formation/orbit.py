@@ -1,6 +1,7 @@
 """Motion of the formation's centre around a moving ground target (article, section 3, corrected)."""
 
 from dataclasses import dataclass
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -40,7 +41,7 @@ def followed_target(target_m: Array, velocity_m_s: Array, reach_m: float) -> tup
         projection: nothing of the target's outward motion, and of its motion round the origin as much as
         the smaller circle leaves.
     """
-    distance_m = float(np.hypot(target_m[0], target_m[1]))
+    distance_m = hypot(target_m[0], target_m[1])
     if distance_m <= reach_m:
         return target_m, velocity_m_s
     outward = target_m / distance_m
@@ -53,9 +54,9 @@ def held_within(velocity_m_s: Array, position_m: Array, reach_m: float, braking_
 
     Only the outward part is shortened. From beyond, nothing leads farther out.
     """
-    distance_m = max(float(np.hypot(position_m[0], position_m[1])), NEAR_M)
+    distance_m = max(hypot(position_m[0], position_m[1]), NEAR_M)
     outward = position_m / distance_m
-    possible_m_s = np.sqrt(2.0 * braking_m_s2 * max(reach_m - distance_m, 0.0))
+    possible_m_s = sqrt(2.0 * braking_m_s2 * max(reach_m - distance_m, 0.0))
     excess_m_s = max(float(velocity_m_s @ outward) - possible_m_s, 0.0)
     held_m_s: Array = velocity_m_s - excess_m_s * outward
     return held_m_s
@@ -80,17 +81,18 @@ def orbit_velocity(
     Source: article, section 3; Lawrence, Frew and Pisano 2008, "Lyapunov vector fields for autonomous
         unmanned aircraft flight control".
     """
-    rho_m = float(np.hypot(offset_m[0], offset_m[1]))
+    x, y = float(offset_m[0]), float(offset_m[1])
+    rho_m = hypot(x, y)
     if radius_m == 0.0:
         approach_m_s = min(speed_m_s, rho_m * braking_m_s2 / max(speed_m_s, NEAR_M))
         return -offset_m / max(rho_m, NEAR_M) * approach_m_s
-    x, y = (offset_m[0], offset_m[1]) if rho_m > NEAR_M else (NEAR_M, 0.0)
+    x, y = (x, y) if rho_m > NEAR_M else (NEAR_M, 0.0)
     rho_m = max(rho_m, NEAR_M)
     turn = 1.0 if direction is Direction.COUNTERCLOCKWISE else -1.0
     inward = rho_m**2 - radius_m**2
     around = turn * 2.0 * rho_m * radius_m
     factor = speed_m_s / (rho_m * (rho_m**2 + radius_m**2))
-    return factor * np.array([-x * inward + y * around, -y * inward - x * around])
+    return np.array([factor * (-x * inward + y * around), factor * (-y * inward - x * around)])
 
 
 def next_pace(pace: float, behind_m_s: float, dt_s: float) -> float:
@@ -123,14 +125,14 @@ def within_ground_speed(target_m_s: Array, relative_m_s: Array, limit_m_s: float
 
     Returns: (2,) in m/s.
     """
-    target_speed_m_s = float(np.hypot(target_m_s[0], target_m_s[1]))
+    target_speed_m_s = hypot(target_m_s[0], target_m_s[1])
     if target_speed_m_s >= limit_m_s:
         return target_m_s * (limit_m_s / target_speed_m_s)
     a = float(relative_m_s @ relative_m_s)
     b = float(target_m_s @ relative_m_s)
     c = target_speed_m_s**2 - limit_m_s**2
-    share = 1.0 if a == 0.0 else (-b + np.sqrt(b * b - a * c)) / a
-    return target_m_s + min(1.0, float(share)) * relative_m_s
+    share = 1.0 if a == 0.0 else (-b + sqrt(b * b - a * c)) / a
+    return target_m_s + min(1.0, share) * relative_m_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +155,7 @@ def advance_center(center: Center, wanted_m_s: Array, dt_s: float, acceleration_
     The acceleration that results is fed forward to every drone, so it must be one that they can follow.
     """
     change_m_s = wanted_m_s - center.velocity_m_s
-    size_m_s = float(np.linalg.norm(change_m_s))
+    size_m_s = hypot(*change_m_s.tolist())
     possible_m_s = acceleration_max_m_s2 * dt_s
     if size_m_s > possible_m_s:
         change_m_s = change_m_s * (possible_m_s / size_m_s)

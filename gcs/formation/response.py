@@ -211,3 +211,54 @@ def correct_trim(
         if after > trim_max_m_s**2:
             trim[i] *= trim_max_m_s / np.sqrt(after)
     return trim, expected
+
+
+@kernel
+def shared(formed: Mask, vector: Array) -> Array:
+    """(n, 3) with what is common to those in formation (n,), (3,), in their rows, and 0 in the others."""
+    everybody = np.zeros((len(formed), 3))
+    for i in range(len(formed)):
+        if formed[i]:
+            for k in range(3):
+                everybody[i, k] = vector[k]
+    return everybody
+
+
+@kernel
+def most_lacking_m_s(
+    way: Array,
+    base_m_s: Array,
+    expected_m_s: Array,
+    measured_m_s: Array,
+    formed: Mask,
+    wished_m_s: Array,
+    speed_max_m_s: Array,
+    horizontal_max_m_s: float,
+    pressed: float,
+) -> float:
+    """By how much the slowest of those with little left to give lacks speed along the formation's way.
+
+    Args:
+        way: (3,) velocity of the formation, which moves.
+        base_m_s: (n, 3) part of each one's velocity that is led for.
+        expected_m_s: (n, 3) velocity relative to that which each should have.
+        measured_m_s: (n, 3).
+        formed: (n,) who counts.
+        wished_m_s: (n, 3) setpoints before limits.
+        speed_max_m_s: (n,) of each vehicle.
+        horizontal_max_m_s: of all.
+        pressed: share of its limit from which a setpoint has little left to give.
+
+    Returns: in m/s, 0 where nobody lacks any.
+    """
+    length_m_s = np.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+    most_m_s = 0.0
+    for i in range(len(formed)):
+        limit_m_s = min(horizontal_max_m_s, speed_max_m_s[i])
+        if not (formed[i] and np.hypot(wished_m_s[i, 0], wished_m_s[i, 1]) > pressed * limit_m_s):
+            continue
+        lack = 0.0
+        for k in range(3):
+            lack += (base_m_s[i, k] + expected_m_s[i, k] - measured_m_s[i, k]) * way[k]
+        most_m_s = max(most_m_s, lack / length_m_s)
+    return most_m_s

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from gcs.compiled import kernel
 from gcs.frames import wrap_rad
 from gcs.plan import Yaw, YawPolicy
-from gcs.state import Array
+from gcs.state import Array, Mask
 
 OVERHEAD_M = 2.0
 """Closer to the target than this, horizontally, its bearing means nothing: yaw is kept."""
@@ -31,7 +32,33 @@ def wanted_yaw_rad(yaw: Yaw, held_rad: Array, position_m: Array, target_m: Array
     return wrap_rad(np.where(overhead, held_rad, facing_rad))
 
 
+@kernel
+def begun_yaw(commanded: Mask, yaw_rad: Array, held_rad: Array, measured_rad: Array) -> tuple[Array, Array]:
+    """Where the commanded begin to look: where they were told to, or where they look at engagement.
+
+    Args:
+        commanded: (n,).
+        yaw_rad: (n,) commanded by the tick before, NaN where nothing was.
+        held_rad: (n,) at engagement, likewise.
+        measured_rad: (n,).
+
+    Returns: (n,) yaw so far and (n,) yaw at engagement; NaN where nothing is commanded.
+    """
+    so_far_rad, engaged_rad = np.full(len(yaw_rad), np.nan), np.full(len(yaw_rad), np.nan)
+    for i in range(len(yaw_rad)):
+        if commanded[i]:
+            fresh = not np.isfinite(yaw_rad[i])
+            so_far_rad[i] = measured_rad[i] if fresh else yaw_rad[i]
+            engaged_rad[i] = measured_rad[i] if fresh else held_rad[i]
+    return so_far_rad, engaged_rad
+
+
+@kernel
 def turn_towards(yaw_rad: Array, wanted_rad: Array, rate_max_rad_s: float, dt_s: float) -> Array:
     """Go from `yaw_rad` (n,) to `wanted_rad` (n,) the short way round, no faster than the rate."""
-    step_rad = np.clip(wrap_rad(wanted_rad - yaw_rad), -rate_max_rad_s * dt_s, rate_max_rad_s * dt_s)
-    return wrap_rad(yaw_rad + step_rad)
+    turned_rad, most_rad = np.empty_like(yaw_rad), rate_max_rad_s * dt_s
+    for i in range(len(yaw_rad)):
+        step_rad = (wanted_rad[i] - yaw_rad[i] + np.pi) % (2.0 * np.pi) - np.pi
+        later_rad = yaw_rad[i] + min(max(step_rad, -most_rad), most_rad)
+        turned_rad[i] = (later_rad + np.pi) % (2.0 * np.pi) - np.pi
+    return turned_rad

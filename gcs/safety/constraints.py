@@ -49,6 +49,9 @@ class Constraints:
     @staticmethod
     def joined(*parts: "Constraints") -> "Constraints":
         """All of them in one."""
+        parts = tuple(part for part in parts if len(part) > 0)
+        if len(parts) < 2:
+            return parts[0] if parts else Constraints.none()
         return Constraints(
             np.concatenate([part.first for part in parts]),
             np.concatenate([part.second for part in parts]),

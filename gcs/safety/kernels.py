@@ -4,7 +4,8 @@ import numpy as np
 
 from gcs.formation.obstacles import Ellipse
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
-from gcs.safety.separation import minimum_separation
+from gcs.safety.projection import any_broken
+from gcs.safety.separation import minimum_separation, separation_constraints
 from gcs.safety.traffic import keep_right
 
 
@@ -38,4 +39,17 @@ def warm_up() -> None:
         settings=settings.traffic,
     )
     filter_velocities(turned_m_s, surroundings, settings)
+    pairs = separation_constraints(
+        position_m,
+        wanted_m_s,
+        everybody,
+        everybody,
+        floor=settings.floor,
+        braking=settings.braking,
+        uncertainty_m=np.zeros(3),
+        course_m_s=wanted_m_s,
+        spare_m_s=np.ones(3),
+        only=everybody,
+    )
+    any_broken(wanted_m_s, pairs.first, pairs.second, pairs.normal, pairs.bound_m_s)
     minimum_separation(position_m, everybody, settings.floor)

@@ -1,4 +1,4 @@
-"""Who is near whom, without looking at all pairs: a grid of cells, each as wide as the farthest look."""
+"""Who is near whom; of many, without looking at all pairs: a grid of cells as wide as the farthest look."""
 
 from typing import TypeAlias
 
@@ -16,6 +16,12 @@ SPREAD = 3.0
 CELLS_MAX = 64
 """Along each axis."""
 
+ROOM = 40
+"""Pairs for each vehicle that are first made room for; where there are more it is all looked for again."""
+
+FEW = 200
+"""Up to so many vehicles looking at every pair is faster than sorting them into cells."""
+
 
 @kernel
 def near_pairs(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
@@ -26,13 +32,36 @@ def near_pairs(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Ro
         takes_part: (n,) the positions of these are finite.
         radius_m: (n,) how far each one looks.
     """
+    if len(position_m) <= FEW:
+        return near_pairs_of(takes_part, position_m, takes_part, radius_m)
     rows, start, cells, across = _sorted_into_cells(position_m, takes_part, radius_m)
     place_m, look_m = position_m[rows], radius_m[rows]  # side by side in memory, cell by cell
-    first, second = np.empty(16 * len(rows), np.intp), np.empty(16 * len(rows), np.intp)
+    first, second = np.empty(ROOM * len(rows), np.intp), np.empty(ROOM * len(rows), np.intp)
     found = _write_pairs(rows, start, cells, across, place_m, look_m, first, second)
     if found > len(first):
         first, second = np.empty(found, np.intp), np.empty(found, np.intp)
         _write_pairs(rows, start, cells, across, place_m, look_m, first, second)
+    return first[:found], second[:found]
+
+
+@kernel
+def near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
+    """As `near_pairs`, but only pairs of which at least one is in `some` (n,), by looking at all of them."""
+    n, found = len(position_m), 0
+    room = n * some.sum()
+    first, second = np.empty(room, np.intp), np.empty(room, np.intp)
+    for i in range(n):
+        if not (some[i] and takes_part[i]):
+            continue
+        x_m, y_m, z_m, own_m = position_m[i, 0], position_m[i, 1], position_m[i, 2], radius_m[i]
+        for j in range(n):
+            if j <= i and some[j]:
+                continue  # has been looked at from j
+            dx, dy, dz = position_m[j, 0] - x_m, position_m[j, 1] - y_m, position_m[j, 2] - z_m
+            reach_m = own_m + radius_m[j]
+            if takes_part[j] and dx * dx + dy * dy + dz * dz < reach_m * reach_m:
+                first[found], second[found] = i, j
+                found += 1
     return first[:found], second[:found]
 
 
@@ -103,10 +132,13 @@ def _sorted_into_cells(
 def _middle(position_m: Array, members: Rows) -> tuple[Array, float]:
     """Low corner (3,) and edge of the cube in which most of them are."""
     count = max(len(members), 1)
-    mean_m, square_m2 = np.zeros(3), np.zeros(3)
-    for i in members:
-        mean_m += position_m[i] / count
-    for i in members:
-        square_m2 += (position_m[i] - mean_m) ** 2 / count
-    half_m = SPREAD * np.sqrt(square_m2.max())
+    mean_m, largest_m2 = np.zeros(3), 0.0
+    for axis in range(3):
+        for i in members:
+            mean_m[axis] += position_m[i, axis] / count
+        square_m2 = 0.0
+        for i in members:
+            square_m2 += (position_m[i, axis] - mean_m[axis]) ** 2 / count
+        largest_m2 = max(largest_m2, square_m2)
+    half_m = SPREAD * np.sqrt(largest_m2)
     return mean_m - half_m, 2.0 * half_m

@@ -1,6 +1,9 @@
 """The nearest velocities that break no constraint."""
 
+from typing import TypeAlias
+
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.compiled import kernel
 from gcs.safety.constraints import NOBODY, Constraints
@@ -8,7 +11,7 @@ from gcs.safety.neighbours import Rows
 from gcs.state import Array
 
 NEARLY_M_S = 1e-6
-"""A constraint broken by less than this does not take part."""
+"""A constraint broken by less than this does not take part; a row changed by less rests."""
 
 TOLERANCE_M_S = 1e-3
 """What the projection may leave broken before rows are shrunk."""
@@ -89,52 +92,100 @@ def slack_m_s(velocity_m_s: Array, i: int, j: int, normal: Array, bound_m_s: Arr
 
 @kernel
 def nearest(wanted_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Array:
-    """As `project`, on arrays: rows (k,), (k,), normals (k, 3), bounds (k,)."""
+    """As `project`, on arrays: rows (k,), (k,), normals (k, 3), bounds (k,).
+
+    The constraints in hand lie side by side in memory. Most rows come to rest within a few sweeps, where only
+    few constraints touch each other; a sweep passes over those whose rows rest, which would not change.
+    """
     velocity_m_s = wanted_m_s.copy()
-    count = len(first)
-    force_m_s = np.zeros(count)
-    in_hand, taken = np.empty(count, np.intp), np.zeros(count, np.bool_)
-    many = 0
+    taken = np.zeros(len(first), np.bool_)
+    row, other = np.empty(len(first), np.intp), np.empty(len(first), np.intp)
+    along, least_m_s, force_m_s = np.empty((len(first), 3)), np.empty(len(first)), np.zeros(len(first))
+    moved_in = np.zeros(len(wanted_m_s), np.int64)
+    many, sweep = 0, 0
     for _ in range(ROUNDS):
         before = many
-        for k in range(count):
-            if not taken[k] and (
-                slack_m_s(velocity_m_s, first[k], second[k], normal, bound_m_s, k) < -NEARLY_M_S
-            ):
-                taken[k] = True
-                in_hand[many] = k
-                many += 1
+        for k in range(len(first)):
+            i, j = first[k], second[k]
+            if taken[k] or slack_m_s(velocity_m_s, i, j, normal, bound_m_s, k) >= -NEARLY_M_S:
+                continue
+            taken[k] = True
+            row[many], other[many], along[many], least_m_s[many] = i, j, normal[k], bound_m_s[k]
+            many += 1
+            moved_in[i] = sweep
+            if j != NOBODY:
+                moved_in[j] = sweep
         if many == before:
             break
-        for sweep in range(min(SWEEPS, max(FEWEST, VISITS // max(many, 1)))):
-            largest_m_s = 0.0
-            for place in range(many):
-                k = in_hand[place if sweep % 2 == 0 else many - 1 - place]
-                changed_m_s = _settle(velocity_m_s, force_m_s, k, first[k], second[k], normal, bound_m_s)
-                largest_m_s = max(largest_m_s, changed_m_s)
-            if largest_m_s < SETTLED_M_S:
+        in_hand = row[:many], other[:many], along[:many], least_m_s[:many]
+        for _ in range(min(SWEEPS, max(FEWEST, VISITS // many))):
+            sweep += 1
+            if _sweep(velocity_m_s, force_m_s, moved_in, sweep, in_hand) < SETTLED_M_S:
                 break
     return velocity_m_s
 
 
+InHand: TypeAlias = tuple[Rows, Rows, Array, Array]
+"""Rows (k,), rows or NOBODY (k,), normals (k, 3) and bounds (k,)."""
+
+
 @kernel
-def _settle(
-    velocity_m_s: Array, force_m_s: Array, k: int, i: int, j: int, normal: Array, bound_m_s: Array
+def _sweep(
+    velocity_m_s: Array, force_m_s: Array, moved_in: NDArray[np.int64], sweep: int, in_hand: InHand
 ) -> float:
-    """Push the rows of constraint k, in place, until it just holds or is not needed. Returns: how much."""
-    lack_m_s = slack_m_s(velocity_m_s, i, j, normal, bound_m_s, k)
-    if lack_m_s >= 0.0 and force_m_s[k] == 0.0:
-        return 0.0
-    share = 1.0 if j == NOBODY else 0.5
-    force = max(0.0, force_m_s[k] - share * lack_m_s)
-    push_m_s = force - force_m_s[k]
-    force_m_s[k] = force
-    for axis in range(3):
-        velocity_m_s[i, axis] += push_m_s * normal[k, axis]
+    """Push the rows of every constraint in turn, in place, until it just holds or is not needed.
+
+    Args:
+        velocity_m_s: (n, 3), changed.
+        force_m_s: (k,) by how much each constraint pushes, changed.
+        moved_in: (n,) the last sweep that moved each row, changed.
+        sweep: the number of this one; every other one goes backwards.
+        in_hand: the constraints.
+
+    Returns: the largest change of a velocity.
+    """
+    row, other, normal, bound_m_s = in_hand
+    largest_m_s = 0.0
+    for place in range(len(row)):
+        k = place if sweep % 2 == 1 else len(row) - 1 - place
+        i, j = row[k], other[k]
+        if moved_in[i] < sweep - 1 and (j == NOBODY or moved_in[j] < sweep - 1):
+            continue
+        x, y, z = normal[k, 0], normal[k, 1], normal[k, 2]
+        lack_m_s = bound_m_s[k] - (x * velocity_m_s[i, 0] + y * velocity_m_s[i, 1] + z * velocity_m_s[i, 2])
         if j != NOBODY:
-            velocity_m_s[j, axis] -= push_m_s * normal[k, axis]
-    changed_m_s: float = abs(push_m_s)
-    return changed_m_s
+            lack_m_s += x * velocity_m_s[j, 0] + y * velocity_m_s[j, 1] + z * velocity_m_s[j, 2]
+            lack_m_s *= 0.5
+        push_m_s = max(lack_m_s, -force_m_s[k])
+        if push_m_s == 0.0:
+            continue
+        force_m_s[k] += push_m_s
+        _add(velocity_m_s, i, push_m_s * x, push_m_s * y, push_m_s * z)
+        if j != NOBODY:
+            _add(velocity_m_s, j, -push_m_s * x, -push_m_s * y, -push_m_s * z)
+        if abs(push_m_s) > NEARLY_M_S:
+            moved_in[i] = sweep
+            if j != NOBODY:
+                moved_in[j] = sweep
+        largest_m_s = max(largest_m_s, abs(push_m_s))
+    return largest_m_s
+
+
+@kernel
+def _add(velocity_m_s: Array, i: int, x_m_s: float, y_m_s: float, z_m_s: float) -> None:
+    """Change row i, in place."""
+    velocity_m_s[i, 0] += x_m_s
+    velocity_m_s[i, 1] += y_m_s
+    velocity_m_s[i, 2] += z_m_s
+
+
+@kernel
+def any_broken(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> bool:
+    """Whether velocities (n, 3) break one of the constraints (k,)."""
+    for k in range(len(first)):
+        if slack_m_s(velocity_m_s, first[k], second[k], normal, bound_m_s, k) < -TOLERANCE_M_S:
+            return True
+    return False
 
 
 @kernel

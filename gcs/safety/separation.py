@@ -7,14 +7,11 @@ import numpy as np
 
 from gcs.compiled import kernel
 from gcs.safety.constraints import NOBODY, Braking, Constraints, allowed_speed_m_s
-from gcs.safety.neighbours import Rows, near_pairs
+from gcs.safety.neighbours import Rows, near_pairs, near_pairs_of
 from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import Array, Mask
 
 TINY = 1e-9
-
-ALL_PAIRS = 200
-"""Up to so many vehicles looking at every pair is faster than finding the near ones."""
 
 
 class Floor(Settings):
@@ -82,36 +79,36 @@ def scaled_distance_m(position_m: Array, first: Rows, second: Rows, floor: Floor
 def minimum_separation(position_m: Array, airborne: Mask, floor: Floor) -> tuple[float, int]:
     """Smallest true distance of the pairs that count (inf without any), and how many are inside the floor."""
     position_m, airborne = np.array(position_m), np.array(airborne)  # frozen arrays are another type to numba
-    known: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
     semi_axes = floor.horizontal_m, floor.vertical_m, floor.pad_height_m
-    if len(position_m) <= ALL_PAIRS:
-        return _closest(position_m, airborne, *every_pair(known), *semi_axes)
-    look_m = max(floor.horizontal_m, floor.vertical_m)
-    farthest_m = 2.0 * float(np.abs(position_m[known]).max(initial=0.0)) * np.sqrt(3.0) + look_m
+    least_m, inside = _closest(position_m, airborne, *semi_axes)
+    return least_m, inside
+
+
+@kernel
+def _closest(
+    position_m: Array, airborne: Mask, horizontal_m: float, vertical_m: float, pad_height_m: float
+) -> tuple[float, int]:
+    """As `minimum_separation`: of the pairs that are near, looking twice as far until one of them counts."""
+    known, extent_m = np.empty(len(position_m), np.bool_), 0.0
+    for i in range(len(position_m)):
+        widest_m = max(abs(position_m[i, 0]), abs(position_m[i, 1]), abs(position_m[i, 2]))
+        known[i] = np.isfinite(position_m[i, 0] + position_m[i, 1] + position_m[i, 2])
+        if known[i]:
+            extent_m = max(extent_m, widest_m)
+    look_m = 2.0 * max(horizontal_m, vertical_m)  # formations are hardly wider: mostly once is enough
+    farthest_m = 2.0 * np.sqrt(3.0) * extent_m + look_m
     while True:
-        near = near_pairs(position_m, known, np.full(len(position_m), look_m / 2.0))
-        found_m, inside = _closest(position_m, airborne, *near, *semi_axes)
+        first, second = near_pairs(position_m, known, np.full(len(position_m), look_m / 2.0))
+        found_m, inside = _closest_of(
+            position_m, airborne, first, second, horizontal_m, vertical_m, pad_height_m
+        )
         if np.isfinite(found_m) or look_m > farthest_m:
             return found_m, inside
         look_m *= 2.0
 
 
 @kernel
-def every_pair(known: Mask) -> tuple[Rows, Rows]:
-    """Rows (k,) and (k,) of all pairs of those in `known` (n,)."""
-    rows = np.flatnonzero(known)
-    count = len(rows) * (len(rows) - 1) // 2
-    first, second = np.empty(count, np.intp), np.empty(count, np.intp)
-    k = 0
-    for i in range(len(rows)):
-        for j in range(i + 1, len(rows)):
-            first[k], second[k] = rows[i], rows[j]
-            k += 1
-    return first, second
-
-
-@kernel
-def _closest(
+def _closest_of(
     position_m: Array,
     airborne: Mask,
     first: Rows,
@@ -150,6 +147,7 @@ def separation_constraints(
     uncertainty_m: Array,
     course_m_s: Array,
     spare_m_s: Array,
+    only: Mask | None = None,
 ) -> Pairs:
     """Bound the closing speed of every pair that could come too close, by what can still be braked.
 
@@ -167,6 +165,7 @@ def separation_constraints(
         course_m_s: (n, 3) velocities wanted of the commanded ones.
         spare_m_s: (n,) by how much each one's velocity may come to differ from that. Pairs whose constraint
             no such velocities break are left out.
+        only: (n,) pairs without one of these are left out too.
     """
     position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)  # frozen: another type to numba
     commanded, airborne = np.array(commanded), np.array(airborne)
@@ -181,10 +180,10 @@ def separation_constraints(
         (wide_m, tall_m, floor.vertical_uncertainty),
         (braking.reaction_s, braking.lead_s, braking.deceleration_m_s2),
     )
-    if len(position_m) <= ALL_PAIRS:
-        first, second = every_pair(known)
-    else:
+    if only is None:
         first, second = near_pairs(position_m, known, look_m)
+    else:
+        first, second = near_pairs_of(only, position_m, known, look_m)
     both_ways = _bounds(
         position_m,
         measured_m_s,
@@ -277,7 +276,6 @@ def _bounds(
     count = len(first)
     rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
-    normal = np.empty(3)
     kept = 0
     for k in range(count):
         i, j = first[k], second[k]
@@ -287,12 +285,9 @@ def _bounds(
         if low or not commanded[i] or not (airborne[i] or airborne[j]):
             continue
         unsure_m = uncertainty_m[i] + uncertainty_m[j]
-        gap_m = _gap(position_m, i, j, wide_m + unsure_m, tall_m + taller * unsure_m, normal)
-        closing_m_s, theirs_m_s, wanted_m_s = 0.0, 0.0, spare_m_s[i] + spare_m_s[j]
-        for axis in range(3):
-            wanted_m_s -= normal[axis] * (course_m_s[i, axis] - course_m_s[j, axis])
-            closing_m_s -= normal[axis] * (measured_m_s[i, axis] - measured_m_s[j, axis])
-            theirs_m_s += normal[axis] * measured_m_s[j, axis]
+        gap_m, x, y, z = _gap(position_m, i, j, wide_m + unsure_m, tall_m + taller * unsure_m)
+        wanted_m_s = spare_m_s[i] + spare_m_s[j] - _along(course_m_s, i, j, x, y, z)
+        closing_m_s = -_along(measured_m_s, i, j, x, y, z)
         allowed_m_s = allowed_speed_m_s(
             gap_m - lead_s * max(closing_m_s, 0.0), reaction_s, deceleration_m_s2, escape_per_s
         )
@@ -300,29 +295,38 @@ def _bounds(
             continue
         rows[kept], others[kept] = i, j
         shared[kept] = j if commanded[j] else NOBODY
-        for axis in range(3):
-            normals[kept, axis] = normal[axis]
+        normals[kept, 0], normals[kept, 1], normals[kept, 2] = x, y, z
+        theirs_m_s = x * measured_m_s[j, 0] + y * measured_m_s[j, 1] + z * measured_m_s[j, 2]
         bounds_m_s[kept] = -allowed_m_s if commanded[j] else theirs_m_s - allowed_m_s
         kept += 1
     return rows[:kept], shared[:kept], others[:kept], normals[:kept], bounds_m_s[:kept]
 
 
 @kernel
-def _gap(position_m: Array, i: int, j: int, wide_m: float, tall_m: float, normal: Array) -> float:
-    """True metres from i to the ellipsoid about j, along the normal (3,), which is filled in."""
+def _along(velocity_m_s: Array, i: int, j: int, x: float, y: float, z: float) -> float:
+    """How fast i moves away from j along (x, y, z)."""
+    away_m_s: float = (
+        x * (velocity_m_s[i, 0] - velocity_m_s[j, 0])
+        + y * (velocity_m_s[i, 1] - velocity_m_s[j, 1])
+        + z * (velocity_m_s[i, 2] - velocity_m_s[j, 2])
+    )
+    return away_m_s
+
+
+@kernel
+def _gap(
+    position_m: Array, i: int, j: int, wide_m: float, tall_m: float
+) -> tuple[float, float, float, float]:
+    """True metres from i to the ellipsoid about j, along the unit normal that follows."""
     flat = wide_m / tall_m
     x, y = position_m[i, 0] - position_m[j, 0], position_m[i, 1] - position_m[j, 1]
     z = (position_m[i, 2] - position_m[j, 2]) * flat
     scaled_m = np.sqrt(x * x + y * y + z * z)
     if scaled_m < TINY:
-        normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
-        return -tall_m
-    normal[0], normal[1], normal[2] = x / scaled_m, y / scaled_m, z / scaled_m * flat
-    slope = np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
-    for axis in range(3):
-        normal[axis] /= slope
-    gap_m: float = (scaled_m - wide_m) / slope
-    return gap_m
+        return -tall_m, 0.0, 0.0, 1.0
+    z *= flat
+    share = 1.0 / np.sqrt(x * x + y * y + z * z)
+    return (scaled_m - wide_m) * scaled_m * share, share * x, share * y, share * z
 
 
 def keepout_constraints(
@@ -346,9 +350,9 @@ def keepout_constraints(
         uncertainty_m: (n,) of the positions; that of the lost is the floor's own.
         fastest_m_s: as in `separation_constraints`; what twice that could not reach is left out.
     """
-    rows = np.flatnonzero(commanded)
-    if len(rows) == 0 or len(segments_m) == 0:
+    if len(segments_m) == 0 or not commanded.any():
         return Constraints.none()
+    rows = np.flatnonzero(commanded)
     row, piece = (grid.ravel() for grid in np.meshgrid(rows, np.arange(len(segments_m)), indexing="ij"))
     start, end = segments_m[piece, 0] * floor.scale, segments_m[piece, 1] * floor.scale
     along = end - start

@@ -48,7 +48,9 @@ def fence_constraints(
         (braking.reaction_s, braking.deceleration_m_s2, braking.escape_rate_per_s),
         2.0 * fastest_m_s,
     )
-    reasons = tuple(FENCE_REASONS[side] for side in sides.tolist())
+    if len(rows) == 0:
+        return Constraints.none()
+    reasons = tuple(map(FENCE_REASONS.__getitem__, sides.tolist()))
     return Constraints(rows, np.full(len(rows), NOBODY), normal, bound_m_s, reasons)
 
 
@@ -68,7 +70,7 @@ def _fence_rows(
     height_min_m, height_max_m, distance_max_m = fence
     most = 3 * len(position_m)
     rows, sides = np.empty(most, np.intp), np.empty(most, np.intp)
-    normal, bound_m_s = np.zeros((most, 3)), np.empty(most)
+    normal, bound_m_s = np.empty((most, 3)), np.empty(most)
     kept = 0
     for i in range(len(position_m)):
         if not commanded[i]:
@@ -88,6 +90,7 @@ def _fence_rows(
             if not allowed_m_s <= possible_m_s:
                 continue
             rows[kept], sides[kept], bound_m_s[kept] = i, side, -allowed_m_s
+            normal[kept, :] = 0.0
             if side == 2:
                 normal[kept, 0] = -x_m / max(distance_m, 1e-9)
                 normal[kept, 1] = -y_m / max(distance_m, 1e-9)
@@ -188,15 +191,3 @@ def nearest_way_out(
             outward[i, j, 1] = out_y if y_m >= 0.0 else -out_y
             outward[i, j, 2] = -out_z
     return outward, gap_m
-
-
-def _wall(rows: Mask, inward: Array, gap_m: Array, reason: str, braking: Braking) -> Constraints:
-    """Bound the speed against `inward` (n, 3) of those in `rows` by their gap (n,)."""
-    index = np.flatnonzero(rows)
-    return Constraints(
-        index,
-        np.full(len(index), NOBODY),
-        np.array(inward[index]),
-        -braking.speed_m_s(gap_m[index]),
-        (reason,) * len(index),
-    )

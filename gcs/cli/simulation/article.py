@@ -18,7 +18,7 @@ from gcs.formation.article import (
 )
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center, orbit_velocity
-from gcs.formation.steering import Way, steer_center
+from gcs.formation.way import Way, steer_center
 from gcs.plan import Obstacle, Target
 from gcs.safety.separation import Floor, scaled_distance_m
 from gcs.state import Array

@@ -1,6 +1,5 @@
 """Distinct places to come down on, and what a lost vehicle may sweep."""
 
-
 import numpy as np
 import pytest
 

@@ -38,7 +38,8 @@ def velocity_of(position_m: Array, sight: Sight, engaged_s: float = 1e6) -> Arra
         sight,
         Center.at_rest(ORIGIN),
         radius_m=RADIUS_M,
-        settings=LAW,
+        speed_max_m_s=LAW.speed_m_s,
+        settings=LAW.neighbours,
     )
 
 
@@ -94,7 +95,7 @@ def test_the_velocity_is_the_step_at_the_laws_rate_and_no_faster_than_its_bound(
     place = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(3.0), np.sin(3.0), 0.0]])
     sight = Sight(everybody(place), np.ones((2, 1)), 2.0 * RADIUS_M)
     aside = aside_of(place, 2.0 * RADIUS_M)
-    wanted = LAW.spreading_rate_per_s * AHEAD * RADIUS_M * aside
+    wanted = LAW.neighbours.spreading_rate_per_s * AHEAD * RADIUS_M * aside
     assert velocity_of(place, sight) == pytest.approx(wanted, abs=1e-9)
     close = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(1.0), np.sin(1.0), 0.0]])
     sight = Sight(everybody(close), np.ones((2, 1)), 2.0 * RADIUS_M)

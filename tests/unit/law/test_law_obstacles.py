@@ -6,21 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gcs.formation.kernels import warm_up
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
-from gcs.formation.steering import (
-    LEFT,
-    RIGHT,
-    Way,
-    avoid_all,
-    contact_m,
-    contacts_m,
-    push,
-    steer,
-    steer_center,
-    tangent,
-    warm_up,
-    way_ahead,
-)
+from gcs.formation.steering import LEFT, RIGHT, avoid_all, contact_m, contacts_m, push, steer, tangent
+from gcs.formation.way import Way, steer_center, way_ahead
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.state import Array
 

@@ -1,0 +1,98 @@
+"""Setpoints that make the vehicles have the velocities allowed, and what their answer teaches."""
+
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+
+from gcs.control.memory import Memory
+from gcs.control.moment import Moment
+from gcs.formation.orbit import Center, next_pace
+from gcs.formation.response import compensate, correct_trim, most_lacking_m_s, shared
+from gcs.safety.filter import cap
+from gcs.state import Array
+
+PRESSED = 0.65
+"""Share of the speed limit from which a vehicle's setpoint has little left to give."""
+
+STANDING_M_S = 0.5
+"""A centre slower than this waits for nobody."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """What is sent, and what is remembered of it."""
+
+    setpoint_m_s: Array  # (n, 3) within the limits
+    trim_m_s: Array  # (n, 3) as in Memory
+    expected_m_s: Array  # (n, 3) as in Memory
+    pace: float
+
+
+def answer(now: Moment, allowed_m_s: Array, center: Center | None, memory: Memory) -> Answer:
+    """Inner loop, lead and trim over the velocities (n, 3) that safety allows."""
+    settings, limits = now.settings, now.settings.safety.limits
+    base_m_s, lead_m_s2 = _known_beforehand(now, center)
+    wished_m_s = compensate(
+        allowed_m_s,
+        now.velocity_m_s,
+        lead_m_s2,
+        settings.loop_gain,
+        settings.vertical_loop_gain,
+        settings.lead_s,
+    )
+    wished_m_s += memory.trim_m_s
+    setpoint_m_s = cap(wished_m_s, limits, now.traits.speed_max_m_s)
+    trim_m_s, expected_m_s = correct_trim(
+        memory.trim_m_s,
+        memory.expected_m_s,
+        allowed_m_s,
+        now.velocity_m_s,
+        base_m_s,
+        now.commanded,
+        wished_m_s,
+        setpoint_m_s,
+        now.dt_s,
+        settings.response_s,
+        settings.trim_rate_per_s,
+        settings.vertical_trim_rate_per_s,
+        settings.trim_max_m_s,
+    )
+    return Answer(
+        setpoint_m_s, trim_m_s, expected_m_s, _pace(now, center, base_m_s, expected_m_s, wished_m_s, memory)
+    )
+
+
+def _known_beforehand(now: Moment, center: Center | None) -> tuple[Array, Array]:
+    """(n, 3) velocity and acceleration that those in formation share with its centre."""
+    believing = now.tasks.sight is not None and now.tasks.sight.belief is not None
+    if center is None or believing:  # nobody tells its neighbours of accelerations
+        return np.zeros_like(now.position_m), np.zeros_like(now.position_m)
+    return shared(now.formed, center.velocity_m_s), shared(now.formed, center.acceleration_m_s2)
+
+
+def _pace(
+    now: Moment,
+    center: Center | None,
+    base_m_s: Array,
+    expected_m_s: Array,
+    wished_m_s: Array,
+    memory: Memory,
+) -> float:
+    """Share of the orbit's speed that all can keep up with; a centre that stands waits for nobody."""
+    if center is None:
+        return 1.0
+    behind_m_s = 0.0
+    if hypot(*center.velocity_m_s.tolist()) >= STANDING_M_S:
+        behind_m_s = most_lacking_m_s(
+            center.velocity_m_s,
+            base_m_s,
+            expected_m_s,
+            now.velocity_m_s,
+            now.formed,
+            wished_m_s,
+            np.array(now.traits.speed_max_m_s),
+            now.settings.safety.limits.horizontal_m_s,
+            PRESSED,
+        )
+    return next_pace(memory.pace, behind_m_s, now.dt_s)

@@ -1,0 +1,106 @@
+"""The formation's centre and radius: begun with the first drone, moved, dropped after the last."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gcs.compiled import kernel
+from gcs.control.memory import Memory
+from gcs.control.moment import Moment
+from gcs.control.tasks import Task
+from gcs.formation.law import wanted_center_velocity
+from gcs.formation.orbit import CLEAR_OF_FENCE_M, Center, advance_center, held_within, target_reach_m
+from gcs.formation.way import steer_center, way_ahead
+from gcs.state import Array, Mask
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lead:
+    """What the formation follows from this tick on."""
+
+    center: Center | None  # None: nobody is in formation, nor expected back
+    radius_m: float
+    engaged_time_s: Array  # (n,) when each joined, NaN outside
+    sides: dict[str, float]  # on which obstacles are passed, LEFT or RIGHT by name
+
+
+def move_center(now: Moment, memory: Memory) -> Lead:
+    """Begin, move or drop the formation's centre and radius; note who joined and who left."""
+    engaged_s = _engaged(now.formed, memory.engaged_time_s, now.fleet.time_s)
+    if len(now.rows) == 0:
+        return _without_drones(now, memory, engaged_s)
+    center, radius_m = memory.center, memory.radius_m
+    if center is None:
+        center, radius_m = _begun(now), now.plan.formation.radius_m
+    ahead = replace(center, position_m=center.position_m + now.dt_s * center.velocity_m_s)  # as the step ends
+    sphere_m = max(radius_m, now.plan.formation.radius_m)
+    wanted_m_s, sides = _around_obstacles(now, center, ahead, radius_m, memory)
+    held_m_s = _inside_fence(now, ahead, sphere_m, wanted_m_s)
+    moved = advance_center(center, held_m_s, now.dt_s, now.settings.law.center_acceleration_max_m_s2)
+    change_m = now.settings.radius_rate_m_s * now.dt_s
+    wider_m = min(max(now.plan.formation.radius_m - radius_m, -change_m), change_m)
+    return Lead(moved, radius_m + wider_m, engaged_s, sides)
+
+
+@kernel
+def _engaged(formed: Mask, before_s: Array, time_s: float) -> Array:
+    """(n,) when each joined the formation; those in formation (n,) that had not joined before do now."""
+    engaged_s = np.full(len(formed), np.nan)
+    for i in range(len(formed)):
+        if formed[i]:
+            engaged_s[i] = before_s[i] if np.isfinite(before_s[i]) else time_s
+    return engaged_s
+
+
+def _without_drones(now: Moment, memory: Memory, engaged_s: Array) -> Lead:
+    """The centre stops while drones are expected back: a tick without telemetry does not end a formation."""
+    expected = now.tasks.formation_waits or bool((now.tasks.task == Task.FORMATION).any())
+    if memory.center is None or not expected:
+        return Lead(None, memory.radius_m, engaged_s, {})
+    acceleration_m_s2 = now.settings.law.center_acceleration_max_m_s2
+    stopped = advance_center(memory.center, np.zeros(3), now.dt_s, acceleration_m_s2)
+    return Lead(stopped, memory.radius_m, memory.engaged_time_s, memory.sides)
+
+
+def _begun(now: Moment) -> Center:
+    """A centre at rest amid the drones, at the height that the plan wants."""
+    above_m = now.position_m[now.rows].mean(axis=0)
+    return Center.at_rest(np.array([above_m[0], above_m[1], -now.plan.formation.height_m]))
+
+
+def _around_obstacles(
+    now: Moment, center: Center, ahead: Center, radius_m: float, memory: Memory
+) -> tuple[Array, dict[str, float]]:
+    """The velocity (3,) that target, orbit and height want, led past the obstacles, and the sides taken."""
+    fleet, plan, law, moves = now.fleet, now.plan, now.settings.law, now.tasks.center_moves
+    fence_m, sphere_m = now.settings.safety.fence.distance_max_m, max(radius_m, plan.formation.radius_m)
+    reach_m = target_reach_m(fence_m, plan.orbit.radius_m, sphere_m)
+    wanted_m_s = wanted_center_velocity(
+        ahead, plan, fleet.time_s + now.dt_s, law, reach_m=reach_m, pace=memory.pace
+    )
+    if not moves:
+        wanted_m_s[:2] = 0.0
+    if not now.ellipses:
+        return wanted_m_s, {}
+    return steer_center(
+        center.position_m,
+        wanted_m_s,
+        now.position_m[now.rows],
+        now.ellipses,
+        memory.sides,
+        law.avoidance,
+        radius_m=radius_m,
+        way=way_ahead(center.position_m, plan, fleet.time_s, moves=moves, reach_m=reach_m),
+    )
+
+
+def _inside_fence(now: Moment, ahead: Center, sphere_m: float, wanted_m_s: Array) -> Array:
+    """As much of the velocity (3,) as lets the whole sphere stop inside the fence."""
+    reach_m = now.settings.safety.fence.distance_max_m - sphere_m
+    level_m_s = held_within(
+        wanted_m_s[:2],
+        ahead.position_m[:2],
+        reach_m - CLEAR_OF_FENCE_M / 2,  # the orbit's own farthest point is farther in
+        now.settings.law.center_acceleration_max_m_s2 / 2,
+    )
+    return np.array([level_m_s[0], level_m_s[1], wanted_m_s[2]])

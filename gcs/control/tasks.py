@@ -1,0 +1,37 @@
+"""What every vehicle is to do in a tick."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.formation.neighbours import Sight
+from gcs.state import Array, Mask, freeze
+
+
+class Task(IntEnum):
+    """What the tick does with a vehicle."""
+
+    NONE = 0  # nothing is sent
+    FORMATION = 1
+    GOAL = 2  # to a point of its own, through the same filter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tasks:
+    """What every vehicle of the fleet is to do. Rows as in FleetState. Owns its arrays."""
+
+    task: NDArray[np.int8]  # (n,) of Task
+    goal_m: Array  # (n, 3), show frame; only rows of GOAL count
+    airborne: Mask  # (n,) in the air, or possibly so: others keep away
+    descending: Mask  # (n,) on its way to the ground
+    segments_m: Array  # (m, 2, 3), paths that lost vehicles may take
+    center_moves: bool = False  # False: the centre stays (assembling)
+    formation_waits: bool = False  # paused: centre and radius are kept although nobody follows them
+    sight: Sight | None = None  # (n) what each drone's own law sees; None: everything
+
+    def __post_init__(self) -> None:
+        n = len(self.task)
+        freeze(self.goal_m, (n, 3), "goal_m")
+        freeze(self.segments_m, (len(self.segments_m), 2, 3), "segments_m")

@@ -1,0 +1,153 @@
+"""The tick itself: what each part decides, in their order, and the memory of it."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from math import radians
+
+import numpy as np
+
+from gcs.control.answer import answer
+from gcs.control.center import move_center
+from gcs.control.memory import Memory
+from gcs.control.moment import Moment
+from gcs.control.settings import ControlSettings
+from gcs.control.tasks import Task, Tasks
+from gcs.control.wanted import spread, wanted_velocity
+from gcs.formation.kernels import warm_up as formation_warm_up
+from gcs.formation.orbit import Center
+from gcs.formation.response import limit_change
+from gcs.formation.yaw import begun_yaw, turn_towards, wanted_yaw_rad
+from gcs.plan import Formation, Orbit, Plan
+from gcs.safety.filter import Surroundings, filter_velocities
+from gcs.safety.kernels import warm_up as safety_warm_up
+from gcs.safety.separation import minimum_separation
+from gcs.safety.traffic import keep_right
+from gcs.state import Array, FleetState, Setpoints, Traits
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tick:
+    """What one tick decided."""
+
+    setpoints: Setpoints
+    memory: Memory
+    restrained_by: tuple[str, ...]  # (n,) why the filter held a vehicle back, "" when it did not
+    minimum_separation_m: float  # as believed, of the pairs that count
+
+
+def tick(
+    fleet: FleetState, tasks: Tasks, plan: Plan, traits: Traits, memory: Memory, settings: ControlSettings
+) -> Tick:
+    """Compute every commanded vehicle's setpoint for the instant `fleet.time_s`.
+
+    Args:
+        fleet: n vehicles.
+        tasks: what each is to do.
+        plan: formation, orbit, target, obstacles, yaw.
+        traits: what distinguishes them.
+        memory: of the tick before.
+        settings: gains and limits.
+
+    Returns: setpoints for those vehicles only that have a task and fresh telemetry.
+    """
+    now = Moment.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s)
+    lead = move_center(now, memory)
+    places = spread(now, lead, memory)
+    wanted_m_s = _in_traffic(now, wanted_velocity(now, lead, places.velocity_m_s))
+    possible_m_s = limit_change(
+        wanted_m_s, memory.wanted_m_s, now.velocity_m_s, settings.acceleration_max_m_s2, now.dt_s
+    )
+    allowed_m_s, restrained_by = filter_velocities(possible_m_s, _surroundings(now), settings.safety)
+    answered = answer(now, allowed_m_s, lead.center, memory)
+    yaw_rad, held_rad = _yaw(now, memory)
+    separation_m, _ = minimum_separation(now.position_m, tasks.airborne, settings.safety.floor)
+    remembered = Memory(
+        time_s=fleet.time_s,
+        center=lead.center,
+        radius_m=lead.radius_m,
+        wanted_m_s=np.where(now.commanded[:, None], allowed_m_s, np.nan),
+        yaw_rad=yaw_rad,
+        held_yaw_rad=held_rad,
+        engaged_time_s=lead.engaged_time_s,
+        place=places.place,
+        change=places.change,
+        trim_m_s=answered.trim_m_s,
+        expected_m_s=answered.expected_m_s,
+        pace=answered.pace,
+        sides=lead.sides,
+    )
+    return Tick(_setpoints(now, answered.setpoint_m_s, yaw_rad), remembered, restrained_by, separation_m)
+
+
+def _in_traffic(now: Moment, wanted_m_s: Array) -> Array:
+    """(n, 3) wanted velocities, those on their way to a goal turned to keep right of each other."""
+    if not now.to_goal.any():
+        return wanted_m_s
+    safety = now.settings.safety
+    return keep_right(
+        wanted_m_s,
+        now.position_m,
+        now.velocity_m_s,
+        now.tasks.goal_m,
+        to_goal=now.to_goal & ~now.tasks.descending,
+        commanded=now.commanded,
+        airborne=now.tasks.airborne,
+        flatness=safety.floor.horizontal_m / safety.floor.vertical_m,
+        settings=safety.traffic,
+    )
+
+
+def _surroundings(now: Moment) -> Surroundings:
+    return Surroundings(
+        now.position_m,
+        now.velocity_m_s,
+        now.commanded,
+        now.tasks.airborne,
+        now.tasks.descending,
+        now.tasks.segments_m,
+        now.ellipses,
+        now.fleet.ids,
+        now.traits.uncertainty_m,
+        now.traits.speed_max_m_s,
+    )
+
+
+def _yaw(now: Moment, memory: Memory) -> tuple[Array, Array]:
+    """Commanded yaw and yaw at engagement, (n,) each; NaN where nothing is commanded."""
+    so_far_rad, held_rad = begun_yaw(
+        now.commanded, memory.yaw_rad, memory.held_yaw_rad, np.array(now.fleet.yaw_rad)
+    )
+    target_m = np.array(now.plan.target.position_m(now.fleet.time_s))
+    wanted_rad = wanted_yaw_rad(now.plan.yaw, held_rad, now.position_m, target_m)
+    rate_rad_s = radians(now.settings.yaw_rate_max_deg_s)
+    return turn_towards(so_far_rad, wanted_rad, rate_rad_s, now.dt_s), held_rad
+
+
+def _setpoints(now: Moment, setpoint_m_s: Array, yaw_rad: Array) -> Setpoints:
+    """Of the rows (n, 3) those that are commanded and know where they look."""
+    fleet = now.fleet
+    rows = np.flatnonzero(now.commanded & np.isfinite(yaw_rad))
+    ids = fleet.ids if len(rows) == len(fleet.ids) else tuple(fleet.ids[row] for row in rows.tolist())
+    return Setpoints(fleet.time_s, ids, setpoint_m_s[rows], yaw_rad[rows])
+
+
+@cache
+def warm_up() -> None:
+    """Compile or load every kernel that a tick uses, so that nothing is compiled in the air."""
+    safety_warm_up()
+    formation_warm_up()
+    n = 3
+    place_m = np.array([[0.0, 0.0, -20.0], [4.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
+    fleet = FleetState(0.05, ("a", "b", "c"), place_m, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+    tasks = Tasks(
+        np.full(n, Task.FORMATION, dtype=np.int8),
+        np.full((n, 3), np.nan),
+        np.ones(n, dtype=bool),
+        np.zeros(n, dtype=bool),
+        np.zeros((0, 2, 3)),
+        center_moves=True,
+    )
+    plan, traits, settings = Plan(Formation(10.0, 20.0), Orbit(15.0, 2.0)), Traits.alike(n), ControlSettings()
+    under_way = Center(np.array([0.0, 0.0, -20.0]), np.array([2.0, 0.0, 0.0]), np.zeros(3))
+    memory = replace(Memory.fresh(n, 0.0), center=under_way, radius_m=10.0)
+    tick(fleet, tasks, plan, traits, memory, settings)

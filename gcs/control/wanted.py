@@ -1,0 +1,112 @@
+"""What law and goals want of every vehicle, before anything keeps them apart."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.control.center import Lead
+from gcs.control.memory import Memory
+from gcs.control.moment import Moment
+from gcs.formation.law import begun, directions_from, goal_velocity, kicks, place_velocity
+from gcs.formation.neighbours import Sight, sighted_velocity
+from gcs.formation.orbit import Center
+from gcs.formation.repulsion import sweep, sweeps_for
+from gcs.formation.response import scale_to_limits, shrink_relative
+from gcs.formation.steering import avoid_all
+from gcs.state import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spread:
+    """Where the drones in formation are led, and how fast."""
+
+    place: Array  # (n, 3) as in Memory
+    change: Array  # (n, 3) as in Memory
+    velocity_m_s: Array  # (m, 3) of the m drones in formation
+
+
+def spread(now: Moment, lead: Lead, memory: Memory) -> Spread:
+    """Move the places on; the velocities that lead the drones in formation to theirs."""
+    center, rows, law, limits = lead.center, now.rows, now.settings.law, now.settings.safety.limits
+    nothing = np.zeros((len(rows), 3))
+    if center is None or len(rows) == 0:
+        return Spread(np.full_like(now.position_m, np.nan), np.zeros_like(now.position_m), nothing)
+    position_m = now.of_formed(now.position_m)
+    direction, distance_m = directions_from(position_m, center.position_m)
+    if now.tasks.sight is not None:
+        seen = now.tasks.sight.only(now.formed)
+        own_m_s = _among_neighbours(now, lead, center, seen, position_m, direction)
+        return Spread(np.full_like(now.position_m, np.nan), np.zeros_like(now.position_m), own_m_s)
+    places, changes = now.of_formed(memory.place), now.of_formed(memory.change)
+    joining = np.flatnonzero(np.isnan(places[:, 0]))
+    if len(joining):
+        places[joining] = begun(direction[joining], now.fleet.ids, rows[joining], law)
+        changes[joining] = 0.0
+    charge, sweeps = now.of_formed(now.traits.charge), sweeps_for(len(rows), law.sweeps)
+    places, changes = sweep(places, changes, direction, charge, sweeps, law.pull)
+    velocity_m_s = shrink_relative(
+        center.velocity_m_s,
+        place_velocity(direction, distance_m, places, lead.radius_m, law.place_rate_per_s, law.speed_m_s),
+        limits.horizontal_m_s,
+        limits.up_m_s,
+        limits.down_m_s,
+        now.of_formed(now.traits.speed_max_m_s),
+    )
+    return Spread(now.for_all(places, np.nan), now.for_all(changes, 0.0), velocity_m_s)
+
+
+def _among_neighbours(
+    now: Moment, lead: Lead, center: Center, sight: Sight, position_m: Array, direction: Array
+) -> Array:
+    """(m, 3) velocities of the m drones in formation, each by what it sees for itself."""
+    law = now.settings.law
+    return sighted_velocity(
+        position_m,
+        kicks(direction, now.fleet.ids, now.rows),
+        now.fleet.time_s - lead.engaged_time_s[now.rows],
+        sight,
+        center,
+        radius_m=lead.radius_m,
+        speed_max_m_s=law.speed_m_s,
+        settings=law.neighbours,
+    )
+
+
+def wanted_velocity(now: Moment, lead: Lead, own_m_s: Array) -> Array:
+    """(n, 3) velocities that law and goals want, obstacles avoided, within the speed limits.
+
+    Args:
+        now: this tick.
+        lead: what the formation follows.
+        own_m_s: (m, 3) of the m drones in formation.
+    """
+    law, limits = now.settings.law, now.settings.safety.limits
+    wanted_m_s = np.zeros_like(now.position_m)
+    if lead.center is not None and len(now.rows):
+        along_m_s = hypot(lead.center.velocity_m_s[0], lead.center.velocity_m_s[1])
+        sliding_m_s = np.full(len(own_m_s), along_m_s)
+        wanted_m_s = now.for_all(_avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s), 0.0)
+    if now.to_goal.any():
+        goers = np.flatnonzero(now.to_goal)
+        to_goal_m_s = goal_velocity(now.position_m[goers], now.tasks.goal_m[goers], settings=law)
+        half_m_s = 0.5 * np.hypot(to_goal_m_s[:, 0], to_goal_m_s[:, 1])
+        wanted_m_s[goers] = _avoiding(now, goers, to_goal_m_s, {}, half_m_s)
+    return scale_to_limits(
+        wanted_m_s,
+        horizontal_max_m_s=limits.horizontal_m_s,
+        up_max_m_s=limits.up_m_s,
+        down_max_m_s=limits.down_m_s,
+    )
+
+
+def _avoiding(
+    now: Moment, rows: NDArray[np.intp], wanted_m_s: Array, sides: Mapping[str, float], sliding_m_s: Array
+) -> Array:
+    """(m, 3) velocities of those rows (m,), obstacles avoided; the other arguments as in `avoid_all`."""
+    if not now.ellipses:
+        return wanted_m_s
+    avoidance = now.settings.law.avoidance
+    return avoid_all(now.position_m[rows], wanted_m_s, now.ellipses, sides, sliding_m_s, avoidance)

@@ -1,0 +1,147 @@
+"""The way of the formation's centre past obstacles: along tangents as its drones', but for the whole sphere.
+
+It looks farther ahead, and at ellipses grown by the sphere, so that nobody need leave the shape. The side on
+which it passes counts for all.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
+from gcs.formation.orbit import followed_target
+from gcs.formation.steering import LEFT, RIGHT, contacts_m, level, steer_past, turns
+from gcs.plan import Plan
+from gcs.state import Array, Mask
+
+FORESEEN_S = 8.0
+"""So long in advance a centre that stands still makes way for an obstacle that moves."""
+
+SLOWEST_M_S = 0.1
+"""The centre's time of arrival is reckoned with this speed at least."""
+
+SIDE_KEPT = 1.5
+"""Lookaheads from an obstacle within which a side is not forgotten."""
+
+SHORTEST_WAY_M = 20.0
+"""On an orbit smaller than this the centre looks farther ahead than its radius."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """What is known of the centre's way beforehand."""
+
+    ends_m: Array | None  # (2,) where it comes to stay, if it does
+    straight_m: float  # so far ahead its wanted velocity stays about the same
+
+
+def way_ahead(center_m: Array, plan: Plan, time_s: float, *, moves: bool, reach_m: float) -> Way:
+    """The way of a centre at (3,): to the target, round it, or nowhere while it may not move.
+
+    Args:
+        center_m: show frame.
+        plan: target and orbit.
+        time_s: now.
+        moves: False while assembling.
+        reach_m: how far from the show's origin the target is followed (`gcs.formation.orbit`).
+    """
+    if not moves:
+        return Way(center_m[:2], 0.0)
+    if plan.orbit.radius_m > 0.0:
+        return Way(None, max(plan.orbit.radius_m, SHORTEST_WAY_M))
+    target_m, target_m_s = followed_target(
+        np.array(plan.target.position_m(time_s)), np.array(plan.target.velocity_m_s), reach_m
+    )
+    away_m = float(np.hypot(*(target_m - center_m[:2])))
+    goes_on_m = FORESEEN_S * float(np.hypot(*target_m_s))
+    return Way(target_m, away_m + goes_on_m)
+
+
+def steer_center(
+    center_m: Array,
+    wanted_m_s: Array,
+    drones_m: Array,
+    ellipses: Mapping[str, Ellipse],
+    sides: Mapping[str, float],
+    settings: AvoidanceSettings,
+    *,
+    radius_m: float,
+    way: Way,
+) -> tuple[Array, dict[str, float]]:
+    """The velocity that leads the formation's centre, and with it the whole sphere, past every obstacle.
+
+    The ellipses are grown by as much of the sphere as is below their tops, so that nobody need leave the
+    shape. Where the centre is nearer already, or is to come nearer, they are grown less.
+
+    Args:
+        center_m: (3,) of the sphere, show frame.
+        wanted_m_s: (3,).
+        drones_m: (n, 3) of the formation; a side is kept while one of them is near the obstacle.
+        ellipses: the obstacles, margin and headroom included.
+        sides: chosen so far: LEFT or RIGHT by name.
+        settings: distances and rates.
+        radius_m: of the sphere.
+        way: on which the centre is.
+
+    Returns: (3,) in m/s, and the sides that count from now on: one for the whole formation.
+    """
+    if not ellipses:
+        return wanted_m_s, {}
+    outlines = Outlines.of(ellipses)
+    tall = -center_m[2] - radius_m < outlines.top_height_m
+    there_m = np.full(len(outlines), inf)
+    if way.ends_m is not None:  # of one that moves nobody knows where it will be then
+        there_m = np.where(outlines.stand, outlines.nearest_m(way.ends_m[None]), inf)
+    grown = _grown(outlines, center_m, there_m, radius_m, settings)
+    reach_m = _reach_m(outlines, wanted_m_s, way, settings)
+    waits = bool((there_m[tall] < 0.0).any())  # where it is nearest to what it cannot reach
+    keep_m_s = np.array([0.0 if waits else float(np.hypot(wanted_m_s[0], wanted_m_s[1]))])
+    chosen_m_s, _, met = steer_past(
+        grown, sides, level(center_m[None]), level(wanted_m_s[None]), keep_m_s, tall[None], reach_m
+    )
+    ahead = tall & (
+        contacts_m(np.array(center_m), np.array(wanted_m_s), grown.center_m, grown.semi_m, grown.velocity_m_s)
+        < reach_m
+    )
+    near = outlines.nearest_m(drones_m) < SIDE_KEPT * settings.lookahead_m
+    kept = _sides_taken(grown, center_m, chosen_m_s[0], ahead) | dict(sides)
+    if met[0] >= 0:
+        right = turns(wanted_m_s[:2], chosen_m_s[0], grown.velocity_m_s[met[0]])
+        kept[grown.names[met[0]]] = RIGHT if right > 0.0 else LEFT
+    counts = {name for name, counting in zip(grown.names, ahead | near, strict=True) if counting}
+    return np.append(chosen_m_s[0], wanted_m_s[2]), {n: side for n, side in kept.items() if n in counts}
+
+
+def _sides_taken(outlines: Outlines, center_m: Array, velocity_m_s: Array, ahead: Mask) -> dict[str, float]:
+    """On which side a centre at (3,) passes those that are `ahead` (m,), with that velocity (2,)."""
+    offset_m, passing_m_s = center_m[:2] - outlines.center_m, velocity_m_s - outlines.velocity_m_s
+    on_right = offset_m[:, 0] * passing_m_s[:, 1] > offset_m[:, 1] * passing_m_s[:, 0]
+    return {outlines.names[j]: LEFT if on_right[j] else RIGHT for j in np.flatnonzero(ahead)}
+
+
+def _grown(
+    outlines: Outlines, center_m: Array, there_m: Array, radius_m: float, settings: AvoidanceSettings
+) -> Outlines:
+    """The ellipses as the sphere's centre (3,) sees them: its section below each top goes past whole.
+
+    No farther than to the centre itself, nor than `there_m` (m,): its destination's distance to each.
+    """
+    above_m = np.maximum(-center_m[2] - outlines.top_height_m, 0.0)
+    section_m = np.sqrt(np.maximum(radius_m**2 - above_m**2, 0.0))
+    clear_m = settings.center_clearance * section_m + settings.near_m
+    possible_m = np.minimum(outlines.nearest_m(center_m[None]), there_m)
+    return outlines.grown(np.clip(clear_m, 0.0, np.maximum(possible_m, 0.0)))
+
+
+def _reach_m(outlines: Outlines, wanted_m_s: Array, way: Way, settings: AvoidanceSettings) -> Array:
+    """(m,) how far ahead of the centre each ellipse counts: as far as it goes straight, and its lookahead.
+
+    One that moves counts for FORESEEN_S too when the centre arrives before, or stands.
+    """
+    speed_m_s = float(np.hypot(wanted_m_s[0], wanted_m_s[1]))
+    relative_m_s = np.hypot(*(wanted_m_s[:2] - outlines.velocity_m_s).T)
+    foreseen_s = max(way.straight_m / max(speed_m_s, SLOWEST_M_S), FORESEEN_S)
+    reach_m = np.where(outlines.stand, way.straight_m, relative_m_s * foreseen_s)
+    return np.minimum(reach_m, settings.center_lookahead_m)

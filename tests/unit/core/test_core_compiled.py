@@ -1,0 +1,43 @@
+"""Compiled code on disk is never older than any of the kernels in it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gcs.compiled import kept_in
+
+CALLER = (
+    "from gcs.compiled import kernel\nfrom callee import much\n\n@kernel\ndef asked(x):\n    return much(x)\n"
+)
+CALLEE = "from gcs.compiled import kernel\n\n@kernel\ndef much(x):\n    return {factor} * x\n"
+
+
+def answer(folder: Path) -> float:
+    """What the kernel in `folder` says in a process of its own, its code kept where `kept_in` says."""
+    script = (
+        "import sys, pathlib; import gcs.compiled as c; import numba;"
+        f"folder = pathlib.Path({str(folder)!r}); sys.path.insert(0, str(folder));"
+        "numba.config.CACHE_DIR = ''; numba.config.CACHE_DIR = str(c.kept_in(folder));"
+        "from caller import asked; print(asked(1.0))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return float(done.stdout)
+
+
+def test_a_change_in_a_kernel_that_another_file_calls_is_flown_at_once(tmp_path: Path) -> None:
+    (tmp_path / "caller.py").write_text(CALLER)
+    (tmp_path / "callee.py").write_text(CALLEE.format(factor=2.0))
+    assert answer(tmp_path) == 2.0
+    (tmp_path / "callee.py").write_text(CALLEE.format(factor=3.0))
+    assert answer(tmp_path) == 3.0
+
+
+def test_code_is_kept_while_no_kernel_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("numba.config.CACHE_DIR", "")
+    (tmp_path / "callee.py").write_text(CALLEE.format(factor=2.0))
+    before = kept_in(tmp_path)
+    (tmp_path / "other.py").write_text("x = 1\n")
+    assert kept_in(tmp_path) == before
+    assert before.is_relative_to(tmp_path)

@@ -1,0 +1,72 @@
+"""What the filter leaves out at first, because nobody was thought to be led there, breaks nothing."""
+
+import numpy as np
+import pytest
+
+import gcs.safety.filter as whole
+from gcs.safety.constraints import NOBODY
+from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
+from gcs.safety.separation import separation_constraints
+from gcs.safety.walls import Fence
+from gcs.state import Array
+
+SETTINGS = SafetySettings(fence=Fence(height_min_m=0.1, height_max_m=1e4, distance_max_m=1e4))
+
+
+def around(position_m: Array, velocity_m_s: Array) -> Surroundings:
+    count = len(position_m)
+    everyone = np.ones(count, dtype=bool)
+    ids = tuple(f"d{i}" for i in range(count))
+    nobody = np.zeros((0, 2, 3))
+    none, limits = np.zeros(count), np.full(count, np.inf)
+    return Surroundings(
+        position_m, velocity_m_s, everyone, everyone, ~everyone, nobody, {}, ids, none, limits
+    )
+
+
+def crowd(count: int, seed: int, *, squeezed: int) -> tuple[Array, Array]:
+    """Places on a shaken lattice and wanted velocities; a few want fast into the others."""
+    random = np.random.default_rng(seed)
+    side = round(count ** (1.0 / 3.0))
+    lattice = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    position_m = 4.5 * lattice + random.normal(0.0, 0.2, (side**3, 3)) - (0.0, 0.0, 200.0)
+    wanted_m_s = random.normal(0.0, 0.1, (side**3, 3))
+    rows = random.choice(side**3, squeezed, replace=False)
+    wanted_m_s[rows] = random.normal(0.0, 3.0, (squeezed, 3))
+    return position_m, wanted_m_s
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_few_led_far_off_break_no_constraint_although_not_everything_is_looked_at_again(seed: int) -> None:
+    position_m, wanted_m_s = crowd(216, seed, squeezed=6)
+    here = around(position_m, np.zeros_like(position_m))
+    allowed_m_s, _ = filter_velocities(wanted_m_s, here, SETTINGS)
+    pairs = separation_constraints(
+        position_m,
+        here.velocity_m_s,
+        here.commanded,
+        here.airborne,
+        floor=SETTINGS.floor,
+        braking=SETTINGS.braking,
+        uncertainty_m=here.uncertainty_m,
+        course_m_s=np.zeros_like(position_m),
+        spare_m_s=np.full(len(position_m), 20.0),
+    )
+    assert (pairs.second != NOBODY).all()
+    closing_m_s = allowed_m_s[pairs.first] - allowed_m_s[pairs.second]
+    slack_m_s = (pairs.normal * closing_m_s).sum(axis=1) - pairs.bound_m_s
+    assert slack_m_s[pairs.bound_m_s <= 0.0].min() > -2e-3
+
+
+@pytest.mark.parametrize("squeezed", [0, 6, 60])
+def test_looking_at_everything_from_the_start_gives_the_same(
+    squeezed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed in range(4):
+        position_m, wanted_m_s = crowd(216, seed, squeezed=squeezed)
+        here = around(position_m, np.zeros_like(position_m))
+        allowed_m_s, _ = filter_velocities(wanted_m_s, here, SETTINGS)
+        with monkeypatch.context() as patch:
+            patch.setattr(whole, "SPARE_M_S", 20.0)
+            every_m_s, _ = filter_velocities(wanted_m_s, here, SETTINGS)
+        assert np.abs(allowed_m_s - every_m_s).max() < 2e-3
