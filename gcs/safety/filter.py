@@ -241,14 +241,15 @@ def _reasons(
     if len(rows) == 0:
         return tuple(reasons)
     which = tightest(wanted_m_s, *joined)[rows]
-    first, second = pairs.first.tolist(), pairs.other.tolist()  # python's own numbers: ten times as fast
-    for row, k in zip(rows.tolist(), which.tolist(), strict=True):
-        pair = k - len(walls)
+    paired = which >= len(walls)
+    pair = which[paired] - len(walls)
+    other = np.full(len(rows), NOBODY)
+    other[paired] = np.where(pairs.first[pair] == rows[paired], pairs.other[pair], pairs.first[pair])
+    for row, k, neighbour in zip(rows.tolist(), which.tolist(), other.tolist(), strict=True):
         if k == NOBODY:
             reasons[row] = "limits"
-        elif pair < 0:
+        elif neighbour == NOBODY:
             reasons[row] = walls.reason[k]
         else:
-            other = second[pair] if first[pair] == row else first[pair]
-            reasons[row] = f"separation from {names[other]}"
+            reasons[row] = f"separation from {names[neighbour]}"
     return tuple(reasons)
