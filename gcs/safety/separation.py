@@ -19,7 +19,7 @@ class Floor(Settings):
 
     horizontal_m: Positive = 2.0
     vertical_m: Positive = 3.0
-    margin_m: NotNegative = 0.3  # added horizontally, in proportion vertically: for the tracking
+    margin_m: NotNegative = 0.3  # added horizontally, in proportion vertically: half for each one's tracking
     uncertainty_m: NotNegative = 0.35  # of each vehicle's position, where it is not known better
     vertical_uncertainty: Positive = 2.0  # times that up and down (recorded: 0.41 m against 0.19 m)
     pad_height_m: NotNegative = 2.0  # pairs that are both below this height on their pads are exempt
@@ -203,6 +203,8 @@ def separation_constraints(
             braking.lead_s,
             braking.deceleration_m_s2,
             braking.escape_rate_per_s,
+            floor.margin_m / 2.0,
+            floor.margin_m / 2.0 * floor.vertical_m / floor.horizontal_m,
         ),
     )
     return Pairs(*both_ways)
@@ -255,7 +257,7 @@ def _looks(
     return known, measured, course, spare, look_m
 
 
-Numbers: TypeAlias = tuple[float, float, float, float, float, float, float, float]
+Numbers: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
 
 
 @kernel
@@ -272,7 +274,8 @@ def _bounds(
     numbers: Numbers,
 ) -> tuple[Rows, Rows, Rows, Array, Array]:
     """Turn near pairs (k,) into the constraints that could bind; see `separation_constraints`."""
-    wide_m, tall_m, taller, pad_height_m, reaction_s, lead_s, deceleration_m_s2, escape_per_s = numbers
+    wide_m, tall_m, taller, pad_height_m, reaction_s, lead_s, deceleration_m_s2, escape_per_s = numbers[:8]
+    own_wide_m, own_tall_m = numbers[8:]
     count = len(first)
     rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
@@ -285,7 +288,10 @@ def _bounds(
         if low or not commanded[i] or not (airborne[i] or airborne[j]):
             continue
         unsure_m = uncertainty_m[i] + uncertainty_m[j]
-        gap_m, x, y, z = _gap(position_m, i, j, wide_m + unsure_m, tall_m + taller * unsure_m)
+        pair_wide_m, pair_tall_m = wide_m + unsure_m, tall_m + taller * unsure_m
+        if not (airborne[i] and airborne[j]):  # who stands on the ground has no tracking that needs a margin
+            pair_wide_m, pair_tall_m = pair_wide_m - own_wide_m, pair_tall_m - own_tall_m
+        gap_m, x, y, z = _gap(position_m, i, j, pair_wide_m, pair_tall_m)
         wanted_m_s = spare_m_s[i] + spare_m_s[j] - _along(course_m_s, i, j, x, y, z)
         closing_m_s = -_along(measured_m_s, i, j, x, y, z)
         allowed_m_s = allowed_speed_m_s(

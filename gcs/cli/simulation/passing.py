@@ -39,7 +39,8 @@ def last_passing_tick(record: Record) -> int:
 
 
 def approaching(record: Record, tick: int) -> bool:
-    """Whether at that tick a drone near a box, below its top, came nearer to it, or a box became known."""
+    """Whether at that tick a drone that must avoid a near box came nearer to it, or a box became known."""
+    headroom_m = record.scenario.control.law.avoidance.headroom_m
     step_m = NEARER_M_S / record.scenario.world.tick_rate_hz
     before = {box.id: box for box in record.boxes[tick - 1]}
     for box in record.boxes[tick]:
@@ -47,7 +48,7 @@ def approaching(record: Record, tick: int) -> bool:
             return True
         here_m = _beyond_m(box, record.position_m[tick])
         gap_m = np.hypot(*np.maximum(here_m[:, :2], 0.0).T)
-        near = (gap_m < NEAR_M) & (here_m[:, 2] < 0.0)
+        near = (gap_m < NEAR_M) & (here_m[:, 2] < headroom_m)
         if near.any():
             there_m = _beyond_m(before[box.id], record.position_m[tick - 1])
             nearer = np.hypot(*np.maximum(there_m[:, :2], 0.0).T) - gap_m > step_m
