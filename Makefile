@@ -3,7 +3,7 @@ PYTHON ?= python3
 ARGS ?=
 BIN := .venv/bin
 
-.PHONY: demo test check bench flight-quality format lock clean
+.PHONY: demo test check bench mutate flight-quality format lock clean
 
 demo: .venv/ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
 	@$(BIN)/gcs demo $(ARGS)
@@ -21,6 +21,9 @@ check: .venv/ready  ## what a reviewer should not have to say
 bench: .venv/ready  ## speed, as ratios against a named alternative in the same run
 	$(BIN)/python tests/bench/run.py
 
+mutate: .venv/mutate  ## break gcs/safety on purpose, on copies; ARGS="gcs/safety/walls.py", ARGS=--again
+	$(BIN)/python tests/mutate/mutate.py $(ARGS)
+
 flight-quality: .venv/ready  ## fly every scenario as it is judged; brings docs/flight-quality.md up to date
 	@mkdir -p runs
 	-$(BIN)/gcs simulate --all --json > runs/flight-quality.jsonl
@@ -33,12 +36,18 @@ format: .venv/ready
 lock:  ## needs uv on the PATH; names no registry host
 	uv pip compile --quiet --generate-hashes --universal --python-version 3.11 --no-header \
 	  --extra dev --output-file requirements.lock pyproject.toml
+	uv pip compile --quiet --generate-hashes --universal --python-version 3.11 --no-header \
+	  --constraint requirements.lock --group mutate --output-file requirements-mutate.lock
 
 clean:
 	rm -rf .venv build dist
 
 .venv/ready: pyproject.toml .venv/locked
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+.venv/mutate: .venv/ready requirements-mutate.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements-mutate.lock
 	@touch $@
 
 .venv/locked: requirements.lock

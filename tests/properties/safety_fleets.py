@@ -1,0 +1,68 @@
+"""Fleets and what surrounds them, for the property tests of the filter and of the tick."""
+
+import numpy as np
+from hypothesis import assume, settings
+from hypothesis import strategies as st
+from law_fleets import vectors
+
+from gcs.formation.obstacles import Ellipse
+from gcs.safety.filter import SafetySettings, Surroundings
+from gcs.state import Array, Mask
+
+CALM = settings(deadline=None, derandomize=True)
+SAFETY = SafetySettings()
+LIMITS = SAFETY.limits
+TICK_S = 0.05
+NO_PATHS = np.zeros((0, 2, 3))
+OPEN = SAFETY.model_copy(
+    update={
+        "fence": SAFETY.fence.model_copy(
+            update={"height_min_m": 0.5, "height_max_m": 1e4, "distance_max_m": 1e4}
+        )
+    }
+)
+FASTEST_M_S = float(np.hypot(LIMITS.horizontal_m_s, max(LIMITS.up_m_s, LIMITS.down_m_s)))
+
+
+def assert_within_limits(velocity: Array) -> None:
+    assert np.isfinite(velocity).all()
+    assert (np.hypot(velocity[:, 0], velocity[:, 1]) <= LIMITS.horizontal_m_s * (1 + 1e-9)).all()
+    assert (-velocity[:, 2] <= LIMITS.up_m_s * (1 + 1e-9)).all()
+    assert (velocity[:, 2] <= LIMITS.down_m_s * (1 + 1e-9)).all()
+
+
+@st.composite
+def legal_fleets(draw: st.DrawFn) -> tuple[Array, Array]:
+    """Positions no pair of which is inside the floor, and wanted velocities of any size."""
+    n = draw(st.integers(2, 6))
+    position = draw(vectors(n, 8.0)) - (0.0, 0.0, 30.0)
+    assume(closest(position) >= SAFETY.floor.horizontal_m)
+    return position, draw(vectors(n, 12.0))
+
+
+def closest(position: Array) -> float:
+    first, second = np.triu_indices(len(position), 1)
+    scaled = (position[first] - position[second]) * SAFETY.floor.scale
+    return float(np.linalg.norm(scaled, axis=1).min(initial=np.inf))
+
+
+def around(
+    position: Array,
+    *,
+    commanded: Mask | None = None,
+    segments: Array = NO_PATHS,
+    ellipses: dict[str, Ellipse] | None = None,
+) -> Surroundings:
+    n = len(position)
+    return Surroundings(
+        position,
+        np.zeros((n, 3)),
+        np.ones(n, dtype=bool) if commanded is None else commanded,
+        np.ones(n, dtype=bool),
+        np.zeros(n, dtype=bool),
+        segments,
+        ellipses or {},
+        [f"d{i}" for i in range(n)],
+        np.zeros(n),
+        np.full(n, np.inf),
+    )

@@ -1,0 +1,90 @@
+"""Projection, shortening and limits, whatever they are given."""
+
+import numpy as np
+from hypothesis import assume, event, given
+from hypothesis import strategies as st
+from law_fleets import masks, vectors, within
+from safety_fleets import CALM, LIMITS, assert_within_limits
+from scipy.optimize import nnls
+
+from gcs.safety.constraints import NOBODY, Constraints
+from gcs.safety.filter import cap
+from gcs.safety.projection import project, shrink
+from gcs.state import Array, Mask
+
+
+@st.composite
+def half_spaces(draw: st.DrawFn) -> tuple[Array, Constraints]:
+    """Velocities of four vehicles and up to eight constraints over them, those that rest satisfies."""
+    k = draw(st.integers(1, 8))
+    raw = draw(vectors(k, 1.0))
+    assume(np.linalg.norm(raw, axis=1).min() > 0.1)
+    first = np.array(draw(st.lists(st.integers(0, 3), min_size=k, max_size=k)))
+    step = np.array(draw(st.lists(st.integers(0, 3), min_size=k, max_size=k)))
+    second = np.where(step == 0, NOBODY, (first + step) % 4)
+    bound = -np.array(draw(st.lists(within(0.0, 3.0), min_size=k, max_size=k)))
+    normal = raw / np.linalg.norm(raw, axis=1, keepdims=True)
+    return draw(vectors(4, 8.0)), Constraints(first, second, normal, bound, ("c",) * k)
+
+
+@CALM
+@given(half_spaces())
+def test_shrinking_only_shortens_and_ends_with_everything_kept(drawn: tuple[Array, Constraints]) -> None:
+    velocity, constraints = drawn
+    shrunk = shrink(velocity, constraints)
+    before, after = np.linalg.norm(velocity, axis=1), np.linalg.norm(shrunk, axis=1)
+    assert (after <= before + 1e-12).all()
+    assert np.allclose(np.cross(shrunk, velocity), 0.0, atol=1e-9)
+    assert ((shrunk * velocity).sum(axis=1) >= 0.0).all()
+    assert (constraints.slack_m_s(shrunk) >= -1.1e-3).all()
+
+
+@CALM
+@given(half_spaces(), vectors(4, 1.0))
+def test_no_legal_velocity_is_nearer_to_the_wanted_one_than_the_projection(
+    drawn: tuple[Array, Constraints], other: Array
+) -> None:
+    wanted, constraints = drawn
+    projected = project(wanted, constraints)
+    legal = shrink(projected + other, constraints)  # any legal point near it
+    assume((constraints.slack_m_s(legal) >= 0.0).all())
+    assert np.linalg.norm(projected - wanted) <= np.linalg.norm(legal - wanted) + 0.05
+
+
+@CALM
+@given(vectors(5, 1e6), masks(5))
+def test_whatever_is_not_finite_becomes_rest_and_the_rest_is_within_limits(wanted: Array, bad: Mask) -> None:
+    spoiled = wanted.copy()
+    spoiled[bad, 1] = np.nan
+    capped = cap(spoiled, LIMITS)
+    assert_within_limits(capped)
+    assert not capped[bad].any()
+    assert np.allclose(np.cross(capped[~bad], wanted[~bad]) / 1e6, 0.0, atol=1e-6)
+
+
+def exactly_nearest(wanted: Array, constraints: Constraints) -> Array:
+    """By Lawson and Hanson's least distance programming: the shortest change that keeps all of them."""
+    rows = np.zeros((len(constraints), *wanted.shape))
+    for k in range(len(constraints)):
+        rows[k, constraints.first[k]] += constraints.normal[k]
+        if constraints.second[k] != NOBODY:
+            rows[k, constraints.second[k]] -= constraints.normal[k]
+    held = np.column_stack([rows.reshape(len(rows), -1), -constraints.slack_m_s(wanted)]).T
+    unit = np.zeros(len(held))
+    unit[-1] = 1.0
+    residual = held @ nnls(held, unit)[0] - unit
+    change: Array = -residual[:-1] / residual[-1]
+    return wanted + change.reshape(wanted.shape)
+
+
+@CALM
+@given(half_spaces())
+def test_the_projection_is_the_nearest_point_that_least_squares_finds(
+    drawn: tuple[Array, Constraints],
+) -> None:
+    wanted, constraints = drawn
+    exact = exactly_nearest(wanted, constraints)
+    assume(np.abs(exact).max() < 1e3)
+    found = project(wanted, constraints)
+    event(f"changed: {not np.allclose(exact, wanted)}")
+    assert np.allclose(found, exact, atol=0.02)

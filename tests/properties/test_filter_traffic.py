@@ -1,0 +1,69 @@
+"""Who meets whom, against ways flown in many small steps."""
+
+import numpy as np
+from hypothesis import event, given
+from hypothesis import strategies as st
+from law_fleets import masks, places, vectors, within
+from safety_fleets import CALM, SAFETY
+
+from gcs.safety.traffic import count_meetings, keep_right
+from gcs.state import Array, Mask
+
+PASSING_M = SAFETY.traffic.passing_m
+SHARES = np.linspace(0.0, 1.0, 4001)[:, None]
+
+
+def durations(count: int) -> st.SearchStrategy[Array]:
+    return st.lists(within(0.0, 20.0), min_size=count, max_size=count).map(np.array)
+
+
+def nearest_m(place_m: Array, course_m_s: Array, i: int, j: int, lasts_s: float) -> float:
+    """How near they come to each other on their ways; infinite where they part from the beginning."""
+    away_m, relative_m_s = place_m[j] - place_m[i], course_m_s[j] - course_m_s[i]
+    if away_m @ relative_m_s >= 0.0:
+        return np.inf
+    return float(np.linalg.norm(away_m + SHARES * lasts_s * relative_m_s, axis=1).min())
+
+
+@CALM
+@given(places(4), vectors(4, 5.0), durations(4), masks(4), masks(4))
+def test_a_meeting_counts_the_more_the_nearer_the_straight_ways_come_to_each_other(
+    spread: Array, course: Array, lasts: Array, turned: Mask, takes_part: Mask
+) -> None:
+    position = spread * (0.5, 0.5, 0.5)
+    turned = turned & takes_part
+    expected = np.zeros(4)
+    for i, j in [(i, j) for i in range(4) for j in range(4) if i != j]:
+        if takes_part[i] and takes_part[j] and (turned[i] or turned[j]):
+            near_m = nearest_m(position, course, i, j, min(lasts[i], lasts[j]))
+            expected[i] += max(0.0, 1.0 - (near_m / PASSING_M) ** 2)
+    found = count_meetings(np.flatnonzero(takes_part), turned, position, course, lasts, PASSING_M)
+    event(f"meetings: {expected.any()}")
+    assert np.allclose(found, expected, atol=1e-3)
+
+
+@CALM
+@given(places(4), vectors(4, 5.0), places(4), masks(4))
+def test_keeping_right_turns_no_way_by_more_than_its_angle_and_never_to_the_left(
+    position: Array, wanted: Array, goal: Array, to_goal: Mask
+) -> None:
+    way = (goal - position) * (1.0, 1.0, 0.0)
+    wanted = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9) * 3.0  # level, to the goal
+    everybody = np.ones(4, dtype=bool)
+    turned = keep_right(
+        wanted,
+        position,
+        np.zeros((4, 3)),
+        goal,
+        to_goal=to_goal,
+        commanded=everybody,
+        airborne=everybody,
+        flatness=2.0 / 3.0,
+        settings=SAFETY.traffic,
+    )
+    assert np.allclose(np.linalg.norm(turned, axis=1), np.linalg.norm(wanted, axis=1))
+    assert turned[~to_goal].tolist() == wanted[~to_goal].tolist()
+    right = np.stack([-wanted[:, 1], wanted[:, 0]], axis=1)
+    sideways, ahead = (turned[:, :2] * right).sum(axis=1), (turned * wanted).sum(axis=1)
+    assert (sideways >= -1e-9).all()
+    assert (ahead >= 9.0 * np.cos(np.radians(SAFETY.traffic.angle_max_deg)) * (way.any(axis=1)) - 1e-9).all()

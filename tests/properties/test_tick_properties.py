@@ -1,0 +1,136 @@
+"""What no tick may do, whatever is asked for."""
+
+from dataclasses import replace
+from math import radians
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from law_fleets import COUNTS, masks, obstacles, places, vectors, within
+from safety_fleets import (
+    CALM,
+    NO_PATHS,
+    TICK_S,
+    assert_within_limits,
+)
+
+from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
+from gcs.frames import wrap_rad
+from gcs.plan import Formation, Orbit, Plan, Target, Yaw, YawPolicy
+from gcs.state import FleetState, Traits
+
+CONTROL = ControlSettings()
+
+
+@st.composite
+def batches(draw: st.DrawFn) -> tuple[FleetState, Tasks, Plan]:
+    """A fleet in any state, some of it unknown or old, with any tasks and any plan."""
+    n = draw(COUNTS)
+    position, velocity = draw(places(n)), draw(vectors(n, 8.0))
+    yaw = np.array(draw(st.lists(within(-3.1, 3.1), min_size=n, max_size=n)))
+    age = np.array(
+        draw(st.lists(st.sampled_from([0.0, 0.02, 0.49, 0.51, 30.0, np.inf]), min_size=n, max_size=n))
+    )
+    for array in (position, velocity, yaw):
+        array[draw(masks(n)) & draw(masks(n))] = np.nan
+    task = np.array(draw(st.lists(st.sampled_from(Task), min_size=n, max_size=n)), dtype=np.int8)
+    segments = draw(vectors(2, 40.0)).reshape(1, 2, 3) if draw(st.booleans()) else NO_PATHS
+    tasks = Tasks(task, draw(places(n)), draw(masks(n)), draw(masks(n)), segments, draw(st.booleans()))
+    plan = Plan(
+        Formation(draw(within(5.0, 20.0)), 30.0),
+        Orbit(draw(st.sampled_from([0.0, 15.0])), 2.0),
+        Target(draw(within(-20.0, 20.0)), 3.0, 0.5, -0.5),
+        tuple(draw(st.lists(obstacles(), max_size=1))),
+        Yaw(draw(st.sampled_from(YawPolicy)), 1.0),
+    )
+    ids = tuple(f"d{i}" for i in range(n))
+    return FleetState(100.0, ids, position, velocity, yaw, age), tasks, plan
+
+
+def flown(fleet: FleetState, tasks: Tasks, plan: Plan, memory: Memory | None = None) -> Tick:
+    before = Memory.fresh(len(fleet.ids), fleet.time_s - TICK_S) if memory is None else memory
+    return tick(fleet, tasks, plan, Traits.alike(len(fleet.ids)), before, CONTROL)
+
+
+@CALM
+@given(batches())
+def test_no_setpoint_breaks_a_limit(batch: tuple[FleetState, Tasks, Plan]) -> None:
+    assert_within_limits(flown(*batch).setpoints.velocity_m_s)
+
+
+@CALM
+@given(batches())
+def test_a_vehicle_without_a_task_or_without_fresh_known_telemetry_is_not_commanded(
+    batch: tuple[FleetState, Tasks, Plan],
+) -> None:
+    fleet, tasks, _ = batch
+    known = np.isfinite(np.column_stack([fleet.position_m, fleet.velocity_m_s])).all(axis=1)
+    may = (tasks.task != Task.NONE) & known & (fleet.age_s <= CONTROL.telemetry_age_max_s)
+    may &= np.isfinite(fleet.yaw_rad)
+    listed = [name for name, allowed in zip(fleet.ids, may, strict=True) if allowed]
+    assert list(flown(*batch).setpoints.ids) == listed
+
+
+@CALM
+@given(batches())
+def test_yaw_begins_where_the_vehicle_looks_and_turns_no_faster_than_its_rate(
+    batch: tuple[FleetState, Tasks, Plan],
+) -> None:
+    fleet = batch[0]
+    setpoints = flown(*batch).setpoints
+    rows = [fleet.ids.index(name) for name in setpoints.ids]
+    turned = np.abs(wrap_rad(setpoints.yaw_rad - fleet.yaw_rad[rows]))
+    assert (turned <= radians(CONTROL.yaw_rate_max_deg_s) * TICK_S + 1e-9).all()
+    assert np.isfinite(setpoints.yaw_rad).all()
+
+
+@CALM
+@given(batches())
+def test_the_wanted_velocity_of_a_tick_follows_from_the_one_before_without_a_jump(
+    batch: tuple[FleetState, Tasks, Plan],
+) -> None:
+    fleet, tasks, plan = batch
+    free = replace(plan, obstacles=())
+    alone = Tasks(
+        tasks.task, tasks.goal_m, np.zeros(len(fleet.ids), bool), np.ones(len(fleet.ids), bool), NO_PATHS
+    )
+    memory = flown(fleet, alone, free).memory
+    later = replace_time(fleet, fleet.time_s + TICK_S)
+    after = flown(later, alone, free, memory).memory
+    both = np.isfinite(memory.wanted_m_s).all(axis=1) & np.isfinite(after.wanted_m_s).all(axis=1)
+    inside = both & (np.abs(fleet.position_m[:, 2] + 30.0) < 20.0)  # the fence does not speak up
+    change = np.linalg.norm(after.wanted_m_s - memory.wanted_m_s, axis=1)
+    assert (change[inside] <= CONTROL.acceleration_max_m_s2 * TICK_S * (1 + 1e-9)).all()
+
+
+def replace_time(fleet: FleetState, time_s: float) -> FleetState:
+    return FleetState(time_s, fleet.ids, fleet.position_m, fleet.velocity_m_s, fleet.yaw_rad, fleet.age_s)
+
+
+@CALM
+@given(batches(), st.permutations(range(6)))
+def test_the_order_of_the_fleet_does_not_matter(
+    batch: tuple[FleetState, Tasks, Plan], permutation: list[int]
+) -> None:
+    fleet, tasks, plan = batch
+    order = [row for row in permutation if row < len(fleet.ids)]
+    shuffled = FleetState(
+        fleet.time_s,
+        tuple(fleet.ids[row] for row in order),
+        fleet.position_m[order],
+        fleet.velocity_m_s[order],
+        fleet.yaw_rad[order],
+        fleet.age_s[order],
+    )
+    their_tasks = Tasks(
+        tasks.task[order],
+        tasks.goal_m[order],
+        tasks.airborne[order],
+        tasks.descending[order],
+        tasks.segments_m,
+        tasks.center_moves,
+    )
+    here, there = flown(fleet, tasks, plan).setpoints, flown(shuffled, their_tasks, plan).setpoints
+    by_name = dict(zip(there.ids, there.yaw_rad, strict=True))
+    assert set(here.ids) == set(there.ids)
+    assert all(by_name[name] == yaw for name, yaw in zip(here.ids, here.yaw_rad, strict=True))

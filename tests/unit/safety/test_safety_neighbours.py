@@ -1,0 +1,95 @@
+"""Who is near whom, and how near the nearest."""
+
+import numba
+import numpy as np
+import pytest
+from safety_world import FLOOR
+
+from gcs.safety.kernels import warm_up
+from gcs.safety.neighbours import near_pairs, near_pairs_of
+from gcs.safety.separation import (
+    minimum_separation,
+    pairs_that_count,
+    scaled_distance_m,
+)
+from gcs.safety.traffic import count_meetings
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 60, 400])
+def test_the_grid_finds_every_near_pair_once(count: int) -> None:
+    rng = np.random.default_rng(count)
+    position = rng.normal(0.0, 15.0, (count, 3))
+    position[: count // 10] *= 40.0  # far out
+    takes_part = rng.random(count) < 0.9
+    radius = rng.uniform(0.1, 4.0, count)
+    first, second = near_pairs(np.where(takes_part[:, None], position, np.nan), takes_part, radius)
+    i, j = np.triu_indices(count, 1)
+    near = np.linalg.norm(position[i] - position[j], axis=1) < radius[i] + radius[j]
+    near &= takes_part[i] & takes_part[j]
+    found = [tuple(sorted(pair)) for pair in zip(first.tolist(), second.tolist(), strict=True)]
+    assert sorted(found) == list(zip(i[near].tolist(), j[near].tolist(), strict=True))
+
+
+def test_pairs_of_some_are_those_pairs_of_all_in_which_one_of_them_is() -> None:
+    rng = np.random.default_rng(0)
+    position, radius = rng.normal(0.0, 5.0, (40, 3)), rng.uniform(0.1, 4.0, 40)
+    takes_part, some = rng.random(40) < 0.8, rng.random(40) < 0.3
+    every, of_some = (
+        [tuple(sorted(pair)) for pair in zip(first.tolist(), second.tolist(), strict=True)]
+        for first, second in (
+            near_pairs(position, takes_part, radius),
+            near_pairs_of(some, position, takes_part, radius),
+        )
+    )
+    assert sorted(of_some) == sorted(pair for pair in every if some[list(pair)].any())
+
+
+def test_the_minimum_is_the_true_distance_and_the_floor_is_an_ellipsoid() -> None:
+    airborne = np.ones(2, dtype=bool)
+    beside = np.array([[0.0, 0.0, -9.0], [2.1, 0.0, -9.0]])
+    above = np.array([[0.0, 0.0, -9.0], [0.0, 0.0, -11.9]])
+    assert minimum_separation(beside, airborne, FLOOR) == pytest.approx((2.1, 0))
+    assert minimum_separation(above, airborne, FLOOR) == pytest.approx((2.9, 1))
+    assert minimum_separation(beside, ~airborne, FLOOR) == (np.inf, 0)
+
+
+def test_the_minimum_separation_of_a_crowd_and_of_two_far_apart() -> None:
+    rng = np.random.default_rng(1)
+    crowd = rng.normal(0.0, 30.0, (300, 3)) - (0.0, 0.0, 200.0)
+    first, second = pairs_that_count(crowd, np.ones(300, bool), FLOOR)
+    least = np.linalg.norm(crowd[first] - crowd[second], axis=1).min()
+    inside = int((scaled_distance_m(crowd, first, second, FLOOR) < FLOOR.horizontal_m).sum())
+    assert minimum_separation(crowd, np.ones(300, bool), FLOOR) == pytest.approx((least, inside))
+    far = np.array([[0.0, 0.0, -9.0], [5e4, 0.0, -9.0]])
+    assert minimum_separation(far, np.ones(2, bool), FLOOR) == pytest.approx((5e4, 0))
+    assert minimum_separation(np.full((2, 3), np.nan), np.ones(2, bool), FLOOR) == (np.inf, 0)
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
+def test_warming_up_runs_every_kernel() -> None:
+    warm_up()
+    assert count_meetings.signatures  # type: ignore[attr-defined]
+    assert near_pairs.signatures  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_minimum_separation_is_that_of_the_pairs_that_count(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for count in (2, 3, 5, 12):
+        position = rng.uniform(-6.0, 6.0, (count, 3)) * (1.0, 1.0, 0.5) - (0.0, 0.0, 3.0)
+        position[rng.random(count) < 0.2, rng.integers(3)] = np.nan
+        airborne = rng.random(count) < 0.5
+        first, second = pairs_that_count(position, airborne, FLOOR)
+        least = np.linalg.norm(position[first] - position[second], axis=1).min(initial=np.inf)
+        inside = int((scaled_distance_m(position, first, second, FLOOR) < FLOOR.horizontal_m).sum())
+        assert minimum_separation(position, airborne, FLOOR) == pytest.approx((least, inside))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_minimum_separation_is_found_however_far_apart_they_are(axis: int) -> None:
+    for apart_m in (5.0, 50.0, 7000.0):
+        position = np.zeros((2, 3)) - (0.0, 0.0, 10.0)
+        position[1, axis] -= apart_m
+        assert minimum_separation(position, np.ones(2, bool), FLOOR) == pytest.approx((apart_m, 0))
+    corners = np.array([[1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]) * 1e3 - (0.0, 0.0, 1e3)
+    assert minimum_separation(corners, np.ones(2, bool), FLOOR)[0] == pytest.approx(2e3 * np.sqrt(3.0))

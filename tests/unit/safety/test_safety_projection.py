@@ -1,0 +1,79 @@
+"""The nearest velocities, and the shortening after it, against numbers computed by hand."""
+
+import numpy as np
+import pytest
+from safety_world import half_space
+
+from gcs.safety.constraints import NOBODY, Constraints
+from gcs.safety.projection import project, shrink
+
+
+def test_a_pair_shares_the_duty_evenly_and_nothing_else_is_changed() -> None:
+    # they close with 4 m/s, 1 is allowed: 1.5 each
+    wanted = np.array([[2.0, 1.0, 0.0], [-2.0, 0.0, 0.5]])
+    closing = half_space(0, 1, (-1.0, 0.0, 0.0), -1.0)
+    assert project(wanted, closing) == pytest.approx(np.array([[0.5, 1.0, 0.0], [-0.5, 0.0, 0.5]]), abs=1e-3)
+
+
+def test_the_projection_onto_a_corner_is_the_nearest_point_of_it() -> None:
+    corner = Constraints.joined(
+        half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0), half_space(0, NOBODY, (0.0, -1.0, 0.0), -2.0)
+    )
+    assert project(np.array([[5.0, 5.0, 1.0]]), corner) == pytest.approx(
+        np.array([[1.0, 2.0, 1.0]]), abs=1e-3
+    )
+
+
+def test_velocities_that_break_nothing_are_left_exactly_as_they_are() -> None:
+    wanted = np.array([[0.3, -0.2, 0.1], [1.0, 0.0, 0.0]])
+    allowed = half_space(0, 1, (-1.0, 0.0, 0.0), -1.0)
+    assert project(wanted, allowed).tolist() == wanted.tolist()
+    assert shrink(wanted, allowed).tolist() == wanted.tolist()
+
+
+def test_what_the_projection_leaves_broken_is_shrunk_until_it_holds() -> None:
+    velocity = np.array([[3.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    closing = half_space(0, 1, (-1.0, 0.0, 0.0), -1.0)
+    shrunk = shrink(velocity, closing)
+    assert closing.slack_m_s(shrunk)[0] >= -1e-3
+    assert shrunk[2].tolist() == [1.0, 1.0, 1.0]
+    assert (shrunk[:2, 0] / velocity[:2, 0] < 1.0).all()
+
+
+def test_what_even_rest_cannot_mend_is_not_shrunk() -> None:
+    fleeing = np.array([[0.5, 0.0, 0.0]])
+    assert shrink(fleeing, half_space(0, NOBODY, (1.0, 0.0, 0.0), 2.0)).tolist() == fleeing.tolist()
+
+
+def test_a_bound_of_zero_against_a_wall_ends_in_rest_and_not_in_a_crawl() -> None:
+    crawl = shrink(np.array([[500.0, 0.0, 0.0]]), half_space(0, NOBODY, (-1.0, 0.0, 0.0), 0.0))
+    assert crawl[0, 0] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_shortening_takes_no_more_than_is_needed_from_two_that_both_approach() -> None:
+    velocity = np.array([[3.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # 4 m/s of which 1 is allowed: a quarter of each
+    shrunk = shrink(velocity, half_space(0, 1, (-1.0, 0.0, 0.0), -1.0))
+    assert shrunk == pytest.approx(velocity / 4.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 0)])
+def test_who_flees_is_not_shortened_and_lets_the_other_come_as_much_faster(first: int, second: int) -> None:
+    # row 0 comes with 3 m/s, row 1 flees before it with 1: of their 2 m/s 0.5 are allowed
+    velocity = np.array([[3.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    away = -1.0 if first == 0 else 1.0
+    shrunk = shrink(velocity, half_space(first, second, (away, 0.0, 0.0), -0.5))
+    assert shrunk == pytest.approx(np.array([[1.5, 0.0, 0.0], [1.0, 0.0, 0.0]]), abs=1e-3)
+
+
+def test_constraints_that_only_rest_satisfies_together_end_in_rest() -> None:
+    # each of a ring of three is shortened for the next one: geometrically, and at last it must end
+    ring = Constraints.joined(*(half_space(row, (row + 1) % 3, (-1.0, 0.0, 0.0), 0.0) for row in range(3)))
+    shrunk = shrink(np.array([[3.0, 0.0, 0.0], [2.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), ring)
+    assert (ring.slack_m_s(shrunk) >= -1e-3).all()
+
+
+def test_demands_to_part_are_no_business_of_the_shortening_those_after_them_are() -> None:
+    both = Constraints.joined(
+        half_space(0, NOBODY, (1.0, 0.0, 0.0), 2.0), half_space(0, NOBODY, (0.0, -1.0, 0.0), -1.0)
+    )
+    assert shrink(np.array([[0.0, 4.0, 0.0]]), both) == pytest.approx(np.array([[0.0, 1.0, 0.0]]), abs=1e-3)

@@ -1,0 +1,179 @@
+"""How pairs are held apart, against numbers computed by hand."""
+
+import numpy as np
+import pytest
+from safety_world import BRAKING, FLOOR, SETTINGS, filtered, surroundings
+
+from gcs.safety.filter import filter_velocities
+from gcs.safety.separation import (
+    Floor,
+    keepout_constraints,
+    pairs_that_count,
+    separation_constraints,
+)
+
+
+def test_pairs_on_their_pads_are_exempt_and_unknown_positions_take_no_part() -> None:
+    position = np.array(
+        [[0.0, 0.0, -1.0], [1.0, 0.0, -1.9], [2.0, 0.0, -2.1], [np.nan, 0.0, -9.0], [3.0, 0.0, 0.0]]
+    )
+    airborne = np.array([True, True, True, True, False])
+    first, second = pairs_that_count(position, airborne, FLOOR)
+    assert list(zip(first.tolist(), second.tolist(), strict=True)) == [(0, 2), (1, 2), (2, 4)]
+
+
+def test_the_widest_separation_satisfies_the_ellipsoid_in_every_direction() -> None:
+    assert FLOOR.widest_m == pytest.approx(4.5)
+    unsure = FLOOR.model_copy(update={"uncertainty_m": 0.35, "vertical_uncertainty": 2.0})
+    assert unsure.widest_m == pytest.approx(4.5 + 2.0 * 0.7)
+    assert unsure.kept_m(0.7) == pytest.approx((3.7, 5.9))
+    assert Floor(horizontal_m=3.0, vertical_m=2.0, margin_m=1.0, uncertainty_m=0.0).widest_m == pytest.approx(
+        4.0
+    )
+
+
+def test_two_head_on_are_held_to_what_both_together_can_brake() -> None:
+    position = np.array([[-4.0, 0.0, -20.0], [4.0, 0.0, -20.0]])  # 5 m to floor and margin
+    allowed = filtered(np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]), surroundings(position))
+    closing = allowed[0, 0] - allowed[1, 0]
+    assert closing == pytest.approx(float(BRAKING.speed_m_s(np.array([5.0]))[0]), abs=2e-3)
+    assert allowed[0, 0] == pytest.approx(-allowed[1, 0], abs=2e-3)
+
+
+def test_one_above_the_other_is_held_off_in_the_taller_way() -> None:
+    # 9 m apart, 4.5 m is floor and margin vertically
+    position = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -29.0]])
+    allowed = filtered(np.array([[0.0, 0.0, -2.5], [0.0, 0.0, 1.4]]), surroundings(position))
+    assert allowed[1, 2] - allowed[0, 2] <= float(BRAKING.speed_m_s(np.array([4.5]))[0]) + 2e-3
+
+
+def test_from_one_who_is_not_commanded_the_other_yields_all_the_way() -> None:
+    position = np.array([[0.0, 0.0, -20.0], [3.5, 0.0, -20.0]])
+    oncoming = np.array([[0.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    around = surroundings(position, velocity=oncoming, commanded=[True, False])
+    allowed = filtered(np.zeros((2, 3)), around)
+    brake = float(BRAKING.speed_m_s(np.array([0.5]))[0])
+    assert allowed[0, 0] == pytest.approx(-3.0 + brake, abs=2e-3)
+    assert not allowed[1].any()
+
+
+def test_one_of_unknown_velocity_is_still_kept_away_from() -> None:
+    position = np.array([[0.0, 0.0, -20.0], [3.5, 0.0, -20.0]])
+    unknown = np.array([[0.0, 0.0, 0.0], [np.nan, np.nan, np.nan]])
+    around = surroundings(position, velocity=unknown, commanded=[True, False])
+    allowed = filtered(np.array([[4.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), around)
+    assert allowed[0, 0] <= float(BRAKING.speed_m_s(np.array([0.5]))[0]) + 2e-3
+
+
+def test_two_in_the_same_place_are_parted_up_and_down() -> None:
+    position = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -20.0]])
+    allowed = filtered(np.zeros((2, 3)), surroundings(position))
+    assert allowed[0, 2] - allowed[1, 2] > 1.0
+
+
+def test_nobody_commanded_means_no_constraints() -> None:
+    position = np.array([[0.0, 0.0, -20.0], [1.0, 0.0, -20.0]])
+    nobody = np.zeros(2, dtype=bool)
+    found = separation_constraints(
+        position,
+        np.zeros((2, 3)),
+        nobody,
+        ~nobody,
+        floor=FLOOR,
+        braking=BRAKING,
+        uncertainty_m=np.zeros(2),
+        course_m_s=np.zeros((2, 3)),
+        spare_m_s=np.full(2, 10.0),
+    )
+    assert len(found) == 0
+    paths = np.array([[[0.0, 0.0, -20.0], [0.0, 0.0, 0.0]]])
+    assert (
+        len(
+            keepout_constraints(
+                position, nobody, paths, floor=FLOOR, braking=BRAKING, uncertainty_m=np.zeros(2)
+            )
+        )
+        == 0
+    )
+
+
+def test_who_is_pushed_to_where_nobody_had_looked_is_looked_at_again() -> None:
+    # an escape pushes the middle one, which rests, onto the right one, far beyond what anybody wants
+    position = np.array([[0.0, 0.0, -20.0], [0.4, 0.0, -20.0], [4.4, 0.0, -20.0]])
+    hard = SETTINGS.model_copy(update={"braking": BRAKING.model_copy(update={"escape_rate_per_s": 3.0})})
+    allowed, reasons = filter_velocities(np.zeros((3, 3)), surroundings(position), hard)
+    assert allowed[1, 0] - allowed[0, 0] > 5.0
+    assert allowed[2, 0] - allowed[1, 0] >= -float(BRAKING.speed_m_s(np.array([1.0]))[0]) - 2e-3
+    assert reasons[2] == "separation from d1"
+
+
+FAR_APART = np.array([[0.0, 500.0 * row, -20.0] for row in range(1, 25)])
+
+
+def test_a_single_one_pushed_to_where_nobody_had_looked_is_looked_at_again_in_a_large_fleet() -> None:
+    # a pilot's vehicle pushes d1 onto d2; the others are in nobody's way
+    position = np.vstack([[[0.0, 0.0, -20.0], [0.4, 0.0, -20.0], [4.4, 0.0, -20.0]], FAR_APART])
+    fence = SETTINGS.fence.model_copy(update={"distance_max_m": 1e5})
+    hard = BRAKING.model_copy(update={"escape_rate_per_s": 3.0})
+    settings = SETTINGS.model_copy(update={"braking": hard, "fence": fence})
+    around = surroundings(position, commanded=[row > 0 for row in range(len(position))])
+    allowed, reasons = filter_velocities(np.zeros_like(position), around, settings)
+    assert allowed[1, 0] > 5.0
+    assert allowed[2, 0] - allowed[1, 0] >= -float(BRAKING.speed_m_s(np.array([1.0]))[0]) - 2e-3
+    assert reasons[:4] == ("", "separation from d0", "separation from d1", "")
+
+
+def test_a_single_one_pushed_to_where_nobody_is_is_told_so_and_leaves_the_others_alone() -> None:
+    position = np.vstack([[[0.0, 0.0, -20.0], [0.4, 0.0, -20.0]], FAR_APART])
+    fence = SETTINGS.fence.model_copy(update={"distance_max_m": 1e5})
+    around = surroundings(position, commanded=[row > 0 for row in range(len(position))])
+    allowed, reasons = filter_velocities(
+        np.zeros_like(position), around, SETTINGS.model_copy(update={"fence": fence})
+    )
+    assert allowed[1, 0] == pytest.approx(-float(BRAKING.speed_m_s(np.array([-2.6]))[0]), abs=2e-3)
+    assert not allowed[[0, *range(2, len(position))]].any()
+    assert reasons == ("", "separation from d0", *("" for _ in FAR_APART))
+
+
+def test_a_push_that_is_passed_on_from_one_to_the_next_is_followed_to_the_end() -> None:
+    # all fly north; a pilot's vehicle pushes d1 onto d2, that one onto d3 and so on
+    east = np.array([0.0, 0.4, 4.4, 8.4, 12.4, 16.4])
+    position = np.column_stack([east, np.zeros(6), np.full(6, -20.0)])
+    hard = SETTINGS.model_copy(update={"braking": BRAKING.model_copy(update={"escape_rate_per_s": 2.5})})
+    north = np.tile([0.0, 4.0, 0.0], (6, 1))
+    around = surroundings(position, velocity=north, commanded=[row > 0 for row in range(6)])
+    allowed, _ = filter_velocities(north, around, hard)
+    assert allowed[1, 0] > 5.0
+    assert (np.diff(allowed[1:, 0]) >= -float(BRAKING.speed_m_s(np.array([1.0]))[0]) - 5e-3).all()
+
+
+@pytest.mark.parametrize(
+    ("spare_m_s", "closing_m_s", "unsure_m"),
+    [(0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 4.0), (1.0, 1.0, 1.0), (30.0, 0.0, 0.0)],
+)
+def test_a_pair_is_found_as_soon_as_it_could_come_too_close_from_wherever(
+    spare_m_s: float, closing_m_s: float, unsure_m: float
+) -> None:
+    braking = BRAKING.model_copy(update={"lead_s": 0.5})
+    wide_m, tall_m = FLOOR.kept_m(2.0 * unsure_m)
+    free_m = 2.0 * spare_m_s * braking.reaction_s + (2.0 * spare_m_s) ** 2 / (2.0 * braking.deceleration_m_s2)
+    for up in np.linspace(0.0, np.pi / 2.0, 19):
+        away = np.array([np.cos(up), 0.0, np.sin(up)])
+        level = np.linalg.norm(away / (wide_m, wide_m, tall_m))
+        normal = away / (wide_m**2, wide_m**2, tall_m**2) / level
+        gap_m = free_m + braking.lead_s * 2.0 * closing_m_s
+        apart_m = (1.0 + gap_m * np.linalg.norm(normal)) / level  # where that is left along the normal
+        towards = closing_m_s * normal / np.linalg.norm(normal)
+        for share, count in ((0.999, 1), (1.001, 0)):
+            found = separation_constraints(
+                np.array([share * apart_m * away, np.zeros(3)]) - (0.0, 0.0, 500.0),
+                np.array([-towards, towards]),
+                np.ones(2, dtype=bool),
+                np.ones(2, dtype=bool),
+                floor=FLOOR,
+                braking=braking,
+                uncertainty_m=np.full(2, unsure_m),
+                course_m_s=np.zeros((2, 3)),
+                spare_m_s=np.full(2, spare_m_s),
+            )
+            assert len(found) == count

@@ -1,0 +1,147 @@
+"""Keeping to the right, by whom and how far."""
+
+import numpy as np
+import pytest
+
+from gcs.safety.traffic import Traffic, keep_right
+from gcs.state import Array
+
+
+def to_goals(
+    position: Array, goal: Array, wanted: Array, *, turned: list[bool] | None = None, angle: float = 45.0
+) -> Array:
+    n = len(position)
+    everybody = np.ones(n, dtype=bool)
+    return keep_right(
+        wanted,
+        position,
+        np.zeros((n, 3)),
+        goal,
+        to_goal=everybody if turned is None else np.array(turned),
+        commanded=everybody,
+        airborne=everybody,
+        flatness=2.0 / 3.0,
+        settings=Traffic(angle_max_deg=angle),
+    )
+
+
+HEAD_ON = np.array([[-30.0, 0.0, -20.0], [30.0, 0.0, -20.0]])
+
+
+def test_two_that_would_meet_head_on_both_keep_to_the_right() -> None:
+    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    turned = to_goals(HEAD_ON, HEAD_ON[::-1], wanted)
+    angle = np.radians(45.0) * -np.expm1(-1.0 / Traffic().crowd)
+    assert turned[0] == pytest.approx([3.0 * np.cos(angle), 3.0 * np.sin(angle), 0.0])
+    assert turned[1] == pytest.approx(-turned[0])
+
+
+def test_straight_up_and_straight_down_part_to_different_sides() -> None:
+    column = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -60.0]])
+    turned = to_goals(column, column[::-1], np.array([[0.0, 0.0, -2.0], [0.0, 0.0, 1.4]]))
+    assert turned[0, 1] > 0.1 > -0.1 > turned[1, 1]
+
+
+@pytest.mark.parametrize(
+    ("goal", "wanted"),
+    [
+        (np.array([[30.0, 18.0, -20.0], [-30.0, -18.0, -20.0]]), [[3.0, 0.9, 0.0], [-3.0, -0.9, 0.0]]),
+        (HEAD_ON * 2.0, [[-3.0, 0.0, 0.0], [3.0, 0.0, 0.0]]),
+        (HEAD_ON * 0.5, [[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]),
+        (np.array([[20.0, 0.0, -20.0], [80.0, 0.0, -20.0]]), [[3.0, 0.0, 0.0], [3.0, 0.0, 0.0]]),
+    ],
+    ids=["past each other at a distance", "apart", "both stop before they meet", "side by side"],
+)
+def test_who_meets_nobody_flies_straight_on(goal: Array, wanted: list[list[float]]) -> None:
+    assert to_goals(HEAD_ON, goal, np.array(wanted)).tolist() == wanted
+
+
+def test_only_those_on_their_way_to_a_goal_are_turned_and_none_where_the_angle_is_zero() -> None:
+    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    some = to_goals(HEAD_ON, HEAD_ON[::-1], wanted, turned=[False, True])
+    assert some[0].tolist() == wanted[0].tolist()
+    assert some[1, 1] < 0.0
+    nobody = to_goals(HEAD_ON, HEAD_ON[::-1], wanted, turned=[False, False])
+    assert nobody.tolist() == wanted.tolist()
+    assert to_goals(HEAD_ON, HEAD_ON[::-1], wanted, angle=0.0).tolist() == wanted.tolist()
+
+
+def test_an_unknown_place_or_goal_turns_nobody() -> None:
+    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    unknown = np.where([[True], [False]], HEAD_ON, np.nan)
+    assert to_goals(unknown, HEAD_ON[::-1], wanted).tolist() == wanted.tolist()
+    assert to_goals(HEAD_ON, unknown * np.nan, wanted).tolist() == wanted.tolist()
+
+
+def angle_rad(meetings: float) -> float:
+    return float(np.radians(45.0) * -np.expm1(-meetings / Traffic().crowd))
+
+
+@pytest.mark.parametrize(("up_m_s", "side"), [(-2.0, 1.0), (1.4, -1.0)])
+def test_straight_up_one_keeps_its_speed_upwards_shortened_and_steps_aside_along_y(
+    up_m_s: float, side: float
+) -> None:
+    here, there = [0.0, 0.0, -20.0], [0.0, 0.0, -20.0 + 10.0 * up_m_s]
+    turned = to_goals(
+        np.array([here, there]), np.array([there, here]), np.array([[0.0, 0.0, up_m_s], [0.0, 0.0, -up_m_s]])
+    )
+    angle = angle_rad(1.0)
+    assert turned[0] == pytest.approx([0.0, side * abs(up_m_s) * np.sin(angle), up_m_s * np.cos(angle)])
+
+
+def test_a_way_of_less_than_a_metre_up_or_down_has_its_side_too() -> None:
+    here, there = (
+        np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -20.6]]),
+        np.array([[0.0, 0.0, -20.6], [0.0, 0.0, -20.0]]),
+    )
+    turned = to_goals(here, there, np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]]))
+    assert turned[0, 1] > 0.01 > -0.01 > turned[1, 1]
+
+
+def test_a_level_way_of_less_than_a_metre_has_its_own_right() -> None:
+    here = np.array([[0.0, 0.0, -20.0], [0.6, 0.0, -20.0]])
+    turned = to_goals(here, here[::-1], np.array([[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]]))
+    assert turned[0] == pytest.approx([0.5 * np.cos(angle_rad(1.0)), 0.5 * np.sin(angle_rad(1.0)), 0.0])
+
+
+@pytest.mark.parametrize(("speed_m_s", "ahead_m"), [(0.1, 5.0), (0.1, 7.0)])
+def test_one_that_stands_is_met_where_it_is_now(speed_m_s: float, ahead_m: float) -> None:
+    # d1 hardly moves: what counts is how near it is, not how near d0 would come to it
+    position = np.array([[0.0, 0.0, -20.0], [ahead_m, 0.0, -20.0]])
+    wanted = np.array([[3.0, 0.0, 0.0], [-speed_m_s, 0.0, 0.0]])
+    turned = to_goals(
+        position, np.array([[40.0, 0.0, -20.0], [-40.0, 0.0, -20.0]]), wanted, turned=[True, False]
+    )
+    angle = angle_rad(1.0 - (ahead_m / 8.0) ** 2)
+    assert turned[0] == pytest.approx([3.0 * np.cos(angle), 3.0 * np.sin(angle), 0.0])
+
+
+def test_one_that_creeps_does_not_stand() -> None:
+    position = np.array([[0.0, 0.0, -20.0], [6.0, 0.0, -20.0]])
+    wanted = np.array([[3.0, 0.0, 0.0], [-0.5, 0.0, 0.0]])
+    turned = to_goals(
+        position, np.array([[40.0, 0.0, -20.0], [-40.0, 0.0, -20.0]]), wanted, turned=[True, False]
+    )
+    assert turned[0, 1] == pytest.approx(3.0 * np.sin(angle_rad(1.0)))
+
+
+@pytest.mark.parametrize(("above_m", "meets"), [(6.0, 0.75), (12.0, 0.0)])
+def test_up_and_down_a_metre_counts_less_by_the_flatness(above_m: float, meets: float) -> None:
+    # d1 crosses above d0's way: two thirds of 6 m are 4 m, half of what is of no concern
+    position = np.array([[-15.0, 0.0, -20.0], [15.0, 0.0, -20.0 - above_m]])
+    goal = np.array([[15.0, 0.0, -20.0], [-15.0, 0.0, -20.0 - above_m]])
+    turned = to_goals(position, goal, np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]))
+    assert turned[0, 1] == pytest.approx(3.0 * np.sin(angle_rad(meets)))
+
+
+def test_one_that_descends_onto_a_way_is_met_where_their_ways_meet() -> None:
+    # 15 m to go sideways, 9 m down, both in 5 s
+    position = np.array([[-15.0, 0.0, -20.0], [0.0, 0.0, -29.0]])
+    goal = np.array([[15.0, 0.0, -20.0], [0.0, 0.0, -11.0]])
+    turned = to_goals(position, goal, np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 1.8]]))
+    assert turned[0, 1] == pytest.approx(3.0 * np.sin(angle_rad(1.0)))
+
+
+def test_an_angle_of_one_degree_is_an_angle() -> None:
+    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    assert to_goals(HEAD_ON, HEAD_ON[::-1], wanted, angle=1.0)[0, 1] > 0.0

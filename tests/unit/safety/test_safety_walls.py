@@ -1,0 +1,138 @@
+"""The fence and obstacles, against numbers computed by hand."""
+
+from math import sqrt
+
+import numpy as np
+import pytest
+from safety_world import BOX, BRAKING, FENCE, SETTINGS, filtered, surroundings
+
+from gcs.formation.obstacles import Ellipse
+from gcs.safety.filter import filter_velocities
+from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
+
+
+def test_the_fence_brakes_sinking_climbing_and_leaving() -> None:
+    position = np.array([[0.0, 0.0, -3.5], [0.0, 0.0, -99.0], [299.0, 0.0, -20.0]])
+    wanted = np.array([[0.0, 0.0, 1.4], [0.0, 0.0, -2.5], [5.0, 0.0, 0.0]])
+    allowed = filtered(wanted, surroundings(position))
+    half, one = BRAKING.speed_m_s(np.array([0.5, 1.0])).tolist()
+    assert allowed[0, 2] == pytest.approx(half, abs=2e-3)
+    assert allowed[1, 2] == pytest.approx(-one, abs=2e-3)
+    assert allowed[2, 0] == pytest.approx(one, abs=2e-3)
+
+
+def test_below_the_least_height_one_climbs_unless_on_the_way_down() -> None:
+    low = np.array([[0.0, 0.0, -2.0]])
+    sinking = np.array([[0.0, 0.0, 1.0]])
+    assert filtered(sinking, surroundings(low))[0, 2] == pytest.approx(-0.5, abs=2e-3)
+    assert filtered(sinking, surroundings(low, descending=True))[0, 2] == 1.0
+
+
+def test_right_above_the_origin_no_direction_is_fenced() -> None:
+    over_origin = np.array([[0.0, 0.0, -20.0]])
+    found = fence_constraints(over_origin, np.ones(1, bool), np.zeros(1, bool), FENCE, BRAKING)
+    assert (found.slack_m_s(np.array([[8.0, 0.0, 0.0]])) > 0.0).all()
+
+
+def test_below_its_top_an_obstacle_is_a_wall_and_above_it_a_floor() -> None:
+    beside, over = np.array([[-7.0, 0.0, -8.0]]), np.array([[0.0, 0.0, -12.5]])
+    into = filtered(np.array([[4.0, 1.0, 0.0]]), surroundings(beside, ellipses={"b": BOX}))
+    assert into[0] == pytest.approx([float(BRAKING.speed_m_s(np.array([2.0]))[0]), 1.0, 0.0], abs=2e-3)
+    down = filtered(np.array([[4.0, 0.0, 1.4]]), surroundings(over, ellipses={"b": BOX}))
+    assert down[0] == pytest.approx([4.0, 0.0, float(BRAKING.speed_m_s(np.array([0.5]))[0])], abs=2e-3)
+
+
+def test_well_above_an_obstacle_nothing_is_changed() -> None:
+    wanted = np.array([[4.0, 2.0, 1.0]])
+    over = surroundings(np.array([[0.0, 0.0, -18.0]]), ellipses={"b": BOX})
+    assert filtered(wanted, over).tolist() == wanted.tolist()
+
+
+def test_inside_an_obstacle_one_is_led_out_and_does_not_sink_meanwhile() -> None:
+    inside = surroundings(np.array([[-4.0, 0.0, -9.0]]), ellipses={"b": BOX})
+    allowed = filtered(np.array([[3.0, 0.0, 1.4]]), inside)
+    assert allowed[0, 0] == pytest.approx(-0.5, abs=2e-3)
+    assert allowed[0, 2] == pytest.approx(0.0, abs=2e-3)
+    just_below = surroundings(np.array([[-4.0, 0.0, -11.8]]), ellipses={"b": BOX})
+    risen = filtered(np.array([[3.0, 0.0, 1.4]]), just_below)
+    assert risen[0] == pytest.approx([3.0, 0.0, -0.1], abs=2e-3)
+
+
+def test_over_its_edge_an_obstacle_is_a_wall_across_both_ways() -> None:
+    diagonal = np.array([[-8.0, 0.0, -16.0]])  # 3 m beside and 4 m above: 5 m away
+    found = obstacle_constraints(diagonal, np.array([True]), {"b": BOX}, BRAKING)
+    assert found.normal == pytest.approx(np.array([[-0.6, 0.0, -0.8]]))
+    assert found.bound_m_s == pytest.approx(-BRAKING.speed_m_s(np.array([5.0])))
+
+
+def test_from_an_obstacle_that_moves_everybody_keeps_away_relative_to_it() -> None:
+    coming = Ellipse(0.0, 0.0, 5.0 * sqrt(2), 5.0 * sqrt(2), 12.0, velocity_x_m_s=-1.5, velocity_y_m_s=1.0)
+    beside = surroundings(np.array([[-5.5, 0.0, -8.0]]), ellipses={"b": coming})
+    allowed = filtered(np.zeros((1, 3)), beside)
+    possible = float(BRAKING.speed_m_s(np.array([0.5]))[0])
+    assert allowed[0] == pytest.approx([possible - 1.5, 0.0, 0.0], abs=2e-3)
+
+
+def test_obstacles_concern_only_those_who_are_commanded() -> None:
+    position = np.array([[-5.5, 0.0, -8.0], [-5.5, 0.0, -8.0]])
+    found = obstacle_constraints(position, np.array([False, True]), {"b": BOX}, BRAKING)
+    assert found.first.tolist() == [1]
+    assert found.reason == ("obstacle b",)
+
+
+def test_three_crowded_in_a_corner_of_the_fence_break_no_wall() -> None:
+    position = np.array([[298.0, 0.0, -3.2], [298.0, 3.1, -3.2], [298.0, -3.1, -3.2]])
+    allowed = filtered(np.tile([8.0, 0.0, 1.4], (3, 1)), surroundings(position))
+    gap = 300.0 - np.hypot(position[:, 0], position[:, 1])
+    assert (allowed[:, 0] <= BRAKING.speed_m_s(gap) * sqrt(1.001) + 5e-3).all()
+    assert (allowed[:, 2] <= BRAKING.speed_m_s(np.full(3, 0.2)) + 2e-3).all()
+
+
+def test_a_single_wall_is_a_wall_too() -> None:
+    wide = SETTINGS.model_copy(
+        update={"fence": Fence(height_min_m=3.0, height_max_m=1e4, distance_max_m=1e4)}
+    )
+    allowed, _ = filter_velocities(
+        np.array([[0.0, 0.0, 1.4]]), surroundings(np.array([[0.0, 0.0, -3.2]])), wide
+    )
+    assert allowed[0, 2] == pytest.approx(float(BRAKING.speed_m_s(np.array([0.2]))[0]), abs=2e-3)
+
+
+@pytest.mark.parametrize(("side", "moving"), [(-1.0, -1.5), (1.0, 1.5)])
+def test_an_obstacle_that_comes_along_y_drives_those_at_that_side_before_it(
+    side: float, moving: float
+) -> None:
+    coming = Ellipse(0.0, 0.0, 5.0 * sqrt(2), 5.0 * sqrt(2), 12.0, velocity_x_m_s=0.7, velocity_y_m_s=moving)
+    beside = surroundings(np.array([[0.0, side * 5.5, -8.0]]), ellipses={"b": coming})
+    possible = float(BRAKING.speed_m_s(np.array([0.5]))[0])
+    assert filtered(np.zeros((1, 3)), beside)[0] == pytest.approx(
+        [0.0, moving - side * possible, 0.0], abs=2e-3
+    )
+
+
+def test_close_to_an_edge_the_wall_is_across_both_ways_too() -> None:
+    found = obstacle_constraints(np.array([[-5.3, -5.4, -8.0]]), np.array([True]), {"b": BOX}, BRAKING)
+    assert found.normal == pytest.approx(np.array([[-0.6, -0.8, 0.0]]))
+    assert found.bound_m_s == pytest.approx(-BRAKING.speed_m_s(np.array([0.5])))
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "out"),
+    [(0.6, 0.1, (1, 0)), (-0.6, 0.1, (-1, 0)), (0.1, 0.6, (0, 1)), (0.1, -0.6, (0, -1))],
+)
+def test_out_of_a_narrow_obstacle_leads_the_nearest_side(
+    x_m: float, y_m: float, out: tuple[int, int]
+) -> None:
+    mast = Ellipse(0.0, 0.0, 0.8 * sqrt(2), 0.8 * sqrt(2), top_height_m=12.0)
+    found = obstacle_constraints(np.array([[x_m, y_m, -5.0]]), np.array([True]), {"b": mast}, BRAKING)
+    assert found.normal[0] == pytest.approx([*out, 0.0])
+    assert found.bound_m_s[0] == pytest.approx(0.1)
+
+
+def test_the_fence_of_a_narrow_field_holds_near_its_middle_too() -> None:
+    narrow = Fence(height_min_m=3.0, height_max_m=100.0, distance_max_m=2.0)
+    found = fence_constraints(
+        np.array([[0.3, 0.4, -20.0]]), np.ones(1, bool), np.zeros(1, bool), narrow, BRAKING, fastest_m_s=3.0
+    )
+    assert found.reason == ("greatest distance",)
+    assert found.normal[0] == pytest.approx([-0.6, -0.8, 0.0])
