@@ -22,8 +22,8 @@ log = logging.getLogger(__name__)
 SYSTEM_ID: Final = 245  # MAVSDK's own as a ground station, with component 190
 COMPONENT_ID: Final = 190
 
-_LOG_LEVELS: Final = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.ERROR}
-"""The others are for those who mend MAVSDK. Errors are seldom; the last may be why the process ends."""
+_LOG_LEVELS: Final = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.WARNING}
+"""The others are for those who mend MAVSDK. An error is seldom; the last may be why the process ends."""
 
 _HEADING_MAX_DEG: Final = 360.0  # above: unknown on the wire
 

@@ -5,7 +5,7 @@ import pytest
 
 from gcs.safety.neighbours import FEW, near_pairs
 
-SPREADS = [(400.0, 0.5, 3.0), (60.0, 0.0, 1.0), (8.0, 8.0, 0.4)]
+SPREADS = [(400.0, 0.5, 3.0), (60.0, 0.0, 1.0), (8.0, 8.0, 1.5)]
 
 
 @pytest.mark.parametrize(
@@ -19,7 +19,7 @@ def test_many_are_found_however_they_are_spread(
     position = rng.uniform(-across_m, across_m, (FEW + 40, 3))
     position[:, axis] = rng.uniform(-along_m, along_m, FEW + 40)
     position[:5, axis] *= 30.0  # far out: in the outermost cells
-    everybody, radius = np.ones(FEW + 40, dtype=bool), rng.uniform(0.0, look_m, FEW + 40)
+    everybody, radius = np.ones(FEW + 40, dtype=bool), rng.uniform(0.5 * look_m, look_m, FEW + 40)
     first, second = near_pairs(position, everybody, radius)
     i, j = np.triu_indices(FEW + 40, 1)
     near = np.linalg.norm(position[i] - position[j], axis=1) < radius[i] + radius[j]

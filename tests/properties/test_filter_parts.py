@@ -1,6 +1,7 @@
 """Projection, shortening and limits, whatever they are given."""
 
 import numpy as np
+import pytest
 from hypothesis import assume, event, given
 from hypothesis import strategies as st
 from law_fleets import masks, vectors, within
@@ -88,3 +89,19 @@ def test_the_projection_is_the_nearest_point_that_least_squares_finds(
     found = project(wanted, constraints)
     event(f"changed: {not np.allclose(exact, wanted)}")
     assert np.allclose(found, exact, atol=0.02)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_projection_of_many_that_are_tied_to_each_other_is_the_nearest_point(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    first = rng.integers(0, 10, 25)
+    normal = rng.normal(0.0, 1.0, (25, 3))
+    constraints = Constraints(
+        first,
+        np.where(rng.random(25) < 0.2, NOBODY, (first + rng.integers(1, 10, 25)) % 10),
+        normal / np.linalg.norm(normal, axis=1, keepdims=True),
+        -rng.uniform(0.0, 1.0, 25),
+        ("c",) * 25,
+    )
+    wanted = rng.normal(0.0, 4.0, (10, 3))
+    assert np.allclose(project(wanted, constraints), exactly_nearest(wanted, constraints), atol=0.01)

@@ -1,6 +1,9 @@
 """Who meets whom, against ways flown in many small steps."""
 
+from itertools import permutations
+
 import numpy as np
+import pytest
 from hypothesis import event, given
 from hypothesis import strategies as st
 from law_fleets import masks, places, vectors, within
@@ -25,6 +28,16 @@ def nearest_m(place_m: Array, course_m_s: Array, i: int, j: int, lasts_s: float)
     return float(np.linalg.norm(away_m + SHARES * lasts_s * relative_m_s, axis=1).min())
 
 
+def meetings(position: Array, course: Array, lasts: Array, turned: Mask, takes_part: Mask) -> Array:
+    """(n,) what is to be counted."""
+    expected = np.zeros(len(position))
+    for i, j in permutations(range(len(position)), 2):
+        if takes_part[i] and takes_part[j] and (turned[i] or turned[j]):
+            near_m = nearest_m(position, course, i, j, min(lasts[i], lasts[j]))
+            expected[i] += max(0.0, 1.0 - (near_m / PASSING_M) ** 2)
+    return expected
+
+
 @CALM
 @given(places(4), vectors(4, 5.0), durations(4), masks(4), masks(4))
 def test_a_meeting_counts_the_more_the_nearer_the_straight_ways_come_to_each_other(
@@ -32,13 +45,20 @@ def test_a_meeting_counts_the_more_the_nearer_the_straight_ways_come_to_each_oth
 ) -> None:
     position = spread * (0.5, 0.5, 0.5)
     turned = turned & takes_part
-    expected = np.zeros(4)
-    for i, j in [(i, j) for i in range(4) for j in range(4) if i != j]:
-        if takes_part[i] and takes_part[j] and (turned[i] or turned[j]):
-            near_m = nearest_m(position, course, i, j, min(lasts[i], lasts[j]))
-            expected[i] += max(0.0, 1.0 - (near_m / PASSING_M) ** 2)
+    expected = meetings(position, course, lasts, turned, takes_part)
     found = count_meetings(np.flatnonzero(takes_part), turned, position, course, lasts, PASSING_M)
     event(f"meetings: {expected.any()}")
+    assert np.allclose(found, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_in_a_crowd_everybody_meets_everybody_else_whose_way_it_crosses(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    position, course = rng.uniform(-8.0, 8.0, (10, 3)), rng.normal(0.0, 1.0, (10, 3))
+    lasts, takes_part = rng.uniform(0.0, 10.0, 10), rng.random(10) < 0.8
+    turned = takes_part & (rng.random(10) < 0.4)
+    expected = meetings(position, course, lasts, turned, takes_part)
+    found = count_meetings(np.flatnonzero(takes_part), turned, position, course, lasts, PASSING_M)
     assert np.allclose(found, expected, atol=1e-3)
 
 

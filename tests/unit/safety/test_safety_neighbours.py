@@ -6,7 +6,7 @@ import pytest
 from safety_world import FLOOR
 
 from gcs.safety.kernels import warm_up
-from gcs.safety.neighbours import near_pairs, near_pairs_of
+from gcs.safety.neighbours import FEW, near_pairs, near_pairs_of
 from gcs.safety.separation import (
     minimum_separation,
     pairs_that_count,
@@ -91,5 +91,16 @@ def test_the_minimum_separation_is_found_however_far_apart_they_are(axis: int) -
         position = np.zeros((2, 3)) - (0.0, 0.0, 10.0)
         position[1, axis] -= apart_m
         assert minimum_separation(position, np.ones(2, bool), FLOOR) == pytest.approx((apart_m, 0))
-    corners = np.array([[1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]) * 1e3 - (0.0, 0.0, 1e3)
+    corners = np.array([[1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]) * 1e3
     assert minimum_separation(corners, np.ones(2, bool), FLOOR)[0] == pytest.approx(2e3 * np.sqrt(3.0))
+
+
+def test_unknown_places_take_no_part_in_a_crowd() -> None:
+    rng = np.random.default_rng(2)
+    crowd = rng.normal(0.0, 20.0, (FEW + 20, 3)) - (0.0, 0.0, 200.0)
+    for axis in range(3):
+        crowd[axis, axis] = np.nan
+    airborne = np.ones(len(crowd), dtype=bool)
+    first, second = pairs_that_count(crowd, airborne, FLOOR)
+    least = np.linalg.norm(crowd[first] - crowd[second], axis=1).min()
+    assert minimum_separation(crowd, airborne, FLOOR)[0] == pytest.approx(least)

@@ -5,7 +5,7 @@ import pytest
 from safety_world import half_space
 
 from gcs.safety.constraints import NOBODY, Constraints
-from gcs.safety.projection import project, shrink
+from gcs.safety.projection import SHRINKS, any_broken, project, shrink
 
 
 def test_a_pair_shares_the_duty_evenly_and_nothing_else_is_changed() -> None:
@@ -58,11 +58,11 @@ def test_shortening_takes_no_more_than_is_needed_from_two_that_both_approach() -
 
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 0)])
 def test_who_flees_is_not_shortened_and_lets_the_other_come_as_much_faster(first: int, second: int) -> None:
-    # row 0 comes with 3 m/s, row 1 flees before it with 1: of their 2 m/s 0.5 are allowed
-    velocity = np.array([[3.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    # row 0 comes with 3 m/s, row 1 flees before it with 0.6: of their 2.4 m/s 0.5 are allowed
+    velocity = np.array([[3.0, 0.0, 0.0], [0.6, 0.0, 0.0]])
     away = -1.0 if first == 0 else 1.0
     shrunk = shrink(velocity, half_space(first, second, (away, 0.0, 0.0), -0.5))
-    assert shrunk == pytest.approx(np.array([[1.5, 0.0, 0.0], [1.0, 0.0, 0.0]]), abs=1e-3)
+    assert shrunk == pytest.approx(np.array([[1.1, 0.0, 0.0], [0.6, 0.0, 0.0]]), abs=1e-3)
 
 
 def test_constraints_that_only_rest_satisfies_together_end_in_rest() -> None:
@@ -77,3 +77,30 @@ def test_demands_to_part_are_no_business_of_the_shortening_those_after_them_are(
         half_space(0, NOBODY, (1.0, 0.0, 0.0), 2.0), half_space(0, NOBODY, (0.0, -1.0, 0.0), -1.0)
     )
     assert shrink(np.array([[0.0, 4.0, 0.0]]), both) == pytest.approx(np.array([[0.0, 1.0, 0.0]]), abs=1e-3)
+
+
+def test_a_wall_takes_what_is_too_fast_and_one_metre_a_second_of_it_too() -> None:
+    wall = half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0)
+    assert project(np.array([[2.0, 0.0, 0.0]]), wall) == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
+
+
+def test_a_column_that_would_be_shortened_one_by_one_for_ever_ends_in_rest() -> None:
+    # nobody may come up with the one before it by more than 1 cm/s; the first of all meets a wall
+    column = Constraints.joined(
+        *(half_space(row, row + 1, (-1.0, 0.0, 0.0), -0.01) for row in range(SHRINKS + 20)),
+        half_space(SHRINKS + 20, NOBODY, (-1.0, 0.0, 0.0), 0.0),
+    )
+    shrunk = shrink(np.tile([2.0, 0.0, 0.0], (SHRINKS + 21, 1)), column)
+    assert (column.slack_m_s(shrunk) >= -1.1e-3).all()
+    tail = np.arange(SHRINKS + 21)[::-1]  # how many are before each
+    assert shrunk[tail < SHRINKS, 0] == pytest.approx(0.01 * tail[tail < SHRINKS])
+    assert not shrunk[tail >= SHRINKS].any()
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "broken"), [(1.002, True), (1.0005, False), (0.5, False), (-3.0, False)]
+)
+def test_broken_is_what_is_broken_by_more_than_the_tolerance(speed_m_s: float, broken: bool) -> None:
+    wall = half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0)
+    rows = (wall.first, wall.second, wall.normal, wall.bound_m_s)
+    assert any_broken(np.array([[speed_m_s, 0.0, 0.0]]), *rows) == broken

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from safety_world import BRAKING, FLOOR, SETTINGS, filtered, surroundings
 
+from gcs.safety.constraints import Braking
 from gcs.safety.filter import filter_velocities
 from gcs.safety.separation import (
     Floor,
@@ -147,17 +148,26 @@ def test_a_push_that_is_passed_on_from_one_to_the_next_is_followed_to_the_end() 
     assert (np.diff(allowed[1:, 0]) >= -float(BRAKING.speed_m_s(np.array([1.0]))[0]) - 5e-3).all()
 
 
+ROUND = FLOOR.model_copy(update={"horizontal_m": 3.0, "vertical_uncertainty": 1.0})
+FLAT = FLOOR.model_copy(update={"horizontal_m": 3.0, "vertical_m": 2.0, "vertical_uncertainty": 0.5})
+SLOW = Braking(reaction_s=1.5, lead_s=0.5, deceleration_m_s2=0.8, escape_rate_per_s=0.5)
+
+
+@pytest.mark.parametrize("braking", [BRAKING.model_copy(update={"lead_s": 0.5}), SLOW], ids=["quick", "slow"])
+@pytest.mark.parametrize("floor", [FLOOR, ROUND, FLAT], ids=["tall", "round", "flat"])
 @pytest.mark.parametrize(
     ("spare_m_s", "closing_m_s", "unsure_m"),
-    [(0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 4.0), (1.0, 1.0, 1.0), (30.0, 0.0, 0.0)],
+    [
+        *((0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 4.0)),
+        *((1.0, 1.0, 1.0), (30.0, 0.0, 0.0), (30.0, 0.0, 4.0)),
+    ],
 )
 def test_a_pair_is_found_as_soon_as_it_could_come_too_close_from_wherever(
-    spare_m_s: float, closing_m_s: float, unsure_m: float
+    spare_m_s: float, closing_m_s: float, unsure_m: float, floor: Floor, braking: Braking
 ) -> None:
-    braking = BRAKING.model_copy(update={"lead_s": 0.5})
-    wide_m, tall_m = FLOOR.kept_m(2.0 * unsure_m)
+    wide_m, tall_m = floor.kept_m(2.0 * unsure_m)
     free_m = 2.0 * spare_m_s * braking.reaction_s + (2.0 * spare_m_s) ** 2 / (2.0 * braking.deceleration_m_s2)
-    for up in np.linspace(0.0, np.pi / 2.0, 19):
+    for up in np.linspace(0.0, np.pi / 2.0, 9):
         away = np.array([np.cos(up), 0.0, np.sin(up)])
         level = np.linalg.norm(away / (wide_m, wide_m, tall_m))
         normal = away / (wide_m**2, wide_m**2, tall_m**2) / level
@@ -170,10 +180,19 @@ def test_a_pair_is_found_as_soon_as_it_could_come_too_close_from_wherever(
                 np.array([-towards, towards]),
                 np.ones(2, dtype=bool),
                 np.ones(2, dtype=bool),
-                floor=FLOOR,
+                floor=floor,
                 braking=braking,
                 uncertainty_m=np.full(2, unsure_m),
                 course_m_s=np.zeros((2, 3)),
                 spare_m_s=np.full(2, spare_m_s),
             )
             assert len(found) == count
+
+
+def test_when_everybody_is_pushed_everybody_is_looked_at_again() -> None:
+    # two couples that are far too close part; the inner ones would meet
+    position = np.column_stack([[0.0, 0.4, 5.4, 5.8], np.zeros(4), np.full(4, -20.0)])
+    hard = SETTINGS.model_copy(update={"braking": BRAKING.model_copy(update={"escape_rate_per_s": 3.0})})
+    allowed, _ = filter_velocities(np.zeros((4, 3)), surroundings(position), hard)
+    assert (np.abs(allowed[:, 0]) > 0.5).all()
+    assert allowed[1, 0] - allowed[2, 0] <= float(BRAKING.speed_m_s(np.array([2.0]))[0]) + 2e-3

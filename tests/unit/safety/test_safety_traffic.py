@@ -145,3 +145,13 @@ def test_one_that_descends_onto_a_way_is_met_where_their_ways_meet() -> None:
 def test_an_angle_of_one_degree_is_an_angle() -> None:
     wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
     assert to_goals(HEAD_ON, HEAD_ON[::-1], wanted, angle=1.0)[0, 1] > 0.0
+
+
+@pytest.mark.parametrize("aside", [[4.0, 0.0, 0.0], [0.0, 4.0, 0.0]])
+def test_passing_at_half_the_distance_of_no_concern_counts_three_quarters(aside: list[float]) -> None:
+    along = np.array([*aside[1::-1], 0.0])
+    position = np.array([-5.0 * along, 5.0 * along + aside]) - (0.0, 0.0, 20.0)
+    goal = np.array([5.0 * along, -5.0 * along + aside]) - (0.0, 0.0, 20.0)
+    wanted = np.array([0.75 * along, -0.75 * along])
+    turned = to_goals(position, goal, wanted)
+    assert turned[0] @ wanted[0] == pytest.approx(9.0 * np.cos(angle_rad(0.75)))
