@@ -24,6 +24,7 @@ SET_MODE: Final = 11
 GLOBAL_POSITION_INT: Final = 33
 COMMAND_INT: Final = 75
 COMMAND_LONG: Final = 76
+RADIO_STATUS: Final = 109
 STATUSTEXT: Final = 253
 
 SETPOINT_MESSAGES: Final = frozenset({69, 70, 82, 84, 86, 139})
@@ -175,7 +176,7 @@ def _taken_apart(data: bytes, *, checked: bool, goes_on: bool, garbage_max_bytes
     """What is in `data`, and how much of it that was: all, unless the rest may be a frame cut off."""
     frames: list[Frame] = []
     start, garbage, unknown, unknown_end, end = 0, 0, 0, 0, len(data)
-    while start < end and garbage <= garbage_max_bytes:
+    while start < end and garbage + unknown <= garbage_max_bytes:
         if data[start] in (_MAGIC_1, _MAGIC_2):
             if goes_on and _is_cut(data, start):
                 break
@@ -209,7 +210,8 @@ def split(data: bytes, *, checked: bool = True, garbage_max_bytes: int = sys.max
         checked: leave out frames with a wrong checksum, and messages unknown to pymavlink's development
             dialect (PX4 sends some: EVENT, LINK_NODE_STATUS), which cannot be checked. Unchecked is for what
             our own side made.
-        garbage_max_bytes: behind more garbage than this nothing is looked for; looking takes time.
+        garbage_max_bytes: behind more of garbage and unknown messages than this nothing is looked for, since
+            looking takes time.
     """
     return _taken_apart(data, checked=checked, goes_on=False, garbage_max_bytes=garbage_max_bytes)[0]
 
