@@ -38,9 +38,9 @@ class SerialChannel:
 
     def close(self) -> None:
         """End; without throwing away what waits, closing could wait for it half a minute."""
-        with suppress(OSError, serial.SerialException):
+        with suppress(OSError, termios.error):
             self._port.reset_output_buffer()
-        with suppress(OSError, serial.SerialException):
+        with suppress(OSError, termios.error):
             self._port.close()
 
 
@@ -57,7 +57,7 @@ class SerialDial:
         try:
             port = serial.Serial(self._device, self._baud, timeout=0, write_timeout=0, exclusive=True)
             _say_when_empty(port.fileno())
-        except (serial.SerialException, termios.error, ValueError) as error:
+        except (OSError, termios.error, ValueError) as error:
             raise OSError(errno.ENODEV, str(error)) from error
         return SerialChannel(port)
 
