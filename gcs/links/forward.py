@@ -3,39 +3,20 @@
 Only UDP, which never waits: what a slow or dead station does not take is lost to it, and to nobody else.
 """
 
-import re
 import socket
 from collections.abc import Collection, Iterator
-from typing import Annotated, Final
-
-from pydantic import Field
+from typing import Final
 
 from gcs.errors import LinkError
 from gcs.links.mavlink_frames import SETPOINT_MESSAGES, Frame, split, target_system
+from gcs.links.settings import Forward
 from gcs.links.traffic import Counters
-from gcs.settings import Settings
 
-_URL: Final = re.compile(r"^udp://(?P<host>\d{1,3}(?:\.\d{1,3}){3}):(?P<port>\d{1,5})$")
 _DATAGRAM_BYTES: Final = 1400
 _READS_PER_CALL: Final = 32
 _GARBAGE_PER_CALL_BYTES: Final = 2048
 _SETUP_SIGNING: Final = 256
 _NEVER: Final = SETPOINT_MESSAGES | {_SETUP_SIGNING}
-
-
-class Forward(Settings):
-    """A further ground station."""
-
-    url: Annotated[str, Field(pattern=_URL.pattern)]
-    read_only: bool = True
-
-    @property
-    def address(self) -> tuple[str, int]:
-        """Host and port. Raises: LinkError."""
-        found = _URL.match(self.url)
-        if found is None:
-            raise LinkError(f"forward: {self.url}: udp://ADDRESS:PORT is needed")
-        return found["host"], int(found["port"])
 
 
 def may_pass(frame: Frame, vehicles: Collection[int], own_system_id: int) -> bool:

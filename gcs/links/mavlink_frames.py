@@ -24,6 +24,7 @@ SET_MODE: Final = 11
 GLOBAL_POSITION_INT: Final = 33
 COMMAND_INT: Final = 75
 COMMAND_LONG: Final = 76
+COMMAND_ACK: Final = 77
 RADIO_STATUS: Final = 109
 STATUSTEXT: Final = 253
 
@@ -31,8 +32,9 @@ SETPOINT_MESSAGES: Final = frozenset({69, 70, 82, 84, 86, 139})
 """What moves a vehicle for as long as it is repeated: MANUAL_CONTROL, RC_CHANNELS_OVERRIDE,
 SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ACTUATOR_CONTROL_TARGET."""
 
-_ASKING_COMMANDS: Final = frozenset({511, 512, 520})
-"""SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, REQUEST_AUTOPILOT_CAPABILITIES: they move nothing."""
+SET_MESSAGE_INTERVAL: Final = 511
+_ASKING_COMMANDS: Final = frozenset({SET_MESSAGE_INTERVAL, 512, 520})
+"""It, REQUEST_MESSAGE, REQUEST_AUTOPILOT_CAPABILITIES: they move nothing."""
 
 
 PREARM_CHECK: Final = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
@@ -272,6 +274,16 @@ def heartbeat(frame: Frame) -> Heartbeat:
     known = autopilot == _MAV_AUTOPILOT_PX4 and base_mode & _CUSTOM_MODE_ENABLED
     mode = px4_mode(custom_mode) if known else Mode.OTHER
     return Heartbeat(autopilot == _MAV_AUTOPILOT_PX4, bool(base_mode & _ARMED), mode)
+
+
+def boot_time_ms(frame: Frame) -> int:
+    """Read when a GLOBAL_POSITION_INT was made, on the autopilot's own clock."""
+    return int.from_bytes(frame.payload[:4], "little")
+
+
+def command_of_ack(frame: Frame) -> int:
+    """Read which command a COMMAND_ACK answers."""
+    return int.from_bytes(frame.payload[:2], "little")
 
 
 def prearm_ok(frame: Frame) -> bool:

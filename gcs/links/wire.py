@@ -16,12 +16,13 @@ from gcs.errors import LinkError
 from gcs.links.deadman import Deadman
 from gcs.links.endpoints import Arrival, Listen, Place, make
 from gcs.links.endpoints.udp import Udp
-from gcs.links.forward import Forward, Forwarder, may_pass
+from gcs.links.forward import Forwarder, may_pass
 from gcs.links.heard import Heard
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
 from gcs.links.mavlink_frames import PING, RADIO_STATUS, SETPOINT_MESSAGES, Frame, moves, split, target_system
 from gcs.links.roster import TAKEN, Address, Roster, Verdict
+from gcs.links.settings import Forward
 from gcs.links.signing import Judgement
 from gcs.links.traffic import Counters, Direction, Observer
 
@@ -32,7 +33,6 @@ log = logging.getLogger(__name__)
 _RECORD_LENGTH: Final = 4096
 _STRANGERS_LOGGED_MAX: Final = 64
 _TEND_PERIOD_S: Final = 0.02
-_STATION_ID: Final = 245
 
 
 class Wire:
@@ -54,6 +54,7 @@ class Wire:
         latch: KillLatch,
         clock: Callable[[], float],
         deliver: Callable[[Frame], None],
+        station_id: int = 245,
         signing: Signing | None = None,
         forward: Sequence[Forward] = (),
     ) -> None:
@@ -67,6 +68,7 @@ class Wire:
             latch: holds back what a kill has overtaken.
             clock: the loop's.
             deliver: gets every accepted frame, on the thread that receives.
+            station_id: our own system id.
             signing: signs all that leaves and judges all that comes. Whoever gives it opens and closes it.
             forward: further ground stations.
         """
@@ -78,6 +80,7 @@ class Wire:
         self._latch = latch
         self._clock = clock
         self._deliver = deliver
+        self._station_id = station_id
         self._signing = signing
         self._roster = Roster(self.heard)
         self._endpoints = make(name, listen if isinstance(listen, Sequence) else (listen,))
@@ -276,7 +279,7 @@ class Wire:
     def _take_from_other(self, frame: Frame) -> None:
         """Pass on to a vehicle what another ground station sent, where that may be."""
         signed = self._signing is None or self._signing.judge(frame) is Judgement.GOOD
-        passes = signed and may_pass(frame, self.heard, _STATION_ID)
+        passes = signed and may_pass(frame, self.heard, self._station_id)
         if passes and self._send_unless_killed(frame, target_system(frame)):
             self.counters.taken_from_others += 1
         else:

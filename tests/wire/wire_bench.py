@@ -12,10 +12,10 @@ from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.deadman import Deadman
 from gcs.links.endpoints import Listen, Place
-from gcs.links.forward import Forward
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
 from gcs.links.mavlink_frames import Frame
+from gcs.links.settings import Forward
 from gcs.links.wire import Wire
 
 GROUND = dialect.MAVLink(None, srcSystem=245, srcComponent=190)

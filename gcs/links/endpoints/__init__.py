@@ -2,7 +2,7 @@
 
 from gcs.links.endpoints.endpoint import Arrival, Endpoint
 from gcs.links.endpoints.making import make
-from gcs.links.endpoints.urls import Listen, Place, SerialPort, TcpIn, TcpOut, UdpOut, parse
+from gcs.links.endpoints.urls import Listen, Place, SerialPort, TcpIn, TcpOut, UdpOut, occupied, parse
 
 __all__ = [
     "Arrival",
@@ -14,5 +14,6 @@ __all__ = [
     "TcpOut",
     "UdpOut",
     "make",
+    "occupied",
     "parse",
 ]

@@ -105,3 +105,16 @@ def _numeric(url: str, host: str) -> str:
 def _refuse_many(url: str, port_count: int) -> None:
     if port_count != 1:
         raise ConfigError(f"{url}: ports = {port_count}: only udpin and udpout can have more than one")
+
+
+def occupied(place: Place) -> tuple[str, ...]:
+    """What nobody else can have at the same time: ports to listen on, devices."""
+    match place:
+        case Listen(host, first, count):
+            return tuple(f"{host}:{port}" for port in range(first, first + count))
+        case TcpIn(host, port):
+            return (f"{host}:{port} (TCP)",)
+        case SerialPort(device, _):
+            return (device,)
+        case _:
+            return ()
