@@ -147,7 +147,5 @@ def _stored(file: Path) -> int:
     except (OSError, UnicodeDecodeError) as error:
         raise LinkError(f"{file}: the time of signatures cannot be read: {error}") from error
     if not text.isdecimal() or int(text) > TIME_MAX:
-        raise LinkError(
-            f"{file}: no time of signatures; without it old frames could be played to the vehicles"
-        )
+        raise LinkError(f"{file}: holds no time of signatures")
     return int(text)
