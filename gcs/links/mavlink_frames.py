@@ -281,9 +281,9 @@ def boot_time_ms(frame: Frame) -> int:
     return int.from_bytes(frame.payload[:4], "little")
 
 
-def command_of_ack(frame: Frame) -> int:
-    """Read which command a COMMAND_ACK answers."""
-    return int.from_bytes(frame.payload[:2], "little")
+def acknowledged_component(frame: Frame) -> int:
+    """Read to which component of the asking system a COMMAND_ACK is addressed; 0 is any."""
+    return frame.payload[9] if len(frame.payload) > 9 else 0
 
 
 def prearm_ok(frame: Frame) -> bool:

@@ -184,7 +184,9 @@ class MavsdkLink:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._receive(), name=f"link/{self._name}/receive")
                 group.create_task(self._discover(fleet), name=f"link/{self._name}/discover")
-                asking = keep_asking(wire.heard, self._rates_hz, self._source, wire.send, self._clock)
+                asking = keep_asking(
+                    wire.heard, self._rates_hz, self._source[0], self._is_met, wire.send, self._clock
+                )
                 group.create_task(asking, name=f"link/{self._name}/ask")
         finally:
             await self._shut(offstage, orders)
@@ -274,6 +276,9 @@ class MavsdkLink:
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
         return now_s - self._wire.heard[system_id].heartbeat_time_s <= SILENT_AFTER_S
+
+    def _is_met(self, system_id: int) -> bool:
+        return system_id in self._met
 
     def _deliver(self, frame: Frame) -> None:
         if self._fleet is None or frame.message_id in NOT_NEEDED:

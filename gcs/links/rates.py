@@ -20,6 +20,7 @@ NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 14
 altitude, odometry."""
 
 _SILENT_S: Final = 3.0
+_SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it meets a vehicle; ours come after
 _WINDOW_S: Final = 4.0
 _PAUSE_MAX_S: Final = 60.0
 _FRAMES_MIN: Final = 4  # in a window; rarer streams are not judged
@@ -43,6 +44,7 @@ class _Asked:
     def __init__(self) -> None:
         self.boots = 0
         self.silent = True
+        self.all_due = False
         self.look_s = 0.0
         self.pause_s = _WINDOW_S
         self.began_s = 0.0
@@ -65,9 +67,14 @@ class Rates:
             return
         if asked.silent or asked.boots != heard.boots:
             asked.silent, asked.boots, asked.pause_s = False, heard.boots, _WINDOW_S
+            asked.all_due, asked.look_s = True, now_s + _SETTLE_S
+        elif now_s < asked.look_s:
+            return
+        elif asked.all_due:
+            asked.all_due = False
             yield from self._wanted.items()
             self._watch(asked, heard, now_s)
-        elif now_s >= asked.look_s:
+        else:
             wrong = [each for each in self._wanted.items() if self._is_wrong(asked, heard, each, now_s)]
             asked.pause_s = min(2 * asked.pause_s, _PAUSE_MAX_S) if wrong else _WINDOW_S
             yield from wrong

@@ -21,10 +21,10 @@ pytestmark = pytest.mark.xdist_group("wire")
 
 
 def free_tcp_port() -> int:
+    port: int = free_ports()
     with closing(socket.socket()) as probe:
-        port = free_ports()
         probe.bind(("127.0.0.1", port))
-        return port
+    return port
 
 
 def listening(port: int) -> socket.socket:
