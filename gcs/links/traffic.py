@@ -39,6 +39,7 @@ class Counters:
     unsigned: int = 0  # refused, where signatures are configured
     wrongly_signed: int = 0
     replayed: int = 0
+    not_signed: int = 0  # of ours: not sent, since nobody told us the checksum of such a message
     recorded: int = 0
     not_recorded: int = 0  # the disk was full, gone or slow
     forwarded: int = 0

@@ -113,13 +113,13 @@ class Wire:
 
     def close(self) -> None:
         """Release the ports; frames sent afterwards go nowhere."""
+        selector, self._selector = self._selector, None
         for endpoint in self._endpoints:
             endpoint.close()
         for forwarder in self._forwarders:
             forwarder.close()
-        if self._selector is not None:
-            self._selector.close()
-            self._selector = None
+        if selector is not None:
+            selector.close()
 
     def receive(self) -> None:
         """Take in everything that has arrived. Never blocks.
@@ -206,18 +206,17 @@ class Wire:
     def _send_frame(self, frame: Frame, target: int, *, perishable: bool = False) -> bool:
         """Whether it left to at least one address."""
         addresses = self._addresses(target)
-        raw, left = frame.raw, 0
         if self._signing is None:
-            for address in addresses:
-                left += self._send_to(raw, address, perishable)
+            raw = frame.raw
+            left = sum([self._send_to(raw, address, perishable) for address in addresses])
         else:
             with self._in_signed_order:  # whoever gets a later signature first refuses the earlier one
-                raw = self._signing.sign(raw) or b""
-                for address in addresses if raw else ():
-                    left += self._send_to(raw, address, perishable)
+                raw = self._signing.sign(frame.raw) or b""
+                left = sum([self._send_to(raw, address, perishable) for address in addresses if raw])
         with self._lock:
             self.counters.sent += left
             self.counters.unroutable += not addresses
+            self.counters.not_signed += not raw
         if left:
             now_s = self._clock()
             for observer in self.observers:
