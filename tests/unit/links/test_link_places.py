@@ -43,7 +43,11 @@ def test_what_is_no_place_is_refused_by_name(url: str, ports: int, cause: str) -
 
 
 def test_every_port_has_an_endpoint_and_only_those_with_a_far_end_may_be_spoken_to_first() -> None:
-    places = [Listen("127.0.0.1", 14540, 2), UdpOut("10.0.0.7", 14580, 2), TcpOut("10.0.0.7", 5760)]
+    places: list[Place] = [
+        Listen("127.0.0.1", 14540, 2),
+        UdpOut("10.0.0.7", 14580, 2),
+        TcpOut("10.0.0.7", 5760),
+    ]
     endpoints = make("link", places)
     assert len(endpoints) == 5
     standing = [address for endpoint in endpoints for address in endpoint.standing]
