@@ -1,6 +1,5 @@
 """YAML to frozen settings. Read once; an unknown or repeated key is an error; every key ends in its unit."""
 
-import re
 from collections.abc import Hashable
 from importlib import resources
 from math import radians
@@ -8,20 +7,47 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 import yaml
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from gcs.control import ControlSettings
 from gcs.errors import ConfigError, GcsError
 from gcs.feasibility import check_formation, check_orbit, check_target
 from gcs.frames import ShowFrame
+from gcs.links.endpoints import Place, occupied
+from gcs.links.endpoints import parse as place_at
+from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
+from gcs.links.vehicle_ids import INSTANCES_MAX, SYSTEM_ID_MAX, instances
 from gcs.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import VehicleId
 
-LISTEN = re.compile(r"^udpin://(?P<host>[^:/]+):(?P<port>\d{1,5})$")
+SystemId: TypeAlias = Annotated[int, Field(ge=1, le=SYSTEM_ID_MAX)]
 
-SystemId: TypeAlias = Annotated[int, Field(ge=1, le=250)]
+
+def _listed(value: object) -> object:
+    """One for a list of one."""
+    return value if isinstance(value, list | tuple) else (value,)
+
+
+def _as_forward(value: object) -> object:
+    """A URL alone for a station that only reads."""
+    return {"url": value} if isinstance(value, str) else value
+
+
+def _place(url: str) -> str:
+    """A URL that describes a place."""
+    try:
+        place_at(url)
+    except ConfigError as error:
+        raise ValueError(str(error)) from None
+    return url
+
+
+Urls: TypeAlias = Annotated[
+    tuple[Annotated[str, AfterValidator(_place)], ...], BeforeValidator(_listed), Field(min_length=1)
+]
+Forwards: TypeAlias = tuple[Annotated[Forward, BeforeValidator(_as_forward)], ...]
 
 
 class ShowFrameSettings(Settings):
@@ -46,7 +72,7 @@ class RangeSettings(Settings):
     """Consecutive system ids, named by a pattern."""
 
     first_system_id: SystemId = 1
-    count: Annotated[int, Field(ge=1, le=64)]  # what one MAVSDK instance carries well
+    count: Annotated[int, Field(ge=1, le=SYSTEM_ID_MAX)]
     id_pattern: str = "d{system_id}"
 
     def expanded(self) -> tuple[VehicleSettings, ...]:
@@ -58,13 +84,16 @@ class RangeSettings(Settings):
 
 
 class LinkSettings(Settings):
-    """Where vehicles are heard. `ports` consecutive UDP ports, beginning with the one in `listen`."""
+    """Where vehicles are. `ports` consecutive UDP ports, beginning with the one in `listen`."""
 
     name: Annotated[str, Field(min_length=1)]
     transport: Literal["mavsdk"] = "mavsdk"
-    listen: Annotated[str, Field(pattern=LISTEN.pattern)]
+    listen: Urls
     ports: Annotated[int, Field(ge=1, le=1000)] = 1
     vehicles: tuple[VehicleSettings, ...] | RangeSettings
+    streams: StreamSettings = StreamSettings()
+    forward: Forwards = ()
+    signing: SigningSettings | None = None
 
     @property
     def fleet(self) -> tuple[VehicleSettings, ...]:
@@ -72,18 +101,18 @@ class LinkSettings(Settings):
         return self.vehicles.expanded() if isinstance(self.vehicles, RangeSettings) else self.vehicles
 
     @property
-    def address(self) -> tuple[str, int]:
-        """Host and first port."""
-        found = LISTEN.match(self.listen)
-        if found is None:
-            raise ConfigError(f"listen: {self.listen}: udpin://HOST:PORT is needed")
-        return found["host"], int(found["port"])
+    def places(self) -> tuple[Place, ...]:
+        """What `listen` describes. Raises: ConfigError."""
+        return tuple(place_at(url, self.ports) for url in self.listen)
 
     @model_validator(mode="after")
     def _check(self) -> "LinkSettings":
-        port = self.address[1]
-        if not 1 <= port <= 65536 - self.ports:
-            raise ValueError(f"listen: ports {port} to {port + self.ports - 1}: at most 65535 is possible")
+        try:
+            taken = [each for place in self.places for each in occupied(place)]
+        except ConfigError as error:
+            raise ValueError(f"listen: {error}") from None
+        if len(set(taken)) < len(taken):
+            raise ValueError("listen: the same place is there twice")
         seen: set[int] = set()
         for vehicle in self.fleet:
             if vehicle.system_id in seen:
@@ -151,6 +180,7 @@ class Config(Settings):
     target: TargetSettings = TargetSettings()
     yaw: YawSettings = YawSettings()
     api: ApiSettings = ApiSettings()
+    record: RecordSettings | None = None
     operation: OperationSettings = OperationSettings()
     control: ControlSettings = ControlSettings()
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
@@ -189,7 +219,7 @@ class Config(Settings):
             twice = {name for name in names if names.count(name) > 1}
             if twice:
                 raise ValueError(f"links: {what} {', '.join(sorted(twice))} is there twice")
-        self._check_ports()
+        self._check_links()
         fence, law = self.control.safety.fence, self.control.law
         if not fence.height_min_m < fence.height_max_m:
             raise ValueError(f"control.safety.fence.height_max_m = {fence.height_max_m}: above height_min_m")
@@ -208,14 +238,24 @@ class Config(Settings):
             raise ValueError(str(error)) from None
         return self
 
-    def _check_ports(self) -> None:
-        owner: dict[tuple[str, int], str] = {}
+    def _check_links(self) -> None:
+        """Nothing is used by two links."""
+        owner: dict[str, str] = {}
         for link in self.links:
-            host, first = link.address
-            for port in range(first, first + link.ports):
-                other = owner.setdefault((host, port), link.name)
+            used = [f"listen on {port}" for place in link.places for port in occupied(place)]
+            if link.signing is not None:
+                used.append(f"sign as link_id {link.signing.link_id} with {link.signing.key_file}")
+            for each in used:
+                other = owner.setdefault(each, link.name)
                 if other != link.name:
-                    raise ValueError(f"links: {link.name} and {other} both listen on {host}:{port}")
+                    raise ValueError(f"links: {link.name} and {other} both {each}")
+        for link in self.links:
+            for to in link.forward:
+                if f"listen on {to.url.removeprefix('udp://')}" in owner:
+                    raise ValueError(f"links: {link.name}: forward {to.url}: we listen there ourselves")
+        count = sum(instances(len(link.fleet)) for link in self.links)
+        if count > INSTANCES_MAX:
+            raise ValueError(f"links: {count} MAVSDK instances; one process bears {INSTANCES_MAX}")
 
 
 class _StrictLoader(yaml.SafeLoader):

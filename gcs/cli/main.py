@@ -4,6 +4,7 @@ import argparse
 import logging
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import gcs.cli.demo as demo_command
 import gcs.cli.serve as serve_command
@@ -12,10 +13,11 @@ import sim.cli
 from gcs import config as configuration
 from gcs.cli import logs
 from gcs.errors import ConfigError
+from gcs.links.keys import create_key
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """`gcs demo`, `gcs serve`, `gcs simulate`, `gcs sim`."""
+    """`gcs demo`, `gcs serve`, `gcs simulate`, `gcs key`, `gcs sim`."""
     parser = argparse.ArgumentParser(prog="gcs", description="Fly a self-organising formation of drones.")
     commands = parser.add_subparsers(dest="command", required=True)
 
@@ -36,6 +38,12 @@ def build_parser() -> argparse.ArgumentParser:
     simulate_command.add_arguments(simulate_parser)
     simulate_parser.set_defaults(run=simulate_command.run)
 
+    key_parser = commands.add_parser("key", help="keys for MAVLink signatures")
+    key_commands = key_parser.add_subparsers(dest="key_command", required=True)
+    create_parser = key_commands.add_parser("create", help="write a new key to a file")
+    create_parser.add_argument("file", metavar="FILE", help="must not exist; readable for you alone")
+    create_parser.set_defaults(run=_create_key)
+
     sim_parser = commands.add_parser("sim", help="run a fake fleet alone, as python -m sim does")
     sim.cli.add_arguments(sim_parser)
     sim_parser.set_defaults(run=sim.cli.run)
@@ -49,6 +57,12 @@ def _serve(arguments: argparse.Namespace) -> int:
     api = config.api.model_dump() | {key: value for key, value in changes.items() if value is not None}
     config = configuration.Config.model_validate(config.model_dump() | {"api": api})
     return serve_command.run(config, lambda text: print(text, flush=True))
+
+
+def _create_key(arguments: argparse.Namespace) -> int:
+    create_key(Path(arguments.file))
+    print(f"{arguments.file}: a new key; the vehicles need the same one")
+    return 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

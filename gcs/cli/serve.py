@@ -13,8 +13,9 @@ from gcs.config import Config, LinkSettings
 from gcs.errors import GcsError, RefusedError
 from gcs.lifecycle import AIRBORNE, ShowPhase
 from gcs.links import Link
+from gcs.links.keys import Signing
 from gcs.links.mavsdk_link import MavsdkLink
-from gcs.links.wire import Listen
+from gcs.links.rates import wanted
 from gcs.orchestrator import Orchestrator
 from gcs.service import FleetView, ShowAction
 
@@ -24,14 +25,18 @@ API_RETRY_S = 1.0
 
 
 def make_link(settings: LinkSettings, config: Config) -> Link:
-    """The transport that a link's settings name."""
-    host, port = settings.address
+    """The transport that a link's settings name. Raises: ConfigError for a signing key that is none."""
+    signing = settings.signing
     return MavsdkLink(
         settings.name,
         {vehicle.id: vehicle.system_id for vehicle in settings.fleet},
-        Listen(host, port, settings.ports),
+        settings.places,
         config.frame,
         deadman_s=config.deadman_s,
+        rates_hz=wanted(settings.streams, config.tick_rate_hz),
+        record=None if config.record is None else config.record.folder,
+        signing=None if signing is None else Signing(signing.key_file, signing.link_id),
+        forward=settings.forward,
     )
 
 

@@ -4,6 +4,8 @@ Formats come from pymavlink's message classes, so that no offset is typed by han
 zeros off a payload: a missing byte is 0. Layout of both versions: https://mavlink.io/en/guide/serialization.html
 """
 
+import re
+import sys
 from binascii import crc_hqx
 from collections.abc import Iterable
 from functools import cache
@@ -22,14 +24,17 @@ SET_MODE: Final = 11
 GLOBAL_POSITION_INT: Final = 33
 COMMAND_INT: Final = 75
 COMMAND_LONG: Final = 76
+COMMAND_ACK: Final = 77
+RADIO_STATUS: Final = 109
 STATUSTEXT: Final = 253
 
 SETPOINT_MESSAGES: Final = frozenset({69, 70, 82, 84, 86, 139})
 """What moves a vehicle for as long as it is repeated: MANUAL_CONTROL, RC_CHANNELS_OVERRIDE,
 SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ACTUATOR_CONTROL_TARGET."""
 
-_ASKING_COMMANDS: Final = frozenset({511, 512, 520})
-"""SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, REQUEST_AUTOPILOT_CAPABILITIES: they move nothing."""
+SET_MESSAGE_INTERVAL: Final = 511
+_ASKING_COMMANDS: Final = frozenset({SET_MESSAGE_INTERVAL, 512, 520})
+"""It, REQUEST_MESSAGE, REQUEST_AUTOPILOT_CAPABILITIES: they move nothing."""
 
 
 PREARM_CHECK: Final = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
@@ -111,6 +116,7 @@ _CRC_EXTRA: Final = MappingProxyType({message_id: extra for message_id, extra, _
 _TARGET_OFFSET: Final = MappingProxyType(
     {message_id: offset for message_id, _, offset in _layouts() if offset is not None}
 )
+_MAGICS: Final = re.compile(rb"[\xfd\xfe]")
 _MIRRORED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
@@ -129,6 +135,8 @@ def _frame_at(data: bytes, start: int, *, checked: bool) -> Frame | None:
     """The frame that begins at `start`, or None when there is none, whole and with the right checksum."""
     room = len(data) - start
     if data[start] == _MAGIC_2 and room >= 12:
+        if data[start + 2] & ~_SIGNED:
+            return None  # flags that nobody knows may change everything that follows
         length, header = data[start + 1], 10
         end = start + header + length + 2
         message_id = int.from_bytes(data[start + 7 : start + 10], "little")
@@ -154,7 +162,49 @@ def _frame_at(data: bytes, start: int, *, checked: bool) -> Frame | None:
     return Frame(message_id, system_id, component_id, data[start + header : end - 2], raw)
 
 
-def split(data: bytes, *, checked: bool = True) -> Split:
+def _is_cut(data: bytes, start: int) -> bool:
+    """Whether what begins at `start` may be a frame of which more is to come."""
+    room = len(data) - start
+    if room < 3:
+        return True
+    length = data[start + 1]
+    if data[start] == _MAGIC_1:
+        return room < length + 8
+    flags = data[start + 2]
+    return not flags & ~_SIGNED and room < length + 12 + (_SIGNATURE_LENGTH if flags else 0)
+
+
+def _taken_apart(data: bytes, *, checked: bool, goes_on: bool, garbage_max_bytes: int) -> tuple[Split, int]:
+    """What is in `data`, and how much of it that was: all, unless the rest may be a frame cut off."""
+    frames: list[Frame] = []
+    start, garbage, unknown, unknown_end, end = 0, 0, 0, 0, len(data)
+    while start < end and garbage + unknown <= garbage_max_bytes:
+        if data[start] in (_MAGIC_1, _MAGIC_2):
+            if goes_on and _is_cut(data, start):
+                break
+            frame = _frame_at(data, start, checked=checked)
+            if frame is not None:
+                behind = start + len(frame.raw)
+                if not checked or frame.message_id in _CRC_EXTRA:
+                    frames.append(frame)
+                    start = behind
+                    continue
+                if behind == end or data[behind] in (_MAGIC_1, _MAGIC_2):
+                    unknown_end = behind
+        # To the next possible beginning, not to this one's end: the length itself may be wrong.
+        found = _MAGICS.search(data, start + 1)
+        next_start = end if found is None else found.start()
+        of_unknown = max(0, min(unknown_end, next_start) - start)
+        unknown += of_unknown
+        garbage += next_start - start - of_unknown
+        start = next_start
+    if not goes_on:
+        garbage += end - start  # more than was to be looked at
+        start = end
+    return Split(frames, garbage, unknown), start
+
+
+def split(data: bytes, *, checked: bool = True, garbage_max_bytes: int = sys.maxsize) -> Split:
     """Take one datagram apart. Never raises, whatever the bytes.
 
     Args:
@@ -162,26 +212,26 @@ def split(data: bytes, *, checked: bool = True) -> Split:
         checked: leave out frames with a wrong checksum, and messages unknown to pymavlink's development
             dialect (PX4 sends some: EVENT, LINK_NODE_STATUS), which cannot be checked. Unchecked is for what
             our own side made.
+        garbage_max_bytes: behind more of garbage and unknown messages than this nothing is looked for, since
+            looking takes time.
     """
-    frames: list[Frame] = []
-    start, garbage, unknown, unknown_end, end = 0, 0, 0, 0, len(data)
-    while start < end:
-        frame = _frame_at(data, start, checked=checked)
-        if frame is not None:
-            behind = start + len(frame.raw)
-            if not checked or frame.message_id in _CRC_EXTRA:
-                frames.append(frame)
-                start = behind
-                continue
-            if behind == end or data[behind] in (_MAGIC_1, _MAGIC_2):
-                unknown_end = behind
-        # One byte further, not more: length and message id themselves may be wrong, and hide a good frame.
-        if start < unknown_end:
-            unknown += 1
-        else:
-            garbage += 1
-        start += 1
-    return Split(frames, garbage, unknown)
+    return _taken_apart(data, checked=checked, goes_on=False, garbage_max_bytes=garbage_max_bytes)[0]
+
+
+def split_stream(data: bytes) -> tuple[Split, bytes]:
+    """Take apart what came of a stream; the second result, at most one frame, belongs before what follows."""
+    parts, end = _taken_apart(data, checked=True, goes_on=True, garbage_max_bytes=sys.maxsize)
+    return parts, data[end:]
+
+
+def is_signed(frame: Frame) -> bool:
+    """Whether a signature comes with it, right or wrong."""
+    return frame.raw[0] == _MAGIC_2 and bool(frame.raw[2] & _SIGNED)
+
+
+def crc_extra(message_id: int) -> int | None:
+    """What the checksum of this message begins with at its end; None when nobody told us the message."""
+    return _CRC_EXTRA.get(message_id)
 
 
 def target_system(frame: Frame) -> int:
@@ -224,6 +274,16 @@ def heartbeat(frame: Frame) -> Heartbeat:
     known = autopilot == _MAV_AUTOPILOT_PX4 and base_mode & _CUSTOM_MODE_ENABLED
     mode = px4_mode(custom_mode) if known else Mode.OTHER
     return Heartbeat(autopilot == _MAV_AUTOPILOT_PX4, bool(base_mode & _ARMED), mode)
+
+
+def boot_time_ms(frame: Frame) -> int:
+    """Read when a GLOBAL_POSITION_INT was made, on the autopilot's own clock."""
+    return int.from_bytes(frame.payload[:4], "little")
+
+
+def acknowledged_component(frame: Frame) -> int:
+    """Read to which component of the asking system a COMMAND_ACK is addressed; 0 is any."""
+    return frame.payload[9] if len(frame.payload) > 9 else 0
 
 
 def prearm_ok(frame: Frame) -> bool:

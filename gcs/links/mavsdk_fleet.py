@@ -19,8 +19,8 @@ from gcs.state import Landed
 
 log = logging.getLogger(__name__)
 
-SYSTEM_ID: Final = 245  # MAVSDK's own as a ground station, with component 190
 COMPONENT_ID: Final = 190
+"""MAVSDK's own as a ground station."""
 
 _LOG_LEVELS: Final = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.WARNING}
 """The others are for those who mend MAVSDK. An error is seldom; the last may be why the process ends."""
@@ -127,9 +127,10 @@ class MavsdkFleet:
     its release on another thread when MAVSDK ends, and MAVSDK aborts the process for that.
     """
 
-    def __init__(self, send: Callable[[bytes], None]) -> None:
-        """`send` gets what MAVSDK wants sent, on MAVSDK's thread."""
+    def __init__(self, send: Callable[[bytes], None], station_id: int) -> None:
+        """`send` gets what MAVSDK wants sent, on MAVSDK's thread; `station_id` is its own system id."""
         self._send = send
+        self._station_id = station_id
         self._mavsdk: Any = None
         self._vehicles: list[MavsdkVehicle] = []
         self._destroyed = False
@@ -142,6 +143,7 @@ class MavsdkFleet:
                 return
             log_subscribe(_pass_on)
             configuration: Any = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
+            configuration.system_id = self._station_id
             self._mavsdk = Mavsdk(configuration)
             configuration.destroy()
             result = self._mavsdk.add_any_connection("raw://")

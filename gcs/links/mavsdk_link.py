@@ -6,8 +6,9 @@ set it. Therefore its bytes leave through `Wire`, where setpoints need a permiss
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import degrees, isnan
+from pathlib import Path
 from time import monotonic
 from types import MappingProxyType
 from typing import Final
@@ -16,64 +17,74 @@ import numpy as np
 
 from gcs.errors import InvalidError, OrderError, UnknownError
 from gcs.frames import ShowFrame
+from gcs.links.asking import is_answer, keep_asking
 from gcs.links.deadman import Deadman
+from gcs.links.endpoints import Place
+from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, Verb
 from gcs.links.mavlink_frames import Frame, kill_frame
-from gcs.links.mavsdk_fleet import COMPONENT_ID, SYSTEM_ID, MavsdkFleet, MavsdkVehicle
+from gcs.links.mavsdk_fleet import COMPONENT_ID, MavsdkVehicle
+from gcs.links.mavsdk_shards import MavsdkShards
+from gcs.links.offstage import Offstage
 from gcs.links.orders import Orders
+from gcs.links.rates import NOT_NEEDED
+from gcs.links.recorder import Recorder
 from gcs.links.roster import Address
-from gcs.links.wire import Counters, Listen, Observer, Wire
+from gcs.links.settings import Forward
+from gcs.links.traffic import Counters, Observer
+from gcs.links.vehicle_ids import check, station_id
+from gcs.links.wire import Wire
 from gcs.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
 
-VEHICLES_MAX: Final = 64
-"""Per MAVSDK instance: beyond, its own chatter grows with the square."""
-
 SILENT_AFTER_S: Final = 3.0
 """Without a heartbeat for this long a vehicle counts as not connected, and is sent no setpoint."""
 
-_SYSTEM_ID_MAX: Final = 250
 _RECEIVE_PERIOD_S: Final = 0.005
 _DISCOVER_S: Final = 0.25
 _SEND_MARGIN_S: Final = 0.02
 """Between asking the deadman and the datagram's leaving, other threads may hold the interpreter."""
 
-_NOT_FOR_MAVSDK: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 132, 141, 331})
-"""Frequent, and nothing here reads them: attitudes, local position, servos, HUD, targets, IMU, range,
-altitude, odometry. They still count as arrivals and reach observers."""
-
 
 class MavsdkLink:
-    """Up to 64 vehicles over UDP through one MAVSDK instance. A `gcs.links.Link`."""
+    """Up to 250 vehicles, each 64 through a MAVSDK instance of their own. A `gcs.links.Link`."""
 
     def __init__(
         self,
         name: str,
         vehicles: Mapping[VehicleId, int],
-        listen: Listen,
+        listen: Place | Sequence[Place],
         frame: ShowFrame,
         *,
         deadman_s: float = 0.2,
         clock: Callable[[], float] = monotonic,
+        rates_hz: Mapping[int, float] | None = None,
+        record: Path | None = None,
+        signing: Signing | None = None,
+        forward: Sequence[Forward] = (),
     ) -> None:
         """Nothing is opened before `run`.
 
         Args:
             name: as the configuration calls it.
             vehicles: system id of each vehicle, 1 to 250, each once.
-            listen: UDP ports where the vehicles send to.
+            listen: where the vehicles are.
             frame: to turn setpoints from the show frame to NED.
             deadman_s: no setpoint leaves later than this after the time of the tick that asked for it.
             clock: the loop's, ``loop.time``.
+            rates_hz: how often the vehicles are to send which message; they are not asked when not given.
+            record: a folder for recordings of every frame.
+            signing: signs what leaves, refuses what comes unsigned. Of this link alone.
+            forward: further ground stations.
 
-        Raises: InvalidError for a system id out of range, used twice or MAVSDK's own, for too many vehicles,
-            and for a deadman's time that leaves nothing.
+        Raises: InvalidError for a system id out of range or used twice, and for a deadman's time that leaves
+            nothing.
         """
         if not deadman_s > _SEND_MARGIN_S:
             raise InvalidError("deadman_s", deadman_s, f"above {_SEND_MARGIN_S} s")
-        _check(vehicles)
+        check(vehicles)
         self._name = name
         self._vehicles = MappingProxyType(dict(vehicles))
         self._ids = tuple(vehicles)
@@ -81,6 +92,7 @@ class MavsdkLink:
         self._clock = clock
         self._deadman = Deadman(deadman_s - _SEND_MARGIN_S)
         self._latch = KillLatch(vehicles.values())
+        self._source = station_id(vehicles.values()), COMPONENT_ID
         self._wire = Wire(
             name=name,
             system_ids=vehicles.values(),
@@ -89,9 +101,15 @@ class MavsdkLink:
             latch=self._latch,
             clock=clock,
             deliver=self._deliver,
+            station_id=self._source[0],
+            signing=signing,
+            forward=forward,
         )
+        self._rates_hz = dict(rates_hz or {})
+        self._record = record
+        self._signing = signing
         self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
-        self._fleet: MavsdkFleet | None = None
+        self._fleet: MavsdkShards | None = None
         self._orders: Orders | None = None
         self._met: Mapping[int, MavsdkVehicle] = {}
         self._kills = 0
@@ -150,16 +168,29 @@ class MavsdkLink:
 
     async def run(self) -> None:
         """Move bytes until cancelled. Raises: LinkError naming the port that cannot be had."""
-        self._wire.open()
-        fleet, orders = MavsdkFleet(self._wire.send), Orders(self._vehicles, self._latch, self._clock)
+        wire = self._wire
+        wire.open()
+        fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0], wire.send)
+        orders = Orders(self._vehicles, self._latch, self._clock)
+        recorder = None
+        stop_recording: Callable[[], None] = lambda: None  # noqa: E731
+        if self._record is not None:
+            recorder = Recorder(self._record, self._name, wire.counters, self._clock)
+            stop_recording = self.observe(recorder.record)
+        offstage = Offstage(fleet, recorder, self._signing)
         try:
-            await asyncio.to_thread(fleet.open)
+            await asyncio.to_thread(offstage.open)
             self._fleet, self._orders = fleet, orders
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._receive(), name=f"link/{self._name}/receive")
                 group.create_task(self._discover(fleet), name=f"link/{self._name}/discover")
+                asking = keep_asking(
+                    wire.heard, self._rates_hz, self._source[0], self._is_met, wire.send, self._clock
+                )
+                group.create_task(asking, name=f"link/{self._name}/ask")
         finally:
-            await self._shut(fleet, orders)
+            await self._shut(offstage, orders)
+            stop_recording()
 
     def snapshot(self) -> Telemetry:
         """The newest known of every vehicle, with arrival times. About 20 us per vehicle."""
@@ -246,13 +277,21 @@ class MavsdkLink:
     def _is_connected(self, system_id: int, now_s: float) -> bool:
         return now_s - self._wire.heard[system_id].heartbeat_time_s <= SILENT_AFTER_S
 
+    def _is_met(self, system_id: int) -> bool:
+        return system_id in self._met
+
     def _deliver(self, frame: Frame) -> None:
-        if self._fleet is not None and frame.message_id not in _NOT_FOR_MAVSDK:
-            self._fleet.receive(frame.raw)
+        if self._fleet is None or frame.message_id in NOT_NEEDED:
+            return  # it has been counted as an arrival, and observers see it
+        if not is_answer(frame):  # MAVSDK knows of no question
+            self._fleet.receive(frame)
 
     def _send_kill(self, system_id: int) -> None:
         frame = kill_frame(
-            system_id, sequence=self._kills, source_system=SYSTEM_ID, source_component=COMPONENT_ID
+            system_id,
+            sequence=self._kills,
+            source_system=self._source[0],
+            source_component=self._source[1],
         )
         self._kills += 1
         self._wire.send_kill(frame)
@@ -262,7 +301,7 @@ class MavsdkLink:
             self._wire.receive()
             await asyncio.sleep(_RECEIVE_PERIOD_S)
 
-    async def _discover(self, fleet: MavsdkFleet) -> None:
+    async def _discover(self, fleet: MavsdkShards) -> None:
         """Look for vehicles that MAVSDK has met since, for ever."""
         wanted = frozenset(self._vehicles.values())
         while True:
@@ -274,7 +313,7 @@ class MavsdkLink:
                     log.info("vehicles_met", extra={"link": self._name, "system_ids": tuple(sorted(found))})
             await asyncio.sleep(_DISCOVER_S)
 
-    async def _shut(self, fleet: MavsdkFleet, orders: Orders) -> None:
+    async def _shut(self, offstage: Offstage, orders: Orders) -> None:
         """Stop, inside out: no setpoints, no calls, no MAVSDK, no sockets."""
         self._deadman.refresh((), self._clock())
         self._fleet, self._orders, self._met = None, None, {}
@@ -282,25 +321,9 @@ class MavsdkLink:
 
         def end() -> None:
             orders.join()
-            fleet.destroy()
+            offstage.close()
 
         try:
             await asyncio.to_thread(end)
         finally:
             self._wire.close()
-
-
-def _check(vehicles: Mapping[VehicleId, int]) -> None:
-    """Raises: InvalidError."""
-    if len(vehicles) > VEHICLES_MAX:
-        raise InvalidError("vehicles", len(vehicles), f"at most {VEHICLES_MAX} on one link")
-    owners: dict[int, VehicleId] = {}
-    for vehicle_id, system_id in vehicles.items():
-        if not 1 <= system_id <= _SYSTEM_ID_MAX or system_id == SYSTEM_ID:
-            allowed = f"1 to {_SYSTEM_ID_MAX}, but not {SYSTEM_ID}, which is this station's own"
-            raise InvalidError(f"vehicles.{vehicle_id}", system_id, allowed)
-        if system_id in owners:
-            raise InvalidError(
-                f"vehicles.{vehicle_id}", system_id, f"another system id: {owners[system_id]} has it"
-            )
-        owners[system_id] = vehicle_id

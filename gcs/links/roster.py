@@ -19,7 +19,7 @@ class Address(NamedTuple):
     socket_index: int
 
     def __str__(self) -> str:
-        return f"{self.host}:{self.port}"
+        return f"{self.host}:{self.port}" if self.port else self.host  # a serial port has none
 
 
 class Verdict(Enum):
@@ -75,6 +75,12 @@ class Roster:
         self._conflicts.pop(system_id, None)
         self._everybody = tuple(dict.fromkeys(self._addresses.values()))
         return Verdict.FIRST if known is None else Verdict.MOVED
+
+    def forget(self, address: Address) -> None:
+        """Nobody is there any more: the connection ended. Its systems may come back from anywhere at once."""
+        for system_id in [known for known, at in self._addresses.items() if at == address]:
+            del self._addresses[system_id]
+        self._everybody = tuple(dict.fromkeys(self._addresses.values()))
 
     def _object(self, system_id: int, known: Address, other: Address, now_s: float) -> Verdict:
         text = f"system id {system_id} at {known} and at {other}"

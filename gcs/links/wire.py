@@ -1,4 +1,4 @@
-"""Our own sockets: every byte to and from the vehicles passes here, and no setpoint without permission.
+"""Our own sockets and ports: every byte passes here, and no setpoint without permission.
 
 Receiving happens when the loop's thread calls `receive`, sending on whichever thread calls `send` (MAVSDK's
 own, mostly).
@@ -6,78 +6,37 @@ own, mostly).
 
 import logging
 import selectors
-import socket
-import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from enum import StrEnum
-from struct import Struct
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from threading import Lock
-from time import time as wall_time_s
 from types import MappingProxyType
-from typing import Final, TypeAlias
+from typing import Final
 
 from gcs.errors import LinkError
 from gcs.links.deadman import Deadman
+from gcs.links.endpoints import Arrival, Listen, Place, make
+from gcs.links.endpoints.udp import Udp
+from gcs.links.forward import Forwarder, may_pass
 from gcs.links.heard import Heard
+from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
-from gcs.links.mavlink_frames import PING, SETPOINT_MESSAGES, Frame, moves, split, target_system
+from gcs.links.mavlink_frames import PING, RADIO_STATUS, SETPOINT_MESSAGES, Frame, moves, split, target_system
 from gcs.links.roster import TAKEN, Address, Roster, Verdict
+from gcs.links.settings import Forward
+from gcs.links.signing import Judgement
+from gcs.links.traffic import Counters, Direction, Observer
+
+__all__ = ["Counters", "Direction", "Listen", "Observer", "Wire"]
 
 log = logging.getLogger(__name__)
 
-_DATAGRAM_MAX_BYTES: Final = 65535
-_READS_PER_CALL: Final = 4096  # empties a socket after a stall, yet cannot be kept busy for ever
-_RECEIVE_BUFFER_BYTES: Final = 4 << 20
 _RECORD_LENGTH: Final = 4096
 _STRANGERS_LOGGED_MAX: Final = 64
-_SO_TIMESTAMPNS: Final = 35  # Linux; Python does not name it
-_TIMESPEC: Final = Struct("@ll")
-
-
-class Direction(StrEnum):
-    """Seen from the ground."""
-
-    SENT = "sent"
-    RECEIVED = "received"
-
-
-Observer: TypeAlias = Callable[[float, Direction, bytes, int], None]
-"""Called with the time, the direction, one whole frame, and the system it is for or from (0: everybody).
-
-On the loop's thread for received frames and on MAVSDK's for sent ones: quick, and safe on both.
-"""
-
-
-@dataclass(frozen=True, slots=True)
-class Listen:
-    """UDP ports to listen on: one per vehicle, or one for all behind a radio or router."""
-
-    host: str
-    first_port: int
-    port_count: int = 1
-
-
-@dataclass(slots=True)
-class Counters:
-    """What passed and what did not, since the wire was made. Frames, except where it says bytes."""
-
-    received: int = 0
-    sent: int = 0
-    setpoints_sent: int = 0
-    setpoints_dropped: int = 0  # by the deadman
-    commands_dropped: int = 0  # ordered before a kill, and repeated behind it
-    unroutable: int = 0  # for a system not heard yet
-    send_errors: int = 0
-    garbage_bytes: int = 0
-    unknown_bytes: int = 0  # of messages that pymavlink does not know: not checked, so not taken
-    strangers: int = 0
-    duplicates: int = 0
+_TEND_PERIOD_S: Final = 0.02
 
 
 class Wire:
-    """UDP sockets, routing by system id, arrival times, the deadman, and a record of what left.
+    """Sockets and ports, routing by system id, arrival times, the deadman, and a record of what left.
 
     Attributes:
         heard: per configured system id, what the wire itself read.
@@ -90,57 +49,77 @@ class Wire:
         *,
         name: str,
         system_ids: Iterable[int],
-        listen: Listen,
+        listen: Place | Sequence[Place],
         deadman: Deadman,
         latch: KillLatch,
         clock: Callable[[], float],
         deliver: Callable[[Frame], None],
+        station_id: int = 245,
+        signing: Signing | None = None,
+        forward: Sequence[Forward] = (),
     ) -> None:
-        """Nothing is opened yet. `deliver` gets every accepted frame, on the thread that receives."""
+        """Nothing is opened yet.
+
+        Args:
+            name: the link's, for errors and logs.
+            system_ids: the vehicles; whoever else speaks is counted.
+            listen: where they are.
+            deadman: permits setpoints.
+            latch: holds back what a kill has overtaken.
+            clock: the loop's.
+            deliver: gets every accepted frame, on the thread that receives.
+            station_id: our own system id.
+            signing: signs all that leaves and judges all that comes. Whoever gives it opens and closes it.
+            forward: further ground stations.
+        """
         self.heard: Mapping[int, Heard] = MappingProxyType({system_id: Heard() for system_id in system_ids})
         self.counters = Counters()
         self.observers: tuple[Observer, ...] = ()
         self._name = name
-        self._listen = listen
         self._deadman = deadman
         self._latch = latch
         self._clock = clock
         self._deliver = deliver
+        self._station_id = station_id
+        self._signing = signing
         self._roster = Roster(self.heard)
-        self._sockets: tuple[socket.socket, ...] = ()
+        self._endpoints = make(name, listen if isinstance(listen, Sequence) else (listen,))
+        self._tended = tuple(each for each in self._endpoints if not isinstance(each, Udp))
+        self._far = tuple(each for each in self._endpoints if each.standing or each in self._tended)
+        self._tend_s = 0.0
+        self._forwarders = tuple(Forwarder(each, self.counters) for each in forward)
         self._selector: selectors.BaseSelector | None = None
-        self._drained_s: list[float] = []
         self._sent_s: dict[int, deque[float]] = {
             system_id: deque(maxlen=_RECORD_LENGTH) for system_id in self.heard
         }
         self._lock = Lock()
+        self._in_signed_order = Lock()
         self._strangers: set[tuple[int, str]] = set()
-        self._send_failed = False
+        self._refused: set[tuple[int, Judgement]] = set()
+        self._failing: set[Address] = set()
 
     def open(self) -> None:
         """Bind every port. Raises: LinkError naming the port."""
-        opened: list[socket.socket] = []
-        for port in range(self._listen.first_port, self._listen.first_port + self._listen.port_count):
-            try:
-                opened.append(_bound(self._listen.host, port))
-            except (OSError, OverflowError) as error:
-                for other in opened:
-                    other.close()
-                raise LinkError(f"{self._name}: UDP port {port} on {self._listen.host}: {error}") from error
-        self._sockets = tuple(opened)
-        self._drained_s = [self._clock()] * len(opened)
         self._selector = selectors.DefaultSelector()
-        for index, opened_socket in enumerate(opened):
-            self._selector.register(opened_socket, selectors.EVENT_READ, index)
+        now_s = self._clock()
+        try:
+            for endpoint in self._endpoints:
+                endpoint.open(self._selector, now_s)
+            for forwarder in self._forwarders:
+                forwarder.open()
+        except LinkError:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Release the ports; frames sent afterwards go nowhere."""
-        sockets, self._sockets = self._sockets, ()
-        if self._selector is not None:
-            self._selector.close()
-            self._selector = None
-        for open_socket in sockets:
-            open_socket.close()
+        selector, self._selector = self._selector, None
+        for endpoint in self._endpoints:
+            endpoint.close()
+        for forwarder in self._forwarders:
+            forwarder.close()
+        if selector is not None:
+            selector.close()
 
     def receive(self) -> None:
         """Take in everything that has arrived. Never blocks.
@@ -148,23 +127,40 @@ class Wire:
         To be called every few milliseconds. Waking the loop for every datagram would cost more, and nothing
         is lost by waiting, since the kernel notes the times of arrival.
         """
-        if self._selector is not None:
-            for key, _ in self._selector.select(0):
-                self._read(key.data)
+        if self._selector is None:
+            return
+        now_s = self._clock()
+        for key, _ in self._selector.select(0):
+            for arrival in key.data(now_s):
+                self._receive(arrival)
+        if now_s >= self._tend_s:
+            self._tend_s = now_s + _TEND_PERIOD_S
+            for endpoint in self._tended:
+                endpoint.tend(now_s)
+        for endpoint in self._tended:
+            for address in endpoint.gone():
+                self._roster.forget(address)
+                self._failing.discard(address)
+        for forwarder in self._forwarders:
+            forwarder.flush()
+            for frame in forwarder.read():
+                self._take_from_other(frame)
 
-    def send(self, data: bytes) -> None:
-        """Send MAVSDK's frames, each to its own target only, unless deadman or latch forbid. Never raises."""
+    def send(self, data: bytes, *, to_everybody: bool = True) -> None:
+        """Send our own frames, each to its target only, unless deadman or latch forbid. Never raises.
+
+        Args:
+            data: one frame or several.
+            to_everybody: whether frames without a target leave too.
+        """
         for frame in split(data, checked=False).frames:
             target = target_system(frame)
-            if frame.message_id == PING and target == 0:
+            if target == 0 and (frame.message_id == PING or not to_everybody):
                 continue  # one to everybody for every vehicle known grows with the square of the fleet
-            if self._latch.is_shut(target) and moves(frame):
-                with self._lock:
-                    self.counters.commands_dropped += 1
-            elif frame.message_id in SETPOINT_MESSAGES:
+            if frame.message_id in SETPOINT_MESSAGES:
                 self._send_setpoint(frame, target)
             else:
-                self._send_frame(frame, target)
+                self._send_unless_killed(frame, target)
 
     def send_kill(self, data: bytes) -> None:
         """Send a kill command, which no latch holds back. Never raises."""
@@ -184,74 +180,88 @@ class Wire:
         return tuple(self._sent_s[system_id])
 
     def _send_setpoint(self, frame: Frame, target: int) -> None:
-        if not self._deadman.allows(target, self._clock()):
+        if self._latch.is_shut(target):
+            self._count_latched()
+        elif not self._deadman.allows(target, self._clock()):
             with self._lock:
                 self.counters.setpoints_dropped += 1
-        elif self._send_frame(frame, target):
+        elif self._send_frame(frame, target, perishable=True):
             record = self._sent_s.get(target)
             if record is not None:
                 record.append(self._clock())  # after the call: never earlier than the truth
             with self._lock:
                 self.counters.setpoints_sent += 1
 
-    def _send_frame(self, frame: Frame, target: int) -> bool:
+    def _send_unless_killed(self, frame: Frame, target: int) -> bool:
+        """Whether it left."""
+        if self._latch.is_shut(target) and moves(frame):
+            self._count_latched()
+            return False
+        return self._send_frame(frame, target)
+
+    def _count_latched(self) -> None:
+        with self._lock:
+            self.counters.commands_dropped += 1
+
+    def _send_frame(self, frame: Frame, target: int, *, perishable: bool = False) -> bool:
         """Whether it left to at least one address."""
-        if target == 0:
-            addresses = self._roster.everybody
+        addresses = self._addresses(target)
+        if self._signing is None:
+            raw = frame.raw
+            left = sum([self._send_to(raw, address, perishable) for address in addresses])
         else:
-            address = self._roster.address(target)
-            addresses = () if address is None else (address,)
-        left = 0
-        for address in addresses:
-            left += self._send_to(frame.raw, address)
+            with self._in_signed_order:  # whoever gets a later signature first refuses the earlier one
+                raw = self._signing.sign(frame.raw) or b""
+                left = sum([self._send_to(raw, address, perishable) for address in addresses if raw])
         with self._lock:
             self.counters.sent += left
             self.counters.unroutable += not addresses
+            self.counters.not_signed += not raw
         if left:
             now_s = self._clock()
             for observer in self.observers:
-                observer(now_s, Direction.SENT, frame.raw, target)
+                observer(now_s, Direction.SENT, raw, target)
         return left > 0
 
-    def _send_to(self, data: bytes, address: Address) -> bool:
-        sockets = self._sockets
-        if address.socket_index >= len(sockets):
-            return False  # closed meanwhile
+    def _addresses(self, target: int) -> tuple[Address, ...]:
+        if target:
+            address = self._roster.address(target)
+            return () if address is None else (address,)
+        if not self._far:
+            return self._roster.everybody
+        unheard = [address for endpoint in self._far for address in endpoint.standing]
+        return tuple(dict.fromkeys((*self._roster.everybody, *unheard)))
+
+    def _send_to(self, data: bytes, address: Address, perishable: bool) -> bool:
         try:
-            sockets[address.socket_index].sendto(data, (address.host, address.port))
-        except OSError as error:  # a full buffer, no route, or the peer's port is closed: it may come back
+            self._endpoints[address.socket_index].send(data, address, perishable=perishable)
+        except BlockingIOError:  # it is slow: this one is lost, and what comes later may get through
+            with self._lock:
+                self.counters.no_room += 1
+            return False
+        except OSError as error:  # no route, or the peer's port is closed: it may come back
             with self._lock:
                 self.counters.send_errors += 1
-                is_first, self._send_failed = not self._send_failed, True
+                is_first = address not in self._failing and self._selector is not None
+                self._failing.add(address)
             if is_first:
-                log.warning(
-                    "send_failed", extra={"link": self._name, "address": str(address), "cause": str(error)}
-                )
+                about = {"link": self._name, "address": str(address), "cause": str(error)}
+                log.warning("send_failed", extra=about)
             return False
         return True
 
-    def _read(self, index: int) -> None:
-        """Empty one socket."""
-        source = self._sockets[index]
-        now_s, wall_s = self._clock(), wall_time_s()
-        oldest_s = self._drained_s[index]
-        for _ in range(_READS_PER_CALL):
-            try:
-                data, ancillary, _, sender = source.recvmsg(_DATAGRAM_MAX_BYTES, 64)
-            except BlockingIOError:
-                self._drained_s[index] = now_s
-                return
-            except OSError:  # an ICMP error of an earlier send, reported here; the socket is still good
-                continue
-            time_s = _arrival_s(ancillary, now_s, wall_s, oldest_s)
-            self._receive(data, Address(sender[0], sender[1], index), time_s)
-
-    def _receive(self, data: bytes, address: Address, time_s: float) -> None:
-        frames, garbage_bytes, unknown_bytes = split(data)
+    def _receive(self, arrival: Arrival) -> None:
+        (frames, garbage_bytes, unknown_bytes), address, time_s = (
+            arrival.parts,
+            arrival.address,
+            arrival.time_s,
+        )
         self.counters.garbage_bytes += garbage_bytes
         self.counters.unknown_bytes += unknown_bytes
         for frame in frames:
             system_id = frame.system_id
+            if self._signing is not None and not self._has_signed(self._signing, frame, address):
+                continue
             verdict = self._roster.hear(system_id, address, time_s)
             if verdict is not Verdict.KNOWN:
                 self._note(verdict, frame, address)
@@ -262,6 +272,35 @@ class Wire:
             self._deliver(frame)
             for observer in self.observers:
                 observer(time_s, Direction.RECEIVED, frame.raw, system_id)
+            for forwarder in self._forwarders:
+                forwarder.offer(frame.raw)
+
+    def _take_from_other(self, frame: Frame) -> None:
+        """Pass on to a vehicle what another ground station sent, where that may be."""
+        signed = self._signing is None or self._signing.judge(frame) is Judgement.GOOD
+        passes = signed and may_pass(frame, self.heard, self._station_id)
+        if passes and self._send_unless_killed(frame, target_system(frame)):
+            self.counters.taken_from_others += 1
+        else:
+            self.counters.refused_from_others += 1
+
+    def _has_signed(self, signing: Signing, frame: Frame, address: Address) -> bool:
+        """Whether a vehicle's frame is to be believed. Strangers are left to the roster."""
+        if frame.system_id not in self.heard:
+            return True
+        judgement = signing.judge(frame)
+        if judgement is Judgement.GOOD:
+            return True
+        if frame.message_id == RADIO_STATUS:
+            return False  # made by the radio between us, which has no key: not believed, not held against it
+        self.counters.unsigned += judgement is Judgement.UNSIGNED
+        self.counters.wrongly_signed += judgement is Judgement.WRONG
+        self.counters.replayed += judgement is Judgement.REPLAYED
+        if (frame.system_id, judgement) not in self._refused:
+            self._refused.add((frame.system_id, judgement))
+            about = {"link": self._name, "system_id": frame.system_id, "address": str(address)}
+            log.error("signature_refused", extra=about | {"cause": judgement.name.lower()})
+        return False
 
     def _note(self, verdict: Verdict, frame: Frame, address: Address) -> None:
         """Count what was not taken, and log every change once."""
@@ -281,35 +320,3 @@ class Wire:
             if verdict is Verdict.NEW_DUPLICATE:
                 cause = self._roster.conflicts(self._clock()).get(frame.system_id, "")
                 log.error("duplicate_system_id", extra=about | {"cause": cause})
-
-
-def _bound(host: str, port: int) -> socket.socket:
-    """A UDP socket that never blocks and, on Linux, says when the kernel received each datagram."""
-    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        bound.setblocking(False)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
-        if sys.platform == "linux":
-            bound.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-        bound.bind((host, port))
-    except (OSError, OverflowError):
-        bound.close()
-        raise
-    return bound
-
-
-def _arrival_s(
-    ancillary: list[tuple[int, int, bytes]], now_s: float, wall_s: float, oldest_s: float
-) -> float:
-    """When a datagram really arrived, on our clock: after a stall of the loop that is not "now".
-
-    The kernel stamps with the wall clock, which may be set meanwhile; but nothing read now can have arrived
-    before the socket was last empty, which bounds the error.
-    """
-    for level, kind, value in ancillary:
-        if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(value) == _TIMESPEC.size:
-            seconds, nanoseconds = _TIMESPEC.unpack(value)
-            age_s = wall_s - (seconds + nanoseconds * 1e-9)
-            arrival_s: float = min(now_s, max(oldest_s, now_s - age_s))
-            return arrival_s
-    return now_s

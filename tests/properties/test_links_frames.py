@@ -1,9 +1,11 @@
+from itertools import pairwise
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import moves, split, target_system
+from gcs.links.mavlink_frames import moves, split, split_stream, target_system
 
 PACKER = dialect.MAVLink(None, srcSystem=7, srcComponent=1)
 FRAMES = [
@@ -52,3 +54,19 @@ def test_a_whole_frame_behind_garbage_is_found(data: bytes, whole: bytes) -> Non
 def test_frames_come_out_as_they_went_in(parts: list[bytes]) -> None:
     frames, *rest = split(b"".join(parts))
     assert ([frame.raw for frame in frames], rest) == (parts, [0, 0])
+
+
+@given(st.lists(st.one_of(st.sampled_from(FRAMES), st.binary(max_size=40)), max_size=8), st.data())
+@settings(max_examples=300)
+def test_a_stream_cut_anywhere_gives_the_frames_of_the_whole(parts: list[bytes], data: st.DataObject) -> None:
+    stream = b"".join(parts) + bytes(300)  # so that nothing at the end could still be a frame
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=6)))
+    frames, counted, rest = [], 0, b""
+    for start, end in pairwise((0, *cuts, len(stream))):
+        taken, rest = split_stream(rest + stream[start:end])
+        assert len(rest) <= 280
+        frames += taken.frames
+        counted += taken.garbage_bytes + taken.unknown_bytes
+    whole = split(stream)
+    assert frames == whole.frames
+    assert counted + len(rest) == whole.garbage_bytes + whole.unknown_bytes

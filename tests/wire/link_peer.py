@@ -22,7 +22,15 @@ HOLD, OFFBOARD, TAKEOFF, LAND, RETURN = (4, 3), (6, 0), (4, 2), (4, 6), (4, 5)
 class Peer:
     """One PX4-like vehicle, sending to `port` on this host until closed."""
 
-    def __init__(self, port: int, system_id: int, *, refuses: bool = False, answers: bool = True) -> None:
+    def __init__(
+        self,
+        port: int,
+        system_id: int,
+        *,
+        refuses: bool = False,
+        answers: bool = True,
+        position_s: float = 0.02,
+    ) -> None:
         self.system_id = system_id
         self.refuses = refuses
         self.answers = answers  # to commands; its streams go on
@@ -32,6 +40,8 @@ class Peer:
         self.mode = HOLD
         self.landed = 1
         self.latitude_deg = 47.4
+        self.boot_s = time.monotonic() - 1.0
+        self._position_period_s = position_s
         self.heard: list[tuple[float, Any]] = []
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
@@ -96,7 +106,7 @@ class Peer:
                 status_s = now_s + 0.2
                 self._send_status()
             if self.speaks and now_s >= position_s:
-                position_s = now_s + 0.02
+                position_s = now_s + self._position_period_s
                 self._send_position()
             self._listen()
 
@@ -128,8 +138,11 @@ class Peer:
 
     def _send_position(self) -> None:
         latitude = round(self.latitude_deg * 1e7)
+        boot_ms = round((time.monotonic() - self.boot_s) * 1000)
         self.send(
-            dialect.MAVLink_global_position_int_message(0, latitude, 85000000, 500000, 0, 150, -20, 30, 9000)
+            dialect.MAVLink_global_position_int_message(
+                boot_ms, latitude, 85000000, 500000, 0, 150, -20, 30, 9000
+            )
         )
 
     def _answer(self, message: Any) -> None:

@@ -1,108 +1,28 @@
 import asyncio
 import socket
 import time
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, closing
-from typing import TYPE_CHECKING, Any
+from contextlib import closing
 
 import pytest
 from link_bench import until
 from machine import free_ports
-from pymavlink.dialects.v20 import common as dialect
+from wire_bench import (
+    Bench,
+    a_socket,
+    address_of,
+    arrived,
+    beat,
+    bench,
+    command,
+    is_empty,
+    setpoint,
+)
 
 from gcs.errors import LinkError
-from gcs.links.deadman import Deadman
-from gcs.links.killlatch import KillLatch
-from gcs.links.wire import Direction, Listen, Wire
+from gcs.links.wire import Direction, Listen
 from gcs.state import Mode
 
-if TYPE_CHECKING:
-    from gcs.links.mavlink_frames import Frame
-
 pytestmark = pytest.mark.xdist_group("wire")
-
-GROUND = dialect.MAVLink(None, srcSystem=245, srcComponent=190)
-
-
-class Bench:
-    """A wire and what it delivered."""
-
-    def __init__(self, listen: Listen, system_ids: tuple[int, ...]) -> None:
-        self.port = listen.first_port
-        self.deadman = Deadman(0.2)
-        self.delivered: list[Frame] = []
-        self.wire = Wire(
-            name="bench",
-            system_ids=system_ids,
-            listen=listen,
-            deadman=self.deadman,
-            latch=KillLatch(system_ids),
-            clock=time.monotonic,
-            deliver=self.delivered.append,
-        )
-
-    async def receive(self) -> None:
-        while True:
-            self.wire.receive()
-            await asyncio.sleep(0.002)
-
-
-@asynccontextmanager
-async def bench(*system_ids: int, port_count: int = 1) -> AsyncIterator[Bench]:
-    made = Bench(Listen("127.0.0.1", free_ports(port_count), port_count), system_ids)
-    made.wire.open()
-    receiving = asyncio.create_task(made.receive())
-    try:
-        yield made
-    finally:
-        receiving.cancel()
-        made.wire.close()
-
-
-def a_socket() -> closing[socket.socket]:
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    made.bind(("127.0.0.1", 0))
-    made.setblocking(False)
-    return closing(made)
-
-
-def beat(system_id: int, autopilot: int = 12) -> bytes:
-    packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=1)
-    return bytes(dialect.MAVLink_heartbeat_message(2, autopilot, 0x81, 6 << 16, 4, 3).pack(packer))
-
-
-def packed(message: Any) -> bytes:
-    return bytes(message.pack(GROUND))
-
-
-def setpoint(target: int) -> bytes:
-    return packed(
-        dialect.MAVLink_set_position_target_local_ned_message(
-            0, target, 1, 1, 0x9C7, 0, 0, 0, 1.0, 2.0, 3.0, 0, 0, 0, 0, 0
-        )
-    )
-
-
-def command(target: int) -> bytes:
-    return packed(dialect.MAVLink_command_long_message(target, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
-
-
-async def arrived(sock: socket.socket) -> bytes:
-    async with asyncio.timeout(30):
-        return await asyncio.get_running_loop().sock_recv(sock, 2048)
-
-
-def is_empty(sock: socket.socket) -> bool:
-    try:
-        sock.recv(2048)
-    except BlockingIOError:
-        return True
-    return False
-
-
-def address_of(sock: socket.socket) -> str:
-    host, port = sock.getsockname()
-    return f"{host}:{port}"
 
 
 def test_a_frame_goes_to_its_target_only_and_one_for_everybody_to_all() -> None:

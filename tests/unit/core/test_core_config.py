@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 import yaml
 
-from gcs.config import find, load, parse, shipped_folder
+from gcs.config import Config, find, load, parse, shipped_folder
 from gcs.errors import ConfigError
+from gcs.links.endpoints import Listen, SerialPort, TcpIn, TcpOut, UdpOut
 from gcs.plan import Direction, YawPolicy
 
 SHIPPED = sorted(shipped_folder().glob("*.yaml"))
@@ -68,10 +69,48 @@ def test_a_name_that_does_not_exist_is_refused_with_those_that_do() -> None:
         find("elsewhere/demo.yaml")
 
 
+def test_a_link_may_have_places_of_every_kind_and_250_vehicles() -> None:
+    def change(raw: dict[str, Any]) -> None:
+        raw["record"] = {"folder": "runs"}
+        raw["links"][0] |= {
+            "listen": [
+                "udpin://10.0.0.1:14540",
+                "udpout://localhost:14580",
+                "tcpin://10.0.0.1:5760",
+                "tcpout://10.0.0.2:5760",
+                "serial:///dev/ttyUSB0:57600",
+            ],
+            "vehicles": {"count": 250},
+            "forward": ["udp://127.0.0.1:14550", {"url": "udp://127.0.0.1:14551", "read_only": False}],
+            "signing": {"key_file": "keys/one", "link_id": 3},
+            "streams": {"position_hz": 10.0, "others_hz": 2.0},
+        }
+
+    config = parse(changed(change), "my.yaml")
+    (link,) = config.links
+    assert link.places == (
+        Listen("10.0.0.1", 14540),
+        UdpOut("127.0.0.1", 14580),
+        TcpIn("10.0.0.1", 5760),
+        TcpOut("10.0.0.2", 5760),
+        SerialPort("/dev/ttyUSB0", 57600),
+    )
+    assert [each.read_only for each in link.forward] == [True, False]
+    assert len(config.ids) == 250
+    assert config.record is not None
+    assert Config.model_validate(config.model_dump()) == config
+
+
+def test_several_links_may_carry_the_same_system_ids() -> None:
+    second = {**SECOND_LINK, "vehicles": [{"id": "c", "system_id": 1}]}
+    config = parse(changed(lambda raw: raw["links"].append(second)), "my.yaml")
+    assert config.ids == ("a", "b", "c")
+
+
 def test_the_smallest_configuration_gets_the_documented_defaults() -> None:
     config = parse(SMALLEST, "my.yaml")
     assert [vehicle.charge for vehicle in config.fleet] == [1.0, 2.0]
-    assert config.links[0].address == ("127.0.0.1", 14540)
+    assert config.links[0].places == (Listen("127.0.0.1", 14540),)
     assert config.tick_rate_hz == 20.0
     assert config.plan.orbit.direction is Direction.COUNTERCLOCKWISE
     assert config.plan.yaw.policy is YawPolicy.HELD
@@ -129,13 +168,16 @@ BAD: dict[str, tuple[Callable[[dict[str, Any]], object], tuple[str, ...]]] = {
         ("links.0.listen", "udpin://127.0.0.1"),
     ),
     "a listen address of another kind": (
-        lambda raw: raw["links"][0].update(listen="serial:///dev/ttyACM0:57600"),
-        ("links.0.listen", "serial"),
+        lambda raw: raw["links"][0].update(listen="http://127.0.0.1:14540"),
+        ("links.0.listen", "http", "serial://DEVICE:BAUD"),
     ),
-    "port 0": (lambda raw: raw["links"][0].update(listen="udpin://127.0.0.1:0"), ("links.0", "ports 0")),
+    "port 0": (
+        lambda raw: raw["links"][0].update(listen="udpin://127.0.0.1:0"),
+        ("links.0.listen", "ports 0"),
+    ),
     "ports beyond the last": (
         lambda raw: raw["links"][0].update(listen="udpin://127.0.0.1:65530", ports=8),
-        ("links.0", "65537", "at most 65535"),
+        ("links.0", "65537", "65535"),
     ),
     "no ports": (lambda raw: raw["links"][0].update(ports=0), ("links.0.ports", "0")),
     "a transport we do not have": (
@@ -171,6 +213,62 @@ BAD: dict[str, tuple[Callable[[dict[str, Any]], object], tuple[str, ...]]] = {
     "two links on one port": (
         lambda raw: raw["links"][0].update(ports=600) or raw["links"].append(SECOND_LINK),
         ("one", "two", "127.0.0.1:15000"),
+    ),
+    "a listen address that would have to be looked up": (
+        lambda raw: raw["links"][0].update(listen="tcpout://radio.local:5760"),
+        ("links.0.listen", "radio.local", "in numbers"),
+    ),
+    "a baud rate of nothing": (
+        lambda raw: raw["links"][0].update(listen="serial:///dev/ttyUSB0:0"),
+        ("links.0.listen", "baud"),
+    ),
+    "several ports of a serial device": (
+        lambda raw: raw["links"][0].update(listen="serial:///dev/ttyUSB0:57600", ports=2),
+        ("links.0", "ports = 2"),
+    ),
+    "nowhere to listen": (lambda raw: raw["links"][0].update(listen=[]), ("links.0.listen",)),
+    "one place twice": (
+        lambda raw: raw["links"][0].update(listen=["serial:///dev/a:57600", "serial:///dev/a:9600"]),
+        ("links.0", "twice"),
+    ),
+    "a forward of another kind": (
+        lambda raw: raw["links"][0].update(forward=["tcp://127.0.0.1:14550"]),
+        ("links.0.forward.0", "tcp://127.0.0.1:14550"),
+    ),
+    "a forward to a port that is none": (
+        lambda raw: raw["links"][0].update(forward=[{"url": "udp://127.0.0.1:0"}]),
+        ("links.0.forward.0", "port 0"),
+    ),
+    "a forward to ourselves": (
+        lambda raw: raw["links"][0].update(forward=["udp://127.0.0.1:14540"]),
+        ("one", "udp://127.0.0.1:14540", "ourselves"),
+    ),
+    "a signing link id above a byte": (
+        lambda raw: raw["links"][0].update(signing={"key_file": "k", "link_id": 256}),
+        ("links.0.signing.link_id", "256"),
+    ),
+    "two links that sign alike": (
+        lambda raw: (
+            raw["links"][0].update(signing={"key_file": "k"})
+            or raw["links"].append({**SECOND_LINK, "signing": {"key_file": "k"}})
+        ),
+        ("one", "two", "link_id 0"),
+    ),
+    "recording to nowhere": (lambda raw: raw.update(record={}), ("record.folder", "required")),
+    "a stream rate below 0": (
+        lambda raw: raw["links"][0].update(streams={"position_hz": -1.0}),
+        ("links.0.streams.position_hz", "-1"),
+    ),
+    "more MAVSDK than a process bears": (
+        lambda raw: raw["links"].extend(
+            {
+                "name": f"l{index}",
+                "listen": f"udpin://127.0.0.1:{16000 + index}",
+                "vehicles": {"count": 70, "id_pattern": f"l{index}-{{system_id}}"},
+            }
+            for index in range(8)
+        ),
+        ("17 MAVSDK instances", "16"),
     ),
     "no links": (lambda raw: raw.update(links=[]), ("links", "at least one")),
     "a fence upside down": (

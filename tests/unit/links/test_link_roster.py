@@ -54,3 +54,17 @@ def test_a_vehicle_that_was_silent_may_come_back_from_elsewhere() -> None:
     assert roster.address(3) == B
     assert roster.everybody == (B,)
     assert roster.conflicts(SILENT_AFTER_S + 0.1) == {}
+
+
+def test_an_address_that_is_gone_leaves_its_systems_free_to_come_back_from_anywhere() -> None:
+    roster = Roster([3, 4])
+    roster.hear(3, A, 0.0)
+    roster.hear(4, B, 0.0)
+    roster.forget(A)
+    assert (roster.address(3), roster.everybody) == (None, (B,))
+    assert roster.hear(3, B, 0.1) is Verdict.FIRST
+    assert roster.conflicts(0.1) == {}
+
+
+def test_an_address_without_a_port_is_written_without() -> None:
+    assert str(Address("/dev/ttyUSB0", 0, 0)) == "/dev/ttyUSB0"

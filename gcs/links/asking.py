@@ -1,0 +1,58 @@
+"""Asks the vehicles for their streams: SET_MESSAGE_INTERVAL, a few vehicles at a time."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from pymavlink.dialects.v20 import development as dialect
+
+from gcs.links.heard import Heard
+from gcs.links.mavlink_frames import COMMAND_ACK, SET_MESSAGE_INTERVAL, Frame, acknowledged_component
+from gcs.links.rates import Rates
+
+_PERIOD_S: Final = 0.05
+_VEHICLES_AT_ONCE_MAX: Final = 4  # about a millisecond of the loop's
+_OFF: Final = -1.0
+_COMPONENT_ID: Final = 191
+"""Not MAVSDK's own, which would wonder about answers to what it did not ask."""
+
+
+def interval_frame(target: int, message_id: int, rate_hz: float, station_id: int) -> bytes:
+    """COMMAND_LONG 511; with rate 0 the stream ends."""
+    packer = dialect.MAVLink(None, srcSystem=station_id, srcComponent=_COMPONENT_ID)
+    interval_us = 1e6 / rate_hz if rate_hz else _OFF
+    message = packer.command_long_encode(
+        target, 1, SET_MESSAGE_INTERVAL, 0, message_id, interval_us, 0, 0, 0, 0, 0
+    )
+    return bytes(message.pack(packer))
+
+
+def is_answer(frame: Frame) -> bool:
+    """Whether a frame acknowledges what this module asks for."""
+    return frame.message_id == COMMAND_ACK and acknowledged_component(frame) == _COMPONENT_ID
+
+
+async def keep_asking(
+    heard: Mapping[int, Heard],
+    wanted: Mapping[int, float],
+    station_id: int,
+    is_met: Callable[[int], bool],
+    send: Callable[[bytes], None],
+    clock: Callable[[], float],
+) -> None:
+    """Have the vehicles that are met send what is wanted, as often as wanted, for ever."""
+    rates = Rates(wanted, heard)
+    turn = deque(heard.items())
+    while wanted:
+        asked = 0
+        for _ in range(len(turn)):
+            system_id, of_it = turn[0]
+            turn.rotate(-1)
+            due = tuple(rates.due(system_id, of_it, clock())) if is_met(system_id) else ()
+            for message_id, rate_hz in due:
+                send(interval_frame(system_id, message_id, rate_hz, station_id))
+            asked += bool(due)
+            if asked == _VEHICLES_AT_ONCE_MAX:
+                break
+        await asyncio.sleep(_PERIOD_S)

@@ -1,0 +1,19 @@
+"""Ways to vehicles: UDP, TCP and serial ports behind one small protocol."""
+
+from gcs.links.endpoints.endpoint import Arrival, Endpoint
+from gcs.links.endpoints.making import make
+from gcs.links.endpoints.urls import Listen, Place, SerialPort, TcpIn, TcpOut, UdpOut, occupied, parse
+
+__all__ = [
+    "Arrival",
+    "Endpoint",
+    "Listen",
+    "Place",
+    "SerialPort",
+    "TcpIn",
+    "TcpOut",
+    "UdpOut",
+    "make",
+    "occupied",
+    "parse",
+]

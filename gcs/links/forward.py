@@ -1,0 +1,94 @@
+"""Further ground stations: they see what the vehicles say, and where configured may answer.
+
+Only UDP, which never waits: what a slow or dead station does not take is lost to it, and to nobody else.
+"""
+
+import socket
+from collections.abc import Collection, Iterator
+from typing import Final
+
+from gcs.errors import LinkError
+from gcs.links.mavlink_frames import SETPOINT_MESSAGES, Frame, split, target_system
+from gcs.links.settings import Forward
+from gcs.links.traffic import Counters
+
+_DATAGRAM_BYTES: Final = 1400
+_READS_PER_CALL: Final = 32
+_GARBAGE_PER_CALL_BYTES: Final = 2048
+_SETUP_SIGNING: Final = 256
+_NEVER: Final = SETPOINT_MESSAGES | {_SETUP_SIGNING}
+
+
+def may_pass(frame: Frame, vehicles: Collection[int], own_system_id: int) -> bool:
+    """Whether a frame from another station may go to the vehicle it targets.
+
+    Never setpoints, manual control or a key: the vehicles of a link are flown from here. Never what is for
+    everybody: a heartbeat of theirs would hide from the vehicles that ours has ceased. Never in the name of
+    a vehicle or of this station.
+    """
+    if frame.system_id in vehicles or frame.system_id in (0, own_system_id):
+        return False
+    return frame.message_id not in _NEVER and target_system(frame) in vehicles
+
+
+class Forwarder:
+    """One further station. Everything happens on the loop's thread."""
+
+    def __init__(self, to: Forward, counters: Counters) -> None:
+        """Nothing is opened yet."""
+        self._far = to.address
+        self._read_only = to.read_only
+        self._counters = counters
+        self._socket: socket.socket | None = None
+        self._waiting: list[bytes] = []
+        self._waiting_bytes = 0
+
+    def open(self) -> None:
+        """Raises: LinkError when there is no socket to be had."""
+        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            made.setblocking(False)
+            made.bind(("0.0.0.0", 0))  # noqa: S104  it is reached on whatever address it has
+        except OSError as error:
+            made.close()
+            raise LinkError(f"forward to {self._far[0]}:{self._far[1]}: {error}") from error
+        self._socket = made
+
+    def close(self) -> None:
+        """Send no more."""
+        gone, self._socket = self._socket, None
+        if gone is not None:
+            gone.close()
+
+    def offer(self, raw: bytes) -> None:
+        """Take a frame along; several share a datagram."""
+        if self._waiting_bytes + len(raw) > _DATAGRAM_BYTES:
+            self.flush()
+        self._waiting.append(raw)
+        self._waiting_bytes += len(raw)
+
+    def flush(self) -> None:
+        """Send what was taken along, or lose it."""
+        waiting, self._waiting, self._waiting_bytes = self._waiting, [], 0
+        if self._socket is None or not waiting:
+            return
+        try:
+            self._socket.sendto(b"".join(waiting), self._far)
+        except OSError:  # nobody is there, or they are slow
+            self._counters.not_forwarded += len(waiting)
+        else:
+            self._counters.forwarded += len(waiting)
+
+    def read(self) -> Iterator[Frame]:
+        """What the station itself sent, and nobody else; of one that only reads, nothing."""
+        if self._socket is None or self._read_only:
+            return
+        for _ in range(_READS_PER_CALL):
+            try:
+                data, sender = self._socket.recvfrom(65535)
+            except BlockingIOError:
+                return
+            except OSError:  # an ICMP error of an earlier send
+                continue
+            if sender == self._far:
+                yield from split(data, garbage_max_bytes=_GARBAGE_PER_CALL_BYTES).frames

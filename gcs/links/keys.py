@@ -1,0 +1,151 @@
+"""The signing key's file, and beside it the newest time that was signed: it never goes back."""
+
+import logging
+import os
+from base64 import b64decode
+from binascii import Error as Base64Error
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from stat import S_IRWXG, S_IRWXO
+from threading import Event, Thread
+from time import time as wall_time_s
+from typing import Final
+
+from gcs.errors import ConfigError, LinkError
+from gcs.links.mavlink_frames import Frame
+from gcs.links.signing import KEY_BYTES, TIME_MAX, UNITS_PER_S, Judgement, Signer, signing_time
+
+log = logging.getLogger(__name__)
+
+_AHEAD_UNITS: Final = 60 * UNITS_PER_S
+"""The file holds a time that is not reached yet, so that a crash never brings one back."""
+
+_LOOK_S: Final = 1.0
+
+
+def load_key(path: Path) -> bytes:
+    """32 bytes: as they are, or written in hex or base64. Raises: ConfigError naming file and length."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(4096)
+            mode = os.fstat(file.fileno()).st_mode
+    except OSError as error:
+        raise ConfigError(f"{path}: the signing key cannot be read: {error.strerror}") from None
+    if mode & (S_IRWXG | S_IRWXO):
+        log.warning("key_file_open", extra={"file": str(path), "mend": f"chmod 600 {path}"})
+    for key in (data, _decoded(data)):
+        if len(key) == KEY_BYTES:
+            return key
+    raise ConfigError(
+        f"{path}: {len(data)} bytes; a signing key is {KEY_BYTES} bytes, or those in hex or base64"
+    )
+
+
+def create_key(path: Path) -> None:
+    """Write a new key, in hex, readable for nobody else. Raises: ConfigError; it overwrites nothing."""
+    try:
+        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be made: {error.strerror}") from None
+    with os.fdopen(file, "w", encoding="ascii") as opened:
+        opened.write(os.urandom(KEY_BYTES).hex() + "\n")
+
+
+class Signing:
+    """A signer whose time survives the process.
+
+    `open` and `close` wait for a disk: in turn, on any thread but the loop's.
+    """
+
+    def __init__(
+        self, key_file: Path, link_id: int, *, wall_clock: Callable[[], float] = wall_time_s
+    ) -> None:
+        """Read the key. Raises: ConfigError."""
+        self._key = load_key(key_file)
+        self._link_id = link_id
+        self._wall_clock = wall_clock
+        self._file = key_file.with_name(f"{key_file.name}.link{link_id}.time")
+        self._signer = Signer(self._key, link_id, start=0, clock=self._now)
+        self._reserved = 0
+        self._failed = False
+        self._closed = Event()
+        self._keeper: Thread | None = None
+
+    def open(self) -> None:
+        """Go on where the last process ended. Raises: LinkError when the file cannot be read or written."""
+        start = max(self._signer.time, _stored(self._file), self._now())
+        try:
+            self._reserve(start + _AHEAD_UNITS)
+        except OSError as error:
+            raise LinkError(f"{self._file}: the time of signatures cannot be kept: {error}") from error
+        self._signer.begin(start)
+        self._closed.clear()
+        self._keeper = Thread(target=self._keep, name=f"signing/{self._link_id}", daemon=True)
+        self._keeper.start()
+
+    def close(self) -> None:
+        """Nothing is signed any more; the next process may begin right here."""
+        if self._keeper is not None:
+            self._closed.set()
+            self._keeper.join()
+            self._keeper = None
+            with suppress(OSError):  # a later time stands there, which is right too
+                self._reserve(self._signer.time)
+
+    def sign(self, raw: bytes) -> bytes | None:
+        """See `Signer.sign`."""
+        return self._signer.sign(raw)
+
+    def judge(self, frame: Frame) -> Judgement:
+        """See `Signer.judge`."""
+        return self._signer.judge(frame)
+
+    def _now(self) -> int:
+        return signing_time(self._wall_clock())
+
+    def _keep(self) -> None:
+        while not self._closed.wait(_LOOK_S):
+            if self._signer.time > self._reserved - _AHEAD_UNITS // 2:
+                try:
+                    self._reserve(self._signer.time + _AHEAD_UNITS)
+                except OSError as error:
+                    if not self._failed:  # flying goes on, and so does the time in this process
+                        log.error("signing_time_not_kept", extra={"cause": str(error)})
+                    self._failed = True
+                else:
+                    self._failed = False
+
+    def _reserve(self, time: int) -> None:
+        """Put a time into the file, whole or not at all."""
+        time = min(time, TIME_MAX)
+        new = self._file.with_name(f"{self._file.name}.new")
+        with new.open("w", encoding="ascii") as file:
+            file.write(f"{time}\n")
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(self._file)
+        self._reserved = time
+
+
+def _decoded(data: bytes) -> bytes:
+    """From hex or base64, with white space around it; empty when it is neither."""
+    text = data.strip()
+    with suppress(ValueError):
+        return bytes.fromhex(text.decode("ascii"))
+    with suppress(Base64Error, ValueError):
+        return b64decode(text, validate=True)
+    return b""
+
+
+def _stored(file: Path) -> int:
+    """The time in the file; 0 when there is none. Raises: LinkError."""
+    try:
+        text = file.read_text(encoding="ascii").strip()
+    except FileNotFoundError:
+        return 0
+    except (OSError, UnicodeDecodeError) as error:
+        raise LinkError(f"{file}: the time of signatures cannot be read: {error}") from error
+    if not text.isdecimal() or int(text) > TIME_MAX:
+        raise LinkError(f"{file}: holds no time of signatures")
+    return int(text)

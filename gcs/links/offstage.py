@@ -1,0 +1,40 @@
+"""What a link keeps open on other threads than the loop's: MAVSDK, the recording, the signatures' time."""
+
+from threading import Lock
+
+from gcs.links.keys import Signing
+from gcs.links.mavsdk_shards import MavsdkShards
+from gcs.links.recorder import Recorder
+
+
+class Offstage:
+    """One run of a link. A thread cannot be cancelled, so `close` waits for `open`, or forestalls it."""
+
+    def __init__(self, fleet: MavsdkShards, recorder: Recorder | None, signing: Signing | None) -> None:
+        """Nothing is opened yet."""
+        self._fleet = fleet
+        self._recorder = recorder
+        self._signing = signing
+        self._lock = Lock()
+        self._closed = False
+
+    def open(self) -> None:
+        """Signatures first: nothing leaves without. Blocks. Raises: LinkError."""
+        with self._lock:
+            if self._closed:
+                return
+            if self._signing is not None:
+                self._signing.open()
+            if self._recorder is not None:
+                self._recorder.open()
+            self._fleet.open()
+
+    def close(self) -> None:
+        """End what sends first, so that the last frames are recorded too. Blocks."""
+        with self._lock:
+            self._closed = True
+            self._fleet.destroy()
+            if self._recorder is not None:
+                self._recorder.close()
+            if self._signing is not None:
+                self._signing.close()

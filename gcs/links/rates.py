@@ -1,0 +1,94 @@
+"""Which streams the vehicles are asked for, and whether they do as asked. No I/O.
+
+A vehicle is asked when it is first heard, after a silence, and when its boot clock jumped back; then again
+for streams that do not come as asked: an autopilot forgets them when it restarts, and says so to nobody.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Final
+
+from gcs.links.heard import Heard
+from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, SYS_STATUS
+from gcs.links.settings import StreamSettings
+
+BATTERY_STATUS: Final = 147
+EXTENDED_SYS_STATE: Final = 245
+GPS_RAW_INT: Final = 24
+
+NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141, 331})
+"""Frequent, and nothing here reads them: attitudes, local position, servos, HUD, targets, IMU, clocks, range,
+altitude, odometry."""
+
+_SILENT_S: Final = 3.0
+_SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it meets a vehicle; ours come after
+_WINDOW_S: Final = 4.0
+_PAUSE_MAX_S: Final = 60.0
+_FRAMES_MIN: Final = 4  # in a window; rarer streams are not judged
+
+
+def wanted(streams: StreamSettings, tick_rate_hz: float) -> dict[int, float]:
+    """Rate of every message that is asked for; 0 is not at all."""
+    return {
+        GLOBAL_POSITION_INT: tick_rate_hz if streams.position_hz is None else streams.position_hz,
+        EXTENDED_SYS_STATE: streams.state_hz,
+        SYS_STATUS: min(streams.state_hz, 2.0),
+        GPS_RAW_INT: min(streams.state_hz, 2.0),
+        BATTERY_STATUS: 0.5,
+        **dict.fromkeys(sorted(NOT_NEEDED), streams.others_hz),
+    }
+
+
+class _Asked:
+    """What is known of one vehicle's obedience."""
+
+    def __init__(self) -> None:
+        self.boots = 0
+        self.silent = True
+        self.all_due = False
+        self.look_s = 0.0
+        self.pause_s = _WINDOW_S
+        self.began_s = 0.0
+        self.counts: dict[int, int] = {}
+
+
+class Rates:
+    """When which vehicle is to be asked for what."""
+
+    def __init__(self, wanted: Mapping[int, float], system_ids: Iterable[int]) -> None:
+        """`wanted`: Hz of each message."""
+        self._wanted = dict(wanted)
+        self._asked = {system_id: _Asked() for system_id in system_ids}
+
+    def due(self, system_id: int, heard: Heard, now_s: float) -> Iterator[tuple[int, float]]:
+        """The messages, with their rates, to ask this vehicle for now: mostly none."""
+        asked = self._asked[system_id]
+        if now_s - heard.heartbeat_time_s > _SILENT_S:
+            asked.silent = True
+            return
+        if asked.silent or asked.boots != heard.boots:
+            asked.silent, asked.boots, asked.pause_s = False, heard.boots, _WINDOW_S
+            asked.all_due, asked.look_s = True, now_s + _SETTLE_S
+        elif now_s < asked.look_s:
+            return
+        elif asked.all_due:
+            asked.all_due = False
+            yield from self._wanted.items()
+            self._watch(asked, heard, now_s)
+        else:
+            wrong = [each for each in self._wanted.items() if self._is_wrong(asked, heard, each, now_s)]
+            asked.pause_s = min(2 * asked.pause_s, _PAUSE_MAX_S) if wrong else _WINDOW_S
+            yield from wrong
+            self._watch(asked, heard, now_s)
+
+    def _watch(self, asked: _Asked, heard: Heard, now_s: float) -> None:
+        asked.look_s, asked.began_s = now_s + asked.pause_s, now_s
+        asked.counts = {message_id: heard.counts[message_id] for message_id in self._wanted}
+
+    def _is_wrong(self, asked: _Asked, heard: Heard, wanted: tuple[int, float], now_s: float) -> bool:
+        message_id, rate_hz = wanted
+        window_s = now_s - asked.began_s
+        came = heard.counts[message_id] - asked.counts[message_id]
+        if rate_hz == 0:
+            return came > _FRAMES_MIN
+        expected = rate_hz * window_s
+        return expected >= _FRAMES_MIN and not expected / 2 <= came <= expected * 2

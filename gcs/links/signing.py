@@ -1,0 +1,110 @@
+"""MAVLink 2 signatures, without I/O: https://mavlink.io/en/guide/message_signing.html."""
+
+import hmac
+from collections.abc import Callable
+from enum import Enum, auto
+from hashlib import sha256
+from typing import Final
+
+from gcs.links.mavlink_frames import Frame, checksum, crc_extra, is_signed
+
+KEY_BYTES: Final = 32
+EPOCH_S: Final = 1_420_070_400  # 2015-01-01 in Unix time; a signature's time counts 10 us from here
+UNITS_PER_S: Final = 100_000
+TIME_MAX: Final = (1 << 48) - 1
+
+_STREAM_LATE_UNITS: Final = 60 * UNITS_PER_S
+"""A sender not heard before may be this much behind the newest time known; as the standard says."""
+
+_STREAMS_MAX: Final = 4096
+_SIGNED: Final = 0x01
+_MAGIC_1: Final = 0xFE
+_MAGIC_2: Final = 0xFD
+_SIGNATURE_BYTES: Final = 13
+_HASH_BYTES: Final = 6
+
+
+def signing_time(unix_s: float) -> int:
+    """A signature's time; the first one for what lies before 2015."""
+    return min(TIME_MAX, max(0, round((unix_s - EPOCH_S) * UNITS_PER_S)))
+
+
+class Judgement(Enum):
+    """What a signature, or its absence, says of a frame."""
+
+    GOOD = auto()
+    UNSIGNED = auto()
+    WRONG = auto()
+    REPLAYED = auto()
+
+
+class Signer:
+    """Signs what is sent, each later than the last; judges what comes, each later than its sender's last.
+
+    One thread at a time for `sign`, one for `judge`; both may run at once, for each writes a time of its own.
+    """
+
+    def __init__(self, key: bytes, link_id: int, *, start: int, clock: Callable[[], int]) -> None:
+        """No signature will be older than `start`. `clock` gives the time now, as `signing_time` does."""
+        self._key = key
+        self._link_id = link_id
+        self._clock = clock
+        self._sent_time = start
+        self._heard_time = 0
+        self._streams: dict[tuple[int, int, int], int] = {}
+
+    def begin(self, start: int) -> None:
+        """Sign nothing older than `start` from now on. Before `sign` is called, or between two calls."""
+        self._sent_time = max(self._sent_time, start)
+
+    @property
+    def time(self) -> int:
+        """The newest time used or heard; what is signed next is newer."""
+        return max(self._sent_time, self._heard_time)
+
+    def sign(self, raw: bytes) -> bytes | None:
+        """One whole frame, signed; as it is when it was, None when its checksum cannot be known.
+
+        MAVLink 1 has no signatures: such a frame becomes MAVLink 2.
+        """
+        if raw[0] == _MAGIC_1:
+            raw = _as_version_2(raw)
+        if raw[2] & _SIGNED:
+            return raw
+        extra = crc_extra(int.from_bytes(raw[7:10], "little"))
+        if extra is None:
+            return None
+        body = bytes((*raw[1:2], raw[2] | _SIGNED, *raw[3:10])) + raw[10:-2]
+        checked = checksum(body + bytes((extra,))).to_bytes(2, "little")
+        # our clock may be behind theirs: what we sign must not look old to them
+        self._sent_time = min(TIME_MAX, max(self._sent_time + 1, self._heard_time + 1, self._clock()))
+        stamp = bytes((self._link_id,)) + self._sent_time.to_bytes(6, "little")
+        signed = bytes((_MAGIC_2,)) + body + checked + stamp
+        return signed + sha256(self._key + signed).digest()[:_HASH_BYTES]
+
+    def judge(self, frame: Frame) -> Judgement:
+        """Whether a frame, its checksum right, comes from somebody who has the key, for the first time."""
+        if not is_signed(frame):
+            return Judgement.UNSIGNED
+        raw = frame.raw
+        expected = sha256(self._key + raw[:-_HASH_BYTES]).digest()[:_HASH_BYTES]
+        if not hmac.compare_digest(expected, raw[-_HASH_BYTES:]):
+            return Judgement.WRONG
+        stamp = raw[-_SIGNATURE_BYTES:-_HASH_BYTES]
+        time = int.from_bytes(stamp[1:], "little")
+        stream = (frame.system_id, frame.component_id, stamp[0])
+        last = self._streams.get(stream)
+        if last is None:
+            if len(self._streams) >= _STREAMS_MAX or time + _STREAM_LATE_UNITS < self.time:
+                return Judgement.REPLAYED
+        elif time <= last:
+            return Judgement.REPLAYED
+        self._streams[stream] = time
+        self._heard_time = max(self._heard_time, time)
+        return Judgement.GOOD
+
+
+def _as_version_2(raw: bytes) -> bytes:
+    """The same message; the checksum is left to whoever signs it."""
+    payload = raw[6:-2].rstrip(b"\0") or raw[6:-2][:1]
+    return bytes((_MAGIC_2, len(payload), 0, 0, *raw[2:5], raw[5], 0, 0)) + payload + b"\0\0"

@@ -1,0 +1,54 @@
+import pytest
+
+from gcs.errors import ConfigError
+from gcs.links.endpoints import Listen, Place, SerialPort, TcpIn, TcpOut, UdpOut, make, occupied, parse
+
+
+@pytest.mark.parametrize(
+    ("url", "ports", "place", "taken"),
+    [
+        ("udpin://127.0.0.1:14540", 2, Listen("127.0.0.1", 14540, 2), ("127.0.0.1:14540", "127.0.0.1:14541")),
+        ("udpin://localhost:65535", 1, Listen("127.0.0.1", 65535), ("127.0.0.1:65535",)),
+        ("udpout://10.0.0.7:14580", 3, UdpOut("10.0.0.7", 14580, 3), ()),
+        ("tcpin://127.0.0.1:5760", 1, TcpIn("127.0.0.1", 5760), ("127.0.0.1:5760 (TCP)",)),
+        ("tcpout://10.0.0.7:5760", 1, TcpOut("10.0.0.7", 5760), ()),
+        ("serial:///dev/ttyACM0:921600", 1, SerialPort("/dev/ttyACM0", 921600), ("/dev/ttyACM0",)),
+    ],
+)
+def test_a_url_is_a_place(url: str, ports: int, place: Place, taken: tuple[str, ...]) -> None:
+    assert parse(url, ports) == place
+    assert occupied(place) == taken
+
+
+@pytest.mark.parametrize(
+    ("url", "ports", "cause"),
+    [
+        ("", 1, "is needed"),
+        ("udp://127.0.0.1:14540", 1, "udpin://HOST:PORT"),
+        ("udpin://127.0.0.1", 1, "is needed"),
+        ("udpin://127.0.0.1:0", 1, "ports 0 to 0"),
+        ("udpin://127.0.0.1:65535", 2, "65535 to 65536"),
+        ("udpin://127.0.0.256:14540", 1, "in numbers"),
+        ("udpout://drone.local:14540", 1, "in numbers"),
+        ("tcpin://127.0.0.1:5760", 2, "only udpin and udpout"),
+        ("serial:///dev/ttyUSB0:57600", 2, "only udpin and udpout"),
+        ("serial:///dev/ttyUSB0", 1, "is needed"),
+        ("serial:///dev/ttyUSB0:300", 1, "baud"),
+    ],
+)
+def test_what_is_no_place_is_refused_by_name(url: str, ports: int, cause: str) -> None:
+    with pytest.raises(ConfigError, match=cause) as refused:
+        parse(url, ports)
+    assert str(refused.value).startswith(f"{url}: ")
+
+
+def test_every_port_has_an_endpoint_and_only_those_with_a_far_end_may_be_spoken_to_first() -> None:
+    places: list[Place] = [
+        Listen("127.0.0.1", 14540, 2),
+        UdpOut("10.0.0.7", 14580, 2),
+        TcpOut("10.0.0.7", 5760),
+    ]
+    endpoints = make("link", places)
+    assert len(endpoints) == 5
+    standing = [address for endpoint in endpoints for address in endpoint.standing]
+    assert standing == [("10.0.0.7", 14580, 2), ("10.0.0.7", 14581, 3)]

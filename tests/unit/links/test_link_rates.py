@@ -1,0 +1,72 @@
+import pytest
+
+from gcs.links.heard import Heard
+from gcs.links.rates import Rates, wanted
+from gcs.links.settings import StreamSettings
+
+WANTED = {33: 20.0, 147: 0.5, 30: 0.0}
+ALL = list(WANTED.items())
+
+
+class Vehicle:
+    """Sends at some rates; time passes with `run`."""
+
+    def __init__(self) -> None:
+        self.heard = Heard()
+        self.rates = Rates(WANTED, [1])
+        self.now_s = 100.0
+        self.sends_hz = dict(WANTED)
+        self.speaks = True
+        self._sent = dict.fromkeys(WANTED, 0.0)
+
+    def run(self, seconds: float) -> list[tuple[int, float]]:
+        asked: list[tuple[int, float]] = []
+        for _ in range(round(seconds / 0.05)):
+            self.now_s += 0.05
+            if self.speaks:
+                self.heard.heartbeat_time_s = self.now_s
+                for message_id, rate_hz in self.sends_hz.items():
+                    self._sent[message_id] += rate_hz * 0.05
+                    self.heard.counts[message_id] = int(self._sent[message_id])
+            asked += self.rates.due(1, self.heard, self.now_s)
+        return asked
+
+
+def test_nobody_is_asked_before_being_heard_and_who_is_heard_is_asked_for_all_once() -> None:
+    vehicle = Vehicle()
+    vehicle.speaks = False
+    assert vehicle.run(10.0) == []
+    vehicle.speaks = True
+    assert vehicle.run(300.0) == ALL
+
+
+def test_who_restarted_or_was_silent_is_asked_again() -> None:
+    vehicle = Vehicle()
+    assert vehicle.run(2.0) == ALL
+    vehicle.heard.boots += 1
+    assert vehicle.run(2.0) == ALL
+    vehicle.speaks = False
+    vehicle.run(5.0)
+    vehicle.speaks = True
+    assert vehicle.run(2.0) == ALL
+
+
+@pytest.mark.parametrize(("message_id", "rate_hz"), [(33, 60.0), (33, 0.0), (30, 20.0)])
+def test_a_wrong_rate_is_asked_for_again_ever_more_seldom(message_id: int, rate_hz: float) -> None:
+    vehicle = Vehicle()
+    vehicle.sends_hz[message_id] = rate_hz
+    assert vehicle.run(2.0) == ALL
+    again = vehicle.run(30.0)
+    assert set(again) == {(message_id, WANTED[message_id])}
+    assert 2 <= len(again) <= 4
+    assert len(vehicle.run(600.0)) <= 12
+    vehicle.sends_hz = dict(WANTED)
+    vehicle.run(130.0)
+    assert vehicle.run(600.0) == []
+
+
+def test_what_is_wanted_follows_the_tick_unless_configured() -> None:
+    assert wanted(StreamSettings(), 50.0)[33] == 50.0
+    assert wanted(StreamSettings(position_hz=10.0), 50.0)[33] == 10.0
+    rates_hz = wanted(StreamSettings(others_hz=2.0), 20.0)
+    assert (rates_hz[30], rates_hz[245], rates_hz[1]) == (2.0, 5.0, 2.0)

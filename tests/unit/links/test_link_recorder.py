@@ -1,0 +1,140 @@
+import os
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import common as dialect
+
+from gcs.links.recorder import Recorder, record
+from gcs.links.traffic import Counters, Direction
+
+
+def a_recorder(folder: Path, name: str = "radio") -> tuple[Recorder, Counters]:
+    counters = Counters()
+    return Recorder(folder, name, counters, time.monotonic), counters
+
+
+def frames(count: int) -> list[bytes]:
+    packer = dialect.MAVLink(None, srcSystem=3, srcComponent=1)
+    made = []
+    for index in range(count):
+        packer.seq = index % 256
+        made.append(bytes(dialect.MAVLink_system_time_message(index, index).pack(packer)))
+    return made
+
+
+def read(path: Path) -> list[Any]:
+    log = mavutil.mavlink_connection(str(path))
+    messages = []
+    while (message := log.recv_match()) is not None:
+        messages.append(message)
+    log.close()
+    return messages
+
+
+def test_a_record_is_a_time_and_the_frame() -> None:
+    assert record(0x0102030405060708, b"\xfd\x00") == b"\x01\x02\x03\x04\x05\x06\x07\x08\xfd\x00"
+
+
+def test_pymavlink_reads_every_frame_in_order_and_its_time(tmp_path: Path) -> None:
+    recorder, counters = a_recorder(tmp_path)
+    recorder.open()
+    began_s = time.time()
+    for raw in frames(3000):
+        recorder.record(time.monotonic(), Direction.SENT, raw, 3)
+    recorder.close()
+    assert recorder.path is not None
+    messages = read(recorder.path)
+    assert [message.time_boot_ms for message in messages] == list(range(3000))
+    times_s = [message._timestamp for message in messages]
+    assert times_s == sorted(times_s)
+    assert began_s - 1 < times_s[0] <= times_s[-1] < time.time() + 1
+    assert (counters.recorded, counters.not_recorded) == (3000, 0)
+
+
+def test_an_arrival_dated_back_does_not_turn_the_order(tmp_path: Path) -> None:
+    recorder, _ = a_recorder(tmp_path)
+    recorder.open()
+    now_s = time.monotonic()
+    for age_s, raw in zip((0.0, 0.2, 0.1), frames(3), strict=True):
+        recorder.record(now_s - age_s, Direction.RECEIVED, raw, 3)
+    recorder.close()
+    assert recorder.path is not None
+    messages = read(recorder.path)
+    assert [message.time_boot_ms for message in messages] == [0, 1, 2]
+    assert len({message._timestamp for message in messages}) == 1
+
+
+def test_two_of_one_second_have_two_files_and_any_name_will_do(tmp_path: Path) -> None:
+    for _ in range(2):
+        recorder, _ = a_recorder(tmp_path / "new" / "folder", "radio/7 ü")
+        recorder.open()
+        recorder.record(0.0, Direction.SENT, frames(1)[0], 3)
+        recorder.close()
+    assert len(list((tmp_path / "new" / "folder").glob("*-radio_7__*.tlog"))) == 2
+
+
+def test_nothing_is_written_before_there_is_something(tmp_path: Path) -> None:
+    recorder, _ = a_recorder(tmp_path)
+    recorder.record(0.0, Direction.SENT, frames(1)[0], 3)
+    recorder.open()
+    recorder.close()
+    recorder.record(0.0, Direction.SENT, frames(1)[0], 3)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_had_is_said_once_and_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").touch()
+    recorder, counters = a_recorder(tmp_path / "file")
+    recorder.open()
+    for raw in frames(5):
+        recorder.record(0.0, Direction.SENT, raw, 3)
+        recorder._write_once()
+    recorder.close()
+    assert (counters.recorded, counters.not_recorded) == (0, 5)
+    assert [record.msg for record in caplog.records] == ["recording_failed"]
+
+
+def test_a_full_disk_loses_whole_frames_and_the_file_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder, counters = a_recorder(tmp_path)
+    sent = frames(6)
+    write = os.write
+    room = 70  # two of them and a half
+
+    def limited(file: int, data: bytes) -> int:
+        nonlocal room
+        if room <= 0:
+            raise OSError(28, "No space left on device")
+        written: int = write(file, data[:room])
+        room -= written
+        return written
+
+    monkeypatch.setattr("gcs.links.recorder.os.write", limited)
+    recorder._writer = threading.current_thread()  # its turns are taken here
+    for index, raw in enumerate(sent):
+        recorder.record(float(index), Direction.SENT, raw, 3)
+        if index == 4:
+            room = 1000
+        recorder._write_once()
+    recorder._end_file()
+    assert recorder.path is not None
+    assert [message.time_boot_ms for message in read(recorder.path)] == [0, 1, 4, 5]
+    assert (counters.recorded, counters.not_recorded) == (4, 2)
+
+
+def test_more_than_the_disk_takes_is_counted_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gcs.links.recorder._QUEUE_MAX_BYTES", 100)
+    recorder, counters = a_recorder(tmp_path)
+    recorder._writer = threading.current_thread()  # which never comes to writing
+    for raw in frames(50):
+        recorder.record(0.0, Direction.SENT, raw, 3)
+    assert counters.not_recorded > 40

@@ -1,0 +1,283 @@
+"""UDP out, TCP and serial: reached, lost, found again; frames cut in two; nothing ever waits."""
+
+import asyncio
+import os
+import pty
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+from link_bench import until
+from machine import free_ports
+from wire_bench import a_socket, arrived, beat, bench, command, setpoint
+
+from gcs.errors import LinkError
+from gcs.links.endpoints import SerialPort, TcpIn, TcpOut, UdpOut
+
+pytestmark = pytest.mark.xdist_group("wire")
+
+
+def free_tcp_port() -> int:
+    port: int = free_ports()
+    with closing(socket.socket()) as probe:
+        probe.bind(("127.0.0.1", port))
+    return port
+
+
+def listening(port: int) -> socket.socket:
+    made = socket.socket()
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    made.bind(("127.0.0.1", port))
+    made.listen()
+    made.setblocking(False)
+    return made
+
+
+async def accepted(listener: socket.socket) -> socket.socket:
+    async with asyncio.timeout(30):
+        connection, _ = await asyncio.get_running_loop().sock_accept(listener)
+    return connection
+
+
+async def connected(port: int) -> socket.socket:
+    made = socket.socket()
+    made.setblocking(False)
+    async with asyncio.timeout(30):
+        await asyncio.get_running_loop().sock_connect(made, ("127.0.0.1", port))
+    return made
+
+
+async def received(sock: socket.socket, size: int) -> bytes:
+    """That many bytes."""
+    data = b""
+    async with asyncio.timeout(30):
+        while len(data) < size:
+            data += await asyncio.get_running_loop().sock_recv(sock, size - len(data))
+    return data
+
+
+def test_udp_out_speaks_first_and_hears_nobody_else() -> None:
+    async def main() -> None:
+        with a_socket() as vehicle, a_socket() as other:
+            place = UdpOut("127.0.0.1", vehicle.getsockname()[1])
+            async with bench(1, listen=place) as made:
+                made.wire.send(beat(245))
+                async with asyncio.timeout(30):
+                    data, ground = await asyncio.get_running_loop().sock_recvfrom(vehicle, 2048)
+                assert data == beat(245)
+                other.sendto(beat(1), ground)
+                vehicle.sendto(beat(1), ground)
+                await until(lambda: made.delivered)
+                made.wire.send(command(1) + beat(245))
+                assert await arrived(vehicle) == command(1)
+                assert await arrived(vehicle) == beat(245)
+                assert len(made.delivered) == 1
+
+    asyncio.run(main())
+
+
+def test_a_tcp_client_finds_its_server_whenever_it_comes_and_comes_back() -> None:
+    async def main() -> None:
+        port = free_tcp_port()
+        async with bench(1, listen=TcpOut("127.0.0.1", port)) as made:
+            made.wire.send(command(1))
+            await asyncio.sleep(0.1)
+            for turn in range(1, 3):
+                with closing(listening(port)) as listener, closing(await accepted(listener)) as vehicle:
+                    vehicle.send(beat(1))
+                    await until(lambda: made.wire.address(1) is not None)
+                    assert len(made.delivered) == turn
+                    made.wire.send(command(1))
+                    assert await received(vehicle, len(command(1))) == command(1)
+                await until(lambda: made.wire.address(1) is None)
+
+    asyncio.run(main())
+
+
+def test_a_frame_cut_anywhere_is_put_together() -> None:
+    async def main() -> None:
+        port = free_tcp_port()
+        async with bench(1, 2, listen=TcpIn("127.0.0.1", port)) as made:
+            with closing(await connected(port)) as vehicle:
+                data = b"\x00\xfd" + beat(1) + beat(2) + b"\xfe\x09" + beat(1)
+                for byte in data:
+                    vehicle.send(bytes((byte,)))
+                    made.wire.receive()
+                vehicle.send(bytes(300))  # what looks like a beginning is one until it cannot be any more
+                await until(lambda: len(made.delivered) == 3)
+                assert [frame.system_id for frame in made.delivered] == [1, 2, 1]
+                assert made.wire.counters.garbage_bytes >= 4
+
+    asyncio.run(main())
+
+
+def test_a_tcp_server_serves_several_and_a_vehicle_that_comes_back_from_another_port() -> None:
+    async def main() -> None:
+        port = free_tcp_port()
+        async with bench(1, 2, listen=TcpIn("127.0.0.1", port)) as made:
+            with closing(await connected(port)) as staying:
+                staying.send(beat(2))
+                with closing(await connected(port)) as going:
+                    going.send(beat(1))
+                    await until(lambda: len(made.delivered) == 2)
+                    made.wire.send(command(1) + command(2))
+                    assert await received(going, len(command(1))) == command(1)
+                    assert await received(staying, len(command(2))) == command(2)
+                await until(lambda: made.wire.address(1) is None)
+                with closing(await connected(port)) as back:
+                    back.send(beat(1))
+                    await until(lambda: len(made.delivered) == 3)
+                    assert made.wire.conflicts() == {}
+                    made.wire.send(command(1))
+                    assert await received(back, len(command(1))) == command(1)
+
+    asyncio.run(main())
+
+
+def test_a_tcp_port_in_use_is_named() -> None:
+    async def main() -> None:
+        port = free_tcp_port()
+        with closing(listening(port)), pytest.raises(LinkError, match=f"TCP port {port} on 127.0.0.1"):
+            async with bench(1, listen=TcpIn("127.0.0.1", port)):
+                pass
+
+    asyncio.run(main())
+
+
+def test_who_does_not_read_loses_whole_frames_and_delays_nobody() -> None:
+    async def main() -> None:
+        port = free_tcp_port()
+        async with bench(1, listen=TcpIn("127.0.0.1", port)) as made:
+            with closing(await connected(port)) as slow:
+                slow.send(beat(1))
+                await until(lambda: made.delivered)
+                made.deadman.refresh([1], time.monotonic() + 60.0)
+                slowest_s = 0.0
+                sent = 0
+                while made.wire.counters.no_room < 1000:
+                    began_s = time.thread_time()
+                    made.wire.send(command(1))
+                    slowest_s = max(slowest_s, time.thread_time() - began_s)
+                    sent += 1
+                    assert sent < 1_000_000
+                refused = made.wire.counters.setpoints_sent
+                made.wire.send(setpoint(1))
+                assert made.wire.counters.setpoints_sent == refused, "a setpoint waits behind others"
+                assert slowest_s < 0.05
+                whole = sent - made.wire.counters.no_room
+                data = await received(slow, whole * len(command(1)))
+                assert data == command(1) * whole
+
+    asyncio.run(main())
+
+
+class Cable:
+    """A pseudo terminal whose near end lies at a path of its own, so that it can be pulled and put back."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.master = -1
+
+    def plug(self) -> None:
+        self.master, near = pty.openpty()
+        os.set_blocking(self.master, False)
+        self.path.symlink_to(os.ttyname(near))
+        self._near = near
+
+    def pull(self) -> None:
+        if self.master < 0:
+            return
+        os.close(self._near)
+        os.close(self.master)
+        self.path.unlink()
+        self.master = -1
+
+    def write(self, data: bytes) -> None:
+        os.write(self.master, data)
+
+    def read(self) -> bytes:
+        try:
+            return os.read(self.master, 4096)
+        except BlockingIOError:
+            return b""
+
+
+@contextmanager
+def cable(folder: Path) -> Iterator[Cable]:
+    made = Cable(folder / "ttyTEST")
+    made.plug()
+    try:
+        yield made
+    finally:
+        made.pull()
+
+
+async def said(line: Cable, size: int) -> bytes:
+    data = b""
+    async with asyncio.timeout(30):
+        while len(data) < size:
+            data += line.read()
+            await asyncio.sleep(0.005)
+    return data
+
+
+def test_a_serial_port_carries_frames_both_ways(tmp_path: Path) -> None:
+    async def main() -> None:
+        with cable(tmp_path) as line:
+            async with bench(1, 2, listen=SerialPort(str(line.path), 57600)) as made:
+                made.wire.send(beat(245))
+                assert await said(line, len(beat(245))) == beat(245)
+                line.write(b"\x13\x11\r\n" + beat(1)[:7])
+                await asyncio.sleep(0.05)
+                line.write(beat(1)[7:] + beat(2))
+                await until(lambda: len(made.delivered) == 2)
+                made.wire.send(command(2))
+                assert await said(line, len(command(2))) == command(2)
+                assert made.wire.counters.garbage_bytes == 4
+                assert str(made.wire.address(1)) == str(line.path)
+
+    asyncio.run(main())
+
+
+def test_a_serial_port_that_is_pulled_out_and_put_back_is_found(tmp_path: Path) -> None:
+    async def main() -> None:
+        with cable(tmp_path) as line:
+            async with bench(1, listen=SerialPort(str(line.path), 57600)) as made:
+                line.write(beat(1))
+                await until(lambda: made.delivered)
+                line.pull()
+                await until(lambda: made.wire.address(1) is None)
+                made.wire.send(command(1) + beat(245))
+                line.plug()
+                async with asyncio.timeout(30):
+                    while len(made.delivered) < 2:
+                        line.write(beat(1))
+                        await asyncio.sleep(0.1)
+                made.wire.send(command(1))
+                await said(line, len(command(1)))
+
+    asyncio.run(main())
+
+
+def test_a_serial_port_that_is_not_there_is_waited_for(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def main() -> None:
+        line = Cable(tmp_path / "ttyTEST")
+        async with bench(1, listen=SerialPort(str(line.path), 57600)) as made:
+            await asyncio.sleep(1.3)
+            line.plug()
+            try:
+                async with asyncio.timeout(30):
+                    while not made.delivered:
+                        line.write(beat(1))
+                        await asyncio.sleep(0.1)
+            finally:
+                line.pull()
+        assert [record.msg for record in caplog.records].count("cannot_connect") == 1
+
+    with caplog.at_level("INFO"):
+        asyncio.run(main())

@@ -1,0 +1,159 @@
+"""Signatures on the wire: nothing unsigned comes in, nothing leaves without."""
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from link_bench import Ticks, do, ready, running, until
+from link_peer import Peer
+from machine import free_ports
+from pymavlink.dialects.v20 import common as dialect
+from wire_bench import a_socket, arrived, beat, bench, command
+
+from gcs.frames import ShowFrame
+from gcs.links import Verb
+from gcs.links.endpoints import Listen
+from gcs.links.keys import Signing
+from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.settings import Forward
+
+pytestmark = pytest.mark.xdist_group("wire")
+
+KEY = bytes(range(32))
+
+
+@pytest.fixture
+def signing(tmp_path: Path) -> Iterator[Signing]:
+    file = tmp_path / "key"
+    file.write_bytes(KEY)
+    file.chmod(0o600)
+    made = Signing(file, 5)
+    made.open()
+    yield made
+    made.close()
+
+
+def a_packer(system_id: int, key: bytes = KEY) -> Any:
+    packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=1)
+    packer.signing.secret_key = key
+    packer.signing.sign_outgoing = True
+    packer.signing.timestamp = int((1_790_000_000 - 1_420_070_400) * 1e5)
+    return packer
+
+
+def signed_beat(packer: Any) -> bytes:
+    return bytes(dialect.MAVLink_heartbeat_message(2, 12, 0x81, 6 << 16, 4, 3).pack(packer))
+
+
+def test_only_what_is_signed_is_taken_and_each_refusal_is_said_once(
+    signing: Signing, caplog: pytest.LogCaptureFixture
+) -> None:
+    signing._signer.begin(0)
+
+    async def main() -> None:
+        async with bench(1, 2, signing=signing) as made:
+            with a_socket() as vehicle:
+                ground = ("127.0.0.1", made.port)
+                packer = a_packer(1)
+                packer.signing.timestamp = signing._signer.time
+                good = signed_beat(packer)
+                radio = dialect.MAVLink_radio_status_message(1, 1, 1, 1, 1, 1, 1)
+                for data in (
+                    beat(1),
+                    beat(1),
+                    signed_beat(a_packer(1, bytes(32))),
+                    good,
+                    good,
+                    beat(2),
+                    beat(9),
+                    bytes(radio.pack(dialect.MAVLink(None, srcSystem=1, srcComponent=68))),
+                ):
+                    vehicle.sendto(data, ground)
+                await until(lambda: made.wire.counters.strangers == 1)
+                await asyncio.sleep(0.05)
+                counters = made.wire.counters
+                assert [frame.raw for frame in made.delivered] == [good]
+                assert (counters.unsigned, counters.wrongly_signed, counters.replayed) == (3, 1, 1)
+                made.wire.send(command(1))
+                receiver = a_packer(255)
+                (message,) = receiver.parse_buffer(await arrived(vehicle))
+                assert message.get_signed()
+                made.wire.send_kill(command(1))
+                (message,) = receiver.parse_buffer(await arrived(vehicle))
+                assert message.get_signed()
+        causes = [vars(each)["cause"] for each in caplog.records if each.msg == "signature_refused"]
+        assert causes == ["unsigned", "wrong", "replayed", "unsigned"]
+
+    asyncio.run(main())
+
+
+def test_another_station_must_sign_too(signing: Signing) -> None:
+    async def main() -> None:
+        with a_socket() as vehicle, a_socket() as station:
+            forward = Forward(url=f"udp://127.0.0.1:{station.getsockname()[1]}", read_only=False)
+            async with bench(1, signing=signing, forward=[forward]) as made:
+                packer = a_packer(1)
+                packer.signing.timestamp = signing._signer.time
+                vehicle.sendto(signed_beat(packer), ("127.0.0.1", made.port))
+                async with asyncio.timeout(30):
+                    _, address = await asyncio.get_running_loop().sock_recvfrom(station, 2048)
+                ground = ("127.0.0.1", address[1])
+                station.sendto(command(1), ground)
+                await until(lambda: made.wire.counters.refused_from_others == 1)
+                other = a_packer(255)
+                other.signing.timestamp = signing._signer.time
+                order = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+                raw = bytes(order.pack(other))
+                station.sendto(raw, ground)
+                assert await arrived(vehicle) == raw, "signed by whoever sent it"
+
+    asyncio.run(main())
+
+
+class SigningPeer(Peer):
+    """A vehicle that has the key: signs what it says, and believes nothing unsigned."""
+
+    def secure(self) -> None:
+        for each in (self._packer, self._parser):
+            each.signing.secret_key = KEY
+        self._packer.signing.sign_outgoing = True
+        self._packer.signing.timestamp = 0
+        self._parser.robust_parsing = True
+
+
+def test_mavsdk_flies_a_vehicle_that_wants_signatures(tmp_path: Path) -> None:
+    file = tmp_path / "key"
+    file.write_text(KEY.hex())
+    file.chmod(0o600)
+
+    async def main(peer: SigningPeer, link: MavsdkLink, signing: Signing) -> None:
+        async with running(link):
+            await until(lambda: link.counters.unsigned > 0)
+            assert link.counters.received == 0
+            await until(lambda: signing._signer.time > 0)
+            peer.secure()
+            peer._packer.signing.timestamp = signing._signer.time
+            await ready(link)
+            await do(link, Verb.ARM, "v1")
+            ticks = Ticks(link, "v1")
+            async with ticks.running():
+                await until(lambda: peer.messages("SET_POSITION_TARGET_LOCAL_NED"))
+            await do(link, Verb.KILL, "v1")
+            assert not peer.armed
+        taken = [message for _, message in peer.heard if message.get_msgId() >= 0]
+        assert taken
+        assert all(message.get_signed() for message in taken)
+
+    with SigningPeer(port := free_ports(), 1) as peer:
+        signing = Signing(file, 5)
+        link = MavsdkLink(
+            "bench",
+            {"v1": 1},
+            Listen("127.0.0.1", port),
+            ShowFrame(47.4, 8.5, 500.0, 0.0),
+            signing=signing,
+        )
+        asyncio.run(main(peer, link, signing))
+    assert (tmp_path / "key.link5.time").read_text().strip().isdecimal()

@@ -1,0 +1,90 @@
+"""Streams are asked for, and asked for again; a vehicle that was away is taken up again by itself."""
+
+import asyncio
+import time
+from collections.abc import Mapping
+
+import pytest
+from link_bench import do, ready, running, until
+from link_peer import Peer
+from machine import free_ports
+
+from gcs.frames import ShowFrame
+from gcs.links import Verb
+from gcs.links.endpoints import Listen
+from gcs.links.mavsdk_link import MavsdkLink
+
+pytestmark = pytest.mark.xdist_group("wire")
+
+RATES_HZ = {33: 50.0, 245: 5.0, 30: 0.0}
+
+
+def a_link(port: int, rates_hz: Mapping[int, float]) -> MavsdkLink:
+    frame = ShowFrame(47.4, 8.5, 500.0, 0.0)
+    return MavsdkLink("bench", {"v1": 1}, Listen("127.0.0.1", port), frame, rates_hz=rates_hz)
+
+
+def asked(peer: Peer) -> list[tuple[int, float]]:
+    return [
+        (int(message.param1), message.param2)
+        for _, message in peer.messages("COMMAND_LONG")
+        if message.command == 511 and message.get_srcComponent() == 191  # MAVSDK asks for one too
+    ]
+
+
+WANTED = [(33, 20_000.0), (245, 200_000.0), (30, -1.0)]
+
+
+def test_streams_are_set_once_when_they_come_as_asked() -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
+        async with running(link):
+            await ready(link)
+            await until(lambda: len(asked(peer)) == 3)
+            assert asked(peer) == WANTED
+            await asyncio.sleep(5.0)
+            assert asked(peer) == WANTED
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, RATES_HZ)))
+
+
+def test_a_stream_that_does_not_come_as_asked_is_asked_for_again_and_no_other() -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
+        async with running(link):
+            await until(lambda: len(asked(peer)) >= 4)
+            assert asked(peer)[3:] == [(33, 200_000.0)] * (len(asked(peer)) - 3)
+
+    with Peer(port := free_ports(), 1) as peer:  # which sends at 50 Hz whatever it is told
+        asyncio.run(main(peer, a_link(port, {**RATES_HZ, 33: 5.0})))
+
+
+def test_streams_are_set_again_after_a_restart_and_orders_go_on() -> None:
+    async def main(peer: Peer, link: MavsdkLink) -> None:
+        async with running(link):
+            await ready(link)
+            peer.boot_s -= 100.0
+            await asyncio.sleep(1.0)
+            assert len(asked(peer)) == 3
+            peer.boot_s = time.monotonic()
+            await until(lambda: len(asked(peer)) == 6)
+            assert asked(peer) == WANTED * 2
+            await do(link, Verb.ARM, "v1")
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, RATES_HZ)))
+
+
+def test_a_silent_vehicle_that_speaks_again_from_elsewhere_is_taken_up_again() -> None:
+    async def main(port: int, link: MavsdkLink) -> None:
+        async with running(link):
+            with Peer(port, 1):
+                await ready(link)
+                await do(link, Verb.ARM, "v1")
+            with Peer(port, 1) as back:
+                await until(lambda: link.addresses["v1"].port == back.port)
+                await until(lambda: link.snapshot().armed == (False,))
+                await until(lambda: asked(back) == WANTED)
+                await do(link, Verb.ARM, "v1")
+                assert back.armed
+
+    asyncio.run(main(port := free_ports(), a_link(port, RATES_HZ)))
