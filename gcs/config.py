@@ -108,8 +108,13 @@ class OperationSettings(Settings):
     handover_height_m: Positive = 1.5  # below this over its place the autopilot's own LAND touches down
     place_spacing_m: Positive = 4.0  # between the places of a filtered descent
     silence_s: Positive = 2.0  # without a heartbeat and a position: offline, or lost when in the air
-    setpoint_loss_action: Literal["descend", "hold", "land", "return"] = "descend"  # as COM_OBL_RC_ACT
+    setpoint_loss_action: Literal["descend", "hold", "land", "return"] = "hold"  # COM_OBL_RC_ACT
+    setpoint_loss_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0  # COM_OF_LOSS_T
     return_height_m: Positive = 30.0  # RTL_RETURN_ALT, for vehicles that return when lost
+    pads_within_m: Positive = 50.0  # of the show's origin: the autopilots' fences stand round their own pads
+    pilot_takes_over: bool = True  # whoever moves the sticks has the vehicle: COM_RC_OVERRIDE, COM_RC_IN_MODE
+    require_parameters: bool = True  # refuse vehicles whose parameters make losing us unsafe
+    require_safe_setpoint_loss: bool = True  # refuse an action that would bring them together
 
 
 class FormationSettings(Settings):

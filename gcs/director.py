@@ -10,11 +10,12 @@ from gcs.errands import Errands
 from gcs.errors import InvalidError, OrderError, RefusedError, UnknownError
 from gcs.feasibility import check_formation, check_obstacle
 from gcs.flight import Flight
+from gcs.inspection import Inspection
 from gcs.landing import distinct_places_m
 from gcs.lifecycle import AIRBORNE, FLOWN, IN_THE_AIR, Event, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.links import Order, Verb
 from gcs.orders import OrderBook
-from gcs.preflight import check_fleet
+from gcs.preflight import check_fleet, told
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.state import Array, Mode, VehicleId
 from gcs.vehicle import Heard, Vehicle, require_phase
@@ -48,16 +49,18 @@ Errand = Callable[[Vehicle], Coroutine[None, None, None]]
 class Director:
     """Turns orders into errands, and lets the show go on by itself where it can."""
 
-    def __init__(self, flight: Flight, errands: Errands, book: OrderBook) -> None:
+    def __init__(self, flight: Flight, errands: Errands, book: OrderBook, inspection: Inspection) -> None:
         self._flight = flight
         self._errands = errands
         self._book = book
+        self._inspection = inspection
 
     # once a tick
 
     def watch(self) -> None:
         """Let the telemetry change phases, and end errands that no longer apply."""
         flight = self._flight
+        self._inspection.watch()
         silence_s = flight.config.operation.silence_s
         for vehicle in flight.vehicles.values():
             telemetry, at = flight.telemetry[vehicle.id]
@@ -151,6 +154,7 @@ class Director:
     def _check(self, chosen: Sequence[VehicleId]) -> None:
         """Raises: RefusedError with everything that speaks against their taking off."""
         flight = self._flight
+        operation = flight.config.operation
         findings = check_fleet(
             chosen,
             flight.fleet,
@@ -159,9 +163,12 @@ class Director:
             age_max_s=flight.config.control.telemetry_age_max_s,
             floor=flight.config.control.safety.floor,
             fence=flight.config.control.safety.fence,
+            pads_within_m=operation.pads_within_m if operation.require_parameters else np.inf,
         )
+        if operation.require_parameters:
+            findings += self._inspection.findings(chosen)
         if findings:
-            raise RefusedError("; ".join(f"{found.vehicle_id}: {found.problem}" for found in findings))
+            raise RefusedError(told(findings))
 
     def _choose(self, wanted: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
         """Who flies, and why the others do not. Raises: UnknownError, RefusedError."""

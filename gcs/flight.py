@@ -12,9 +12,9 @@ import numpy as np
 from gcs.config import Config
 from gcs.control import Memory, Tasks
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
-from gcs.landing import swept_segments_m
+from gcs.landing import STOP_S, swept_segments_m
 from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
-from gcs.links import Link, Order
+from gcs.links import Link, Order, ParameterValue
 from gcs.plan import Plan
 from gcs.state import Array, FleetState, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
@@ -53,6 +53,8 @@ class Flight:
         self.reason = "nothing has been started"
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.telemetry: dict[VehicleId, tuple[Telemetry, int]] = {}
+        self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
+        self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be
         self._table = Table(config.ids, config.frame)
         self._ticked = asyncio.Event()
         self.fleet = self.hear(now_s)
@@ -81,6 +83,10 @@ class Flight:
         """As its newest heartbeat says."""
         telemetry, at = self.telemetry[vehicle.id]
         return telemetry.mode[at]
+
+    def is_known(self, vehicle_id: VehicleId) -> bool:
+        """Whether its parameters have been read, where they count."""
+        return vehicle_id in self.parameters or not self.config.operation.require_parameters
 
     def in_phase(self, *phases: Phase) -> list[Vehicle]:
         """Vehicles in any of these phases."""
@@ -158,4 +164,5 @@ class Flight:
             "land" if killed else operation.setpoint_loss_action,
             operation.return_height_m,
             climbing_to_m=None if killed else operation.takeoff_height_m,
+            drift_s=self.config.deadman_s + operation.setpoint_loss_s + STOP_S,
         )

@@ -34,6 +34,7 @@ def check_fleet(
     age_max_s: float,
     floor: Floor,
     fence: Fence,
+    pads_within_m: float = np.inf,
 ) -> list[Finding]:
     """Everything that speaks against taking off with `vehicles`.
 
@@ -45,6 +46,7 @@ def check_fleet(
         age_max_s: of a position.
         floor: pads closer than floor and margin would break it on the way up.
         fence: pads beyond its distance are not where the show is.
+        pads_within_m: of the origin; the autopilots' own fences are wide enough for no others.
     """
     findings = []
     for vehicle_id in vehicles:
@@ -64,7 +66,7 @@ def check_fleet(
             level = "unknown" if np.isnan(battery) else f"at {battery:.0%}"
             findings.append(Finding(vehicle_id, f"battery {level}, at least {BATTERY_MIN:.0%} is needed"))
         if fleet.age_s[row] <= age_max_s:
-            findings += _origin(vehicle_id, fleet.position_m[row], fence)
+            findings += _origin(vehicle_id, fleet.position_m[row], fence, pads_within_m)
     return findings + _pads(vehicles, fleet, floor)
 
 
@@ -75,7 +77,15 @@ def _no_position(age_s: float, heard_lately: bool) -> str:
     return "no position yet" if np.isinf(age_s) else f"no position for {age_s:.1f} s"
 
 
-def _origin(vehicle_id: VehicleId, place_m: Array, fence: Fence) -> list[Finding]:
+def told(findings: Sequence[Finding]) -> str:
+    """All of them in words; what is true of several vehicles is said once."""
+    whose: dict[str, list[VehicleId]] = {}
+    for finding in findings:
+        whose.setdefault(finding.problem, []).append(finding.vehicle_id)
+    return "; ".join(f"{', '.join(names)}: {problem}" for problem, names in whose.items())
+
+
+def _origin(vehicle_id: VehicleId, place_m: Array, fence: Fence, pads_within_m: float) -> list[Finding]:
     """Whether the pad at `place_m` (3,) lies where the show's origin says that pads are."""
     findings = []
     height_m, distance_m = -float(place_m[2]), float(np.hypot(place_m[0], place_m[1]))
@@ -87,6 +97,10 @@ def _origin(vehicle_id: VehicleId, place_m: Array, fence: Fence) -> list[Finding
         beyond = f"stands {distance_m:.0f} m from the show's origin, beyond the fence"
         problem = f"{beyond} at {fence.distance_max_m:g} m: check show_frame"
         findings.append(Finding(vehicle_id, problem))
+    elif distance_m > pads_within_m:
+        beyond = f"stands {distance_m:.0f} m from the show's origin, its autopilot's fence allows for"
+        mend = "check show_frame, or raise operation.pads_within_m and apply the parameters again"
+        findings.append(Finding(vehicle_id, f"{beyond} {pads_within_m:g} m: {mend}"))
     return findings
 
 

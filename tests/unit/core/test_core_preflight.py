@@ -28,6 +28,10 @@ GOOD = Telemetry(
     mode=(Mode.HOLD,) * 3,
     landed=(Landed.ON_GROUND,) * 3,
     ready=(True,) * 3,
+    horizontal_accuracy_m=np.full(3, np.nan),
+    vertical_accuracy_m=np.full(3, np.nan),
+    boots=(0,) * 3,
+    position_resets=(0,) * 3,
 )
 
 
