@@ -11,6 +11,7 @@ import yaml
 from pydantic import Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
+from gcs.accuracy import Positioning
 from gcs.control import ControlSettings
 from gcs.errors import ConfigError, GcsError
 from gcs.feasibility import check_formation, check_orbit, check_target
@@ -158,6 +159,7 @@ class Config(Settings):
     api: ApiSettings = ApiSettings()
     operation: OperationSettings = OperationSettings()
     control: ControlSettings = ControlSettings()
+    positioning: Positioning = Positioning()
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
     deadman_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
 

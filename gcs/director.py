@@ -71,6 +71,7 @@ class Director:
             if age_s <= silence_s and np.isfinite(position_m).all():
                 vehicle.last_m = position_m.copy()
                 vehicle.last_velocity_m_s = flight.fleet.velocity_m_s[vehicle.row].copy()
+            self._mind_reset(vehicle)
             heard = Heard(age_s, telemetry.mode[at], telemetry.armed[at], telemetry.landed[at])
             if vehicle.observe(heard, silence_s):
                 if vehicle.phase in {Phase.LOST, Phase.PILOT}:
@@ -85,6 +86,17 @@ class Director:
                 self._by_itself(vehicle, self._errands.rest)
             elif vehicle.phase in FLOWN and not vehicle.handed_over and heard.mode is Mode.HOLD:
                 vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
+
+    def _mind_reset(self, vehicle: Vehicle) -> None:
+        """A position that jumped may be wrong now, or have been wrong before: stand still, with more room."""
+        flight, positioning = self._flight, self._flight.config.positioning
+        if vehicle.phase not in FLOWN or flight.reset_time_s(vehicle) != flight.fleet.time_s:
+            return
+        reason = (
+            f"its position jumped: it stands for {positioning.freeze_s:g} s,"
+            f" and is given {positioning.reset_margin_m:g} m more room for {positioning.reset_margin_s:g} s"
+        )
+        vehicle.freeze(flight.position_m(vehicle), flight.fleet.time_s + positioning.freeze_s, reason)
 
     def _by_itself(self, vehicle: Vehicle, errand: Errand) -> None:
         """Do what nobody ordered: not recorded as an order, and not again at once when it fails."""
@@ -163,6 +175,8 @@ class Director:
             age_max_s=flight.config.control.telemetry_age_max_s,
             floor=flight.config.control.safety.floor,
             fence=flight.config.control.safety.fence,
+            uncertainty_m=flight.traits.uncertainty_m,
+            positioning=flight.config.positioning,
             pads_within_m=operation.pads_within_m if operation.require_parameters else np.inf,
         )
         if operation.require_parameters:

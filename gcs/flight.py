@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gcs.accuracy import uncertainty_m
 from gcs.config import Config
 from gcs.control import Memory, Tasks
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
@@ -64,7 +65,30 @@ class Flight:
         parts = [link.snapshot() for link in self.links]
         self.telemetry = {name: (part, at) for part in parts for at, name in enumerate(part.ids)}
         self.fleet = self._table.state(parts, now_s)
+        self._widen(now_s)
         return self.fleet
+
+    def _widen(self, now_s: float) -> None:
+        """Give every vehicle the margin that its reported accuracy, or a jump, asks for."""
+        reported_m = np.array(
+            [(part.horizontal_accuracy_m[at], part.vertical_accuracy_m[at]) for part, at in self._heard()]
+        )
+        wide_m = uncertainty_m(
+            self.config.control.safety.floor.uncertainty_m,
+            reported_m[:, 0],
+            reported_m[:, 1],
+            now_s - self._table.reset_time_s,
+            self.config.positioning,
+        )
+        self.traits = replace(self.traits, uncertainty_m=wide_m)
+
+    def _heard(self) -> list[tuple[Telemetry, int]]:
+        """Of every vehicle in its order: its link's telemetry, and its row there."""
+        return [self.telemetry[vehicle_id] for vehicle_id in self.vehicles]
+
+    def reset_time_s(self, vehicle: Vehicle) -> float:
+        """When its position last jumped; -inf when it never did."""
+        return float(self._table.reset_time_s[vehicle.row])
 
     async def ticked(self) -> None:
         """Return after the next tick."""
@@ -137,7 +161,7 @@ class Flight:
         segments_m = [np.zeros((0, 2, 3))]
         for vehicle in self.vehicles.values():
             row = vehicle.row
-            task[row], goal = vehicle.task(self.show)
+            task[row], goal = vehicle.task(self.show, self.fleet.time_s)
             if goal is not None:
                 goal_m[row] = goal
             airborne[row] = vehicle.phase in AIRBORNE | {Phase.PILOT}

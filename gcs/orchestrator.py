@@ -101,6 +101,7 @@ class Orchestrator:
             vehicles=tuple(flight.vehicles.values()),
             telemetry=flight.telemetry,
             known={vehicle_id for vehicle_id in flight.vehicles if flight.is_known(vehicle_id)},
+            traits=flight.traits,
             show=flight.show,
             reason=flight.reason,
             plan=flight.plan,

@@ -38,9 +38,7 @@ NEARLY: Final = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """What must hold of one parameter: within `least` and `most`, one of `choices` where there are any, and
-    none of `barred`.
-    """
+    """What must hold of one parameter: within its bounds, one of `choices` if any, none of `barred`."""
 
     name: str
     set_to: ParameterValue  # by `gcs params apply`; an int for an INT32

@@ -9,7 +9,7 @@ from gcs.control import Tick
 from gcs.lifecycle import ShowPhase
 from gcs.plan import Plan
 from gcs.service import FleetView, TickView, VehicleView
-from gcs.state import Array, FleetState, Telemetry, VehicleId
+from gcs.state import Array, FleetState, Telemetry, Traits, VehicleId
 from gcs.table import tuple3
 from gcs.vehicle import Vehicle
 
@@ -26,6 +26,7 @@ def fleet_view(
     vehicles: Sequence[Vehicle],
     telemetry: Mapping[VehicleId, tuple[Telemetry, int]],
     known: Collection[VehicleId],
+    traits: Traits,
     show: ShowPhase,
     reason: str,
     plan: Plan,
@@ -52,6 +53,7 @@ def fleet_view(
                 telemetry[vehicle.id],
                 sent.get(vehicle.id),
                 is_known=vehicle.id in known,
+                uncertainty_m=float(traits.uncertainty_m[vehicle.row]),
             )
             for vehicle in vehicles
         ),
@@ -75,6 +77,7 @@ def _vehicle_view(
     setpoint_m_s: Array | None,
     *,
     is_known: bool,
+    uncertainty_m: float,
 ) -> VehicleView:
     telemetry, at = heard
     row = vehicle.row
@@ -96,6 +99,7 @@ def _vehicle_view(
         altitude_amsl_m=finite(telemetry.altitude_amsl_m[at]),
         battery_remaining=finite(telemetry.battery_remaining[at]),
         position_age_s=finite(fleet.age_s[row]),
+        position_uncertainty_m=uncertainty_m,
         heartbeat_age_s=finite(fleet.time_s - telemetry.heartbeat_time_s[at]),
         setpoint_m_s=None if setpoint_m_s is None else tuple3(setpoint_m_s),
         restrained_by=tick.restrained_by[row],

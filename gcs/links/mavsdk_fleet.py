@@ -24,7 +24,7 @@ SYSTEM_ID: Final = 245  # MAVSDK's own as a ground station, with component 190
 COMPONENT_ID: Final = 190
 
 _LOG_LEVELS: Final = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.ERROR}
-"""The others are for those who mend MAVSDK. Its errors are seldom, and the last may be why the process ends."""
+"""The others are for those who mend MAVSDK. Errors are seldom, and the last may be why the process ends."""
 
 _HEADING_MAX_DEG: Final = 360.0  # above: unknown on the wire
 
