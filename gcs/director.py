@@ -10,6 +10,7 @@ from gcs.errands import Errands
 from gcs.errors import InvalidError, OrderError, RefusedError, UnknownError
 from gcs.feasibility import check_formation, check_obstacle
 from gcs.flight import Flight
+from gcs.foresight import check_setpoint_loss
 from gcs.inspection import Inspection
 from gcs.landing import distinct_places_m
 from gcs.lifecycle import AIRBORNE, FLOWN, IN_THE_AIR, Event, Phase, ShowEvent, ShowPhase, advance_show
@@ -149,6 +150,7 @@ class Director:
         chosen, left_out = self._choose(wanted)
         self._check(chosen)
         check_formation(flight.plan.formation, len(chosen), flight.config.control.safety)
+        self._check_loss(chosen)
         pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
         for obstacle in flight.plan.obstacles:
             check_obstacle(obstacle, flight.config.control.law.avoidance, {}, pads_m)
@@ -183,6 +185,22 @@ class Director:
             findings += self._inspection.findings(chosen)
         if findings:
             raise RefusedError(told(findings))
+
+    def _check_loss(self, chosen: Sequence[VehicleId]) -> None:
+        """Raises: RefusedError when losing everybody at once would bring some of them together."""
+        flight, operation = self._flight, self._flight.config.operation
+        if not operation.require_safe_setpoint_loss:
+            return
+        rows = [flight.vehicles[name].row for name in chosen]
+        check_setpoint_loss(
+            tuple(chosen),
+            flight.fleet.position_m[rows],
+            flight.plan,
+            flight.config.control,
+            flight.traits.uncertainty_m[rows],
+            operation.setpoint_loss_action,
+            operation.return_height_m,
+        )
 
     def _choose(self, wanted: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
         """Who flies, and why the others do not. Raises: UnknownError, RefusedError."""

@@ -105,7 +105,7 @@ def _losing_us(operation: OperationSettings) -> tuple[Requirement, ...]:
         ),
         Requirement(
             "COM_DL_LOSS_T",
-            10,
+            max(10, ceil(loss_s) + 1),
             "seconds without heartbeats until it does that: later than for setpoints, but not never",
             least=ceil(loss_s) + 1.0,
             most=60.0,

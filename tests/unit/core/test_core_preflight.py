@@ -59,9 +59,7 @@ def findings(
         age_max_s=0.5,
         floor=FLOOR,
         fence=FENCE,
-        uncertainty_m=uncertainty_m(
-            0.0, telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m, NEVER, P
-        ),
+        uncertainty_m=uncertainty_m(0.0, *reported_m, NEVER, P),
         positioning=P,
         pads_within_m=pads_within_m,
     )
