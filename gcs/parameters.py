@@ -32,6 +32,8 @@ TILT_RESERVE: Final = 2.0
 WIDEST: Final = 2.0
 """A wall farther away than this many times what is needed is none."""
 
+MEND: Final = "to mend its parameters, stop the service and run: gcs params apply --config FILE"
+
 NEARLY: Final = 1e-4
 """Relative: parameters are single precision."""
 
@@ -231,7 +233,7 @@ def check_parameters(
         read: what each autopilot holds, where that is known.
         problems: why it is not known, where it was tried in vain.
     """
-    findings, wrong = [], False
+    findings, wrong = [], []
     for vehicle_id in vehicles:
         if vehicle_id not in read:
             why = f": {problems[vehicle_id]}" if vehicle_id in problems else "; it is being asked"
@@ -241,9 +243,6 @@ def check_parameters(
             found = "not there" if value is None else f"{value:g}"
             problem = f"{requirement.name} is {found}, {requirement.wanted} is needed ({requirement.why})"
             findings.append(Finding(vehicle_id, problem))
-            wrong = True
-    if wrong:
-        last = findings[-1]
-        mend = "stop the service and run: gcs params apply --config FILE"
-        findings[-1] = Finding(last.vehicle_id, f"{last.problem}. To mend all of them, {mend}")
-    return findings
+        if findings and findings[-1].vehicle_id == vehicle_id:
+            wrong.append(Finding(vehicle_id, MEND))
+    return findings + wrong

@@ -101,15 +101,15 @@ def test_a_vehicle_not_read_yet_stays_on_the_ground() -> None:
 
 def test_every_wrong_value_is_told_with_what_would_be_right_and_the_command_that_mends_it() -> None:
     read = {"d1": GOOD, "d2": GOOD | {"COM_OBL_RC_ACT": 0, "GF_ACTION": 4}}
-    first, second = check_parameters(["d1", "d2"], NEEDED, read, {})
-    assert (first.vehicle_id, second.vehicle_id) == ("d2", "d2")
+    first, second, mend = check_parameters(["d1", "d2"], NEEDED, read, {})
+    assert (first.vehicle_id, second.vehicle_id, mend.vehicle_id) == ("d2", "d2", "d2")
     assert first.problem.startswith("COM_OBL_RC_ACT is 0, 5 is needed (")
     assert "GF_ACTION is 4, 2 is needed" in second.problem
-    assert "gcs params apply --config FILE" in second.problem
+    assert "gcs params apply --config FILE" in mend.problem
     assert check_parameters(["d1"], NEEDED, read, {}) == []
 
 
 def test_a_parameter_that_the_vehicle_does_not_have_is_told() -> None:
     without = {name: value for name, value in GOOD.items() if name != "GF_ACTION"}
-    (finding,) = check_parameters(["d1"], NEEDED, {"d1": without}, {})
+    finding, _ = check_parameters(["d1"], NEEDED, {"d1": without}, {})
     assert finding.problem.startswith("GF_ACTION is not there, 2 is needed")
