@@ -64,7 +64,7 @@ def test_a_vehicle_whose_parameters_cannot_be_read_is_neither_ready_nor_flown() 
         async def no_answer(vehicle_id: str, names: object) -> dict[str, float]:
             raise OrderError(f"{vehicle_id}: parameter GF_ACTION: no answer")
 
-        show.link.read_parameters = no_answer  # type: ignore[method-assign, assignment]
+        show.link.read_parameters = no_answer  # type: ignore[method-assign]
         await show.wait(9.0)
         refusal = await start(show)
         ready = show.vehicle("d1").ready
@@ -203,7 +203,7 @@ def test_a_vehicle_whose_position_jumps_stands_first_and_is_given_room_for_a_whi
 
     (fastest_m_s, *wide_m), later_m, phases, reason = fly(story, show_config(3))
     assert reason.startswith("its position jumped: it stands for 3 s")
-    assert fastest_m_s < 1.0
+    assert fastest_m_s < 1.5
     assert wide_m == pytest.approx([0.35, 1.05, 0.35])
     assert later_m == pytest.approx([0.35] * 3)
     assert phases[-1] is Phase.FORMATION, "it goes on by itself"

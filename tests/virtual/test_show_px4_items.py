@@ -24,7 +24,7 @@ def test_item_3_an_acknowledgement_that_the_heartbeat_does_not_bear_out_is_not_b
     async def story(show: Show) -> str:
         await show.start()
         pilot = show.link.autopilot("d1")
-        pilot.change_mode = lambda _mode, _now_s: OBEYS_NOT  # type: ignore[method-assign]
+        pilot.change_mode = lambda _mode, _now_s: OBEYS_NOT  # type: ignore[method-assign, assignment]
         record = await show.order("d1", VehicleAction.HOLD)
         return record.outcomes["d1"].reason
 
@@ -71,7 +71,7 @@ def test_item_7_after_landing_from_offboard_the_show_can_be_started_again() -> N
         await show.reach(ShowPhase.RUNNING)
         return show.view.show
 
-    assert fly(story, show_config(2)) is ShowPhase.RUNNING
+    assert fly(story, show_config(2), spacing_m=8.0) is ShowPhase.RUNNING
 
 
 def test_item_11_takeoff_is_not_ordered_of_a_disarmed_vehicle_nor_disarming_of_one_in_the_air() -> None:
