@@ -75,6 +75,7 @@ def vehicle(view: VehicleView, frame: ShowFrame) -> wire.Vehicle:
         heading_deg=None if view.yaw_rad is None else heading_deg(view.yaw_rad, frame),
         battery_remaining=view.battery_remaining,
         position_age_s=view.position_age_s,
+        position_uncertainty_m=view.position_uncertainty_m,
         heartbeat_age_s=view.heartbeat_age_s,
         setpoint=_velocity(view.setpoint_m_s),
         restrained_by=view.restrained_by,

@@ -250,6 +250,9 @@ class Vehicle(Outward):
     heading_deg: Measured
     battery_remaining: Measured = Field(description="0 to 1.")
     position_age_s: Measured
+    position_uncertainty_m: float = Field(
+        description="How far off it may be, sideways: as configured, wider for a poor fix or after a jump."
+    )
     heartbeat_age_s: Measured
     setpoint: VelocityOut | None = Field(description="Sent in the last tick; null: not commanded.")
     restrained_by: str = Field(description="What the safety filter held it back for, empty when it did not.")

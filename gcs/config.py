@@ -10,12 +10,13 @@ import yaml
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
+from gcs.accuracy import Positioning
 from gcs.control import ControlSettings
 from gcs.errors import ConfigError, GcsError
 from gcs.feasibility import check_formation, check_orbit, check_target
 from gcs.frames import ShowFrame
-from gcs.links.endpoints import Place, occupied
-from gcs.links.endpoints import parse as place_at
+from gcs.links.endpoints.urls import Place, occupied
+from gcs.links.endpoints.urls import parse as place_at
 from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
 from gcs.links.vehicle_ids import INSTANCES_MAX, SYSTEM_ID_MAX, instances
 from gcs.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPolicy
@@ -137,8 +138,13 @@ class OperationSettings(Settings):
     handover_height_m: Positive = 1.5  # below this over its place the autopilot's own LAND touches down
     place_spacing_m: Positive = 4.0  # between the places of a filtered descent
     silence_s: Positive = 2.0  # without a heartbeat and a position: offline, or lost when in the air
-    setpoint_loss_action: Literal["descend", "hold", "land", "return"] = "descend"  # as COM_OBL_RC_ACT
+    setpoint_loss_action: Literal["descend", "hold", "land", "return"] = "hold"  # COM_OBL_RC_ACT
+    setpoint_loss_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0  # COM_OF_LOSS_T
     return_height_m: Positive = 30.0  # RTL_RETURN_ALT, for vehicles that return when lost
+    pads_within_m: Positive = 50.0  # of the show's origin: the autopilots' fences stand round their own pads
+    pilot_takes_over: bool = True  # whoever moves the sticks has the vehicle: COM_RC_OVERRIDE, COM_RC_IN_MODE
+    require_parameters: bool = True  # refuse vehicles whose parameters make losing us unsafe
+    require_safe_setpoint_loss: bool = True  # refuse an action that would bring them together
 
 
 class FormationSettings(Settings):
@@ -183,6 +189,7 @@ class Config(Settings):
     record: RecordSettings | None = None
     operation: OperationSettings = OperationSettings()
     control: ControlSettings = ControlSettings()
+    positioning: Positioning = Positioning()
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
     deadman_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
 

@@ -10,11 +10,13 @@ from gcs.errands import Errands
 from gcs.errors import InvalidError, OrderError, RefusedError, UnknownError
 from gcs.feasibility import check_formation, check_obstacle
 from gcs.flight import Flight
+from gcs.foresight import check_setpoint_loss
+from gcs.inspection import Inspection
 from gcs.landing import distinct_places_m
 from gcs.lifecycle import AIRBORNE, FLOWN, IN_THE_AIR, Event, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.links import Order, Verb
 from gcs.orders import OrderBook
-from gcs.preflight import check_fleet
+from gcs.preflight import check_fleet, told
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.state import Array, Mode, VehicleId
 from gcs.vehicle import Heard, Vehicle, require_phase
@@ -48,16 +50,18 @@ Errand = Callable[[Vehicle], Coroutine[None, None, None]]
 class Director:
     """Turns orders into errands, and lets the show go on by itself where it can."""
 
-    def __init__(self, flight: Flight, errands: Errands, book: OrderBook) -> None:
+    def __init__(self, flight: Flight, errands: Errands, book: OrderBook, inspection: Inspection) -> None:
         self._flight = flight
         self._errands = errands
         self._book = book
+        self._inspection = inspection
 
     # once a tick
 
     def watch(self) -> None:
         """Let the telemetry change phases, and end errands that no longer apply."""
         flight = self._flight
+        self._inspection.watch()
         silence_s = flight.config.operation.silence_s
         for vehicle in flight.vehicles.values():
             telemetry, at = flight.telemetry[vehicle.id]
@@ -68,6 +72,7 @@ class Director:
             if age_s <= silence_s and np.isfinite(position_m).all():
                 vehicle.last_m = position_m.copy()
                 vehicle.last_velocity_m_s = flight.fleet.velocity_m_s[vehicle.row].copy()
+            self._mind_reset(vehicle)
             heard = Heard(age_s, telemetry.mode[at], telemetry.armed[at], telemetry.landed[at])
             if vehicle.observe(heard, silence_s):
                 if vehicle.phase in {Phase.LOST, Phase.PILOT}:
@@ -82,6 +87,17 @@ class Director:
                 self._by_itself(vehicle, self._errands.rest)
             elif vehicle.phase in FLOWN and not vehicle.handed_over and heard.mode is Mode.HOLD:
                 vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
+
+    def _mind_reset(self, vehicle: Vehicle) -> None:
+        """A position that jumped may be wrong now, or have been wrong before: stand still, with more room."""
+        flight, positioning = self._flight, self._flight.config.positioning
+        if vehicle.phase not in FLOWN or flight.reset_time_s(vehicle) != flight.fleet.time_s:
+            return
+        reason = (
+            f"its position jumped: it stands for {positioning.freeze_s:g} s,"
+            f" and is given {positioning.reset_margin_m:g} m more room for {positioning.reset_margin_s:g} s"
+        )
+        vehicle.freeze(flight.position_m(vehicle), flight.fleet.time_s + positioning.freeze_s, reason)
 
     def _by_itself(self, vehicle: Vehicle, errand: Errand) -> None:
         """Do what nobody ordered: not recorded as an order, and not again at once when it fails."""
@@ -134,6 +150,7 @@ class Director:
         chosen, left_out = self._choose(wanted)
         self._check(chosen)
         check_formation(flight.plan.formation, len(chosen), flight.config.control.safety)
+        self._check_loss(chosen)
         pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
         for obstacle in flight.plan.obstacles:
             check_obstacle(obstacle, flight.config.control.law.avoidance, {}, pads_m)
@@ -151,6 +168,7 @@ class Director:
     def _check(self, chosen: Sequence[VehicleId]) -> None:
         """Raises: RefusedError with everything that speaks against their taking off."""
         flight = self._flight
+        operation = flight.config.operation
         findings = check_fleet(
             chosen,
             flight.fleet,
@@ -159,9 +177,30 @@ class Director:
             age_max_s=flight.config.control.telemetry_age_max_s,
             floor=flight.config.control.safety.floor,
             fence=flight.config.control.safety.fence,
+            uncertainty_m=flight.traits.uncertainty_m,
+            positioning=flight.config.positioning,
+            pads_within_m=operation.pads_within_m if operation.require_parameters else np.inf,
         )
+        if operation.require_parameters:
+            findings += self._inspection.findings(chosen)
         if findings:
-            raise RefusedError("; ".join(f"{found.vehicle_id}: {found.problem}" for found in findings))
+            raise RefusedError(told(findings))
+
+    def _check_loss(self, chosen: Sequence[VehicleId]) -> None:
+        """Raises: RefusedError when losing everybody at once would bring some of them together."""
+        flight, operation = self._flight, self._flight.config.operation
+        if not operation.require_safe_setpoint_loss:
+            return
+        rows = [flight.vehicles[name].row for name in chosen]
+        check_setpoint_loss(
+            tuple(chosen),
+            flight.fleet.position_m[rows],
+            flight.plan,
+            flight.config.control,
+            flight.traits.uncertainty_m[rows],
+            operation.setpoint_loss_action,
+            operation.return_height_m,
+        )
 
     def _choose(self, wanted: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
         """Who flies, and why the others do not. Raises: UnknownError, RefusedError."""

@@ -9,12 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from gcs.accuracy import uncertainty_m
 from gcs.config import Config
 from gcs.control import Memory, Tasks
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
-from gcs.landing import swept_segments_m
+from gcs.landing import STOP_S, swept_segments_m
 from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
-from gcs.links import Link, Order
+from gcs.links import Link, Order, ParameterValue
 from gcs.plan import Plan
 from gcs.state import Array, FleetState, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
@@ -53,6 +54,8 @@ class Flight:
         self.reason = "nothing has been started"
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.telemetry: dict[VehicleId, tuple[Telemetry, int]] = {}
+        self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
+        self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be
         self._table = Table(config.ids, config.frame)
         self._ticked = asyncio.Event()
         self.fleet = self.hear(now_s)
@@ -62,7 +65,30 @@ class Flight:
         parts = [link.snapshot() for link in self.links]
         self.telemetry = {name: (part, at) for part in parts for at, name in enumerate(part.ids)}
         self.fleet = self._table.state(parts, now_s)
+        self._widen(now_s)
         return self.fleet
+
+    def _widen(self, now_s: float) -> None:
+        """Give every vehicle the margin that its reported accuracy, or a jump, asks for."""
+        reported_m = np.array(
+            [(part.horizontal_accuracy_m[at], part.vertical_accuracy_m[at]) for part, at in self._heard()]
+        )
+        wide_m = uncertainty_m(
+            self.config.control.safety.floor.uncertainty_m,
+            reported_m[:, 0],
+            reported_m[:, 1],
+            now_s - self._table.reset_time_s,
+            self.config.positioning,
+        )
+        self.traits = replace(self.traits, uncertainty_m=wide_m)
+
+    def _heard(self) -> list[tuple[Telemetry, int]]:
+        """Of every vehicle in its order: its link's telemetry, and its row there."""
+        return [self.telemetry[vehicle_id] for vehicle_id in self.vehicles]
+
+    def reset_time_s(self, vehicle: Vehicle) -> float:
+        """When its position last jumped; -inf when it never did."""
+        return float(self._table.reset_time_s[vehicle.row])
 
     async def ticked(self) -> None:
         """Return after the next tick."""
@@ -81,6 +107,10 @@ class Flight:
         """As its newest heartbeat says."""
         telemetry, at = self.telemetry[vehicle.id]
         return telemetry.mode[at]
+
+    def is_known(self, vehicle_id: VehicleId) -> bool:
+        """Whether its parameters have been read, where they count."""
+        return vehicle_id in self.parameters or not self.config.operation.require_parameters
 
     def in_phase(self, *phases: Phase) -> list[Vehicle]:
         """Vehicles in any of these phases."""
@@ -131,7 +161,7 @@ class Flight:
         segments_m = [np.zeros((0, 2, 3))]
         for vehicle in self.vehicles.values():
             row = vehicle.row
-            task[row], goal = vehicle.task(self.show)
+            task[row], goal = vehicle.task(self.show, self.fleet.time_s)
             if goal is not None:
                 goal_m[row] = goal
             airborne[row] = vehicle.phase in AIRBORNE | {Phase.PILOT}
@@ -158,4 +188,5 @@ class Flight:
             "land" if killed else operation.setpoint_loss_action,
             operation.return_height_m,
             climbing_to_m=None if killed else operation.takeoff_height_m,
+            drift_s=self.config.deadman_s + operation.setpoint_loss_s + STOP_S,
         )

@@ -19,10 +19,13 @@ finer outwards than the directions on a ring. Looked at six at a time.
 
 TINY = 1e-6
 
-DRIFT_S = 2.2
-"""For so long a vehicle that nobody commands any more flies on with its last velocity, at most: 0.2 s until
-the deadman ends its setpoints, 1.0 s until it notices (COM_OF_LOSS_T), and 1.0 s more for its stop. Its
-last position has been brought forward already by the 0.5 s after which nobody commands it.
+STOP_S = 1.0
+"""A vehicle that has noticed stops as if it flew on for so long with its last velocity."""
+
+DRIFT_S = 0.2 + 1.0 + STOP_S
+"""For so long a vehicle that nobody commands any more flies on with its last velocity, at most, as PX4 is
+delivered: until the deadman ends its setpoints, until it notices (COM_OF_LOSS_T), and for its stop. Its last
+position has been brought forward already by the 0.5 s after which nobody commands it.
 """
 
 COLUMNS_APART_M = 2.6
@@ -151,10 +154,11 @@ def swept_segments_m(
     return_height_m: float,
     *,
     climbing_to_m: float | None = None,
+    drift_s: float = DRIFT_S,
 ) -> Array:
     """The straight pieces of the way a vehicle takes by itself once nobody commands it.
 
-    It flies on for DRIFT_S with its last velocity at most, stops somewhere on that way, and does the rest
+    It flies on for `drift_s` with its last velocity at most, stops somewhere on that way, and does the rest
     from there. Columns stand at both ends, and between them so close that nobody passes through.
 
     Args:
@@ -166,10 +170,11 @@ def swept_segments_m(
         return_height_m: above its home (RTL_RETURN_ALT).
         climbing_to_m: above its home; where it was last seen lower than that, it may still be on its way up
             (a take-off goes on without us). None: it does not climb by itself.
+        drift_s: see DRIFT_S.
 
     Returns: (m, 2, 3).
     """
-    drift_m = np.zeros(3) if last_velocity_m_s is None else last_velocity_m_s * DRIFT_S
+    drift_m = np.zeros(3) if last_velocity_m_s is None else last_velocity_m_s * drift_s
     if not np.isfinite(drift_m).all():
         drift_m = np.zeros(3)
     steps = ceil(float(np.hypot(drift_m[0], drift_m[1])) / COLUMNS_APART_M)

@@ -17,6 +17,7 @@ from gcs.errors import LinkError, RefusedError, UnknownError
 from gcs.feasibility import check_formation, check_obstacle, check_orbit, check_target, followed
 from gcs.flight import Flight
 from gcs.frames import ShowFrame
+from gcs.inspection import Inspection
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Link
 from gcs.orders import OrderBook
@@ -59,7 +60,8 @@ class Orchestrator:
         """Fly until cancelled."""
         async with asyncio.TaskGroup() as group:
             errands = Errands(group, self._flight, self._config.operation)
-            self._director = Director(self._flight, errands, self._book)
+            inspection = Inspection(group, self._flight)
+            self._director = Director(self._flight, errands, self._book, inspection)
             for link in self._flight.links:
                 group.create_task(keep_open(link), name=f"link/{link.name}")
             group.create_task(self._control(self._director), name="control")
@@ -98,6 +100,8 @@ class Orchestrator:
             tick=result,
             vehicles=tuple(flight.vehicles.values()),
             telemetry=flight.telemetry,
+            known={vehicle_id for vehicle_id in flight.vehicles if flight.is_known(vehicle_id)},
+            traits=flight.traits,
             show=flight.show,
             reason=flight.reason,
             plan=flight.plan,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gcs.accuracy import Positioning, excess_m
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 from gcs.state import Array, FleetState, Telemetry, VehicleId
@@ -34,6 +35,9 @@ def check_fleet(
     age_max_s: float,
     floor: Floor,
     fence: Fence,
+    uncertainty_m: Array,
+    positioning: Positioning,
+    pads_within_m: float = np.inf,
 ) -> list[Finding]:
     """Everything that speaks against taking off with `vehicles`.
 
@@ -45,6 +49,9 @@ def check_fleet(
         age_max_s: of a position.
         floor: pads closer than floor and margin would break it on the way up.
         fence: pads beyond its distance are not where the show is.
+        uncertainty_m: (n,) of each position, as reported.
+        positioning: what receivers may report.
+        pads_within_m: of the origin; the autopilots' own fences are wide enough for no others.
     """
     findings = []
     for vehicle_id in vehicles:
@@ -64,8 +71,9 @@ def check_fleet(
             level = "unknown" if np.isnan(battery) else f"at {battery:.0%}"
             findings.append(Finding(vehicle_id, f"battery {level}, at least {BATTERY_MIN:.0%} is needed"))
         if fleet.age_s[row] <= age_max_s:
-            findings += _origin(vehicle_id, fleet.position_m[row], fence)
-    return findings + _pads(vehicles, fleet, floor)
+            findings += _accuracy(vehicle_id, heard, at, float(uncertainty_m[row]), positioning)
+            findings += _origin(vehicle_id, fleet.position_m[row], fence, pads_within_m)
+    return findings + _pads(vehicles, fleet, floor, uncertainty_m)
 
 
 def _no_position(age_s: float, heard_lately: bool) -> str:
@@ -75,7 +83,28 @@ def _no_position(age_s: float, heard_lately: bool) -> str:
     return "no position yet" if np.isinf(age_s) else f"no position for {age_s:.1f} s"
 
 
-def _origin(vehicle_id: VehicleId, place_m: Array, fence: Fence) -> list[Finding]:
+def _accuracy(
+    vehicle_id: VehicleId, heard: Telemetry, at: int, uncertainty_m: float, positioning: Positioning
+) -> list[Finding]:
+    """Whether its receiver is good enough: at the cap, the margin is no longer as wide as it should be."""
+    if uncertainty_m < positioning.uncertainty_max_m:
+        return []
+    sideways_m, up_m = float(heard.horizontal_accuracy_m[at]), float(heard.vertical_accuracy_m[at])
+    if not excess_m(np.array([sideways_m]), np.array([up_m]), positioning)[0] > 0.0:
+        return []
+    reports = f"its receiver reports an accuracy of {sideways_m:.1f} m sideways and {up_m:.1f} m up"
+    return [Finding(vehicle_id, f"{reports}: too little for any margin; wait for a better fix")]
+
+
+def told(findings: Sequence[Finding]) -> str:
+    """All of them in words; what is true of several vehicles is said once."""
+    whose: dict[str, list[VehicleId]] = {}
+    for finding in findings:
+        whose.setdefault(finding.problem, []).append(finding.vehicle_id)
+    return "; ".join(f"{', '.join(names)}: {problem}" for problem, names in whose.items())
+
+
+def _origin(vehicle_id: VehicleId, place_m: Array, fence: Fence, pads_within_m: float) -> list[Finding]:
     """Whether the pad at `place_m` (3,) lies where the show's origin says that pads are."""
     findings = []
     height_m, distance_m = -float(place_m[2]), float(np.hypot(place_m[0], place_m[1]))
@@ -87,19 +116,31 @@ def _origin(vehicle_id: VehicleId, place_m: Array, fence: Fence) -> list[Finding
         beyond = f"stands {distance_m:.0f} m from the show's origin, beyond the fence"
         problem = f"{beyond} at {fence.distance_max_m:g} m: check show_frame"
         findings.append(Finding(vehicle_id, problem))
+    elif distance_m > pads_within_m:
+        beyond = f"stands {distance_m:.0f} m from the show's origin, its autopilot's fence allows for"
+        mend = "check show_frame, or raise operation.pads_within_m and apply the parameters again"
+        findings.append(Finding(vehicle_id, f"{beyond} {pads_within_m:g} m: {mend}"))
     return findings
 
 
-def _pads(vehicles: Sequence[VehicleId], fleet: FleetState, floor: Floor) -> list[Finding]:
+def _pads(
+    vehicles: Sequence[VehicleId], fleet: FleetState, floor: Floor, uncertainty_m: Array
+) -> list[Finding]:
     """Who stands too close to anybody, whether that one flies or not, to climb beside it."""
-    needed_m = floor.horizontal_m + floor.margin_m + 2.0 * floor.uncertainty_m
+    kept_m = floor.horizontal_m + floor.margin_m
+    least_m = kept_m + uncertainty_m[:, None] + uncertainty_m[None]
     place_m = fleet.position_m[:, :2]
     distance_m = np.linalg.norm(place_m[:, None] - place_m[None], axis=2)
     findings = []
     for row, name in enumerate(fleet.ids):
         for other, neighbour in enumerate(fleet.ids):
             told_already = neighbour in vehicles and other < row
-            if name in vehicles and other != row and not told_already and distance_m[row, other] < needed_m:
+            if (
+                name in vehicles
+                and other != row
+                and not told_already
+                and distance_m[row, other] < least_m[row, other]
+            ):
                 problem = f"stands {distance_m[row, other]:.1f} m from {neighbour}"
-                findings.append(Finding(name, f"{problem}, at least {needed_m:g} m is needed"))
+                findings.append(Finding(name, f"{problem}, at least {least_m[row, other]:.3g} m is needed"))
     return findings

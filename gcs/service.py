@@ -97,6 +97,7 @@ class VehicleView:
     altitude_amsl_m: float | None
     battery_remaining: float | None  # 0 to 1
     position_age_s: float | None
+    position_uncertainty_m: float  # the margin that its reported accuracy, or a jump, gives it; sideways
     heartbeat_age_s: float | None
     setpoint_m_s: tuple[float, float, float] | None  # sent in the last tick; None: not commanded
     restrained_by: str  # what the safety filter held it back for, "" when it did not

@@ -74,6 +74,10 @@ class Telemetry:
     mode: tuple[Mode, ...]  # from the heartbeat
     landed: tuple[Landed, ...]
     ready: tuple[bool, ...]  # the autopilot says that it can be armed
+    horizontal_accuracy_m: Array  # (n,) as its receiver reports, one sigma; NaN unknown, inf without a fix
+    vertical_accuracy_m: Array  # (n,)
+    boots: tuple[int, ...]  # how often its boot clock has jumped back
+    position_resets: tuple[int, ...]  # how often its estimator said that its position jumped
 
     def __post_init__(self) -> None:
         n = len(self.ids)
@@ -86,9 +90,11 @@ class Telemetry:
             "altitude_amsl_m",
             "yaw_deg",
             "battery_remaining",
+            "horizontal_accuracy_m",
+            "vertical_accuracy_m",
         ):
             freeze(getattr(self, name), (n,), name)
-        for name in ("armed", "mode", "landed", "ready"):
+        for name in ("armed", "mode", "landed", "ready", "boots", "position_resets"):
             if len(getattr(self, name)) != n:
                 raise ShapeError(f"{name}: {len(getattr(self, name))} values for {n} vehicles")
 

@@ -15,6 +15,11 @@ FORWARD_MAX_S = 0.5
 SPEED_PLAUSIBLE_M_S, JUMP_PLAUSIBLE_M = 25.0, 10.0
 """A position farther from the last believed one than this speed and this jump explain is not believed."""
 
+UNEXPLAINED_M, UNEXPLAINED_M_S = 1.5, 2.0
+"""A believed position that is off by more than this and this speed from where the velocity led is a reset: of
+the estimator, or of its receiver. Noise comes in centimetres a step.
+"""
+
 FAR_M = 10_000.0
 """Nor is one farther than this from the show's origin, or at latitude and longitude 0."""
 
@@ -30,6 +35,10 @@ class Table:
     tells an implausible one, its row keeps the last believed position, and the age inf: nobody commands it.
     It is believed again at once where it comes back to where it can be, and otherwise after CONSISTENT_S at
     the new place: in the air only if it can have flown there, on the ground (not armed) wherever that is.
+
+    Attributes:
+        reset_time_s: (n,) when the position last jumped, as the velocity does not explain or as the estimator
+            said itself; -inf where it never did. Only of the armed: an estimator that starts up jumps, too.
     """
 
     def __init__(self, ids: Sequence[VehicleId], frame: ShowFrame) -> None:
@@ -41,6 +50,8 @@ class Table:
         self._velocity_m_s = np.full((len(self.ids), 3), np.nan)  # with the believed position
         self._trusted = np.ones(len(self.ids), dtype=bool)
         self._told_since_s = np.full(len(self.ids), np.inf)  # without a jump, of those not trusted
+        self._resets = np.full(len(self.ids), -1)  # as the estimators count them
+        self.reset_time_s = np.full(len(self.ids), -np.inf)
 
     def state(self, telemetry: Sequence[Telemetry], now_s: float) -> FleetState:
         """Where everybody is at `now_s`: newest believed positions, brought forward with their velocities.
@@ -51,6 +62,7 @@ class Table:
         told = _Track.unknown(n)
         velocity_m_s, yaw_rad = np.full((n, 3), np.nan), np.full(n, np.nan)
         exists, armed = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+        resets = self._resets.copy()
         for part in telemetry:
             rows = [self._row[vehicle_id] for vehicle_id in part.ids]
             told.position_m[rows] = self._frame.position_m(
@@ -61,8 +73,15 @@ class Table:
             yaw_rad[rows] = wrap_rad(np.radians(part.yaw_deg - self._frame.heading_deg))
             exists[rows] = (part.latitude_deg != 0.0) | (part.longitude_deg != 0.0)
             armed[rows] = part.armed
+            resets[rows] = part.position_resets
         exists &= np.linalg.norm(told.position_m, axis=1) <= FAR_M  # False for NaN
+        before, before_m_s = self._believed, self._velocity_m_s
         self._judge(told, exists, armed)
+        counted = (resets != self._resets) & (self._resets >= 0)
+        self._resets = resets
+        self.reset_time_s = np.where(
+            armed & (counted | self._jumped(before, before_m_s, velocity_m_s)), now_s, self.reset_time_s
+        )
         self._velocity_m_s = np.where(
             (self._believed.time_s == told.time_s)[:, None], velocity_m_s, self._velocity_m_s
         )
@@ -76,6 +95,16 @@ class Table:
             yaw_rad,
             np.where(self._trusted, age_s, np.inf),
         )
+
+    def _jumped(self, before: "_Track", before_m_s: Array, velocity_m_s: Array) -> Mask:
+        """(n,) whose newest believed position the velocities before it and with it do not explain."""
+        now = self._believed
+        new = (now.time_s > before.time_s) & np.isfinite(before.time_s)
+        elapsed_s = np.where(new, now.time_s - np.where(new, before.time_s, 0.0), 0.0)
+        flown_m = (before_m_s + velocity_m_s) / 2.0 * elapsed_s[:, None]
+        off_m = np.linalg.norm(now.position_m - before.position_m - flown_m, axis=1)
+        jumped: Mask = new & (off_m > UNEXPLAINED_M + UNEXPLAINED_M_S * elapsed_s)  # False for NaN
+        return jumped
 
     def _judge(self, told: "_Track", exists: Mask, armed: Mask) -> None:
         """Believe what is new in `told`, or do not; `exists` says where it can be a place at all."""

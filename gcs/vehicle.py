@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import dataclass, field
+from math import inf
 
 from gcs.control import Task
 from gcs.errors import RefusedError
@@ -39,6 +40,7 @@ class Vehicle:
     hold_m: Array | None = None  # (3,) where it waits while the show does not move it
     goal_m: Array | None = None  # (3,) of RETURN and LANDING
     engaging: bool = False  # in HOLD, setpoints already flow so that OFFBOARD can be accepted
+    frozen_until_s: float = -inf  # its position jumped: until then it stands still
     handed_over: bool = False  # in LANDING, the autopilot's own LAND touches down
     last_velocity_m_s: Array | None = None  # (3,) with last_m
     try_again_s: float = 0.0  # when what the service does by itself may be tried again
@@ -62,8 +64,16 @@ class Vehicle:
             extra={"vehicle": self.id, "was": before.value, "phase": self.phase.value, "reason": reason},
         )
 
-    def task(self, show: ShowPhase) -> tuple[Task, Array | None]:
-        """What the tick does with it now, and the goal where there is one."""
+    def freeze(self, position_m: Array, until_s: float, reason: str) -> None:
+        """Have it stand where it now says that it is; nothing else of what it does changes."""
+        self.hold_m, self.frozen_until_s, self.reason = position_m.copy(), until_s, reason
+        log.warning("position_reset", extra={"vehicle": self.id, "reason": reason})
+
+    def task(self, show: ShowPhase, time_s: float) -> tuple[Task, Array | None]:
+        """What the tick at `time_s` does with it, and the goal where there is one."""
+        flown = self.phase in FLOWN and not self.handed_over
+        if flown and self.hold_m is not None and time_s < self.frozen_until_s:
+            return Task.GOAL, self.hold_m
         if self.phase is Phase.FORMATION:
             if show in SHOW_FLIES:
                 return Task.FORMATION, None

@@ -1,7 +1,7 @@
 """The newest state of everything, as people and programs may see it."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from gcs.control import Tick
 from gcs.lifecycle import ShowPhase
 from gcs.plan import Plan
 from gcs.service import FleetView, TickView, VehicleView
-from gcs.state import Array, FleetState, Telemetry, VehicleId
+from gcs.state import Array, FleetState, Telemetry, Traits, VehicleId
 from gcs.table import tuple3
 from gcs.vehicle import Vehicle
 
 
-def known(value: float) -> float | None:
+def finite(value: float) -> float | None:
     """None in place of a value that is not known."""
     return float(value) if np.isfinite(value) else None
 
@@ -25,6 +25,8 @@ def fleet_view(
     tick: Tick,
     vehicles: Sequence[Vehicle],
     telemetry: Mapping[VehicleId, tuple[Telemetry, int]],
+    known: Collection[VehicleId],
+    traits: Traits,
     show: ShowPhase,
     reason: str,
     plan: Plan,
@@ -32,7 +34,10 @@ def fleet_view(
     control_alive: bool,
     setpoints_sent: int,
 ) -> FleetView:
-    """Put one tick's state together; rows of `fleet` and `vehicles` correspond."""
+    """Put one tick's state together; rows of `fleet` and `vehicles` correspond.
+
+    `known` are those whose parameters have been read: only they are ready.
+    """
     sent = dict(zip(tick.setpoints.ids, tick.setpoints.velocity_m_s, strict=True))
     center = tick.memory.center
     return FleetView(
@@ -41,7 +46,15 @@ def fleet_view(
         show=show,
         reason=reason,
         vehicles=tuple(
-            _vehicle_view(vehicle, fleet, tick, telemetry[vehicle.id], sent.get(vehicle.id))
+            _vehicle_view(
+                vehicle,
+                fleet,
+                tick,
+                telemetry[vehicle.id],
+                sent.get(vehicle.id),
+                is_known=vehicle.id in known,
+                uncertainty_m=float(traits.uncertainty_m[vehicle.row]),
+            )
             for vehicle in vehicles
         ),
         plan=plan,
@@ -49,7 +62,7 @@ def fleet_view(
         center_velocity_m_s=None if center is None else tuple3(center.velocity_m_s),
         radius_m=None if center is None else tick.memory.radius_m,
         target_m=plan.target.position_m(fleet.time_s),
-        minimum_separation_m=known(tick.minimum_separation_m),
+        minimum_separation_m=finite(tick.minimum_separation_m),
         tick=timing,
         control_alive=control_alive,
         setpoints_sent=setpoints_sent,
@@ -62,6 +75,9 @@ def _vehicle_view(
     tick: Tick,
     heard: tuple[Telemetry, int],
     setpoint_m_s: Array | None,
+    *,
+    is_known: bool,
+    uncertainty_m: float,
 ) -> VehicleView:
     telemetry, at = heard
     row = vehicle.row
@@ -74,16 +90,17 @@ def _vehicle_view(
         mode=telemetry.mode[at],
         armed=telemetry.armed[at],
         landed=telemetry.landed[at],
-        ready=telemetry.ready[at],
+        ready=telemetry.ready[at] and is_known,
         position_m=tuple3(fleet.position_m[row]),
         velocity_m_s=tuple3(fleet.velocity_m_s[row]),
-        yaw_rad=known(fleet.yaw_rad[row]),
-        latitude_deg=known(telemetry.latitude_deg[at]),
-        longitude_deg=known(telemetry.longitude_deg[at]),
-        altitude_amsl_m=known(telemetry.altitude_amsl_m[at]),
-        battery_remaining=known(telemetry.battery_remaining[at]),
-        position_age_s=known(fleet.age_s[row]),
-        heartbeat_age_s=known(fleet.time_s - telemetry.heartbeat_time_s[at]),
+        yaw_rad=finite(fleet.yaw_rad[row]),
+        latitude_deg=finite(telemetry.latitude_deg[at]),
+        longitude_deg=finite(telemetry.longitude_deg[at]),
+        altitude_amsl_m=finite(telemetry.altitude_amsl_m[at]),
+        battery_remaining=finite(telemetry.battery_remaining[at]),
+        position_age_s=finite(fleet.age_s[row]),
+        position_uncertainty_m=uncertainty_m,
+        heartbeat_age_s=finite(fleet.time_s - telemetry.heartbeat_time_s[at]),
         setpoint_m_s=None if setpoint_m_s is None else tuple3(setpoint_m_s),
         restrained_by=tick.restrained_by[row],
     )

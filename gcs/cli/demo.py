@@ -25,14 +25,10 @@ from gcs.control import warm_up
 from gcs.errors import ConfigError, GcsError
 from gcs.feasibility import smallest_formation_radius_m
 from gcs.orchestrator import Orchestrator
+from gcs.parameters import requirements, settings_of
 
 VEHICLES_MAX = 50
 CHILD_ENDS_S = 5.0
-OFFBOARD_LOSS_S = 3.0
-"""COM_OF_LOSS_T of the fake fleet. Service and fleet share this machine with whatever else runs on it: with
-PX4's 1 s, a pause of the service that lasts a second would end the show.
-"""
-
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
 
@@ -163,7 +159,8 @@ def fake_fleet(
     common = [sys.executable, "-m", "sim", "--count", "1", "--port-base", str(arguments.port_base)]
     common += ["--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"]
     common += ["--grid-columns", str(ceil(sqrt(count))), "--seed", str(arguments.seed)]
-    common += ["--param", f"COM_OF_LOSS_T={OFFBOARD_LOSS_S:g}"]
+    for name, value in settings_of(requirements(config.operation, config.control)).items():
+        common += ["--param", f"{name}={value:g}"]
     children: list[subprocess.Popen[bytes]] = []
     try:
         for i, truth in enumerate(truth_files):

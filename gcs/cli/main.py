@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import gcs.cli.demo as demo_command
+import gcs.cli.params as params_command
 import gcs.cli.serve as serve_command
 import gcs.cli.simulation.command as simulate_command
 import sim.cli
@@ -17,7 +18,7 @@ from gcs.links.keys import create_key
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """`gcs demo`, `gcs serve`, `gcs simulate`, `gcs key`, `gcs sim`."""
+    """`gcs demo`, `gcs serve`, `gcs params`, `gcs simulate`, `gcs key`, `gcs sim`."""
     parser = argparse.ArgumentParser(prog="gcs", description="Fly a self-organising formation of drones.")
     commands = parser.add_subparsers(dest="command", required=True)
 
@@ -33,6 +34,10 @@ def build_parser() -> argparse.ArgumentParser:
     serve_parser.add_argument("--port", type=int, help="of the API; 8000 unless told otherwise")
     serve_parser.add_argument("--quiet", action="store_true", help="log warnings only")
     serve_parser.set_defaults(run=_serve)
+
+    params_parser = commands.add_parser("params", help="check or set the parameters that decide what is safe")
+    params_command.add_arguments(params_parser)
+    params_parser.set_defaults(run=params_command.run)
 
     simulate_parser = commands.add_parser("simulate", help="fly scenarios in virtual time and judge them")
     simulate_command.add_arguments(simulate_parser)

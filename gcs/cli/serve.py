@@ -33,7 +33,7 @@ def make_link(settings: LinkSettings, config: Config) -> Link:
         settings.places,
         config.frame,
         deadman_s=config.deadman_s,
-        rates_hz=wanted(settings.streams, config.tick_rate_hz),
+        rates_hz=wanted(settings.streams),
         record=None if config.record is None else config.record.folder,
         signing=None if signing is None else Signing(signing.key_file, signing.link_id),
         forward=settings.forward,

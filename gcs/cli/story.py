@@ -16,7 +16,7 @@ from gcs.plan import Direction, Obstacle
 ORBIT_RADIUS_M = 15.0
 ORBIT_SPEED_M_S = 2.5
 TARGET_VELOCITY_M_S = (0.8, -0.4)
-CONNECT_S = 20.0
+CONNECT_S = 60.0
 READY_S = 30.0
 LANDING_S = 75.0
 """Kept for the way home."""

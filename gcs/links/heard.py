@@ -2,25 +2,32 @@
 
 import asyncio
 from collections import Counter
-from math import inf
+from math import inf, nan
+from typing import Final
 
 from gcs.links.mavlink_frames import (
     GLOBAL_POSITION_INT,
+    GPS_RAW_INT,
     HEARTBEAT,
+    ODOMETRY,
     STATUSTEXT,
     SYS_STATUS,
+    Accuracy,
     Frame,
     TextChunk,
     boot_time_ms,
+    gps_accuracy,
     heartbeat,
     prearm_ok,
+    reset_counter,
     status_text,
 )
 from gcs.state import Mode
 
 _AUTOPILOT_COMPONENT = 1
 _TEXT_CHUNKS_MAX = 8
-_REBOOT_MS = 1000  # farther back than datagrams overtake each other
+_REORDERED_MS: Final = 1000
+"""A boot clock that goes back by less is that of a late datagram."""
 
 
 class Heard:
@@ -30,8 +37,10 @@ class Heard:
         time_s: arrival of any frame; `heartbeat_time_s` and `position_time_s` of their own, -inf before.
         armed, mode: from the autopilot's heartbeat, which alone is believed.
         prearm_ok: SYS_STATUS says that the autopilot's own checks before arming pass.
+        accuracy: of the newest GPS_RAW_INT.
+        boots: how often the boot clock has jumped back: a reboot, or a simulator that was paused.
+        position_resets: how often the estimator's reset counter (ODOMETRY) has changed.
         text, text_time_s: the newest status text, and its arrival.
-        boots: how often its boot clock has jumped back: restarts, and pauses of a simulator.
         counts: how many messages of each kind the autopilot has sent.
         news: fires at the next heartbeat, and is then replaced.
     """
@@ -43,13 +52,16 @@ class Heard:
         self.armed = False
         self.mode = Mode.UNKNOWN
         self.prearm_ok = False
+        self.accuracy = Accuracy(nan, nan)
+        self.boots = 0
+        self.position_resets = 0
         self.text = ""
         self.text_time_s = -inf
-        self.boots = 0
         self.counts: Counter[int] = Counter()
         self.news = asyncio.Event()
         self._boot_time_ms = 0
         self._chunks: list[TextChunk] = []
+        self._reset_counter: int | None = None
 
     def take(self, frame: Frame, time_s: float) -> None:
         """Read one checked frame of this vehicle. Frames of its other components count as arrivals only."""
@@ -60,20 +72,26 @@ class Heard:
         self.counts[message_id] += 1
         if message_id == GLOBAL_POSITION_INT:
             self.position_time_s = time_s
-            self._take_boot_time(boot_time_ms(frame))
+            self._take_boot_clock(boot_time_ms(frame))
         elif message_id == HEARTBEAT:
             self._take_heartbeat(frame, time_s)
         elif message_id == SYS_STATUS:
             self.prearm_ok = prearm_ok(frame)
+        elif message_id == GPS_RAW_INT:
+            self.accuracy = gps_accuracy(frame)
+        elif message_id == ODOMETRY:
+            counted, self._reset_counter = self._reset_counter, reset_counter(frame)
+            self.position_resets += counted is not None and counted != self._reset_counter
         elif message_id == STATUSTEXT:
             self._take_text(status_text(frame), time_s)
 
-    def _take_boot_time(self, time_ms: int) -> None:
-        if time_ms + _REBOOT_MS < self._boot_time_ms:
+    def _take_boot_clock(self, now_ms: int) -> None:
+        """Never an anchor for times: it loses against the wall, and restarts unannounced."""
+        if now_ms < self._boot_time_ms - _REORDERED_MS:
             self.boots += 1
-        elif time_ms < self._boot_time_ms:
-            return  # one that was overtaken
-        self._boot_time_ms = time_ms
+            self._reset_counter = None  # of a new life
+            self._boot_time_ms = now_ms
+        self._boot_time_ms = max(self._boot_time_ms, now_ms)
 
     def _take_heartbeat(self, frame: Frame, time_s: float) -> None:
         said = heartbeat(frame)

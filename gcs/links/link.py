@@ -1,11 +1,14 @@
 """The boundary between the fleet and a transport."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from gcs.state import Setpoints, Telemetry, VehicleId
+
+ParameterValue: TypeAlias = int | float
+"""As the autopilot holds it: INT32 as int, FLOAT as float."""
 
 
 class Verb(StrEnum):
@@ -74,5 +77,22 @@ class Link(Protocol):
 
         OFFBOARD needs setpoints already flowing for that vehicle. TAKEOFF returns when the climb has begun.
         Raises: OrderError with a reason a person can act on, when it refuses or does not answer in time.
+        """
+        ...
+
+    async def read_parameters(
+        self, vehicle_id: VehicleId, names: Sequence[str]
+    ) -> Mapping[str, ParameterValue]:
+        """What the autopilot holds now, for every one of `names`. Takes seconds, and blocks nobody else.
+
+        Raises: UnknownError for a vehicle of another link; OrderError naming the parameter, when there is no
+        such one or the vehicle does not answer (which cannot be told apart).
+        """
+        ...
+
+    async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
+        """Change one; an int only where the autopilot holds an INT32. Whoever needs to be sure reads it back.
+
+        Raises: UnknownError for a vehicle of another link; OrderError naming the parameter.
         """
         ...

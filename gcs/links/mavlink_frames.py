@@ -9,6 +9,7 @@ import sys
 from binascii import crc_hqx
 from collections.abc import Iterable
 from functools import cache
+from math import inf, nan
 from struct import Struct, calcsize, unpack_from
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -21,12 +22,14 @@ HEARTBEAT: Final = 0
 SYS_STATUS: Final = 1
 PING: Final = 4
 SET_MODE: Final = 11
+GPS_RAW_INT: Final = 24
 GLOBAL_POSITION_INT: Final = 33
 COMMAND_INT: Final = 75
 COMMAND_LONG: Final = 76
 COMMAND_ACK: Final = 77
 RADIO_STATUS: Final = 109
 STATUSTEXT: Final = 253
+ODOMETRY: Final = 331
 
 SETPOINT_MESSAGES: Final = frozenset({69, 70, 82, 84, 86, 139})
 """What moves a vehicle for as long as it is repeated: MANUAL_CONTROL, RC_CHANNELS_OVERRIDE,
@@ -47,6 +50,12 @@ _SIGNATURE_LENGTH: Final = 13
 _MAV_AUTOPILOT_PX4: Final = 12
 _CUSTOM_MODE_ENABLED: Final = 0x01
 _ARMED: Final = 0x80
+_RESET_COUNTER_AT: Final = 230  # in ODOMETRY
+_FIX_3D: Final = 3
+_UNKNOWN_DILUTION: Final = 0xFFFF
+_METRES_PER_DILUTION: Final = (1.3, 1.6)
+"""For receivers that report no accuracy (eph and epv are dilutions times 100): as PX4's recorded 0.9 m and
+1.78 m go with its 0.70 and 1.10."""
 _KILL_MAGIC: Final = 21196.0  # MAV_CMD_COMPONENT_ARM_DISARM, param2: even in flight
 
 _PX4_MODES: Final = MappingProxyType(
@@ -86,6 +95,13 @@ class Heartbeat(NamedTuple):
     autopilot: bool
     armed: bool
     mode: Mode
+
+
+class Accuracy(NamedTuple):
+    """What a receiver says of its fix, one sigma; NaN where it does not say, inf without a fix."""
+
+    horizontal_m: float
+    vertical_m: float
 
 
 class TextChunk(NamedTuple):
@@ -277,7 +293,7 @@ def heartbeat(frame: Frame) -> Heartbeat:
 
 
 def boot_time_ms(frame: Frame) -> int:
-    """Read when a GLOBAL_POSITION_INT was made, on the autopilot's own clock."""
+    """The boot clock of a GLOBAL_POSITION_INT. It jumps back at a reboot, and when a simulator was paused."""
     return int.from_bytes(frame.payload[:4], "little")
 
 
@@ -290,6 +306,25 @@ def prearm_ok(frame: Frame) -> bool:
     """Whether a SYS_STATUS says that the autopilot's own checks before arming pass."""
     (health,) = unpack_from("<I", _padded(frame), 8)
     return bool(health & PREARM_CHECK)
+
+
+def gps_accuracy(frame: Frame) -> Accuracy:
+    """Read a GPS_RAW_INT: h_acc and v_acc in mm, or else eph and epv."""
+    eph, epv, _, _, fix, _, _, h_acc_mm, v_acc_mm = unpack_from("<HHHHBBiII", _padded(frame), 20)
+    if fix < _FIX_3D:
+        return Accuracy(inf, inf)
+    horizontal_m, vertical_m = (
+        nan if dilution == _UNKNOWN_DILUTION else dilution / 100 * metres
+        for dilution, metres in zip((eph, epv), _METRES_PER_DILUTION, strict=True)
+    )
+    return Accuracy(
+        h_acc_mm / 1000 if h_acc_mm else horizontal_m, v_acc_mm / 1000 if v_acc_mm else vertical_m
+    )
+
+
+def reset_counter(frame: Frame) -> int:
+    """How often the estimator of an ODOMETRY has jumped, modulo 256."""
+    return _padded(frame)[_RESET_COUNTER_AT]
 
 
 def status_text(frame: Frame) -> TextChunk:

@@ -11,10 +11,11 @@ from mavsdk.exceptions import MavsdkError
 from mavsdk.logging import LogLevel, log_subscribe
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard, VelocityNedYaw
+from mavsdk.plugins.param import Param, ParamError, ParamResult
 from mavsdk.plugins.telemetry import Telemetry
 
 from gcs.errors import LinkError, OrderError
-from gcs.links.link import Verb
+from gcs.links.link import ParameterValue, Verb
 from gcs.state import Landed
 
 log = logging.getLogger(__name__)
@@ -49,6 +50,7 @@ class MavsdkVehicle:
         self._telemetry: Any = Telemetry(system)
         self._offboard: Any = Offboard(system)
         self._action: Any = Action(system)
+        self._param: Any = Param(system)
 
     def motion(self) -> Motion:
         """Position, velocity and heading, all from the same GLOBAL_POSITION_INT."""
@@ -106,6 +108,29 @@ class MavsdkVehicle:
             calls[verb]()
         except MavsdkError as error:
             raise OrderError(error.result.name) from error
+
+    def parameter(self, name: str) -> ParameterValue:
+        """What the autopilot holds; up to 3 s when it does not answer. Raises: OrderError naming it."""
+        try:
+            try:
+                whole: int = self._param.get_param_int(name)
+            except ParamError as error:
+                if error.result != ParamResult.WRONG_TYPE:
+                    raise
+            else:
+                return whole
+            number: float = self._param.get_param_float(name)
+        except MavsdkError as error:
+            raise OrderError(_of_parameter(name, error)) from error
+        return number
+
+    def set_parameter(self, name: str, value: ParameterValue) -> None:
+        """Change it and wait for the answer, up to 3 s. Raises: OrderError naming it."""
+        set_it = self._param.set_param_int if isinstance(value, int) else self._param.set_param_float
+        try:
+            set_it(name, value)
+        except MavsdkError as error:
+            raise OrderError(_of_parameter(name, error)) from error
 
     def destroy(self) -> None:
         """Release the vehicle and its plugins; nothing of it may be used afterwards."""
@@ -180,6 +205,13 @@ class MavsdkFleet:
                 vehicle.destroy()
             if self._mavsdk is not None:
                 self._mavsdk.destroy()
+
+
+def _of_parameter(name: str, error: Any) -> str:
+    """Why a parameter could not be read or set. A name that does not exist is simply not answered."""
+    if error.result == ParamResult.TIMEOUT:
+        return f"parameter {name}: no answer; there is no such parameter, or the vehicle is not heard"
+    return f"parameter {name}: {error.result.name}"
 
 
 def _pass_on(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:

@@ -7,6 +7,7 @@ set it. Therefore its bytes leave through `Wire`, where setpoints need a permiss
 import asyncio
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from math import degrees, isnan
 from pathlib import Path
 from time import monotonic
@@ -22,13 +23,13 @@ from gcs.links.deadman import Deadman
 from gcs.links.endpoints import Place
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
-from gcs.links.link import Order, Verb
+from gcs.links.link import Order, ParameterValue, Verb
 from gcs.links.mavlink_frames import Frame, kill_frame
 from gcs.links.mavsdk_fleet import COMPONENT_ID, MavsdkVehicle
 from gcs.links.mavsdk_shards import MavsdkShards
 from gcs.links.offstage import Offstage
 from gcs.links.orders import Orders
-from gcs.links.rates import NOT_NEEDED
+from gcs.links.rates import NOT_FOR_MAVSDK
 from gcs.links.recorder import Recorder
 from gcs.links.roster import Address
 from gcs.links.settings import Forward
@@ -224,6 +225,10 @@ class MavsdkLink:
             mode=tuple(heard.mode for heard in self._heard),
             landed=tuple(landed),
             ready=tuple(ready),
+            horizontal_accuracy_m=np.array([heard.accuracy.horizontal_m for heard in self._heard]),
+            vertical_accuracy_m=np.array([heard.accuracy.vertical_m for heard in self._heard]),
+            boots=tuple(heard.boots for heard in self._heard),
+            position_resets=tuple(heard.position_resets for heard in self._heard),
         )
 
     def send(self, setpoints: Setpoints) -> None:
@@ -258,21 +263,45 @@ class MavsdkLink:
 
         Raises: UnknownError for a vehicle of another link; OrderError.
         """
-        system_id = self._vehicles.get(order.vehicle_id)
-        if system_id is None:
-            raise UnknownError(f"{order.vehicle_id} is not on link {self._name}")
-        if self._orders is None:
-            raise OrderError(f"{order.vehicle_id}: {order.verb} impossible: link {self._name} is not open")
+        orders, system_id = self._orders_for(order.vehicle_id, f"{order.verb} impossible")
         heard = self._wire.heard[system_id]
         if order.verb is Verb.KILL:
-            await self._orders.kill(order, heard, lambda: self._send_kill(system_id))
+            await orders.kill(order, heard, lambda: self._send_kill(system_id))
             return
-        vehicle = self._met.get(system_id)
-        if vehicle is None:
-            raise OrderError(f"{order.vehicle_id}: {order.verb} impossible: never heard on link {self._name}")
+        vehicle = self._met_vehicle(order.vehicle_id, f"{order.verb} impossible")
         if order.verb is Verb.OFFBOARD and not self._deadman.allows(system_id, self._clock()):
             raise OrderError(f"{order.vehicle_id}: offboard refused: no setpoints are flowing to it")
-        await self._orders.execute(order, vehicle, heard)
+        await orders.execute(order, vehicle, heard)
+
+    async def read_parameters(
+        self, vehicle_id: VehicleId, names: Sequence[str]
+    ) -> Mapping[str, ParameterValue]:
+        """See `Link.read_parameters`. One call each on the vehicle's worker: orders pass in between."""
+        orders, _ = self._orders_for(vehicle_id, "its parameters cannot be read")
+        vehicle = self._met_vehicle(vehicle_id, "its parameters cannot be read")
+        return {name: await orders.call(vehicle_id, partial(vehicle.parameter, name)) for name in names}
+
+    async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
+        """See `Link.set_parameter`."""
+        orders, _ = self._orders_for(vehicle_id, f"{name} cannot be set")
+        vehicle = self._met_vehicle(vehicle_id, f"{name} cannot be set")
+        await orders.call(vehicle_id, partial(vehicle.set_parameter, name, value))
+
+    def _orders_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[Orders, int]:
+        """Who executes orders, and the vehicle's system id. Raises: UnknownError, OrderError."""
+        system_id = self._vehicles.get(vehicle_id)
+        if system_id is None:
+            raise UnknownError(f"{vehicle_id} is not on link {self._name}")
+        if self._orders is None:
+            raise OrderError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
+        return self._orders, system_id
+
+    def _met_vehicle(self, vehicle_id: VehicleId, otherwise: str) -> MavsdkVehicle:
+        """Raises: OrderError for one that MAVSDK has not met."""
+        vehicle = self._met.get(self._vehicles[vehicle_id])
+        if vehicle is None:
+            raise OrderError(f"{vehicle_id}: {otherwise}: never heard on link {self._name}")
+        return vehicle
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
         return now_s - self._wire.heard[system_id].heartbeat_time_s <= SILENT_AFTER_S
@@ -281,7 +310,7 @@ class MavsdkLink:
         return system_id in self._met
 
     def _deliver(self, frame: Frame) -> None:
-        if self._fleet is None or frame.message_id in NOT_NEEDED:
+        if self._fleet is None or frame.message_id in NOT_FOR_MAVSDK:
             return  # it has been counted as an arrival, and observers see it
         if not is_answer(frame):  # MAVSDK knows of no question
             self._fleet.receive(frame)

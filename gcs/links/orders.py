@@ -8,7 +8,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from math import isfinite
-from typing import Final
+from typing import Final, TypeVar
 
 from gcs.errors import OrderError
 from gcs.links.heard import Heard
@@ -16,6 +16,8 @@ from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, Verb
 from gcs.links.mavsdk_fleet import MavsdkVehicle
 from gcs.state import Landed, Mode, VehicleId
+
+T = TypeVar("T")
 
 CONFIRM_S: Final = 3.2
 """Heartbeats come once a second; three of them, and a little for the road."""
@@ -88,6 +90,21 @@ class Orders:
             wait_s = CONFIRM_S if cause is None else _REASON_S
             if not await self._confirmed(order.verb, vehicle, heard, began_s, wait_s):
                 raise OrderError(self._failure(order, cause, heard, began_s))
+
+    async def call(self, vehicle_id: VehicleId, blocking: Callable[[], T]) -> T:
+        """The result of a call of MAVSDK's on the vehicle's worker, between orders. Raises: OrderError."""
+
+        def unless_closed() -> T:
+            if self._closed:
+                raise OrderError(_CLOSED)
+            return blocking()
+
+        if self._closed:  # then the workers take no more calls
+            raise OrderError(f"{vehicle_id}: {_CLOSED}")
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._workers[vehicle_id], unless_closed)
+        except OrderError as error:
+            raise OrderError(f"{vehicle_id}: {error}") from error
 
     async def kill(self, order: Order, heard: Heard, send_kill: Callable[[], None]) -> None:
         """Send the kill command now and again until the heartbeat says disarmed. Raises: OrderError.

@@ -8,16 +8,18 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, SYS_STATUS
+from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, GPS_RAW_INT, ODOMETRY, SYS_STATUS
 from gcs.links.settings import StreamSettings
 
 BATTERY_STATUS: Final = 147
 EXTENDED_SYS_STATE: Final = 245
-GPS_RAW_INT: Final = 24
 
-NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141, 331})
+_NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141})
 """Frequent, and nothing here reads them: attitudes, local position, servos, HUD, targets, IMU, clocks, range,
-altitude, odometry."""
+altitude."""
+
+NOT_FOR_MAVSDK: Final = _NOT_NEEDED | {ODOMETRY}
+"""What MAVSDK is not shown. Of ODOMETRY the wire itself reads the reset counter."""
 
 _SILENT_S: Final = 3.0
 _SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it meets a vehicle; ours come after
@@ -26,15 +28,16 @@ _PAUSE_MAX_S: Final = 60.0
 _FRAMES_MIN: Final = 4  # in a window; rarer streams are not judged
 
 
-def wanted(streams: StreamSettings, tick_rate_hz: float) -> dict[int, float]:
-    """Rate of every message that is asked for; 0 is not at all."""
+def wanted(streams: StreamSettings) -> dict[int, float]:
+    """Rate in Hz of every message that is asked for; 0 is not at all."""
     return {
-        GLOBAL_POSITION_INT: tick_rate_hz if streams.position_hz is None else streams.position_hz,
+        GLOBAL_POSITION_INT: streams.position_hz,
         EXTENDED_SYS_STATE: streams.state_hz,
         SYS_STATUS: min(streams.state_hz, 2.0),
         GPS_RAW_INT: min(streams.state_hz, 2.0),
+        ODOMETRY: 1.0,
         BATTERY_STATUS: 0.5,
-        **dict.fromkeys(sorted(NOT_NEEDED), streams.others_hz),
+        **dict.fromkeys(sorted(_NOT_NEEDED), streams.others_hz),
     }
 
 

@@ -29,7 +29,7 @@ class SigningSettings(Settings):
 class StreamSettings(Settings):
     """How often the vehicles are to report; `others_hz` is for what only further stations want to see."""
 
-    position_hz: Positive | None = None  # None: as often as the tick
+    position_hz: Positive = 10.0  # the tick brings positions forward with their velocities
     state_hz: Positive = 5.0
     others_hz: NotNegative = 0.0
 

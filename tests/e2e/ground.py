@@ -1,7 +1,7 @@
 """What the end-to-end tests stand on: fake vehicles in processes of their own, and the service over them.
 
 The machine may stand still for a second or two at any moment, and be slow for longer: what is waited for is
-waited for generously, and a flight that is not about the loss of setpoints is flown with `PATIENT` vehicles.
+waited for generously, and a flight that is not about the loss of setpoints is flown with `PATIENT_S`.
 """
 
 import asyncio
@@ -14,24 +14,33 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from gcs import config as configuration
+from gcs.parameters import requirements, settings_of
 
 ORIGIN = "47.397742,8.545594,488.0"
 
 SOON_S = 120.0
 """For whatever takes a few seconds."""
 
-PATIENT = ("--param", "COM_OF_LOSS_T=5")
+PATIENT_S = 5.0
 """PX4 takes a second without setpoints for the loss of its ground station; these take five."""
 
 
-def flying_config(count: int, port_base: int, *, silence_s: float) -> configuration.Config:
+def proper(config: configuration.Config) -> tuple[str, ...]:
+    """Options of fake vehicles that have the parameters which `config` asks for."""
+    values = settings_of(requirements(config.operation, config.control))
+    return tuple(word for name, value in values.items() for word in ("--param", f"{name}={value:g}"))
+
+
+def flying_config(
+    count: int, port_base: int, *, silence_s: float, **operation: object
+) -> configuration.Config:
     """The demo's configuration for `count` vehicles, with a free API port, patient with silent ones."""
     raw = configuration.load(configuration.find("demo")).model_dump()
     raw["links"][0].update(listen=f"udpin://127.0.0.1:{port_base}", ports=count)
     raw["links"][0]["vehicles"]["count"] = count
     raw["api"]["port"] = 0
     raw["operation"]["takeoff_stagger_s"] = 0.2
-    raw["operation"]["silence_s"] = silence_s
+    raw["operation"] |= {"silence_s": silence_s, "setpoint_loss_s": PATIENT_S, **operation}
     return configuration.Config.model_validate(raw)
 
 

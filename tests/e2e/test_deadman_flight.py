@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
-from ground import SOON_S, flying_config, last_truths, until, vehicles, wait_until
+from ground import SOON_S, flying_config, last_truths, proper, until, vehicles, wait_until
 from machine import Witness, free_ports
 
 from gcs.cli.serve import make_link
@@ -51,9 +51,15 @@ def failsafe_has_begun(truth: dict[str, object]) -> bool:
 async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkLink, float, list[Phase]]:
     """Fly two vehicles, stop control, wait for the failsafe: link, time of the last tick, phases after."""
     base = free_ports(2)
-    config = flying_config(2, base, silence_s=60.0)  # nobody is lost meanwhile
-    # three seconds until they notice, so that it is the stop they notice and not a pause of the machine
-    with vehicles(2, base, folder, "--param", "COM_OF_LOSS_T=3"):
+    config = flying_config(
+        2,
+        base,
+        silence_s=60.0,  # nobody is lost meanwhile
+        setpoint_loss_action="descend",  # seen at once, from outside
+        require_safe_setpoint_loss=False,
+        setpoint_loss_s=3.0,  # so that it is the stop they notice and not a pause of the machine
+    )
+    with vehicles(2, base, folder, *proper(config)):
         link = make_link(config.links[0], config)
         assert isinstance(link, MavsdkLink)
         orchestrator = Orchestrator(config, [link])

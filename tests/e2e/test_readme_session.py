@@ -12,7 +12,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from ground import ORIGIN, PATIENT, SOON_S, last_truths, wait_until
+from ground import ORIGIN, PATIENT_S, SOON_S, last_truths, wait_until
 from machine import free_ports
 
 from gcs import config as configuration
@@ -43,27 +43,38 @@ def station(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """Four fake vehicles and `gcs serve` with the SITL configuration, on ports that are free."""
     base = free_ports(10)
     text = configuration.find("px4-sitl").read_text(encoding="utf-8").replace("14540", str(base))
+    text = text.replace("operation:\n", f"operation:\n  setpoint_loss_s: {PATIENT_S}\n")
     config = folder / "sitl.yaml"
     config.write_text(text, encoding="utf-8")
     sim = [sys.executable, "-m", "sim", "--count", "4", "--port-base", str(base), "--origin", ORIGIN]
-    sim += ["--truth", str(folder / "truth.jsonl"), *PATIENT]
+    sim += ["--truth", str(folder / "truth.jsonl"), "--param", f"COM_OF_LOSS_T={PATIENT_S}"]
+    apply = [sys.executable, "-m", "gcs", "params", "apply", "--config", str(config)]
     serve = [sys.executable, "-m", "gcs", "serve", "--config", str(config), "--port", "0", "--quiet"]
-    with (
-        subprocess.Popen(sim, stdout=subprocess.DEVNULL) as vehicles,
-        subprocess.Popen(serve, stdout=subprocess.PIPE, text=True) as service,
-    ):
+    with subprocess.Popen(sim, stdout=subprocess.DEVNULL) as vehicles:
         try:
-            assert service.stdout is not None
-            address = re.search(r"http://\S+:\d+", service.stdout.readline())
-            assert address is not None
-            yield address[0], service
+            applied = subprocess.run(apply, capture_output=True, text=True, check=False, timeout=SOON_S)
+            assert applied.returncode == 0, applied.stdout + applied.stderr
+            with subprocess.Popen(serve, stdout=subprocess.PIPE, text=True) as service:
+                try:
+                    assert service.stdout is not None
+                    address = re.search(r"http://\S+:\d+", service.stdout.readline())
+                    assert address is not None
+                    yield address[0], service
+                finally:
+                    service.kill()
         finally:
-            service.kill()
             vehicles.terminate()
 
 
 def open_api(address: str) -> httpx.Client:
     return httpx.Client(base_url=f"{address}/api/v1", timeout=30.0)
+
+
+def test_the_readme_has_the_parameters_set_before_the_service_runs() -> None:
+    text = README.read_text(encoding="utf-8")
+    apply = text.index("gcs params apply --config configs/px4-sitl.yaml")
+    assert text.index("gcs sim --count 4 --ports px4") < apply
+    assert apply < text.index("gcs serve --config configs/px4-sitl.yaml")
 
 
 def test_the_readme_session_flies(tmp_path: Path) -> None:

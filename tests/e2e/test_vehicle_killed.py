@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ground import PATIENT, SOON_S, flying_config, until, vehicles
+from ground import SOON_S, flying_config, proper, until, vehicles
 from machine import Witness, free_ports
 
 from api.app import create_app
@@ -78,7 +78,7 @@ async def fly_and_kill(folder: Path, machine: Witness) -> Seen:
     best = energy(best_configuration(7))
     base = free_ports(8)
     config = flying_config(8, base, silence_s=2.0)
-    with vehicles(8, base, folder, *PATIENT) as processes:
+    with vehicles(8, base, folder, *proper(config)) as processes:
         link = make_link(config.links[0], config)
         assert isinstance(link, MavsdkLink)
         orchestrator = Orchestrator(config, [link])

@@ -6,7 +6,8 @@ only has to refuse a batch that is too old when it comes.
 """
 
 import asyncio
-from collections.abc import Collection, Mapping
+import struct
+from collections.abc import Collection, Mapping, Sequence
 from math import inf, isfinite, nan, pi
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ from pymavlink.dialects.v20 import common
 
 from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.frames import ShowFrame
-from gcs.links import Order, Verb
+from gcs.links import Order, ParameterValue, Verb
 from gcs.links.heard import Heard
 from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, Frame, kill_frame, split
 from gcs.state import Array, Landed, Mode, Setpoints, Telemetry, VehicleId
@@ -25,11 +26,13 @@ from sim.modes import Mode as PilotMode
 
 STATION = (245, 190)
 VELOCITY_AND_YAW = 0x9C7
-BATTERY_STATUS, EXTENDED_SYS_STATE, COMMAND_LONG = 147, 245, 76
+BATTERY_STATUS, EXTENDED_SYS_STATE, COMMAND_LONG, PARAM_VALUE = 147, 245, 76, 22
 HEARTBEAT_PERIOD_S = 1.0
 CONFIRM_S = 3.2
 KILL_REPEAT_S = 0.1
-UNREAD = (30, 31, 32, 36, 74, 83, 85, 105, 111, 132, 141, 331, 2, 4, 24, 42)  # not asked of the vehicles
+PARAMETER_S, PARAMETER_REPEAT_S = 3.0, 0.5
+INT32, REAL32 = 6, 9
+UNREAD = (30, 31, 32, 36, 74, 83, 85, 105, 111, 132, 141, 331, 2, 4, 42)  # not asked of the vehicles
 
 MODE_NUMBERS = {
     Verb.HOLD: (4, 3),
@@ -66,12 +69,13 @@ class Ears(Heard):
         self.motion = (nan,) * 7  # latitude, longitude, altitude, velocity NED, yaw (degrees)
         self.battery_remaining = nan
         self.landed = Landed.UNKNOWN
+        self.parameters: dict[str, ParameterValue] = {}  # as last announced
         self._mav = common.MAVLink(None)
 
     def take(self, frame: Frame, time_s: float) -> None:
         """Read one frame of this vehicle."""
         super().take(frame, time_s)
-        if frame.message_id not in {GLOBAL_POSITION_INT, EXTENDED_SYS_STATE, BATTERY_STATUS}:
+        if frame.message_id not in {*(GLOBAL_POSITION_INT, EXTENDED_SYS_STATE, BATTERY_STATUS, PARAM_VALUE)}:
             return
         said: Any = self._mav.decode(bytearray(frame.raw))
         if frame.message_id == GLOBAL_POSITION_INT:
@@ -79,6 +83,10 @@ class Ears(Heard):
             self.motion = (*place, said.vx * 0.01, said.vy * 0.01, said.vz * 0.01, said.hdg * 0.01)
         elif frame.message_id == EXTENDED_SYS_STATE:
             self.landed = Landed(said.landed_state)
+        elif frame.message_id == PARAM_VALUE:
+            whole = said.param_type == INT32  # bytewise: the four bytes of an int in the float's place
+            value = struct.unpack("<i", struct.pack("<f", said.param_value))[0] if whole else said.param_value
+            self.parameters[said.param_id] = value
         else:
             self.battery_remaining = said.battery_remaining / 100 if said.battery_remaining >= 0 else nan
 
@@ -120,6 +128,7 @@ class LoopbackLink:
         self.orders: dict[VehicleId, list[SentOrder]] = {vehicle_id: [] for vehicle_id in vehicles}
         self.failures: list[LinkError] = []
         self.refusing: set[tuple[VehicleId, Verb]] = set()  # orders that come back refused, as from PX4
+        self.parameter_reads: list[tuple[float, VehicleId]] = []  # when parameters were asked for, of whom
         self.runs = 0
         self.conflicts: dict[VehicleId, str] = {}
 
@@ -178,6 +187,10 @@ class LoopbackLink:
             mode=tuple(heard.mode for heard in ears),
             landed=tuple(heard.landed for heard in ears),
             ready=tuple(heard.prearm_ok for heard in ears),
+            horizontal_accuracy_m=np.array([heard.accuracy.horizontal_m for heard in ears]),
+            vertical_accuracy_m=np.array([heard.accuracy.vertical_m for heard in ears]),
+            boots=tuple(heard.boots for heard in ears),
+            position_resets=tuple(heard.position_resets for heard in ears),
         )
 
     def send(self, setpoints: Setpoints) -> None:
@@ -212,6 +225,44 @@ class LoopbackLink:
                 if left_s <= 0.0:
                     raise OrderError(failure(order, heard, began_s))
                 await news(heard, left_s)
+
+    async def read_parameters(
+        self, vehicle_id: VehicleId, names: Sequence[str]
+    ) -> Mapping[str, ParameterValue]:
+        """Ask for all at once, and again for those not answered. Raises: OrderError naming one."""
+        loop = asyncio.get_running_loop()
+        known, target = self._ears[vehicle_id].parameters, self._system_ids[vehicle_id]
+        self.parameter_reads.append((loop.time(), vehicle_id))
+        for name in names:
+            known.pop(name, None)
+        until_s, ask_s = loop.time() + PARAMETER_S, -inf
+        while missing := [name for name in names if name not in known]:
+            if loop.time() > until_s:
+                raise OrderError(f"{vehicle_id}: parameter {missing[0]}: no answer")
+            if loop.time() - ask_s >= PARAMETER_REPEAT_S:
+                ask_s = loop.time()
+                for name in missing:
+                    self._post(
+                        vehicle_id,
+                        common.MAVLink_param_request_read_message(target, 1, name.encode("ascii"), -1),
+                    )
+            await asyncio.sleep(STEP_S)
+        return {name: known[name] for name in names}
+
+    async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
+        """Set, and wait until the vehicle announces it. Raises: OrderError naming it."""
+        known, target = self._ears[vehicle_id].parameters, self._system_ids[vehicle_id]
+        whole = isinstance(value, int)
+        encoded = struct.unpack("<f", struct.pack("<i", value))[0] if whole else value
+        kind = INT32 if whole else REAL32
+        known.pop(name, None)
+        message = common.MAVLink_param_set_message(target, 1, name.encode("ascii"), encoded, kind)
+        self._post(vehicle_id, message)
+        until_s = asyncio.get_running_loop().time() + PARAMETER_S
+        while name not in known:
+            if asyncio.get_running_loop().time() > until_s:
+                raise OrderError(f"{vehicle_id}: parameter {name}: no answer")
+            await asyncio.sleep(STEP_S)
 
     # test controls
 

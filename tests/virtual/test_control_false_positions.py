@@ -44,6 +44,10 @@ class HeardFlight(Flight):
                     mode=(Mode.OFFBOARD,) * 4,
                     landed=(Landed.IN_AIR,) * 4,
                     ready=(True,) * 4,
+                    horizontal_accuracy_m=np.full(4, np.nan),
+                    vertical_accuracy_m=np.full(4, np.nan),
+                    boots=(0,) * 4,
+                    position_resets=(0,) * 4,
                 )
             ],
             self.time_s,

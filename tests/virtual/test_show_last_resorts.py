@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import Show, fly, refused, show_config
+from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 from gcs.errors import RefusedError
 from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
@@ -164,9 +164,7 @@ async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
 
 
 def test_one_vehicle_that_never_obeys_does_not_keep_the_show_from_ending() -> None:
-    phase, attempts, next_order = fly(
-        refuses_to_hold_when_lost, show_config(3), parameters={"COM_OBL_RC_ACT": 5}
-    )
+    phase, attempts, next_order = fly(refuses_to_hold_when_lost, show_config(3, operation=HOLDS_WHEN_LOST))
     assert phase is ShowPhase.LANDED
     assert 3 <= attempts <= 20, "now and then, not without pause"
     assert next_order == "o3", "what the service does by itself is no order of anybody's"

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
+from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
 
 from gcs.errors import RefusedError
 from gcs.lifecycle import Phase, ShowPhase
@@ -16,7 +16,6 @@ from sim.modes import Mode as PilotMode
 
 pytestmark = pytest.mark.xdist_group("show-lost")
 
-HOLDS_WHEN_LOST = {"COM_OBL_RC_ACT": 5}
 OTHERS = ("d1", "d3", "d4")
 
 
@@ -76,7 +75,7 @@ async def silent_for_a_while(show: Show) -> Silence:
 
 @pytest.fixture(scope="module")
 def silence() -> Silence:
-    return fly(silent_for_a_while, parameters=HOLDS_WHEN_LOST)
+    return fly(silent_for_a_while, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
 def test_a_vehicle_silent_in_the_air_is_lost_within_the_limit(silence: Silence) -> None:
@@ -161,7 +160,7 @@ async def across_a_lost_one(show: Show) -> Crossing:
 
 
 def test_nobody_flies_below_a_lost_vehicle_that_may_come_down() -> None:
-    crossing = fly(across_a_lost_one, show_config(2), parameters=HOLDS_WHEN_LOST, noise_scale=0.3)
+    crossing = fly(across_a_lost_one, show_config(2, operation=HOLDS_WHEN_LOST), noise_scale=0.3)
     assert len(crossing.column_m) > 50
     assert min(crossing.column_m) > 2.0
     assert "the path of a lost vehicle" in crossing.reasons

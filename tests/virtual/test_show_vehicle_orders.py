@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
+from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
 
 from gcs.errors import RefusedError, UnknownError
 from gcs.lifecycle import Phase, ShowPhase
@@ -174,7 +174,7 @@ async def no_room(show: Show) -> tuple[Refusal, OrderRecord]:
 
 
 def test_joining_a_sphere_too_small_for_one_more_is_refused_with_the_radius_that_would_do() -> None:
-    refusal, joined = fly(no_room, parameters={"COM_OBL_RC_ACT": 5})
+    refusal, joined = fly(no_room, show_config(4, operation=HOLDS_WHEN_LOST))
     assert refusal.kind is RefusedError
     assert "at least 3.2 m for 4 vehicles" in refusal.text
     assert joined.outcome is Outcome.DONE

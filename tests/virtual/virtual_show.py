@@ -15,6 +15,7 @@ from gcs.formation.obstacles import Ellipse
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Link
 from gcs.orchestrator import Orchestrator
+from gcs.parameters import requirements, settings_of
 from gcs.safety.separation import minimum_separation
 from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleView
 from gcs.state import Array, VehicleId
@@ -30,6 +31,9 @@ JUMP_M_S = 1.5
 """What two successive setpoints may differ by: 1.0 when the centre's acceleration reverses (0.5 s of lead),
 0.375 of wanted change (3 m/s^2 for 0.05 s, 2.5 times through the inner loop), and noise.
 """
+HOLDS_WHEN_LOST = {"setpoint_loss_action": "hold"}
+"""Section `operation` of a show whose vehicles stay where they are when they lose the ground station."""
+
 ORIGIN = {"latitude_deg": 47.397742, "longitude_deg": 8.545594, "altitude_amsl_m": 488.0}
 
 
@@ -40,7 +44,12 @@ def show_config(count: int, **sections: Mapping[str, Any]) -> Config:
         "links": [{"name": "loop", "listen": "udpin://127.0.0.1:14540", "vehicles": {"count": count}}],
         "formation": {"radius_m": RADIUS_M, "height_m": HEIGHT_M},
         "target": {"x_m": TARGET_M[0], "y_m": TARGET_M[1]},
-        "operation": {"takeoff_height_m": TAKEOFF_HEIGHT_M, "takeoff_stagger_s": 1.0},
+        "operation": {
+            "takeoff_height_m": TAKEOFF_HEIGHT_M,
+            "takeoff_stagger_s": 1.0,
+            "setpoint_loss_action": "descend",  # PX4's default, whose consequences are seen soonest
+            "require_safe_setpoint_loss": False,
+        },
     }
     for name, section in sections.items():
         raw[name] = {**raw.get(name, {}), **section}
@@ -270,9 +279,11 @@ def fly(
         story: what happens, in virtual time.
         config: four vehicles without one.
         failures: of the link, before it first runs.
-        fleet_settings: of `sim.fleet.Settings`.
+        fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
     """
     plan = show_config(4) if config is None else config
+    proper = settings_of(requirements(plan.operation, plan.control))
+    fleet_settings["parameters"] = {**proper, **fleet_settings.get("parameters", {})}
 
     async def main() -> T:
         loop = asyncio.get_running_loop()

@@ -203,6 +203,7 @@ class FakeService:
             longitude_deg=8.5456 if heard else None,
             altitude_amsl_m=488.0 if heard else float("nan"),
             battery_remaining=0.9,
+            position_uncertainty_m=0.35,
             position_age_s=0.05,
             heartbeat_age_s=float("inf"),
             setpoint_m_s=(1.0, 0.0, -1.0) if phase is Phase.FORMATION else None,

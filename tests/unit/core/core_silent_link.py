@@ -1,10 +1,12 @@
 """A link for tests of what needs one, but nobody on it."""
 
 import asyncio
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gcs.links import Order
+from gcs.errors import OrderError
+from gcs.links import Order, ParameterValue
 from gcs.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 
 
@@ -39,6 +41,10 @@ class SilentLink:
             mode=(Mode.UNKNOWN,) * n,
             landed=(Landed.UNKNOWN,) * n,
             ready=(False,) * n,
+            horizontal_accuracy_m=np.full(n, np.nan),
+            vertical_accuracy_m=np.full(n, np.nan),
+            boots=(0,) * n,
+            position_resets=(0,) * n,
         )
 
     def send(self, setpoints: Setpoints) -> None:
@@ -46,3 +52,13 @@ class SilentLink:
 
     async def execute(self, order: Order) -> None:
         """Nobody there."""
+
+    async def read_parameters(
+        self, vehicle_id: VehicleId, names: Sequence[str]
+    ) -> Mapping[str, ParameterValue]:
+        """Nobody answers."""
+        raise OrderError(f"{vehicle_id}: its parameters cannot be read: never heard on link {self.name}")
+
+    async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
+        """Nobody answers."""
+        raise OrderError(f"{vehicle_id}: {name} cannot be set: never heard on link {self.name}")

@@ -5,13 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs.preflight import PAD_HEIGHT_MAX_M, check_fleet
+from gcs.accuracy import Positioning, uncertainty_m
+from gcs.preflight import PAD_HEIGHT_MAX_M, Finding, check_fleet, told
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 from gcs.state import FleetState, Landed, Mode, Telemetry
 
 IDS = ("a", "b", "c")
 FLOOR = Floor(horizontal_m=2.0, margin_m=1.0, uncertainty_m=0.0)
+P = Positioning()
+NEVER = np.full(3, np.inf)
 FENCE = Fence(distance_max_m=300.0)
 
 GOOD = Telemetry(
@@ -28,6 +31,10 @@ GOOD = Telemetry(
     mode=(Mode.HOLD,) * 3,
     landed=(Landed.ON_GROUND,) * 3,
     ready=(True,) * 3,
+    horizontal_accuracy_m=np.full(3, np.nan),
+    vertical_accuracy_m=np.full(3, np.nan),
+    boots=(0,) * 3,
+    position_resets=(0,) * 3,
 )
 
 
@@ -39,9 +46,11 @@ def findings(
     east_m: tuple[float, float, float] = (0.0, 4.0, 8.0),
     height_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     conflicts: dict[str, str] | None = None,
+    pads_within_m: float = np.inf,
 ) -> list[tuple[str, str]]:
     position = np.stack([np.zeros(3), np.array(east_m), -np.array(height_m)], axis=1)
     fleet = FleetState(0.0, IDS, position, np.zeros((3, 3)), np.zeros(3), np.array(age_s))
+    reported_m = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m
     found = check_fleet(
         vehicles,
         fleet,
@@ -50,6 +59,9 @@ def findings(
         age_max_s=0.5,
         floor=FLOOR,
         fence=FENCE,
+        uncertainty_m=uncertainty_m(0.0, *reported_m, NEVER, P),
+        positioning=P,
+        pads_within_m=pads_within_m,
     )
     return [(finding.vehicle_id, finding.problem) for finding in found]
 
@@ -139,3 +151,33 @@ def test_a_position_that_is_heard_but_not_believed_is_told_from_one_never_heard(
     ((_, problem),) = findings(age_s=(0.1, np.inf, 0.1))
     assert "no position to believe" in problem
     assert "check its GPS and show_frame" in problem
+
+
+def test_a_pad_that_the_autopilots_own_fence_does_not_allow_for_is_named() -> None:
+    ((vehicle, problem),) = findings(east_m=(0.0, 4.0, 60.0), pads_within_m=50.0)
+    assert vehicle == "c"
+    assert problem.startswith("stands 60 m from the show's origin, its autopilot's fence allows for 50 m")
+    assert "raise operation.pads_within_m" in problem
+    assert findings(east_m=(0.0, 4.0, 60.0), pads_within_m=60.0) == []
+
+
+def test_a_receiver_without_a_good_fix_is_named_with_what_it_reports() -> None:
+    poor = replace(
+        GOOD, horizontal_accuracy_m=np.array([0.9, 6.0, np.nan]), vertical_accuracy_m=np.full(3, 1.8)
+    )
+    ((vehicle, problem),) = findings(poor, east_m=(0.0, 8.0, 16.0))
+    assert vehicle == "b"
+    assert problem.startswith("its receiver reports an accuracy of 6.0 m sideways and 1.8 m up")
+    none = replace(GOOD, horizontal_accuracy_m=np.full(3, np.inf), vertical_accuracy_m=np.full(3, np.inf))
+    assert len(findings(none, east_m=(0.0, 20.0, 40.0))) == 3
+
+
+def test_pads_are_as_far_apart_as_the_reported_accuracies_ask_for() -> None:
+    worse = replace(GOOD, horizontal_accuracy_m=np.array([3.0, 3.0, 0.9]))  # 0.4 times 2 m more, each
+    ((vehicle, problem),) = findings(worse)
+    assert (vehicle, problem) == ("a", "stands 4.0 m from b, at least 4.6 m is needed")
+
+
+def test_what_is_wrong_with_several_is_said_once() -> None:
+    found = [Finding("a", "is red"), Finding("b", "is blue"), Finding("c", "is red")]
+    assert told(found) == "a, c: is red; b: is blue"

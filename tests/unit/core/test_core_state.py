@@ -32,6 +32,10 @@ def telemetry(ids: tuple[str, ...], *, heard_s: float, altitude_amsl_m: float = 
         mode=(Mode.OFFBOARD,) * n,
         landed=(Landed.IN_AIR,) * n,
         ready=(True,) * n,
+        horizontal_accuracy_m=np.full(n, np.nan),
+        vertical_accuracy_m=np.full(n, np.nan),
+        boots=(0,) * n,
+        position_resets=(0,) * n,
     )
 
 

@@ -48,6 +48,10 @@ class Heard:
                     mode=(Mode.OFFBOARD,),
                     landed=(Landed.IN_AIR if armed else Landed.ON_GROUND,),
                     ready=(True,),
+                    horizontal_accuracy_m=np.full(1, np.nan),
+                    vertical_accuracy_m=np.full(1, np.nan),
+                    boots=(0,) * 1,
+                    position_resets=(0,) * 1,
                 )
             ],
             self.time_s,

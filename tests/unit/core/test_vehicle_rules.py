@@ -210,7 +210,7 @@ def test_in_formation_the_law_flies_while_the_show_moves_and_the_place_is_held_o
 ) -> None:
     subject = vehicle(Phase.FORMATION)
     subject.hold_m = HERE_M
-    task, goal_m = subject.task(show)
+    task, goal_m = subject.task(show, 0.0)
     if show in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
         assert (task, goal_m) == (Task.FORMATION, None)
     else:
@@ -222,24 +222,24 @@ def test_in_formation_the_law_flies_while_the_show_moves_and_the_place_is_held_o
 def test_on_its_way_down_a_vehicle_is_flown_until_its_autopilot_takes_over(phase: Phase) -> None:
     subject = vehicle(phase)
     subject.goal_m = HERE_M
-    task, goal_m = subject.task(ShowPhase.RETURNING)
+    task, goal_m = subject.task(ShowPhase.RETURNING, 0.0)
     assert task is Task.GOAL
     assert goal_m is HERE_M
     subject.handed_over = True
-    assert subject.task(ShowPhase.RETURNING) == (Task.NONE, None)
+    assert subject.task(ShowPhase.RETURNING, 0.0) == (Task.NONE, None)
 
 
 @pytest.mark.parametrize("phase", sorted(set(Phase) - {Phase.FORMATION, Phase.RETURN, Phase.LANDING}))
 def test_nobody_else_is_sent_anything(phase: Phase) -> None:
     subject = vehicle(phase)
     subject.goal_m = subject.hold_m = HERE_M
-    assert subject.task(ShowPhase.RUNNING) == (Task.NONE, None)
+    assert subject.task(ShowPhase.RUNNING, 0.0) == (Task.NONE, None)
 
 
 def test_while_it_engages_a_holding_vehicle_is_sent_its_own_place() -> None:
     subject = vehicle(Phase.HOLD)
     subject.hold_m, subject.engaging = HERE_M, True
-    task, goal_m = subject.task(ShowPhase.RUNNING)
+    task, goal_m = subject.task(ShowPhase.RUNNING, 0.0)
     assert task is Task.GOAL
     assert goal_m is HERE_M
 

@@ -1,6 +1,7 @@
-from math import inf
+from math import inf, isnan, nan
 from typing import Any
 
+import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.heard import Heard
@@ -73,3 +74,44 @@ def test_endless_chunks_stay_bounded() -> None:
     for chunk in range(200):
         take(heard, 1.0, text(b"a" * 50, 9, chunk))
     assert len(heard.text) == 8 * 50
+
+
+def gps(h_acc_mm: int, v_acc_mm: int, *, fix: int = 3, eph: int = 70, epv: int = 110) -> Any:
+    return dialect.MAVLink_gps_raw_int_message(
+        0, fix, 1, 2, 3, eph, epv, 0, 0, 10, 0, h_acc_mm, v_acc_mm, 0, 0, 0
+    )
+
+
+def odometry(counter: int) -> Any:
+    nothing, covariance = (0.0, 0.0, 0.0), [nan] * 21
+    q = (1.0, 0.0, 0.0, 0.0)
+    return dialect.MAVLink_odometry_message(
+        0, 1, 1, *nothing, q, *nothing, *nothing, covariance, covariance, counter, 8, 0
+    )
+
+
+def test_accuracy_is_what_the_receiver_reports_else_its_dilution_and_none_without_a_fix() -> None:
+    heard = Heard()
+    assert all(isnan(value) for value in heard.accuracy)
+    take(heard, 1.0, gps(900, 1780))
+    assert heard.accuracy == (0.9, 1.78)
+    take(heard, 2.0, gps(0, 0, eph=100, epv=200))
+    assert heard.accuracy == pytest.approx((1.3, 3.2))
+    take(heard, 3.0, gps(0, 0, eph=65535, epv=65535))
+    assert all(isnan(value) for value in heard.accuracy)
+    take(heard, 4.0, gps(900, 1780, fix=1))
+    assert heard.accuracy == (inf, inf)
+
+
+def test_a_boot_clock_that_goes_back_is_a_reboot_unless_the_datagram_was_late() -> None:
+    heard = Heard()
+    for clock_ms, boots in ((5000, 0), (6000, 0), (5500, 0), (200, 1), (300, 1), (900_000, 1), (0, 2)):
+        take(heard, 1.0, dialect.MAVLink_global_position_int_message(clock_ms, 1, 2, 3, 4, 5, 6, 7, 8))
+        assert heard.boots == boots, clock_ms
+
+
+def test_a_reset_counter_that_changes_is_a_reset_of_the_position() -> None:
+    heard = Heard()
+    for counter, resets in ((3, 0), (3, 0), (4, 1), (4, 1), (0, 2)):
+        take(heard, 1.0, odometry(counter))
+        assert heard.position_resets == resets

@@ -65,8 +65,12 @@ def test_a_wrong_rate_is_asked_for_again_ever_more_seldom(message_id: int, rate_
     assert vehicle.run(600.0) == []
 
 
-def test_what_is_wanted_follows_the_tick_unless_configured() -> None:
-    assert wanted(StreamSettings(), 50.0)[33] == 50.0
-    assert wanted(StreamSettings(position_hz=10.0), 50.0)[33] == 10.0
-    rates_hz = wanted(StreamSettings(others_hz=2.0), 20.0)
+def test_positions_are_wanted_ten_times_a_second_unless_configured() -> None:
+    assert wanted(StreamSettings())[33] == 10.0
+    assert wanted(StreamSettings(position_hz=4.0))[33] == 4.0
+    rates_hz = wanted(StreamSettings(others_hz=2.0))
     assert (rates_hz[30], rates_hz[245], rates_hz[1]) == (2.0, 5.0, 2.0)
+
+
+def test_the_estimators_reset_counter_is_asked_for_whatever_others_want() -> None:
+    assert wanted(StreamSettings())[331] == 1.0

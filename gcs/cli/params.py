@@ -1,0 +1,219 @@
+"""`gcs params`: what the vehicles' parameters are, what they should be, and to make them so."""
+
+import argparse
+import asyncio
+import json
+import logging
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import asdict, dataclass
+
+from gcs import config as configuration
+from gcs.cli import logs
+from gcs.cli.serve import make_link
+from gcs.config import Config
+from gcs.errors import ConfigError, LinkError, OrderError
+from gcs.links import Link, ParameterValue
+from gcs.orchestrator import leaves
+from gcs.parameters import Requirement, requirements
+from gcs.state import Mode, VehicleId
+
+HEARD_S = 8.0
+"""How long it waits for vehicles to speak up: heartbeats come once a second."""
+
+REACHED_S = 3.0
+"""And, once heard, for the link to be able to ask them."""
+
+POLL_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One parameter of one vehicle."""
+
+    vehicle: VehicleId
+    parameter: str
+    value: ParameterValue | None  # None: could not be read
+    wanted: str
+    verdict: str  # "ok", "set", or what is wrong
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing is left to do."""
+        return self.verdict in {"ok", "set"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """`gcs params check` and `gcs params apply`."""
+    actions = parser.add_subparsers(dest="action", required=True)
+    for name, text in (
+        ("check", "say which parameters make it unsafe to lose this ground station"),
+        ("apply", "set them, and read them back; never on a vehicle that is armed"),
+    ):
+        action = actions.add_parser(name, help=text)
+        action.add_argument("--config", required=True, metavar="FILE", help="as for gcs serve")
+        action.add_argument("--vehicles", metavar="d1,d2", help="these only; all that are heard without it")
+        action.add_argument("--wait", type=float, default=HEARD_S, metavar="S", help="for vehicles; 8")
+        action.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check, or apply. Returns: 0 when everything is as it should be, 1 otherwise."""
+    logs.set_up(logging.ERROR)
+    config = configuration.load(configuration.find(arguments.config))
+    chosen = _chosen(config, arguments.vehicles)
+    if not 0.0 < arguments.wait <= 3600.0:
+        raise ConfigError(f"--wait {arguments.wait:g}: above 0, at most 3600 s")
+    failures: list[str] = []
+    rows: list[Row] = []
+    try:
+        rows = asyncio.run(
+            _with_links(
+                config,
+                chosen,
+                arguments.wait,
+                named=arguments.vehicles is not None,
+                apply=arguments.action == "apply",
+            )
+        )
+    except* LinkError as group:
+        failures = [str(error) for error in leaves(group)]
+    if failures:
+        print(f"gcs params: {'; '.join(failures)}; stop gcs serve first", file=sys.stderr)
+        return 1
+    good = bool(rows) and all(row.good for row in rows)
+    print(
+        json.dumps({"good": good, "rows": [asdict(row) for row in rows]}) if arguments.json else table(rows)
+    )
+    if not arguments.json and rows and not good and arguments.action == "check":
+        print(f"\nto mend this: gcs params apply --config {arguments.config}")
+    return 0 if good else 1
+
+
+def _chosen(config: Config, text: str | None) -> tuple[VehicleId, ...]:
+    """Raises: ConfigError naming who does not exist."""
+    if text is None:
+        return config.ids
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    unknown = [name for name in names if name not in config.ids]
+    if unknown:
+        raise ConfigError(f"--vehicles {text}: no {', '.join(unknown)}; there are {', '.join(config.ids)}")
+    return names
+
+
+async def _with_links(
+    config: Config, chosen: Sequence[VehicleId], wait_s: float, *, named: bool, apply: bool
+) -> list[Row]:
+    """Open the links, and do it for everybody at once. Raises: LinkError in a group, of ports taken."""
+    links = [make_link(settings, config) for settings in config.links]
+    async with _running(links):
+        return await inspect(links, config, chosen, wait_s, named=named, apply=apply)
+
+
+@asynccontextmanager
+async def _running(links: Sequence[Link]) -> AsyncIterator[None]:
+    async with asyncio.TaskGroup() as group:
+        tasks = [group.create_task(link.run(), name=f"link/{link.name}") for link in links]
+        yield
+        for task in tasks:
+            task.cancel()
+
+
+async def inspect(
+    links: Sequence[Link],
+    config: Config,
+    chosen: Sequence[VehicleId],
+    wait_s: float,
+    *,
+    named: bool,
+    apply: bool,
+) -> list[Row]:
+    """Every row of everybody in `chosen`; of those not heard only if they were `named` by the operator."""
+    link_of = {name: link for link in links for name in link.ids}
+    heard = await _heard(link_of, chosen, wait_s)
+    needed = requirements(config.operation, config.control)
+    parts = await asyncio.gather(
+        *(_one(link_of[name], name, needed, apply=apply) for name in chosen if name in heard)
+    )
+    silent = [name for name in chosen if name not in heard] if named or not heard else []
+    unheard = [Row(name, "-", None, "-", f"not heard within {wait_s:g} s") for name in silent]
+    return [row for part in parts for row in part] + unheard
+
+
+async def _heard(
+    link_of: Mapping[VehicleId, Link], chosen: Sequence[VehicleId], wait_s: float
+) -> set[VehicleId]:
+    """Who of `chosen` has spoken, as soon as all have, or when time is up."""
+    loop = asyncio.get_running_loop()
+    until_s = loop.time() + wait_s
+    while True:
+        heard = {
+            name
+            for link in {id(link_of[name]): link_of[name] for name in chosen}.values()
+            for name, mode in zip(link.ids, link.snapshot().mode, strict=True)
+            if name in chosen and mode is not Mode.UNKNOWN
+        }
+        if len(heard) == len(chosen) or loop.time() >= until_s:
+            return heard
+        await asyncio.sleep(POLL_S)
+
+
+async def _one(link: Link, name: VehicleId, needed: Sequence[Requirement], *, apply: bool) -> list[Row]:
+    """One vehicle, parameter by parameter."""
+    return [await _row(link, name, requirement, apply=apply) for requirement in needed]
+
+
+async def _row(link: Link, name: VehicleId, requirement: Requirement, *, apply: bool) -> Row:
+    value: ParameterValue | None = None
+
+    def row(verdict: str) -> Row:
+        return Row(name, requirement.name, value, requirement.wanted, verdict)
+
+    try:
+        value = await _reached(lambda: _read(link, name, requirement.name))
+        if requirement.holds(value):
+            return row("ok")
+        if not apply:
+            return row(f"wrong: {requirement.why}")
+        if link.snapshot().armed[link.ids.index(name)]:
+            return row("wrong, and not set: the vehicle is armed")
+        await link.set_parameter(name, requirement.name, requirement.set_to)
+        value = await _read(link, name, requirement.name)
+    except OrderError as error:
+        return row(str(error).removeprefix(f"{name}: "))
+    return row(
+        "set" if requirement.holds(value) else f"set to {requirement.set_to:g}, but the vehicle keeps it"
+    )
+
+
+async def _read(link: Link, vehicle_id: VehicleId, name: str) -> ParameterValue:
+    return (await link.read_parameters(vehicle_id, (name,)))[name]
+
+
+async def _reached(ask: Callable[[], Awaitable[ParameterValue]]) -> ParameterValue:
+    """The answer; asked again for a while when the link has heard, but not yet met the vehicle."""
+    loop = asyncio.get_running_loop()
+    until_s = loop.time() + REACHED_S
+    while True:
+        try:
+            return await ask()
+        except OrderError as error:
+            if "never heard" not in str(error) or loop.time() >= until_s:
+                raise
+        await asyncio.sleep(POLL_S)
+
+
+def table(rows: Sequence[Row]) -> str:
+    """For people: aligned columns, everything that is not well at the end of its line."""
+    if not rows:
+        return "no vehicle was heard"
+    cells = [("vehicle", "parameter", "value", "wanted", "verdict")]
+    for row in rows:
+        value = "?" if row.value is None else f"{row.value:g}"
+        cells.append((row.vehicle, row.parameter, value, row.wanted, row.verdict))
+    widths = [max(len(line[column]) for line in cells) for column in range(4)]
+    return "\n".join(
+        "  ".join([*(cell.ljust(width) for cell, width in zip(line, widths, strict=False)), line[-1]])
+        for line in cells
+    )

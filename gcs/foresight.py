@@ -1,0 +1,135 @@
+"""Whether the fleet would stay apart if it lost this ground station all at once, where it will fly. Pure.
+
+Asked before take-off: then another action can still be chosen.
+"""
+
+import numpy as np
+
+from gcs.control import ControlSettings
+from gcs.errors import RefusedError
+from gcs.formation.law import begun, directions_from
+from gcs.formation.repulsion import sweep
+from gcs.plan import Plan
+from gcs.safety.loss import ACTIONS, Action, Clash, clashes, turned_upright
+from gcs.state import Array, VehicleId
+
+SWEEPS = 300
+"""Of the law's own descent, from the pads to the shape it will have. 50 ms for PREDICTED_MAX vehicles."""
+
+PREDICTED_MAX = 64
+"""For more an even lattice stands for the shape: who will be where is not known, how near they will be is."""
+
+GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
+
+PAIRS_NAMED = 4
+
+
+def formation_m(ids: tuple[VehicleId, ...], home_m: Array, plan: Plan, control: ControlSettings) -> Array:
+    """(n, 3) where the law will lead everybody, as it can be known: from their pads, by its own places.
+
+    Args:
+        ids: n vehicles, in the order of the fleet.
+        home_m: (n, 3) their pads, show frame.
+        plan: the sphere, its target, its orbit.
+        control: the law's settings.
+    """
+    center_m = _center_m(plan)
+    if len(ids) > PREDICTED_MAX:
+        return center_m + plan.formation.radius_m * _lattice(len(ids))
+    rows = np.arange(len(ids), dtype=np.intp)
+    direction, _ = directions_from(home_m, center_m)
+    place = begun(direction, ids, rows, control.law)
+    place, _ = sweep(place, np.zeros_like(place), place.copy(), np.ones(len(ids)), SWEEPS, 0.0)
+    found_m: Array = center_m + plan.formation.radius_m * place
+    return found_m
+
+
+def _lattice(count: int) -> Array:
+    """(n, 3) unit vectors, evenly: a Fibonacci lattice."""
+    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    level, turn = np.sqrt(1.0 - z**2), GOLDEN_ANGLE_RAD * np.arange(count)
+    return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
+
+
+def check_setpoint_loss(
+    ids: tuple[VehicleId, ...],
+    home_m: Array,
+    plan: Plan,
+    control: ControlSettings,
+    uncertainty_m: Array,
+    action: Action,
+    return_height_m: float,
+) -> None:
+    """Whether `action`, by everybody at once, keeps the floor.
+
+    Args:
+        ids: n vehicles that are to fly.
+        home_m: (n, 3) their pads, show frame.
+        plan: what they are to fly.
+        control: law and floor.
+        uncertainty_m: (n,) of each position.
+        action: `operation.setpoint_loss_action`.
+        return_height_m: RTL_RETURN_ALT.
+
+    Raises: RefusedError naming the pairs, and an action that would keep it.
+    """
+    begins_m = formation_m(ids, home_m, plan, control)
+
+    def found_by(what: Action) -> list[Clash]:
+        return _first_clashes(begins_m, home_m, plan, control, uncertainty_m, what, return_height_m)
+
+    found = found_by(action)
+    if not found:
+        return
+    named = ", ".join(f"{ids[clash.first]} and {ids[clash.second]}" for clash in found[:PAIRS_NAMED])
+    more = f" and {len(found) - PAIRS_NAMED} pairs more" if len(found) > PAIRS_NAMED else ""
+    better = next((other for other in ACTIONS if not found_by(other)), None)
+    mend = (
+        "no action would keep them apart: a larger radius is needed"
+        if better is None
+        else f"'{better}' would keep them apart: set operation.setpoint_loss_action to it,"
+        " and run: gcs params apply --config FILE"
+    )
+    raise RefusedError(
+        f"if everybody lost this ground station at once, '{action}' would bring {named}{more} closer than"
+        f" the floor ({found[0].sideways_m:.1f} m, seen from above; the formation may turn). {mend}"
+    )
+
+
+def _first_clashes(
+    begins_m: Array,
+    home_m: Array,
+    plan: Plan,
+    control: ControlSettings,
+    uncertainty_m: Array,
+    action: Action,
+    return_height_m: float,
+) -> list[Clash]:
+    """Of the formation as it begins, as it may have turned, and all round its orbit: the first."""
+    speed_m_s = plan.orbit.speed_m_s * (plan.orbit.radius_m > 0.0) + plan.target.speed_m_s
+    for place_m in (begins_m, turned_upright(begins_m, _center_m(plan))):
+        for shift_m in _shifts_m(plan, action):
+            found = clashes(
+                place_m + shift_m,
+                home_m,
+                action,
+                floor=control.safety.floor,
+                uncertainty_m=uncertainty_m,
+                speed_m_s=speed_m_s,
+                return_height_m=return_height_m,
+            )
+            if found:
+                return found
+    return []
+
+
+def _shifts_m(plan: Plan, action: Action) -> list[Array]:
+    """(3,) each: where round the target the centre may be. It matters only to those who fly home."""
+    radius_m = plan.orbit.radius_m
+    if action != "return" or radius_m == 0.0:
+        return [np.zeros(3)]
+    return [radius_m * np.array([np.cos(turn), np.sin(turn), 0.0]) for turn in np.arange(4) * np.pi / 2]
+
+
+def _center_m(plan: Plan) -> Array:
+    return np.array([plan.target.x_m, plan.target.y_m, -plan.formation.height_m])

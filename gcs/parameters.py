@@ -1,0 +1,248 @@
+"""The autopilot's parameters that decide whether losing the ground station is safe. Pure.
+
+One table: what must hold, why, and what `gcs params apply` sets. The names and defaults are PX4 v1.16's
+(docs/FACTS.md, section 3).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import atan, ceil, degrees, inf, isfinite
+from typing import Final
+
+from gcs.config import OperationSettings
+from gcs.control import ControlSettings
+from gcs.landing import STOP_S
+from gcs.links import ParameterValue
+from gcs.preflight import PAD_HEIGHT_MAX_M, Finding
+from gcs.state import VehicleId
+
+SETPOINT_LOSS_ACTIONS: Final = {"descend": 0, "return": 3, "land": 4, "hold": 5}
+"""COM_OBL_RC_ACT; 0 is POSITION, in which a vehicle without a pilot sinks."""
+
+DATA_LINK_LOSS_ACTIONS: Final = {"descend": (0,), "return": (0, 2), "land": (0, 3), "hold": (0, 1)}
+"""NAV_DLL_ACT that does nothing else than the setpoint-loss action did already."""
+
+NO_MANUAL_CONTROL: Final = 4  # COM_RC_IN_MODE
+STICKS_TAKE_OVER: Final = 3  # COM_RC_OVERRIDE: bit 0 in the automatic modes, bit 1 in OFFBOARD
+FENCE_HOLDS: Final = 2  # GF_ACTION
+GRAVITY_M_S2: Final = 9.80665
+TILT_RESERVE: Final = 2.0
+"""Times the acceleration that is commanded: the rest is for wind and drag."""
+
+WIDEST: Final = 2.0
+"""A wall farther away than this many times what is needed is none."""
+
+MEND: Final = "to mend its parameters, stop the service and run: gcs params apply --config FILE"
+
+NEARLY: Final = 1e-4
+"""Relative: parameters are single precision."""
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """What must hold of one parameter: within its bounds, one of `choices` if any, none of `barred`."""
+
+    name: str
+    set_to: ParameterValue  # by `gcs params apply`; an int for an INT32
+    why: str
+    least: float = -inf
+    most: float = inf
+    choices: tuple[int, ...] = ()
+    barred: tuple[int, ...] = ()
+
+    def holds(self, value: ParameterValue) -> bool:
+        """Whether that value will do."""
+        if not isfinite(value) or value in self.barred:
+            return False
+        if self.choices:
+            return value in self.choices
+        slack = NEARLY * max(1.0, abs(value))
+        return self.least - slack <= value <= self.most + slack
+
+    @property
+    def wanted(self) -> str:
+        """In words."""
+        if self.choices:
+            return " or ".join(str(choice) for choice in self.choices)
+        if self.barred:
+            return f"not {' nor '.join(str(number) for number in self.barred)}"
+        if isfinite(self.least) and isfinite(self.most):
+            return f"{self.least:g} to {self.most:g}"
+        return f"at least {self.least:g}" if isfinite(self.least) else f"at most {self.most:g}"
+
+
+def requirements(operation: OperationSettings, control: ControlSettings) -> tuple[Requirement, ...]:
+    """Everything that must hold of a vehicle flown with these settings, in the order it is told."""
+    return (
+        *_losing_us(operation),
+        *_the_pilot(operation),
+        *_speeds(control),
+        *_last_wall(operation, control),
+    )
+
+
+def _losing_us(operation: OperationSettings) -> tuple[Requirement, ...]:
+    action, loss_s = operation.setpoint_loss_action, operation.setpoint_loss_s
+    number, after = SETPOINT_LOSS_ACTIONS[action], DATA_LINK_LOSS_ACTIONS[action]
+    height_m = operation.return_height_m
+    return (
+        Requirement(
+            "COM_OBL_RC_ACT",
+            number,
+            f"what it does without setpoints: operation.setpoint_loss_action is {action}",
+            choices=(number,),
+        ),
+        Requirement(
+            "COM_OF_LOSS_T",
+            loss_s,
+            "seconds without setpoints until it does that: operation.setpoint_loss_s; it flies on meanwhile",
+            least=min(0.5, loss_s),
+            most=loss_s,
+        ),
+        Requirement(
+            "NAV_DLL_ACT",
+            after[0],
+            "what it does when our heartbeats cease: nothing, or what it did for want of setpoints",
+            choices=after,
+        ),
+        Requirement(
+            "COM_DL_LOSS_T",
+            max(10, ceil(loss_s) + 1),
+            "seconds without heartbeats until it does that: later than for setpoints, but not never",
+            least=ceil(loss_s) + 1.0,
+            most=60.0,
+        ),
+        Requirement(
+            "RTL_RETURN_ALT",
+            height_m,
+            "metres above home at which it returns: operation.return_height_m, that others keep clear of",
+            least=height_m - 0.5,
+            most=height_m + 0.5,
+        ),
+    )
+
+
+def _the_pilot(operation: OperationSettings) -> tuple[Requirement, ...]:
+    if not operation.pilot_takes_over:
+        return ()
+    inputs = tuple(mode for mode in range(9) if mode != NO_MANUAL_CONTROL)
+    return (
+        Requirement(
+            "COM_RC_IN_MODE", 0, "a pilot must be able to take over: 4 shuts them out", choices=inputs
+        ),
+        Requirement(
+            "COM_RC_OVERRIDE",
+            STICKS_TAKE_OVER,
+            "whoever moves the sticks has the vehicle, in OFFBOARD too (operation.pilot_takes_over)",
+            choices=(STICKS_TAKE_OVER,),
+        ),
+    )
+
+
+def _speeds(control: ControlSettings) -> tuple[Requirement, ...]:
+    limits, stop_m_s2 = control.safety.limits, control.safety.braking.deceleration_m_s2
+    tilt_deg = float(ceil(degrees(atan(TILT_RESERVE * control.acceleration_max_m_s2 / GRAVITY_M_S2))))
+    clipped = "below, the autopilot clips setpoints axis by axis, which bends them"
+    stops = "m/s^2: control.safety.braking counts on vehicles that stop so hard"
+    return (
+        Requirement("MPC_XY_VEL_MAX", max(12.0, limits.horizontal_m_s), clipped, least=limits.horizontal_m_s),
+        Requirement("MPC_Z_VEL_MAX_UP", max(3.0, limits.up_m_s), clipped, least=limits.up_m_s),
+        Requirement("MPC_Z_VEL_MAX_DN", max(1.5, limits.down_m_s), clipped, least=limits.down_m_s),
+        Requirement("MPC_ACC_HOR", max(3.0, stop_m_s2), stops, least=stop_m_s2),
+        Requirement("MPC_ACC_UP_MAX", max(4.0, stop_m_s2), stops, least=stop_m_s2),
+        Requirement("MPC_ACC_DOWN_MAX", max(3.0, stop_m_s2), stops, least=stop_m_s2),
+        Requirement(
+            "MPC_TILTMAX_AIR",
+            max(45.0, tilt_deg),
+            "degrees: control.acceleration_max_m_s2, and as much again against the wind",
+            least=tilt_deg,
+            most=89.0,
+        ),
+    )
+
+
+def _last_wall(operation: OperationSettings, control: ControlSettings) -> tuple[Requirement, ...]:
+    """The autopilot's own fence.
+
+    It is a cylinder round each vehicle's own home, where it was armed; the service's stands round the show's
+    origin. A vehicle at the service's fence, opposite its pad, is farther from home by as much as its pad is
+    from the origin; and it may overshoot by what it flies until it has noticed and stopped.
+    """
+    safety = control.safety
+    on_s = operation.setpoint_loss_s + STOP_S
+    wide_m = float(
+        ceil(safety.fence.distance_max_m + operation.pads_within_m + safety.limits.horizontal_m_s * on_s)
+    )
+    tall_m = float(
+        ceil(
+            max(safety.fence.height_max_m, operation.return_height_m)
+            + PAD_HEIGHT_MAX_M
+            + safety.limits.up_m_s * on_s
+        )
+    )
+    wall = "m from its own start: the service's fence, and room for"
+    pads_m = operation.pads_within_m
+    return (
+        Requirement(
+            "GF_ACTION", FENCE_HOLDS, "beyond its own fence it holds: the last wall", choices=(FENCE_HOLDS,)
+        ),
+        Requirement(
+            "GF_MAX_HOR_DIST",
+            wide_m,
+            f"{wall} pads {pads_m:g} m from the origin (operation.pads_within_m) and its stop",
+            least=wide_m,
+            most=WIDEST * wide_m,
+        ),
+        Requirement(
+            "GF_MAX_VER_DIST",
+            tall_m,
+            f"{wall} pads {PAD_HEIGHT_MAX_M:g} m below the origin and its stop",
+            least=tall_m,
+            most=WIDEST * tall_m,
+        ),
+    )
+
+
+def settings_of(needed: Sequence[Requirement]) -> dict[str, ParameterValue]:
+    """What `gcs params apply` would make of a vehicle: for a fake one to begin with."""
+    return {requirement.name: requirement.set_to for requirement in needed}
+
+
+def broken(
+    needed: Sequence[Requirement], values: Mapping[str, ParameterValue]
+) -> list[tuple[Requirement, ParameterValue | None]]:
+    """Requirements that `values` do not meet, with the value; None where it is not among them."""
+    return [
+        (requirement, values.get(requirement.name))
+        for requirement in needed
+        if requirement.name not in values or not requirement.holds(values[requirement.name])
+    ]
+
+
+def check_parameters(
+    vehicles: Sequence[VehicleId],
+    needed: Sequence[Requirement],
+    read: Mapping[VehicleId, Mapping[str, ParameterValue]],
+    problems: Mapping[VehicleId, str],
+) -> list[Finding]:
+    """What speaks against flying `vehicles`, with the command that mends it.
+
+    Args:
+        vehicles: those who are to fly.
+        needed: of every one.
+        read: what each autopilot holds, where that is known.
+        problems: why it is not known, where it was tried in vain.
+    """
+    findings, wrong = [], []
+    for vehicle_id in vehicles:
+        if vehicle_id not in read:
+            why = f": {problems[vehicle_id]}" if vehicle_id in problems else "; it is being asked"
+            findings.append(Finding(vehicle_id, f"parameters not read yet{why}"))
+            continue
+        for requirement, value in broken(needed, read[vehicle_id]):
+            found = "not there" if value is None else f"{value:g}"
+            problem = f"{requirement.name} is {found}, {requirement.wanted} is needed ({requirement.why})"
+            findings.append(Finding(vehicle_id, problem))
+        if findings and findings[-1].vehicle_id == vehicle_id:
+            wrong.append(Finding(vehicle_id, MEND))
+    return findings + wrong

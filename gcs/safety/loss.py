@@ -1,0 +1,159 @@
+"""What becomes of a fleet when everybody loses control at once: who would come closer than the floor. Pure.
+
+Every autopilot then does by itself what COM_OBL_RC_ACT says, and no filter holds them apart. Times are not
+counted on: a vehicle climbs and flies a little faster or slower than the next, so two whose ways come too
+close count, whenever each is where. What is counted on: those who sink alike keep their heights apart until
+the lower one stands on the ground.
+"""
+
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
+
+from gcs.safety.neighbours import Rows
+from gcs.safety.separation import Floor
+from gcs.state import Array, Mask
+
+Action: TypeAlias = Literal["descend", "hold", "land", "return"]
+
+ACTIONS: Final[tuple[Action, ...]] = ("hold", "return", "land", "descend")
+"""In the order in which they are proposed."""
+
+NOTICED_WITHIN_S: Final = 0.3
+"""Some notice the loss later than others: by the deadman's time, and a little for their own clocks. So long
+may one of a pair fly on with the velocity of both while the other stops already.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Clash:
+    """Two who would come closer than the floor."""
+
+    first: int  # rows
+    second: int
+    sideways_m: float  # the closest that their ways come, seen from above
+
+
+def clashes(
+    position_m: Array,
+    home_m: Array,
+    action: Action,
+    *,
+    floor: Floor,
+    uncertainty_m: Array,
+    speed_m_s: float,
+    return_height_m: float,
+) -> list[Clash]:
+    """Every pair that would come inside the floor, widened by both uncertainties, closest ones first.
+
+    Args:
+        position_m: (n, 3) where they are when it happens, show frame.
+        home_m: (n, 3) each one's own start.
+        action: what each does by itself.
+        floor: without its margin, which is for the tracking that has ended.
+        uncertainty_m: (n,) of each position.
+        speed_m_s: that all have in common: the orbit's and the target's.
+        return_height_m: RTL_RETURN_ALT, above home. That PX4 stays lower near home (RTL_CONE_ANG) only brings
+            ways closer that cross here already.
+    """
+    first, second = np.triu_indices(len(position_m), 1)
+    unsure_m = uncertainty_m[first] + uncertainty_m[second]
+    wide_m = floor.horizontal_m + unsure_m + speed_m_s * NOTICED_WITHIN_S
+    tall_m = floor.vertical_m + floor.vertical_uncertainty * unsure_m
+    apart_m = np.hypot(*(position_m[first] - position_m[second])[:, :2].T)
+    above_m = np.abs(position_m[first, 2] - position_m[second, 2])
+    inside = _is_inside(apart_m, above_m, wide_m, tall_m)
+    if action in {"descend", "land"}:
+        # the upper one comes down beside the lower, which stands; below pad_height_m both are on their pads
+        least_m = np.minimum(above_m, floor.pad_height_m)
+        inside |= _is_inside(apart_m, least_m, wide_m, tall_m)
+    elif action == "return":
+        apart_m, crosses = _on_the_way_home(
+            position_m, home_m, first, second, wide_m, tall_m, floor, return_height_m
+        )
+        inside |= crosses
+    found = [Clash(int(first[k]), int(second[k]), float(apart_m[k])) for k in np.flatnonzero(inside).tolist()]
+    return sorted(found, key=lambda clash: clash.sideways_m)
+
+
+def turned_upright(position_m: Array, center_m: Array) -> Array:
+    """The formation (n, 3) turned about its centre so that the nearest two stand one above the other.
+
+    The law gives every vehicle a place on the sphere, and nobody a certain one: a formation may turn while it
+    flies. Upright is the worst turn, for the floor is taller than wide, and who sinks, sinks onto another.
+    """
+    if len(position_m) < 2:
+        return position_m.copy()
+    first, second = np.triu_indices(len(position_m), 1)
+    chord_m = position_m[first] - position_m[second]
+    chord_m = chord_m[np.argmin((chord_m**2).sum(axis=1))]
+    length_m = float(np.linalg.norm(chord_m))
+    if length_m == 0.0:
+        return position_m.copy()
+    up = np.array([0.0, 0.0, 1.0 if chord_m[2] >= 0.0 else -1.0])
+    halfway = chord_m / length_m + up
+    halfway /= np.linalg.norm(halfway)
+    offset_m = position_m - center_m  # half a turn about what is halfway between: takes one onto the other
+    turned: Array = center_m + 2.0 * np.outer(offset_m @ halfway, halfway) - offset_m
+    return turned
+
+
+def _is_inside(apart_m: Array, above_m: Array, wide_m: Array, tall_m: Array) -> Mask:
+    inside: Mask = (apart_m / wide_m) ** 2 + (above_m / tall_m) ** 2 < 1.0
+    return inside
+
+
+def _on_the_way_home(
+    position_m: Array,
+    home_m: Array,
+    first: Rows,
+    second: Rows,
+    wide_m: Array,
+    tall_m: Array,
+    floor: Floor,
+    return_height_m: float,
+) -> tuple[Array, Mask]:
+    """(k,) how near the ways of each pair come, seen from above, and whether that is too near.
+
+    A way: up to the return's height (or where one is, if higher), straight home at that height, down.
+    """
+    height_m = np.maximum(-position_m[:, 2], return_height_m - home_m[:, 2])
+    level_m = np.abs(height_m[first] - height_m[second])
+    here_m, there_m = position_m[:, :2], home_m[:, :2]
+    apart_m = _between_segments_m(here_m[first], there_m[first], here_m[second], there_m[second])
+    crosses = _is_inside(apart_m, level_m, wide_m, tall_m)
+    # climbing and coming down are columns through all heights: whoever flies past there is in them
+    columns_m = np.hypot(*(here_m[first] - here_m[second]).T)
+    climbs = _is_inside(columns_m, np.zeros(len(first)), wide_m, tall_m)
+    homes_m = np.hypot(*(there_m[first] - there_m[second]).T)
+    crosses |= climbs | _is_inside(homes_m, np.full(len(first), floor.pad_height_m), wide_m, tall_m)
+    return np.minimum(apart_m, columns_m), crosses
+
+
+def _between_segments_m(a_m: Array, b_m: Array, c_m: Array, d_m: Array) -> Array:
+    """(k,) distances between the segments from a to b and from c to d, (k, 2) each."""
+
+    def turn(p_m: Array, q_m: Array, r_m: Array) -> Array:
+        side: Array = np.sign(
+            (q_m[:, 0] - p_m[:, 0]) * (r_m[:, 1] - p_m[:, 1])
+            - (q_m[:, 1] - p_m[:, 1]) * (r_m[:, 0] - p_m[:, 0])
+        )
+        return side
+
+    def from_point_m(p_m: Array, q_m: Array, r_m: Array) -> Array:
+        along_m = r_m - q_m
+        share = ((p_m - q_m) * along_m).sum(axis=1) / np.maximum((along_m**2).sum(axis=1), 1e-12)
+        distance_m: Array = np.linalg.norm(p_m - q_m - np.clip(share, 0.0, 1.0)[:, None] * along_m, axis=1)
+        return distance_m
+
+    cross = (turn(a_m, b_m, c_m) * turn(a_m, b_m, d_m) < 0) & (turn(c_m, d_m, a_m) * turn(c_m, d_m, b_m) < 0)
+    ends_m = np.minimum.reduce(
+        [
+            from_point_m(a_m, c_m, d_m),
+            from_point_m(b_m, c_m, d_m),
+            from_point_m(c_m, a_m, b_m),
+            from_point_m(d_m, a_m, b_m),
+        ]
+    )
+    return np.where(cross, 0.0, ends_m)

@@ -1,0 +1,115 @@
+"""What must hold of the autopilots' parameters, and what is said of those that do not."""
+
+from math import inf, nan
+
+import pytest
+
+from gcs.config import OperationSettings
+from gcs.control import ControlSettings
+from gcs.parameters import Requirement, broken, check_parameters, requirements, settings_of
+from sim.params import Parameters, defaults
+
+OPERATION, CONTROL = OperationSettings(), ControlSettings()
+NEEDED = requirements(OPERATION, CONTROL)
+GOOD = settings_of(NEEDED)
+
+
+def needed(name: str, **operation: object) -> Requirement:
+    settings = OperationSettings.model_validate(operation)
+    return next(each for each in requirements(settings, CONTROL) if each.name == name)
+
+
+def test_every_parameter_asked_for_exists_in_px4_and_takes_the_value_that_apply_sets() -> None:
+    for requirement in NEEDED:
+        Parameters({requirement.name: requirement.set_to})
+        assert type(defaults()[requirement.name]) is type(requirement.set_to), requirement.name
+
+
+def test_what_apply_sets_is_what_check_wants() -> None:
+    assert broken(NEEDED, GOOD) == []
+    for action in ("descend", "hold", "land", "return"):
+        for loss_s in (0.5, 3.0, 10.0):
+            settings = OperationSettings(setpoint_loss_action=action, setpoint_loss_s=loss_s)
+            these = requirements(settings, CONTROL)
+            assert broken(these, settings_of(these)) == []
+
+
+def test_px4_as_it_is_delivered_is_refused_for_what_makes_it_unsafe_and_nothing_else() -> None:
+    found = [requirement.name for requirement, _ in broken(NEEDED, defaults())]
+    assert found == ["COM_OBL_RC_ACT", "COM_RC_OVERRIDE", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST"]
+
+
+@pytest.mark.parametrize(("action", "number"), [("descend", 0), ("return", 3), ("land", 4), ("hold", 5)])
+def test_the_action_is_the_configured_one_and_no_other(action: str, number: int) -> None:
+    requirement = needed("COM_OBL_RC_ACT", setpoint_loss_action=action)
+    assert [value for value in range(8) if requirement.holds(value)] == [number]
+
+
+@pytest.mark.parametrize(
+    ("action", "allowed"), [("descend", [0]), ("hold", [0, 1]), ("return", [0, 2]), ("land", [0, 3])]
+)
+def test_losing_the_data_link_may_only_do_what_losing_setpoints_did(action: str, allowed: list[int]) -> None:
+    requirement = needed("NAV_DLL_ACT", setpoint_loss_action=action)
+    assert [value for value in range(8) if requirement.holds(value)] == allowed
+
+
+@pytest.mark.parametrize(
+    ("name", "bad", "good"),
+    [
+        ("COM_OF_LOSS_T", (0.3, 1.1, nan, inf), (0.5, 1.0)),
+        ("COM_DL_LOSS_T", (1, 61), (2, 10, 60)),
+        ("RTL_RETURN_ALT", (15.0, 31.0), (30.0,)),
+        ("COM_RC_IN_MODE", (4,), (0, 1, 2, 3)),
+        ("COM_RC_OVERRIDE", (0, 1, 2), (3,)),
+        ("MPC_XY_VEL_MAX", (5.0, 7.9), (8.0, 12.0)),
+        ("MPC_Z_VEL_MAX_UP", (2.0,), (2.5, 3.0)),
+        ("MPC_Z_VEL_MAX_DN", (1.0,), (1.4, 1.5)),
+        ("MPC_TILTMAX_AIR", (20.0, 90.0), (35.0, 45.0)),
+        ("MPC_ACC_HOR", (1.0,), (3.0,)),
+        ("GF_ACTION", (0, 1, 3, 4, 5), (2,)),
+        ("GF_MAX_HOR_DIST", (0.0, 300.0, 9999.0), (366.0, 500.0)),
+        ("GF_MAX_VER_DIST", (0.0, 100.0, 9999.0), (108.0, 150.0)),
+    ],
+)
+def test_each_has_its_bounds(name: str, bad: tuple[float, ...], good: tuple[float, ...]) -> None:
+    assert [value for value in (*bad, *good) if needed(name).holds(value)] == list(good)
+
+
+def test_the_last_wall_is_outside_the_services_fence_for_pads_away_from_the_origin() -> None:
+    fence_m = CONTROL.safety.fence.distance_max_m
+    near, far = needed("GF_MAX_HOR_DIST", pads_within_m=10.0), needed("GF_MAX_HOR_DIST", pads_within_m=80.0)
+    assert far.set_to - near.set_to == pytest.approx(70.0)
+    assert near.set_to > fence_m + 10.0 + CONTROL.safety.limits.horizontal_m_s
+    assert needed("GF_MAX_VER_DIST", return_height_m=200.0).set_to > 200.0, "it may return above the fence"
+
+
+def test_without_a_pilot_nothing_is_asked_of_their_sticks() -> None:
+    names = {each.name for each in requirements(OperationSettings(pilot_takes_over=False), CONTROL)}
+    assert not names & {"COM_RC_IN_MODE", "COM_RC_OVERRIDE"}
+
+
+def test_single_precision_is_not_taken_for_a_wrong_value() -> None:
+    assert needed("COM_OF_LOSS_T", setpoint_loss_s=0.7).holds(0.699999988079071)
+
+
+def test_a_vehicle_not_read_yet_stays_on_the_ground() -> None:
+    (finding,) = check_parameters(["d1"], NEEDED, {}, {})
+    assert (finding.vehicle_id, finding.problem) == ("d1", "parameters not read yet; it is being asked")
+    (finding,) = check_parameters(["d1"], NEEDED, {}, {"d1": "d1: parameter GF_ACTION: no answer"})
+    assert finding.problem == "parameters not read yet: d1: parameter GF_ACTION: no answer"
+
+
+def test_every_wrong_value_is_told_with_what_would_be_right_and_the_command_that_mends_it() -> None:
+    read = {"d1": GOOD, "d2": GOOD | {"COM_OBL_RC_ACT": 0, "GF_ACTION": 4}}
+    first, second, mend = check_parameters(["d1", "d2"], NEEDED, read, {})
+    assert (first.vehicle_id, second.vehicle_id, mend.vehicle_id) == ("d2", "d2", "d2")
+    assert first.problem.startswith("COM_OBL_RC_ACT is 0, 5 is needed (")
+    assert "GF_ACTION is 4, 2 is needed" in second.problem
+    assert "gcs params apply --config FILE" in mend.problem
+    assert check_parameters(["d1"], NEEDED, read, {}) == []
+
+
+def test_a_parameter_that_the_vehicle_does_not_have_is_told() -> None:
+    without = {name: value for name, value in GOOD.items() if name != "GF_ACTION"}
+    finding, _ = check_parameters(["d1"], NEEDED, {"d1": without}, {})
+    assert finding.problem.startswith("GF_ACTION is not there, 2 is needed")

@@ -1,0 +1,224 @@
+"""Parameters, a fleet that loses us at once, jumps of position and reported accuracy, in a flying show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
+
+from gcs.cli.params import Row, inspect
+from gcs.errors import OrderError, RefusedError
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.links.mavlink_frames import Accuracy
+from gcs.service import ShowAction
+
+pytestmark = pytest.mark.xdist_group("show-parameters")
+
+SAFE = {**HOLDS_WHEN_LOST, "require_safe_setpoint_loss": True}
+
+
+async def start(show: Show) -> Refusal:
+    return await refused(show, lambda: show.service.command_show(ShowAction.START))
+
+
+async def mended(show: Show) -> tuple[Refusal, bool]:
+    """Wrong on d2; somebody sets it right; the next try finds it so."""
+    await show.standby()
+    first = await start(show)
+    show.link.autopilot("d2").parameters.set("COM_OBL_RC_ACT", 5)
+    await start(show)  # whoever is refused is read again
+    await show.wait(0.5)
+    show.service.command_show(ShowAction.START)
+    await show.reach(ShowPhase.RUNNING)
+    return first, True
+
+
+def test_start_is_refused_for_a_parameter_that_is_not_as_configured_until_it_is_mended() -> None:
+    async def story(show: Show) -> tuple[Refusal, bool]:
+        await show.until(lambda: show.vehicle("d2").phase is Phase.STANDBY)
+        show.link.autopilot("d2").parameters.set("COM_OBL_RC_ACT", 0)
+        await show.wait(2.0)  # so that its clock has somewhere to jump back from
+        show.link.autopilot("d2")._boot_s = show.fleet.time_s  # it reboots: all is read again
+        return await mended(show)
+
+    refusal, flies = fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+    assert refusal.kind is RefusedError
+    assert refusal.text.startswith("d2: COM_OBL_RC_ACT is 0, 5 is needed")
+    assert "gcs params apply --config FILE" in refusal.text
+    assert flies
+
+
+def test_what_px4_is_delivered_with_is_refused() -> None:
+    async def story(show: Show) -> Refusal:
+        await show.standby()
+        return await start(show)
+
+    delivered = {"COM_OBL_RC_ACT": 0, "COM_RC_OVERRIDE": 1, "GF_MAX_HOR_DIST": 0.0, "GF_MAX_VER_DIST": 0.0}
+    text = fly(story, show_config(2, operation=HOLDS_WHEN_LOST), parameters=delivered).text
+    for name in delivered:
+        assert text.count(f"d1, d2: {name} is") == 1, "what is true of all is said once"
+
+
+def test_a_vehicle_whose_parameters_cannot_be_read_is_neither_ready_nor_flown() -> None:
+    async def story(show: Show) -> tuple[Refusal, bool, bool]:
+        async def no_answer(vehicle_id: str, names: object) -> dict[str, float]:
+            raise OrderError(f"{vehicle_id}: parameter GF_ACTION: no answer")
+
+        show.link.read_parameters = no_answer  # type: ignore[method-assign]
+        await show.wait(9.0)
+        refusal = await start(show)
+        ready = show.vehicle("d1").ready
+        del show.link.read_parameters
+        await show.until(lambda: show.vehicle("d1").ready, 5.0)
+        return refusal, ready, show.vehicle("d1").ready
+
+    refusal, before, after = fly(story, show_config(2))
+    assert "d1: parameters not read yet: d1: parameter GF_ACTION: no answer" in refusal.text
+    assert (before, after) == (False, True)
+
+
+def test_parameters_are_read_when_a_vehicle_is_met_after_a_reboot_and_after_a_flight_but_not_in_it() -> None:
+    async def story(show: Show) -> list[int]:
+        counts = []
+        await show.start()
+        counts.append(len(show.link.parameter_reads))
+        await show.wait(5.0)
+        counts.append(len(show.link.parameter_reads))
+        await show.show(ShowAction.STOP)
+        await show.wait(1.0)
+        counts.append(len(show.link.parameter_reads))
+        show.link.autopilot("d1")._boot_s = show.fleet.time_s
+        await show.wait(1.0)
+        counts.append(len(show.link.parameter_reads))
+        return counts
+
+    assert fly(story, show_config(2)) == [2, 2, 4, 5]
+
+
+def test_without_the_requirement_nothing_is_read_and_all_may_fly() -> None:
+    async def story(show: Show) -> int:
+        await show.start()
+        return len(show.link.parameter_reads)
+
+    operation = {"require_parameters": False}
+    assert fly(story, show_config(2, operation=operation), parameters={"COM_OBL_RC_ACT": 3}) == 0
+
+
+def test_start_is_refused_when_losing_everybody_at_once_would_bring_them_together() -> None:
+    async def story(show: Show) -> Refusal:
+        await show.standby()
+        return await start(show)
+
+    refusal = fly(story, show_config(4, operation={"require_safe_setpoint_loss": True}))
+    assert refusal.kind is RefusedError
+    assert "if everybody lost this ground station at once, 'descend' would bring d" in refusal.text
+    assert "'hold' would keep them apart" in refusal.text
+
+
+def test_everybody_who_holds_when_all_control_ends_at_once_stays_apart() -> None:
+    """What was predicted is what happens: the service stops, and nobody comes inside the floor."""
+
+    async def story(show: Show) -> tuple[int, list[str]]:
+        await show.start()
+        await show.wait(5.0)
+        show.link.silence(*show.config.ids)
+        await show.wait(20.0)
+        modes = [pilot.commander.mode.name for pilot in show.fleet.autopilots]
+        return show.floor_violations(), modes
+
+    violations, modes = fly(story, show_config(4, operation=SAFE))
+    assert violations == 0
+    assert modes == ["HOLD"] * 4
+
+
+async def params(show: Show, *names: str, apply: bool) -> dict[tuple[str, str], Row]:
+    rows = await inspect(
+        [show.link], show.config, names or show.config.ids, 3.0, named=bool(names), apply=apply
+    )
+    return {(row.vehicle, row.parameter): row for row in rows}
+
+
+def test_params_check_tells_and_apply_sets_and_reads_back() -> None:
+    async def story(show: Show) -> tuple[Row, Row, Row, float]:
+        before = await params(show, apply=False)
+        during = await params(show, apply=True)
+        after = await params(show, apply=False)
+        assert all(row.good for row in (*during.values(), *after.values()))
+        key = ("d2", "COM_OBL_RC_ACT")
+        return before[key], during[key], after[key], show.link.autopilot("d2").parameters[key[1]]
+
+    before, during, after, held = fly(
+        story, show_config(2, operation=HOLDS_WHEN_LOST), parameters={"COM_OBL_RC_ACT": 0}
+    )
+    assert (before.value, before.wanted, before.good) == (0, "5", False)
+    assert before.verdict.startswith("wrong: what it does without setpoints")
+    assert (during.value, during.verdict) == (5, "set")
+    assert (after.value, after.verdict) == (5, "ok")
+    assert held == 5
+
+
+def test_params_apply_never_touches_an_armed_vehicle() -> None:
+    async def story(show: Show) -> tuple[Row, float]:
+        await show.start()
+        show.link.autopilot("d1").parameters.set("COM_OBL_RC_ACT", 3)
+        rows = await params(show, "d1", apply=True)
+        key = "COM_OBL_RC_ACT"
+        return rows["d1", key], show.link.autopilot("d1").parameters[key]
+
+    row, held = fly(story, show_config(2))
+    assert row.verdict == "wrong, and not set: the vehicle is armed"
+    assert held == 3
+
+
+def test_params_of_a_vehicle_named_but_not_heard_says_so() -> None:
+    async def story(show: Show) -> tuple[dict[tuple[str, str], Row], dict[tuple[str, str], Row]]:
+        show.link.silence("d2")
+        return await params(show, "d1", "d2", apply=False), await params(show, apply=False)
+
+    named, everybody = fly(story, show_config(2))
+    assert named["d2", "-"].verdict == "not heard within 3 s"
+    assert not named["d2", "-"].good
+    assert {vehicle for vehicle, _ in everybody} == {"d1"}
+
+
+def test_a_vehicle_whose_position_jumps_stands_first_and_is_given_room_for_a_while() -> None:
+    async def story(show: Show) -> tuple[list[float], list[float], list[Phase], str]:
+        await show.start()
+        await show.wait(10.0)
+        error = show.fleet._error
+        jumped_m = error.position_m.copy()
+        jumped_m[1] += (3.0, 0.0, 0.0)
+        show.fleet._error = replace(error, position_m=jumped_m)
+        jumped_s = show.now_s
+        await show.wait(2.5)
+        reason = show.vehicle("d2").reason
+        speeds_m_s = [
+            float(np.linalg.norm(seen.setpoint_m_s or (0.0, 0.0, 0.0)))
+            for seen in show.track.between(jumped_s + 1.5).of("d2")
+        ]
+        wide_m = [seen.position_uncertainty_m for seen in show.view.vehicles]
+        await show.wait(40.0)
+        later_m = [seen.position_uncertainty_m for seen in show.view.vehicles]
+        return [max(speeds_m_s), *wide_m], later_m, show.track.phases("d2"), reason
+
+    (fastest_m_s, *wide_m), later_m, phases, reason = fly(story, show_config(3))
+    assert reason.startswith("its position jumped: it stands for 3 s")
+    assert fastest_m_s < 1.5
+    assert wide_m == pytest.approx([0.35, 1.05, 0.35])
+    assert later_m == pytest.approx([0.35] * 3)
+    assert phases[-1] is Phase.FORMATION, "it goes on by itself"
+
+
+def test_reported_accuracy_widens_the_margin_within_bounds_and_keeps_a_poor_one_on_the_ground() -> None:
+    async def story(show: Show) -> tuple[list[float], Refusal]:
+        await show.standby()
+        for vehicle_id, accuracy in (("d1", Accuracy(1.5, 1.8)), ("d2", Accuracy(9.0, 20.0))):
+            show.link.autopilot(vehicle_id).streams.set_interval(24, None, show.fleet.time_s)
+            show.link._ears[vehicle_id].accuracy = accuracy
+        await show.wait(0.2)
+        return [seen.position_uncertainty_m for seen in show.view.vehicles], await start(show)
+
+    wide_m, refusal = fly(story, show_config(3), spacing_m=8.0)
+    assert wide_m == pytest.approx([0.35 + 0.4 * 0.5, 1.5, 0.35])
+    assert refusal.text.startswith("d2: its receiver reports an accuracy of 9.0 m sideways and 20.0 m up")
+    assert "d1" not in refusal.text

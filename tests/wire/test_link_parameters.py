@@ -1,0 +1,81 @@
+"""Parameters through the production link, with the fake autopilot as its own process on the other side."""
+
+import asyncio
+import subprocess
+import sys
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+from link_bench import a_link, running, until
+from machine import free_ports
+
+from gcs.errors import OrderError, UnknownError
+from gcs.links.mavsdk_link import MavsdkLink
+from gcs.state import Mode
+
+pytestmark = pytest.mark.xdist_group("wire")
+
+
+@contextmanager
+def simulator(first_port: int) -> Iterator[None]:
+    command = [sys.executable, "-m", "sim", "--count", "2", "--port-base", str(first_port)]
+    process = subprocess.Popen([*command, "--param", "MPC_XY_VEL_MAX=7.5"], stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(60)
+
+
+def with_two(story: Callable[[MavsdkLink], Awaitable[None]]) -> None:
+    async def main(link: MavsdkLink) -> None:
+        async with running(link):
+            await until(lambda: all(mode is not Mode.UNKNOWN for mode in link.snapshot().mode))
+            await until(lambda: len(link._met) == 2)
+            await story(link)
+
+    port = free_ports(2)
+    with simulator(port):
+        asyncio.run(main(a_link(port, [1, 2], port_count=2)))
+
+
+def test_whole_and_fractional_parameters_are_read_and_set_on_the_vehicle_meant_and_no_other() -> None:
+    async def story(link: MavsdkLink) -> None:
+        names = ("COM_OBL_RC_ACT", "MPC_XY_VEL_MAX")
+        assert dict(await link.read_parameters("v1", names)) == {names[0]: 0, names[1]: 7.5}
+        await link.set_parameter("v1", "COM_OBL_RC_ACT", 5)
+        await link.set_parameter("v1", "MPC_XY_VEL_MAX", 9.25)
+        read = await link.read_parameters("v1", names)
+        assert dict(read) == {names[0]: 5, names[1]: 9.25}
+        assert [type(value) for value in read.values()] == [int, float]
+        assert dict(await link.read_parameters("v2", names)) == {names[0]: 0, names[1]: 7.5}
+
+    with_two(story)
+
+
+def test_what_cannot_be_read_or_set_says_why() -> None:
+    async def story(link: MavsdkLink) -> None:
+        with pytest.raises(OrderError, match=r"v1: parameter NO_SUCH: no answer; there is no such parameter"):
+            await link.read_parameters("v1", ("NO_SUCH",))
+        with pytest.raises(OrderError, match="v1: parameter NO_SUCH: "):
+            await link.set_parameter("v1", "NO_SUCH", 1)
+        with pytest.raises(OrderError, match="v2: parameter COM_OBL_RC_ACT: "):
+            await link.set_parameter("v2", "COM_OBL_RC_ACT", 0.5)  # it is a whole number
+        with pytest.raises(UnknownError, match="v9 is not on link bench"):
+            await link.read_parameters("v9", ("COM_OBL_RC_ACT",))
+
+    with_two(story)
+
+
+def test_a_link_that_is_not_open_or_a_vehicle_never_heard_says_so() -> None:
+    async def main() -> None:
+        link = a_link(free_ports(1), [1])
+        with pytest.raises(OrderError, match="v1: its parameters cannot be read: link bench is not open"):
+            await link.read_parameters("v1", ("COM_OBL_RC_ACT",))
+        async with running(link):
+            await until(lambda: link._orders is not None)
+            with pytest.raises(OrderError, match="v1: COM_OBL_RC_ACT cannot be set: never heard"):
+                await link.set_parameter("v1", "COM_OBL_RC_ACT", 5)
+
+    asyncio.run(main())
