@@ -21,6 +21,7 @@ from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, Verb
 from gcs.links.mavlink_frames import Frame, kill_frame
 from gcs.links.mavsdk_fleet import COMPONENT_ID, SYSTEM_ID, MavsdkFleet, MavsdkVehicle
+from gcs.links.mavsdk_orders import Workers
 from gcs.links.orders import Orders
 from gcs.links.roster import Address
 from gcs.links.wire import Counters, Listen, Observer, Wire
@@ -93,6 +94,7 @@ class MavsdkLink:
         self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkFleet | None = None
         self._orders: Orders | None = None
+        self._workers: Workers | None = None
         self._met: Mapping[int, MavsdkVehicle] = {}
         self._kills = 0
 
@@ -152,14 +154,15 @@ class MavsdkLink:
         """Move bytes until cancelled. Raises: LinkError naming the port that cannot be had."""
         self._wire.open()
         fleet, orders = MavsdkFleet(self._wire.send), Orders(self._vehicles, self._latch, self._clock)
+        workers = Workers(self._vehicles)
         try:
             await asyncio.to_thread(fleet.open)
-            self._fleet, self._orders = fleet, orders
+            self._fleet, self._orders, self._workers = fleet, orders, workers
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._receive(), name=f"link/{self._name}/receive")
                 group.create_task(self._discover(fleet), name=f"link/{self._name}/discover")
         finally:
-            await self._shut(fleet, orders)
+            await self._shut(fleet, orders, workers)
 
     def snapshot(self) -> Telemetry:
         """The newest known of every vehicle, with arrival times. About 20 us per vehicle."""
@@ -230,7 +233,7 @@ class MavsdkLink:
         system_id = self._vehicles.get(order.vehicle_id)
         if system_id is None:
             raise UnknownError(f"{order.vehicle_id} is not on link {self._name}")
-        if self._orders is None:
+        if self._orders is None or self._workers is None:
             raise OrderError(f"{order.vehicle_id}: {order.verb} impossible: link {self._name} is not open")
         heard = self._wire.heard[system_id]
         if order.verb is Verb.KILL:
@@ -241,7 +244,7 @@ class MavsdkLink:
             raise OrderError(f"{order.vehicle_id}: {order.verb} impossible: never heard on link {self._name}")
         if order.verb is Verb.OFFBOARD and not self._deadman.allows(system_id, self._clock()):
             raise OrderError(f"{order.vehicle_id}: offboard refused: no setpoints are flowing to it")
-        await self._orders.execute(order, vehicle, heard)
+        await self._orders.execute(order, self._workers.hand(order.vehicle_id, vehicle), heard)
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
         return now_s - self._wire.heard[system_id].heartbeat_time_s <= SILENT_AFTER_S
@@ -274,14 +277,15 @@ class MavsdkLink:
                     log.info("vehicles_met", extra={"link": self._name, "system_ids": tuple(sorted(found))})
             await asyncio.sleep(_DISCOVER_S)
 
-    async def _shut(self, fleet: MavsdkFleet, orders: Orders) -> None:
+    async def _shut(self, fleet: MavsdkFleet, orders: Orders, workers: Workers) -> None:
         """Stop, inside out: no setpoints, no calls, no MAVSDK, no sockets."""
         self._deadman.refresh((), self._clock())
-        self._fleet, self._orders, self._met = None, None, {}
+        self._fleet, self._orders, self._workers, self._met = None, None, None, {}
         orders.close()
+        workers.close()
 
         def end() -> None:
-            orders.join()
+            workers.join()
             fleet.destroy()
 
         try:
