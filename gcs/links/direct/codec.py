@@ -134,7 +134,8 @@ def decode(message_id: int, data: Bytes, frames: Whole) -> Records:
     """Messages out of (k, FRAME_COLUMNS) frames of that one kind, as `find` found them in `data`."""
     dtype = layout(message_id).dtype
     payloads = np.empty((len(frames), dtype.itemsize), np.uint8)
-    cut_out(data, frames[:, PAYLOAD], frames[:, LENGTH], payloads)
+    starts, lengths = np.ascontiguousarray(frames[:, PAYLOAD]), np.ascontiguousarray(frames[:, LENGTH])
+    cut_out(data, starts, lengths, payloads)
     return payloads.view(dtype)[:, 0]
 
 

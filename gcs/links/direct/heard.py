@@ -49,6 +49,7 @@ class FleetHeard:
         landed: (n,) of `Landed`.
         prearm_ok: (n,) the autopilot's own checks before arming pass.
         rebooted: (n,) the boot clock jumped back; whoever acts on it clears it.
+        positions: (n,) how many positions came, in all.
     """
 
     def __init__(self, ids: Sequence[VehicleId]) -> None:
@@ -56,7 +57,7 @@ class FleetHeard:
         self.heartbeat_time_s, self.position_time_s = np.full(n, -np.inf), np.full(n, -np.inf)
         self.armed, self.prearm_ok = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         self.rebooted = np.zeros(n, np.bool_)
-        self.landed = np.zeros(n, np.int64)
+        self.landed, self.positions = np.zeros(n, np.int64), np.zeros(n, np.int64)
         self._ids = tuple(ids)
         self._mode = np.full(n, _UNKNOWN, np.int64)  # custom_mode
         self._boot_ms = np.full(n, -1, np.int64)
@@ -119,10 +120,11 @@ class FleetHeard:
         """Whether anybody waits for a heartbeat."""
         return bool(self._waiting)
 
-    def telemetry(self) -> Telemetry:
-        """All of it, as it is now."""
+    def telemetry(self, *, may_be_ready: bool = True) -> Telemetry:
+        """All of it, as it is now; `may_be_ready` False: nobody can be armed, whatever they said."""
         modes, mode_of = self._mode.tolist(), self._mode_of
-        ready = self.prearm_ok & np.isfinite(self._place[:, 0])
+        complete = np.isfinite(self.heartbeat_time_s) & np.isfinite(self._place[:, 0])
+        ready = self.prearm_ok & complete & may_be_ready
         return Telemetry(
             ids=self._ids,
             position_time_s=self.position_time_s.copy(),
@@ -152,6 +154,7 @@ class FleetHeard:
         self.rebooted[rows[boot_ms < self._boot_ms[rows] - _REBOOTED_MS]] = True
         self._boot_ms[rows] = boot_ms
         self.position_time_s[rows] = time_s
+        np.add.at(self.positions, rows, 1)
         self._place[rows, 0] = said["lat"] * 1e-7
         self._place[rows, 1] = said["lon"] * 1e-7
         self._place[rows, 2] = said["alt"] * 1e-3

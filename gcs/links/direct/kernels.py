@@ -15,10 +15,11 @@ Bytes: TypeAlias = NDArray[np.uint8]
 Whole: TypeAlias = NDArray[np.int64]
 Number: TypeAlias = int | np.int64
 
-FRAME_COLUMNS: Final = 6
-"""Of what `find_frames` writes: datagram, message, system, component, where its payload begins, length."""
+FRAME_COLUMNS: Final = 8
+"""Of what `find_frames` writes: datagram, message, system, component, where the payload begins, how long that
+is, where the whole frame begins, where it ends (signature included)."""
 
-DATAGRAM, MESSAGE, SYSTEM, COMPONENT, PAYLOAD, LENGTH = range(FRAME_COLUMNS)
+DATAGRAM, MESSAGE, SYSTEM, COMPONENT, PAYLOAD, LENGTH, BEGIN, END = range(FRAME_COLUMNS)
 
 SHORTEST_FRAME: Final = 8
 
@@ -101,6 +102,8 @@ def find_frames(
     Returns: how many frames; bytes of garbage; bytes of messages that cannot be checked.
     """
     found, garbage, unknown = 0, 0, 0
+    place: Number
+    unknown_end: Number
     for datagram in range(len(starts)):
         place = starts[datagram]
         end = place + lengths[datagram]
@@ -117,6 +120,8 @@ def find_frames(
                 row[3] = data[place + 6] if is_new else data[place + 4]
                 row[4] = place + header
                 row[5] = data[place + 1]
+                row[6] = place
+                row[7] = behind
                 found += 1
                 place = behind
                 continue

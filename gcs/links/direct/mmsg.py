@@ -21,8 +21,8 @@ _ADDRESS: Final = np.dtype([("family", "=u2"), ("port", ">u2"), ("host", ">u4"),
 """struct sockaddr_in."""
 
 
-class _Message(ctypes.Structure):
-    """A mmsghdr; pointers as numbers, which is what they are here."""
+class _Header(ctypes.Structure):
+    """A msghdr; pointers as numbers, which is what they are here."""
 
     _fields_ = (
         ("name", ctypes.c_size_t),
@@ -32,8 +32,13 @@ class _Message(ctypes.Structure):
         ("control", ctypes.c_size_t),
         ("control_length", ctypes.c_size_t),
         ("flags", ctypes.c_int),
-        ("length", ctypes.c_uint32),
     )
+
+
+class _Message(ctypes.Structure):
+    """A mmsghdr."""
+
+    _fields_ = (("header", _Header), ("length", ctypes.c_uint32))
 
 
 class _Part(ctypes.Structure):
@@ -91,10 +96,11 @@ class Batch:
         self._addresses["family"] = socket.AF_INET
         rows = np.arange(count, dtype=np.uint64)
         self._parts["base"] = self.data.ctypes.data + rows * np.uint64(longest)
-        self._messages["name"] = self._addresses.ctypes.data + rows * np.uint64(_ADDRESS.itemsize)
-        self._messages["parts"] = self._parts.ctypes.data + rows * np.uint64(self._parts.itemsize)
-        self._messages["part_count"] = 1
-        self._messages["name_length"] = _ADDRESS.itemsize
+        headers = self._messages["header"]
+        headers["name"] = self._addresses.ctypes.data + rows * np.uint64(_ADDRESS.itemsize)
+        headers["parts"] = self._parts.ctypes.data + rows * np.uint64(self._parts.itemsize)
+        headers["part_count"] = 1
+        headers["name_length"] = _ADDRESS.itemsize
         self._control_places = self._control.ctypes.data + rows * np.uint64(self._control.itemsize)
 
     @property
@@ -113,12 +119,12 @@ class Batch:
         Raises: OSError, BlockingIOError among them when nothing waits.
         """
         rows = slice(first, first + most)
-        messages = self._messages[rows]
+        headers = self._messages["header"][rows]
         self._parts["length"][rows] = self.data.shape[1]
         self._control["length"][rows] = 0
-        messages["name_length"] = _ADDRESS.itemsize
-        messages["control"] = self._control_places[rows]
-        messages["control_length"] = self._control.itemsize
+        headers["name_length"] = _ADDRESS.itemsize
+        headers["control"] = self._control_places[rows]
+        headers["control_length"] = self._control.itemsize
         count = self._call(_LIBC.recvmmsg, fd, first, most, None)
         came = slice(first, first + count)
         self.length[came] = self._messages["length"][came]
@@ -139,9 +145,9 @@ class Batch:
         """
         rows = slice(first, end)
         self._parts["length"][rows] = self.length[rows]
-        messages = self._messages[rows]
-        messages["control"] = 0
-        messages["control_length"] = 0
+        headers = self._messages["header"][rows]
+        headers["control"] = 0
+        headers["control_length"] = 0
         return self._call(_LIBC.sendmmsg, fd, first, end - first)
 
     def _call(self, function: Any, fd: int, first: int, count: int, *more: object) -> int:

@@ -1,0 +1,344 @@
+"""The link for large fleets: the whole fleet's frames made and read at once, by ourselves.
+
+Setpoints leave in `send` and nowhere else, so that nothing repeats one: when the tick ends, they end.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable, Mapping
+from math import radians
+from time import monotonic
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from pymavlink.dialects.v20 import development as dialect
+
+from gcs.errors import InvalidError, OrderError, UnknownError
+from gcs.frames import ShowFrame, wrap_rad
+from gcs.links.direct import codec
+from gcs.links.direct.addresses import Addresses
+from gcs.links.direct.commands import COMMAND_ACK, PARAM_VALUE, Commands
+from gcs.links.direct.hand import DirectHand, kill_message
+from gcs.links.direct.heard import FleetHeard
+from gcs.links.direct.kernels import BEGIN, COMPONENT, DATAGRAM, END, MESSAGE, SYSTEM, Whole
+from gcs.links.direct.outbox import Outbox
+from gcs.links.direct.packets import Datagrams, Packets
+from gcs.links.direct.sent import Sent
+from gcs.links.direct.streams import RATES_HZ, Streams
+from gcs.links.killlatch import KillLatch
+from gcs.links.link import Order, Verb
+from gcs.links.mavlink_frames import COMMAND_LONG, HEARTBEAT
+from gcs.links.orders import Orders
+from gcs.links.roster import Address
+from gcs.links.wire import Counters, Direction, Listen, Observer
+from gcs.state import Mask, Setpoints, Telemetry, VehicleId
+
+log = logging.getLogger(__name__)
+
+VEHICLES_MAX: Final = 250
+"""As many as there are system ids; more than these need a link (a port, a radio) of their own."""
+
+SILENT_AFTER_S: Final = 3.0
+"""Without a heartbeat for this long a vehicle counts as not connected, and is sent no setpoint."""
+
+SETPOINT: Final = 84  # SET_POSITION_TARGET_LOCAL_NED
+VELOCITY_AND_YAW: Final = 0x9C7  # what of it counts; the same as MAVSDK's
+
+_BEAT_S: Final = 1.0
+_BUSY_S: Final = 0.005
+_IDLE_S: Final = 0.025
+"""Between two looks at the sockets: while an answer is awaited, and otherwise. Each tick looks too."""
+
+_SEND_MARGIN_S: Final = 0.02
+"""Between the last look at the clock and the datagram's leaving, other threads may hold the interpreter."""
+
+_AUTOPILOT_COMPONENT: Final = 1
+
+
+class DirectLink:
+    """Up to 250 vehicles over UDP, without MAVSDK. A `gcs.links.Link`. Used on the loop's thread only."""
+
+    def __init__(
+        self,
+        name: str,
+        vehicles: Mapping[VehicleId, int],
+        listen: Listen,
+        frame: ShowFrame,
+        *,
+        deadman_s: float = 0.2,
+        heartbeat_hold_s: float = 3.0,
+        streams_hz: Mapping[str, float] = RATES_HZ,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        """Nothing is opened before `run`. What has to be compiled is compiled here.
+
+        Args:
+            name: as the configuration calls it.
+            vehicles: system id of each vehicle, 1 to 250, each once.
+            listen: UDP ports where the vehicles send to.
+            frame: to turn setpoints from the show frame to NED.
+            deadman_s: no setpoint leaves later than this after the time of the tick that asked for it.
+            heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
+            streams_hz: how often vehicles are asked to send messages, by name; 0: not at all.
+            clock: the loop's, ``loop.time``.
+
+        Raises: InvalidError for a system id out of range or used twice, for a deadman's time that leaves
+            nothing, and for a message that does not exist.
+        """
+        if not deadman_s > _SEND_MARGIN_S:
+            raise InvalidError("deadman_s", deadman_s, f"above {_SEND_MARGIN_S} s")
+        _check(vehicles)
+        self._name = name
+        self._vehicles = MappingProxyType(dict(vehicles))
+        self._ids = tuple(vehicles)
+        self._row = {vehicle_id: row for row, vehicle_id in enumerate(vehicles)}
+        self._system_ids: Whole = np.array(list(vehicles.values()), np.int64)
+        self._frame = frame
+        self._clock = clock
+        self._hold_s = deadman_s - _SEND_MARGIN_S
+        self._heartbeat_hold_s = heartbeat_hold_s
+        self._counters = Counters()
+        self._packets = Packets(name, listen, clock)
+        self._addresses = Addresses(name, tuple(vehicles.values()), self._counters, clock)
+        self._outbox = Outbox(self._packets, self._addresses, self._counters, self._system_ids)
+        self._heard = FleetHeard(self._ids)
+        self._streams = Streams(self._system_ids, streams_hz, self._tell)
+        self._latch = KillLatch(vehicles.values())
+        self._killed: set[int] = set()
+        self._sent = Sent(len(self._ids))
+        self._listed: tuple[tuple[VehicleId, ...], Whole, Whole] = ((), np.zeros(0, int), np.zeros(0, int))
+        self._ticked_s = -np.inf
+        self._open: tuple[Orders, Commands] | None = None
+        codec.warm_up()
+
+    @property
+    def name(self) -> str:
+        """As the configuration calls it."""
+        return self._name
+
+    @property
+    def ids(self) -> tuple[VehicleId, ...]:
+        """The vehicles configured on this link, heard or not."""
+        return self._ids
+
+    @property
+    def conflicts(self) -> Mapping[VehicleId, str]:
+        """Vehicles whose system id was heard lately from two addresses: both named in the text."""
+        texts = self._addresses.conflicts()
+        if not texts:
+            return {}
+        return {name: texts[system_id] for name, system_id in self._vehicles.items() if system_id in texts}
+
+    @property
+    def setpoints_sent(self) -> int:
+        """How many setpoints have left, in all."""
+        return self._counters.setpoints_sent
+
+    @property
+    def addresses(self) -> Mapping[VehicleId, Address]:
+        """Where each vehicle heard so far spoke from last: all that a kill from outside needs to know."""
+        known = {name: self._addresses.address(system_id) for name, system_id in self._vehicles.items()}
+        return {name: address for name, address in known.items() if address is not None}
+
+    @property
+    def counters(self) -> Counters:
+        """Totals since the link was made: setpoints sent, refused as too old, and so on."""
+        return self._counters
+
+    def observe(self, observer: Observer) -> Callable[[], None]:
+        """Show every frame to `observer` from now on; call the result to stop. See `Observer`."""
+        outbox = self._outbox
+        outbox.observers = (*outbox.observers, observer)
+
+        def stop() -> None:
+            outbox.observers = tuple(other for other in outbox.observers if other is not observer)
+
+        return stop
+
+    def setpoint_times_s(self, vehicle_id: VehicleId) -> tuple[float, ...]:
+        """When the latest setpoints to this vehicle left our socket, oldest first; bounded."""
+        return self._sent.times_s(self._row[vehicle_id])
+
+    async def run(self) -> None:
+        """Move bytes until cancelled. Raises: LinkError naming the port that cannot be had."""
+        self._packets.open()
+        orders = Orders(self._vehicles, self._latch, self._clock)
+        commands = Commands(self._system_ids, self._tell)
+        self._open = orders, commands
+        self._ticked_s = self._clock()  # time to begin
+        try:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._keep_receiving(commands), name=f"link/{self._name}/receive")
+                group.create_task(self._keep_beating(), name=f"link/{self._name}/beat")
+        finally:
+            self._open = None
+            orders.close()
+            commands.close()
+            self._packets.close()
+
+    def snapshot(self) -> Telemetry:
+        """The newest known of every vehicle, with arrival times: what waits in the sockets is read first."""
+        self._receive()
+        return self._heard.telemetry(may_be_ready=self._open is not None)
+
+    def send(self, setpoints: Setpoints) -> None:
+        """Send one tick's orders, now. Never blocks.
+
+        A batch that is older than the deadman's time when it comes is not sent at all. A row that is not
+        finite, and one for a vehicle that is not connected or was killed, is left out, as if it were not
+        listed.
+        """
+        now_s = self._clock()
+        self._ticked_s = now_s
+        if setpoints.ids != self._listed[0]:
+            self._listed = self._places(setpoints.ids)
+        _, at, rows = self._listed
+        if self._open is None or not len(rows):
+            return
+        velocity_ned_m_s = self._frame.into_ned(setpoints.velocity_m_s[at])
+        yaw_rad = wrap_rad(setpoints.yaw_rad[at] + radians(self._frame.heading_deg))
+        fit = np.isfinite(velocity_ned_m_s).all(axis=1) & np.isfinite(yaw_rad) & self._connected(now_s)[rows]
+        for row in [row for row in self._killed if self._latch.is_shut(int(self._system_ids[row]))]:
+            fit &= rows != row
+        rows = rows[fit]
+        messages = codec.records(SETPOINT, len(rows))
+        messages["time_boot_ms"] = int(now_s * 1e3) & 0xFFFFFFFF
+        messages["target_system"], messages["target_component"] = self._system_ids[rows], _AUTOPILOT_COMPONENT
+        messages["coordinate_frame"] = dialect.MAV_FRAME_LOCAL_NED
+        messages["type_mask"] = VELOCITY_AND_YAW
+        for axis, field in enumerate(("vx", "vy", "vz")):
+            messages[field] = velocity_ned_m_s[fit, axis]
+        messages["yaw"] = yaw_rad[fit]
+        frames = self._outbox.encode(SETPOINT, messages, rows)
+        if not self._clock() - min(now_s, setpoints.time_s) <= self._hold_s:
+            self._counters.setpoints_dropped += len(rows)
+            return
+        left = rows[self._outbox.send(frames, rows, now_s)]
+        self._sent.note(left, self._clock())  # after the call: never earlier than the truth
+        self._counters.setpoints_sent += len(left)
+
+    async def execute(self, order: Order) -> None:
+        """Order, and return when the vehicle is seen to obey. See `Link.execute`.
+
+        Raises: UnknownError for a vehicle of another link; OrderError.
+        """
+        row = self._row.get(order.vehicle_id)
+        if row is None:
+            raise UnknownError(f"{order.vehicle_id} is not on link {self._name}")
+        if self._open is None:
+            raise OrderError(f"{order.vehicle_id}: {order.verb} impossible: link {self._name} is not open")
+        orders, commands = self._open
+        said = self._heard.said(row)
+        if order.verb is Verb.KILL:
+            self._killed.add(row)
+            killing = orders.kill(order, said, lambda: self._send_kill(row))
+            self._counters.commands_dropped += commands.fail(lambda other: other == row, "killed meanwhile")
+            await killing
+            return
+        if not np.isfinite(said.heartbeat_time_s):
+            raise OrderError(f"{order.vehicle_id}: {order.verb} impossible: never heard on link {self._name}")
+        if order.verb is Verb.OFFBOARD and not self._clock() - self._sent.newest_s[row] <= self._hold_s:
+            raise OrderError(f"{order.vehicle_id}: offboard refused: no setpoints are flowing to it")
+        await orders.execute(order, DirectHand(row, commands, said), said)
+
+    async def get_parameter(self, vehicle_id: VehicleId, name: str) -> int | float:
+        """A parameter of the autopilot. Raises: OrderError (TIMEOUT when it has none of that name)."""
+        return await self._commands(vehicle_id).get_parameter(self._row[vehicle_id], name, _always)
+
+    async def set_parameter(self, vehicle_id: VehicleId, name: str, value: float) -> None:
+        """Give it a value, whole numbers as int; returns when the vehicle confirms it. Raises: OrderError."""
+        await self._commands(vehicle_id).set_parameter(self._row[vehicle_id], name, value, _always)
+
+    def _commands(self, vehicle_id: VehicleId) -> Commands:
+        if vehicle_id not in self._row:
+            raise UnknownError(f"{vehicle_id} is not on link {self._name}")
+        if self._open is None:
+            raise OrderError(f"{vehicle_id}: link {self._name} is not open")
+        return self._open[1]
+
+    def _places(self, ids: tuple[VehicleId, ...]) -> tuple[tuple[VehicleId, ...], Whole, Whole]:
+        """The ids, which of them are ours (k,), and their rows here (k,); a later mention counts."""
+        ours = {self._row[name]: at for at, name in enumerate(ids) if name in self._row}
+        return ids, np.array(list(ours.values()), np.int64), np.array(list(ours), np.int64)
+
+    def _connected(self, now_s: float) -> Mask:
+        connected: Mask = now_s - self._heard.heartbeat_time_s <= SILENT_AFTER_S
+        return connected
+
+    def _tell(self, message_id: int, messages: codec.Records, rows: Whole) -> None:
+        self._outbox.tell(message_id, messages, rows, self._clock())
+
+    def _send_kill(self, row: int) -> None:
+        self._tell(COMMAND_LONG, kill_message(int(self._system_ids[row])), np.array([row]))
+
+    def _receive(self) -> None:
+        self._packets.receive(self._take)
+
+    def _take(self, arrived: Datagrams) -> None:
+        """Read a batch of datagrams."""
+        found = codec.find(arrived.data, arrived.start, arrived.length)
+        self._counters.garbage_bytes += found.garbage_bytes
+        self._counters.unknown_bytes += found.unknown_bytes
+        rows, taken = self._addresses.judge(found.frames, arrived)
+        frames, rows = found.frames[taken], rows[taken]
+        time_s = arrived.time_s[frames[:, DATAGRAM]]
+        self._counters.received += len(frames)
+        self._heard.take(arrived.data, frames, rows, time_s)
+        if self._open is not None:
+            self._take_answers(arrived, frames, rows, self._open[1])
+        for observer in self._outbox.observers:
+            for frame, at_s in zip(frames.tolist(), time_s.tolist(), strict=True):
+                raw = arrived.data[frame[BEGIN] : frame[END]].tobytes()
+                observer(at_s, Direction.RECEIVED, raw, frame[SYSTEM])
+
+    def _take_answers(self, arrived: Datagrams, frames: Whole, rows: Whole, commands: Commands) -> None:
+        message = np.where(frames[:, COMPONENT] == _AUTOPILOT_COMPONENT, frames[:, MESSAGE], -1)
+        acks = np.flatnonzero(message == COMMAND_ACK)
+        if len(acks):
+            said = codec.decode(COMMAND_ACK, arrived.data, frames[acks])
+            self._streams.take_acks(rows[acks], said)
+            commands.take_acks(rows[acks], said)
+        values = np.flatnonzero(message == PARAM_VALUE)
+        if len(values):
+            commands.take_values(rows[values], codec.decode(PARAM_VALUE, arrived.data, frames[values]))
+
+    async def _keep_receiving(self, commands: Commands) -> None:
+        while True:
+            self._receive()
+            now_s = self._clock()
+            rebooted = self._heard.rebooted.copy()
+            self._heard.rebooted[:] = False
+            self._streams.watch(self._connected(now_s), rebooted, self._heard.positions, now_s)
+            busy = commands.awaited or self._heard.awaited
+            await asyncio.sleep(_BUSY_S if busy else _IDLE_S)
+
+    async def _keep_beating(self) -> None:
+        """Our heartbeat, for as long as control lives: autopilots have a failsafe for its end."""
+        message = codec.records(HEARTBEAT, 1)
+        message["type"], message["autopilot"] = dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID
+        message["system_status"], message["mavlink_version"] = dialect.MAV_STATE_ACTIVE, 3
+        while True:
+            now_s = self._clock()
+            rows = self._addresses.everybody()
+            if now_s - self._ticked_s <= self._heartbeat_hold_s and len(rows):
+                frames = self._outbox.encode(HEARTBEAT, np.repeat(message, len(rows)), rows)
+                self._outbox.send(frames, rows, now_s, to_all=True)
+            await asyncio.sleep(_BEAT_S)
+
+
+def _always() -> None:
+    """Nothing that is asked of parameters moves a vehicle."""
+
+
+def _check(vehicles: Mapping[VehicleId, int]) -> None:
+    """Raises: InvalidError."""
+    owners: dict[int, VehicleId] = {}
+    for vehicle_id, system_id in vehicles.items():
+        if not 1 <= system_id <= VEHICLES_MAX:
+            raise InvalidError(f"vehicles.{vehicle_id}", system_id, f"1 to {VEHICLES_MAX}")
+        if system_id in owners:
+            raise InvalidError(
+                f"vehicles.{vehicle_id}", system_id, f"another system id: {owners[system_id]} has it"
+            )
+        owners[system_id] = vehicle_id
