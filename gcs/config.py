@@ -1,7 +1,9 @@
 """YAML to frozen settings. Read once; an unknown or repeated key is an error; every key ends in its unit."""
 
 import re
+from collections import Counter
 from collections.abc import Hashable
+from functools import cached_property
 from importlib import resources
 from math import radians
 from pathlib import Path
@@ -20,6 +22,9 @@ from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import VehicleId
 
 LISTEN = re.compile(r"^udpin://(?P<host>[^:/]+):(?P<port>\d{1,5})$")
+
+MAVSDK_VEHICLES_MAX = 64
+"""What one MAVSDK instance carries well."""
 
 SystemId: TypeAlias = Annotated[int, Field(ge=1, le=250)]
 
@@ -46,30 +51,35 @@ class RangeSettings(Settings):
     """Consecutive system ids, named by a pattern."""
 
     first_system_id: SystemId = 1
-    count: Annotated[int, Field(ge=1, le=64)]  # what one MAVSDK instance carries well
-    id_pattern: str = "d{system_id}"
+    count: Annotated[int, Field(ge=1, le=250)]
+    id_pattern: str = "d{system_id}"  # may use {link} too, for several links carry the same system ids
 
-    def expanded(self) -> tuple[VehicleSettings, ...]:
+    def expanded(self, link: str) -> tuple[VehicleSettings, ...]:
         """One entry for each."""
+        pattern = self.id_pattern.replace("{link}", link)
         ids = range(self.first_system_id, self.first_system_id + self.count)
-        return tuple(
-            VehicleSettings(id=self.id_pattern.replace("{system_id}", str(i)), system_id=i) for i in ids
-        )
+        return tuple(VehicleSettings(id=pattern.replace("{system_id}", str(i)), system_id=i) for i in ids)
 
 
 class LinkSettings(Settings):
-    """Where vehicles are heard. `ports` consecutive UDP ports, beginning with the one in `listen`."""
+    """Where vehicles are heard. `ports` consecutive UDP ports, beginning with the one in `listen`.
+
+    The settings below `vehicles` are the direct transport's only.
+    """
 
     name: Annotated[str, Field(min_length=1)]
-    transport: Literal["mavsdk"] = "mavsdk"
+    transport: Literal["mavsdk", "direct"] = "mavsdk"
     listen: Annotated[str, Field(pattern=LISTEN.pattern)]
     ports: Annotated[int, Field(ge=1, le=1000)] = 1
     vehicles: tuple[VehicleSettings, ...] | RangeSettings
+    position_hz: Annotated[float, Field(ge=1, le=50)] = 10.0  # asked of every vehicle
+    heartbeat_hold_s: Positive = 3.0  # our heartbeats end when control has been dead for this long
 
-    @property
+    @cached_property
     def fleet(self) -> tuple[VehicleSettings, ...]:
         """Every vehicle, written out."""
-        return self.vehicles.expanded() if isinstance(self.vehicles, RangeSettings) else self.vehicles
+        vehicles = self.vehicles
+        return vehicles.expanded(self.name) if isinstance(vehicles, RangeSettings) else vehicles
 
     @property
     def address(self) -> tuple[str, int]:
@@ -84,6 +94,10 @@ class LinkSettings(Settings):
         port = self.address[1]
         if not 1 <= port <= 65536 - self.ports:
             raise ValueError(f"listen: ports {port} to {port + self.ports - 1}: at most 65535 is possible")
+        if self.transport == "mavsdk" and len(self.fleet) > MAVSDK_VEHICLES_MAX:
+            raise ValueError(
+                f"vehicles: {len(self.fleet)}; MAVSDK carries {MAVSDK_VEHICLES_MAX} well, transport: direct more"
+            )
         seen: set[int] = set()
         for vehicle in self.fleet:
             if vehicle.system_id in seen:
@@ -171,12 +185,12 @@ class Config(Settings):
             yaw=Yaw(self.yaw.policy, radians(self.yaw.heading_deg - self.show_frame.heading_deg)),
         )
 
-    @property
+    @cached_property
     def fleet(self) -> tuple[VehicleSettings, ...]:
         """Every vehicle of every link."""
         return tuple(vehicle for link in self.links for vehicle in link.fleet)
 
-    @property
+    @cached_property
     def ids(self) -> tuple[VehicleId, ...]:
         """Of every vehicle, in order."""
         return tuple(vehicle.id for vehicle in self.fleet)
@@ -186,7 +200,7 @@ class Config(Settings):
         if not self.fleet:
             raise ValueError("links: at least one link with at least one vehicle is needed")
         for what, names in (("link", [link.name for link in self.links]), ("vehicle", list(self.ids))):
-            twice = {name for name in names if names.count(name) > 1}
+            twice = {name for name, count in Counter(names).items() if count > 1}
             if twice:
                 raise ValueError(f"links: {what} {', '.join(sorted(twice))} is there twice")
         self._check_ports()

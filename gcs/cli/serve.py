@@ -13,6 +13,8 @@ from gcs.config import Config, LinkSettings
 from gcs.errors import GcsError, RefusedError
 from gcs.lifecycle import AIRBORNE, ShowPhase
 from gcs.links import Link
+from gcs.links.direct.link import DirectLink
+from gcs.links.direct.streams import RATES_HZ
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.wire import Listen
 from gcs.orchestrator import Orchestrator
@@ -26,13 +28,19 @@ API_RETRY_S = 1.0
 def make_link(settings: LinkSettings, config: Config) -> Link:
     """The transport that a link's settings name."""
     host, port = settings.address
-    return MavsdkLink(
-        settings.name,
-        {vehicle.id: vehicle.system_id for vehicle in settings.fleet},
-        Listen(host, port, settings.ports),
-        config.frame,
-        deadman_s=config.deadman_s,
-    )
+    vehicles = {vehicle.id: vehicle.system_id for vehicle in settings.fleet}
+    listen = Listen(host, port, settings.ports)
+    if settings.transport == "direct":
+        return DirectLink(
+            settings.name,
+            vehicles,
+            listen,
+            config.frame,
+            deadman_s=config.deadman_s,
+            heartbeat_hold_s=settings.heartbeat_hold_s,
+            streams_hz={**RATES_HZ, "GLOBAL_POSITION_INT": settings.position_hz},
+        )
+    return MavsdkLink(settings.name, vehicles, listen, config.frame, deadman_s=config.deadman_s)
 
 
 @asynccontextmanager

@@ -97,7 +97,7 @@ def encode(
     messages: Records,
     sequence: Bytes,
     *,
-    system_id: int = SYSTEM_ID,
+    system_id: int | Bytes = SYSTEM_ID,
     component_id: int = COMPONENT_ID,
 ) -> Frames:
     """Frames of n messages.
@@ -106,14 +106,15 @@ def encode(
         message_id: what they are.
         messages: (n,) as `records` makes them.
         sequence: (n,) the number each frame carries.
-        system_id: of the sender.
+        system_id: of the sender, or of each (n,).
         component_id: of the sender.
     """
     size, n = messages.dtype.itemsize, len(messages)
     payloads = messages.view(np.uint8).reshape(n, size)
     frames, lengths = np.empty((n, size + HEADER_LENGTH), np.uint8), np.empty(n, np.int64)
     extra = layout(message_id).crc_extra
-    put_frames(payloads, message_id, extra, sequence, system_id, component_id, frames, lengths)
+    systems = np.full(n, system_id, np.uint8)
+    put_frames(payloads, message_id, extra, sequence, systems, component_id, frames, lengths)
     return Frames(frames, lengths)
 
 

@@ -154,7 +154,7 @@ def put_frames(
     message: int,
     extra: int,
     sequence: Bytes,
-    system: int,
+    system: Bytes,
     component: int,
     frames: Bytes,
     lengths: Whole,
@@ -166,7 +166,7 @@ def put_frames(
         message: its id.
         extra: the byte its checksum ends with.
         sequence: (n,) numbers of the frames.
-        system: of the sender.
+        system: (n,) of the senders.
         component: of the sender.
         frames: (n, at least size + 12), written.
         lengths: (n,) of the frames, written.
@@ -181,7 +181,7 @@ def put_frames(
         frame[2] = 0
         frame[3] = 0
         frame[4] = sequence[row]
-        frame[5] = system
+        frame[5] = system[row]
         frame[6] = component
         frame[7] = message & 0xFF
         frame[8] = message >> 8 & 0xFF
