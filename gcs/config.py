@@ -96,7 +96,7 @@ class LinkSettings(Settings):
             raise ValueError(f"listen: ports {port} to {port + self.ports - 1}: at most 65535 is possible")
         if self.transport == "mavsdk" and len(self.fleet) > MAVSDK_VEHICLES_MAX:
             raise ValueError(
-                f"vehicles: {len(self.fleet)}; MAVSDK carries {MAVSDK_VEHICLES_MAX} well, transport: direct more"
+                f"vehicles: {len(self.fleet)}; MAVSDK carries {MAVSDK_VEHICLES_MAX}, transport: direct more"
             )
         seen: set[int] = set()
         for vehicle in self.fleet:

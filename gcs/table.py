@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.frames import ShowFrame, wrap_rad
 from gcs.state import Array, FleetState, Mask, Telemetry, VehicleId
@@ -35,6 +36,7 @@ class Table:
     def __init__(self, ids: Sequence[VehicleId], frame: ShowFrame) -> None:
         self.ids = tuple(ids)
         self._row = {vehicle_id: row for row, vehicle_id in enumerate(self.ids)}
+        self._rows: dict[tuple[VehicleId, ...], NDArray[np.intp]] = {}  # of each link's vehicles
         self._frame = frame
         self._believed = _Track.unknown(len(self.ids))  # the newest that was believed
         self._told = _Track.unknown(len(self.ids))  # the newest, believed or not
@@ -52,7 +54,7 @@ class Table:
         velocity_m_s, yaw_rad = np.full((n, 3), np.nan), np.full(n, np.nan)
         exists, armed = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         for part in telemetry:
-            rows = [self._row[vehicle_id] for vehicle_id in part.ids]
+            rows = self._rows_of(part.ids)
             told.position_m[rows] = self._frame.position_m(
                 part.latitude_deg, part.longitude_deg, part.altitude_amsl_m
             )
@@ -76,6 +78,12 @@ class Table:
             yaw_rad,
             np.where(self._trusted, age_s, np.inf),
         )
+
+    def _rows_of(self, ids: tuple[VehicleId, ...]) -> NDArray[np.intp]:
+        rows = self._rows.get(ids)
+        if rows is None:
+            rows = self._rows[ids] = np.array([self._row[vehicle_id] for vehicle_id in ids], dtype=np.intp)
+        return rows
 
     def _judge(self, told: "_Track", exists: Mask, armed: Mask) -> None:
         """Believe what is new in `told`, or do not; `exists` says where it can be a place at all."""

@@ -1,6 +1,5 @@
 """The newest state of everything, as people and programs may see it."""
 
-import time
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -31,13 +30,14 @@ def fleet_view(
     timing: TickView,
     control_alive: bool,
     setpoints_sent: int,
+    unix_time_s: float,
 ) -> FleetView:
     """Put one tick's state together; rows of `fleet` and `vehicles` correspond."""
     sent = dict(zip(tick.setpoints.ids, tick.setpoints.velocity_m_s, strict=True))
     center = tick.memory.center
     return FleetView(
         time_s=fleet.time_s,
-        unix_time_s=time.time(),
+        unix_time_s=unix_time_s,
         show=show,
         reason=reason,
         vehicles=tuple(

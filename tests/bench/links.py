@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from link_traffic import FRAME, HOST, sphere_m
+from link_traffic import FRAME, HOST
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.cli.serve import make_link
@@ -151,14 +151,14 @@ def cost_of(began_cpu_s: float, began_s: float, setpoints: int, passages: list[P
 
 
 async def service(count: int, rate_hz: float) -> Cost:
-    """The whole service with a formation in the air: law, safety, setpoints. The API is not asked anything."""
+    """The whole service with a formation in the air: law, safety, setpoints. Nobody asks the API."""
     config = config_of(count, rate_hz)
     links = [make_link(settings, config) for settings in config.links]
     passages = [Passage(link) for link in links if isinstance(link, DirectLink)]
     orchestrator = Orchestrator(config, links)
     flight = orchestrator._flight
     running = asyncio.create_task(orchestrator.run())
-    while not all(mode is Mode.OFFBOARD for link in links for mode in link.snapshot().mode):
+    while not all(mode is Mode.OFFBOARD for link in links for mode in link.snapshot().mode):  # noqa: ASYNC110
         await asyncio.sleep(0.1)
     for vehicle in flight.vehicles.values():
         vehicle.phase, vehicle.modes = Phase.FORMATION, frozenset({Mode.OFFBOARD})
