@@ -20,6 +20,7 @@ check: .venv/ready  ## what a reviewer should not have to say
 
 bench: .venv/ready  ## speed, as ratios against a named alternative in the same run
 	$(BIN)/python tests/bench/run.py
+	$(BIN)/python tests/bench/links.py
 
 flight-quality: .venv/ready  ## fly every scenario as it is judged; brings docs/flight-quality.md up to date
 	@mkdir -p runs

@@ -62,7 +62,8 @@ class Director:
         now_s, heard_of = flight.fleet.time_s, flight.newest()
         # row by row as plain numbers and views: a thousand vehicles are looked at in every tick
         known = np.isfinite(flight.fleet.position_m).all(axis=1).tolist()
-        fresh = (now_s - np.minimum(heard_of.beat_s, heard_of.position_s) <= silence_s).tolist()
+        age_s: Array = now_s - np.minimum(heard_of.beat_s, heard_of.position_s)
+        fresh = (age_s <= silence_s).tolist()
         rows = zip(
             flight.vehicles.values(),
             fresh,

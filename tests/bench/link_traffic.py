@@ -15,7 +15,7 @@ from gcs.links.direct import codec
 from gcs.links.direct.commands import COMMAND_ACK
 from gcs.links.direct.heard import BATTERY_STATUS, EXTENDED_SYS_STATE
 from gcs.links.direct.kernels import MESSAGE, Bytes, Whole
-from gcs.links.direct.link import SETPOINT
+from gcs.links.direct.messages import SETPOINT
 from gcs.links.direct.packets import Datagrams, Packets, source_of
 from gcs.links.mavlink_frames import COMMAND_LONG, GLOBAL_POSITION_INT, HEARTBEAT, PREARM_CHECK, SYS_STATUS
 from gcs.links.wire import Listen

@@ -248,7 +248,9 @@ def per_message(count: int, rate_hz: float) -> Cost:
                         if message.get_type() == "GLOBAL_POSITION_INT":
                             here = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
                             places[index, message.get_srcSystem()] = (time.monotonic(), *here)
-            for system_id in range(1, min(EACH, count) + 1) if address else ():
+            if address is None:
+                continue
+            for system_id in range(1, min(EACH, count) + 1):
                 message = dialect.MAVLink_set_position_target_local_ned_message(
                     0, system_id, 1, 1, 0x9C7, 0, 0, 0, 0.1, 0.2, 0.3, 0, 0, 0, 0.4, 0
                 )

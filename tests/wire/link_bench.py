@@ -24,7 +24,9 @@ VELOCITY_M_S = (1.0, 0.5, -0.25)
 
 AnyLink = MavsdkLink | DirectLink
 
-chosen: type[MavsdkLink] | type[DirectLink] = MavsdkLink
+KINDS: dict[str, type[MavsdkLink] | type[DirectLink]] = {"mavsdk": MavsdkLink, "direct": DirectLink}
+
+chosen = "mavsdk"
 """What `a_link` makes; the fixture `transport` sets it for tests that hold for both."""
 
 
@@ -32,7 +34,7 @@ def a_link(
     first_port: int, system_ids: Sequence[int], *, port_count: int = 1, heading_deg: float = 0.0
 ) -> AnyLink:
     """Vehicle "v3" has system id 3."""
-    return chosen(
+    return KINDS[chosen](
         "bench",
         {f"v{system_id}": system_id for system_id in system_ids},
         Listen("127.0.0.1", first_port, port_count),

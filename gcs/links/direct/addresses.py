@@ -7,13 +7,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.errors import InvalidError
 from gcs.links.direct.kernels import DATAGRAM, SYSTEM, Whole
 from gcs.links.direct.packets import Datagrams, host_of, port_of, socket_of
 from gcs.links.roster import TAKEN, Address, Roster, Verdict
 from gcs.links.wire import Counters
-from gcs.state import Array
+from gcs.state import Array, VehicleId
 
 log = logging.getLogger(__name__)
+
+SYSTEM_ID_MAX: Final = 250
+"""More vehicles than that need a link (a port, a radio) more."""
 
 _STRANGERS_LOGGED_MAX: Final = 64
 _NOWHERE: Final = -1
@@ -98,3 +102,16 @@ class Addresses:
             if verdict is Verdict.NEW_DUPLICATE:
                 cause = self._roster.conflicts(self._clock()).get(system_id, "")
                 log.error("duplicate_system_id", extra=about | {"cause": cause})
+
+
+def check_system_ids(vehicles: Mapping[VehicleId, int]) -> None:
+    """Raises: InvalidError for one that is out of range, or there twice."""
+    owners: dict[int, VehicleId] = {}
+    for vehicle_id, system_id in vehicles.items():
+        if not 1 <= system_id <= SYSTEM_ID_MAX:
+            raise InvalidError(f"vehicles.{vehicle_id}", system_id, f"1 to {SYSTEM_ID_MAX}")
+        if system_id in owners:
+            raise InvalidError(
+                f"vehicles.{vehicle_id}", system_id, f"another system id: {owners[system_id]} has it"
+            )
+        owners[system_id] = vehicle_id

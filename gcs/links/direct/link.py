@@ -12,18 +12,19 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from pymavlink.dialects.v20 import development as dialect
 
 from gcs.errors import InvalidError, OrderError, UnknownError
 from gcs.frames import ShowFrame, wrap_rad
 from gcs.links.direct import codec
-from gcs.links.direct.addresses import Addresses
-from gcs.links.direct.commands import COMMAND_ACK, PARAM_VALUE, Commands
+from gcs.links.direct.addresses import Addresses, check_system_ids
+from gcs.links.direct.commands import Commands
 from gcs.links.direct.hand import DirectHand, kill_message
 from gcs.links.direct.heard import FleetHeard
-from gcs.links.direct.kernels import BEGIN, COMPONENT, DATAGRAM, END, MESSAGE, SYSTEM, Whole
+from gcs.links.direct.inbox import Inbox
+from gcs.links.direct.kernels import Whole
+from gcs.links.direct.messages import SETPOINT, heartbeats, setpoint_messages
 from gcs.links.direct.outbox import Outbox
-from gcs.links.direct.packets import Datagrams, Packets
+from gcs.links.direct.packets import Packets
 from gcs.links.direct.sent import Sent
 from gcs.links.direct.streams import RATES_HZ, Streams
 from gcs.links.killlatch import KillLatch
@@ -31,19 +32,13 @@ from gcs.links.link import Order, Verb
 from gcs.links.mavlink_frames import COMMAND_LONG, HEARTBEAT
 from gcs.links.orders import Orders
 from gcs.links.roster import Address
-from gcs.links.wire import Counters, Direction, Listen, Observer
+from gcs.links.wire import Counters, Listen, Observer
 from gcs.state import Mask, Setpoints, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
 
-VEHICLES_MAX: Final = 250
-"""As many as there are system ids; more than these need a link (a port, a radio) of their own."""
-
 SILENT_AFTER_S: Final = 3.0
 """Without a heartbeat for this long a vehicle counts as not connected, and is sent no setpoint."""
-
-SETPOINT: Final = 84  # SET_POSITION_TARGET_LOCAL_NED
-VELOCITY_AND_YAW: Final = 0x9C7  # what of it counts; the same as MAVSDK's
 
 _BEAT_S: Final = 1.0
 _BUSY_S: Final = 0.005
@@ -52,8 +47,6 @@ _IDLE_S: Final = 0.025
 
 _SEND_MARGIN_S: Final = 0.02
 """Between the last look at the clock and the datagram's leaving, other threads may hold the interpreter."""
-
-_AUTOPILOT_COMPONENT: Final = 1
 
 
 class DirectLink:
@@ -88,7 +81,7 @@ class DirectLink:
         """
         if not deadman_s > _SEND_MARGIN_S:
             raise InvalidError("deadman_s", deadman_s, f"above {_SEND_MARGIN_S} s")
-        _check(vehicles)
+        check_system_ids(vehicles)
         self._name = name
         self._vehicles = MappingProxyType(dict(vehicles))
         self._ids = tuple(vehicles)
@@ -104,6 +97,7 @@ class DirectLink:
         self._outbox = Outbox(self._packets, self._addresses, self._counters, self._system_ids)
         self._heard = FleetHeard(self._ids)
         self._streams = Streams(self._system_ids, streams_hz, self._tell)
+        self._inbox = Inbox(self._addresses, self._heard, self._streams, self._counters)
         self._latch = KillLatch(vehicles.values())
         self._killed: set[int] = set()
         self._sent = Sent(len(self._ids))
@@ -148,11 +142,13 @@ class DirectLink:
 
     def observe(self, observer: Observer) -> Callable[[], None]:
         """Show every frame to `observer` from now on; call the result to stop. See `Observer`."""
-        outbox = self._outbox
-        outbox.observers = (*outbox.observers, observer)
+        boxes = self._inbox, self._outbox
+        for box in boxes:
+            box.observers = (*box.observers, observer)
 
         def stop() -> None:
-            outbox.observers = tuple(other for other in outbox.observers if other is not observer)
+            for box in boxes:
+                box.observers = tuple(other for other in box.observers if other is not observer)
 
         return stop
 
@@ -165,14 +161,14 @@ class DirectLink:
         self._packets.open()
         orders = Orders(self._vehicles, self._latch, self._clock)
         commands = Commands(self._system_ids, self._tell)
-        self._open = orders, commands
+        self._open, self._inbox.commands = (orders, commands), commands
         self._ticked_s = self._clock()  # time to begin
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._keep_receiving(commands), name=f"link/{self._name}/receive")
                 group.create_task(self._keep_beating(), name=f"link/{self._name}/beat")
         finally:
-            self._open = None
+            self._open, self._inbox.commands = None, None
             orders.close()
             commands.close()
             self._packets.close()
@@ -202,14 +198,9 @@ class DirectLink:
         for row in [row for row in self._killed if self._latch.is_shut(int(self._system_ids[row]))]:
             fit &= rows != row
         rows = rows[fit]
-        messages = codec.records(SETPOINT, len(rows))
-        messages["time_boot_ms"] = int(now_s * 1e3) & 0xFFFFFFFF
-        messages["target_system"], messages["target_component"] = self._system_ids[rows], _AUTOPILOT_COMPONENT
-        messages["coordinate_frame"] = dialect.MAV_FRAME_LOCAL_NED
-        messages["type_mask"] = VELOCITY_AND_YAW
-        for axis, field in enumerate(("vx", "vy", "vz")):
-            messages[field] = velocity_ned_m_s[fit, axis]
-        messages["yaw"] = yaw_rad[fit]
+        messages = setpoint_messages(
+            self._system_ids[rows], velocity_ned_m_s[fit], yaw_rad[fit], time_s=now_s
+        )
         frames = self._outbox.encode(SETPOINT, messages, rows)
         if not self._clock() - min(now_s, setpoints.time_s) <= self._hold_s:
             self._counters.setpoints_dropped += len(rows)
@@ -273,35 +264,7 @@ class DirectLink:
         self._tell(COMMAND_LONG, kill_message(int(self._system_ids[row])), np.array([row]))
 
     def _receive(self) -> None:
-        self._packets.receive(self._take)
-
-    def _take(self, arrived: Datagrams) -> None:
-        """Read a batch of datagrams."""
-        found = codec.find(arrived.data, arrived.start, arrived.length)
-        self._counters.garbage_bytes += found.garbage_bytes
-        self._counters.unknown_bytes += found.unknown_bytes
-        rows, taken = self._addresses.judge(found.frames, arrived)
-        frames, rows = found.frames[taken], rows[taken]
-        time_s = arrived.time_s[frames[:, DATAGRAM]]
-        self._counters.received += len(frames)
-        self._heard.take(arrived.data, frames, rows, time_s)
-        if self._open is not None:
-            self._take_answers(arrived, frames, rows, self._open[1])
-        for observer in self._outbox.observers:
-            for frame, at_s in zip(frames.tolist(), time_s.tolist(), strict=True):
-                raw = arrived.data[frame[BEGIN] : frame[END]].tobytes()
-                observer(at_s, Direction.RECEIVED, raw, frame[SYSTEM])
-
-    def _take_answers(self, arrived: Datagrams, frames: Whole, rows: Whole, commands: Commands) -> None:
-        message = np.where(frames[:, COMPONENT] == _AUTOPILOT_COMPONENT, frames[:, MESSAGE], -1)
-        acks = np.flatnonzero(message == COMMAND_ACK)
-        if len(acks):
-            said = codec.decode(COMMAND_ACK, arrived.data, frames[acks])
-            self._streams.take_acks(rows[acks], said)
-            commands.take_acks(rows[acks], said)
-        values = np.flatnonzero(message == PARAM_VALUE)
-        if len(values):
-            commands.take_values(rows[values], codec.decode(PARAM_VALUE, arrived.data, frames[values]))
+        self._packets.receive(self._inbox.take)
 
     async def _keep_receiving(self, commands: Commands) -> None:
         while True:
@@ -315,30 +278,14 @@ class DirectLink:
 
     async def _keep_beating(self) -> None:
         """Our heartbeat, for as long as control lives: autopilots have a failsafe for its end."""
-        message = codec.records(HEARTBEAT, 1)
-        message["type"], message["autopilot"] = dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID
-        message["system_status"], message["mavlink_version"] = dialect.MAV_STATE_ACTIVE, 3
         while True:
             now_s = self._clock()
             rows = self._addresses.everybody()
             if now_s - self._ticked_s <= self._heartbeat_hold_s and len(rows):
-                frames = self._outbox.encode(HEARTBEAT, np.repeat(message, len(rows)), rows)
+                frames = self._outbox.encode(HEARTBEAT, heartbeats(len(rows)), rows)
                 self._outbox.send(frames, rows, now_s, to_all=True)
             await asyncio.sleep(_BEAT_S)
 
 
 def _always() -> None:
     """Nothing that is asked of parameters moves a vehicle."""
-
-
-def _check(vehicles: Mapping[VehicleId, int]) -> None:
-    """Raises: InvalidError."""
-    owners: dict[int, VehicleId] = {}
-    for vehicle_id, system_id in vehicles.items():
-        if not 1 <= system_id <= VEHICLES_MAX:
-            raise InvalidError(f"vehicles.{vehicle_id}", system_id, f"1 to {VEHICLES_MAX}")
-        if system_id in owners:
-            raise InvalidError(
-                f"vehicles.{vehicle_id}", system_id, f"another system id: {owners[system_id]} has it"
-            )
-        owners[system_id] = vehicle_id
