@@ -61,9 +61,9 @@ class Director:
         silence_s = flight.config.operation.silence_s
         now_s, heard_of = flight.fleet.time_s, flight.newest()
         # row by row as plain numbers and views: a thousand vehicles are looked at in every tick
-        known = np.isfinite(flight.fleet.position_m).all(axis=1).tolist()
+        known: list[bool] = np.isfinite(flight.fleet.position_m).all(axis=1).tolist()
         age_s: Array = now_s - np.minimum(heard_of.beat_s, heard_of.position_s)
-        fresh = (age_s <= silence_s).tolist()
+        fresh: list[bool] = (age_s <= silence_s).tolist()
         rows = zip(
             flight.vehicles.values(),
             fresh,

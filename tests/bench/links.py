@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -224,6 +225,21 @@ async def direct(count: int, rate_hz: float) -> Cost:
     return cost
 
 
+def read_all(
+    source: socket.socket, parser: Any, places: dict[tuple[int, int], tuple[float, float, float, float]]
+) -> tuple[str, int] | tuple[()]:
+    """Everything that waits in a socket, message by message. Returns: the last sender's address."""
+    address: tuple[str, int] | tuple[()] = ()
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            data, address = source.recvfrom(2048)
+            for message in parser.parse_buffer(data) or ():
+                if message.get_type() == "GLOBAL_POSITION_INT":
+                    here = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
+                    places[source.fileno(), message.get_srcSystem()] = (time.monotonic(), *here)
+    return address
+
+
 def per_message(count: int, rate_hz: float) -> Cost:
     """The same with pymavlink, one message at a time on plain sockets."""
     sockets = []
@@ -235,26 +251,20 @@ def per_message(count: int, rate_hz: float) -> Cost:
         sockets.append(made)
     packer, parser = dialect.MAVLink(None, 254, 190), dialect.MAVLink(None)
     places: dict[tuple[int, int], tuple[float, float, float, float]] = {}
+    addresses: list[tuple[str, int] | tuple[()]] = [()] * len(sockets)
     sent, began_s, began_cpu_s, began_sent, start_s, tick = 0, 0.0, 0.0, 0, time.monotonic(), 0
     while time.monotonic() < start_s + WARM_UP_S + MEASURED_S:
         if not began_s and time.monotonic() > start_s + WARM_UP_S:
             began_s, began_cpu_s, began_sent = time.monotonic(), time.process_time(), sent
         for index, made in enumerate(sockets):
-            address = None
-            with contextlib.suppress(BlockingIOError):
-                while True:
-                    data, address = made.recvfrom(2048)
-                    for message in parser.parse_buffer(data) or ():
-                        if message.get_type() == "GLOBAL_POSITION_INT":
-                            here = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
-                            places[index, message.get_srcSystem()] = (time.monotonic(), *here)
-            if address is None:
+            addresses[index] = read_all(made, parser, places) or addresses[index]
+            if not addresses[index]:
                 continue
             for system_id in range(1, min(EACH, count) + 1):
                 message = dialect.MAVLink_set_position_target_local_ned_message(
                     0, system_id, 1, 1, 0x9C7, 0, 0, 0, 0.1, 0.2, 0.3, 0, 0, 0, 0.4, 0
                 )
-                made.sendto(message.pack(packer), address)
+                made.sendto(message.pack(packer), addresses[index])
                 sent += 1
         tick += 1
         time.sleep(max(0.0, start_s + tick / rate_hz - time.monotonic()))
