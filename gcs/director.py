@@ -16,7 +16,7 @@ from gcs.links import Order, Verb
 from gcs.orders import OrderBook
 from gcs.preflight import check_fleet
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-from gcs.state import Array, Mode, VehicleId
+from gcs.state import Array, Mask, Mode, VehicleId
 from gcs.vehicle import Heard, Vehicle, require_phase
 
 log = logging.getLogger(__name__)
@@ -61,13 +61,13 @@ class Director:
         silence_s = flight.config.operation.silence_s
         now_s, heard_of = flight.fleet.time_s, flight.newest()
         # row by row as plain numbers and views: a thousand vehicles are looked at in every tick
-        known: list[bool] = np.isfinite(flight.fleet.position_m).all(axis=1).tolist()
+        known: Mask = np.isfinite(flight.fleet.position_m).all(axis=1)
         age_s: Array = now_s - np.minimum(heard_of.beat_s, heard_of.position_s)
         fresh: list[bool] = (age_s <= silence_s).tolist()
         rows = zip(
             flight.vehicles.values(),
             fresh,
-            known,
+            known.tolist(),
             heard_of.mode,
             heard_of.armed,
             flight.fleet.position_m,
