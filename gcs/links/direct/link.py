@@ -42,8 +42,12 @@ SILENT_AFTER_S: Final = 3.0
 
 _BEAT_S: Final = 1.0
 _BUSY_S: Final = 0.005
-_IDLE_S: Final = 0.025
-"""Between two looks at the sockets: while an answer is awaited, and otherwise. Each tick looks too."""
+_IDLE_S: Final = 0.05
+"""Between two looks at the sockets: while an answer is awaited, and otherwise. Each tick looks too, and then
+nobody else need look."""
+
+_WATCH_S: Final = 0.1
+"""Between two looks at who has come, or has forgotten what it was asked."""
 
 _SEND_MARGIN_S: Final = 0.02
 """Between the last look at the clock and the datagram's leaving, other threads may hold the interpreter."""
@@ -103,6 +107,7 @@ class DirectLink:
         self._sent = Sent(len(self._ids))
         self._listed: tuple[tuple[VehicleId, ...], Whole, Whole] = ((), np.zeros(0, int), np.zeros(0, int))
         self._ticked_s = -np.inf
+        self._received_s = -np.inf
         self._open: tuple[Orders, Commands] | None = None
         codec.warm_up()
 
@@ -264,17 +269,25 @@ class DirectLink:
         self._tell(COMMAND_LONG, kill_message(int(self._system_ids[row])), np.array([row]))
 
     def _receive(self) -> None:
+        self._received_s = self._clock()
         self._packets.receive(self._inbox.take)
 
     async def _keep_receiving(self, commands: Commands) -> None:
+        watched_s = -np.inf
         while True:
-            self._receive()
-            now_s = self._clock()
-            rebooted = self._heard.rebooted.copy()
-            self._heard.rebooted[:] = False
-            self._streams.watch(self._connected(now_s), rebooted, self._heard.positions, now_s)
             busy = commands.awaited or self._heard.awaited
-            await asyncio.sleep(_BUSY_S if busy else _IDLE_S)
+            now_s = self._clock()
+            if busy or now_s - self._received_s >= _IDLE_S:
+                self._receive()
+            if now_s - watched_s >= _WATCH_S:
+                watched_s = now_s
+                self._watch_streams(now_s)
+            await asyncio.sleep(_BUSY_S if busy else _IDLE_S / 2)
+
+    def _watch_streams(self, now_s: float) -> None:
+        rebooted = self._heard.rebooted.copy()
+        self._heard.rebooted[:] = False
+        self._streams.watch(self._connected(now_s), rebooted, self._heard.positions, now_s)
 
     async def _keep_beating(self) -> None:
         """Our heartbeat, for as long as control lives: autopilots have a failsafe for its end."""
