@@ -1,6 +1,8 @@
 """YAML to frozen settings. Read once; an unknown or repeated key is an error; every key ends in its unit."""
 
+from collections import Counter
 from collections.abc import Hashable
+from functools import cached_property
 from importlib import resources
 from math import radians
 from pathlib import Path
@@ -15,7 +17,7 @@ from gcs.control import ControlSettings
 from gcs.errors import ConfigError, GcsError
 from gcs.feasibility import check_formation, check_orbit, check_target
 from gcs.frames import ShowFrame
-from gcs.links.endpoints.urls import Place, occupied
+from gcs.links.endpoints.urls import Listen, Place, occupied
 from gcs.links.endpoints.urls import parse as place_at
 from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
 from gcs.links.vehicle_ids import INSTANCES_MAX, SYSTEM_ID_MAX, instances
@@ -48,7 +50,9 @@ def _place(url: str) -> str:
 Urls: TypeAlias = Annotated[
     tuple[Annotated[str, AfterValidator(_place)], ...], BeforeValidator(_listed), Field(min_length=1)
 ]
-Forwards: TypeAlias = tuple[Annotated[Forward, BeforeValidator(_as_forward)], ...]
+Forwards: TypeAlias = Annotated[
+    tuple[Annotated[Forward, BeforeValidator(_as_forward)], ...], BeforeValidator(_listed)
+]
 
 
 class ShowFrameSettings(Settings):
@@ -74,37 +78,46 @@ class RangeSettings(Settings):
 
     first_system_id: SystemId = 1
     count: Annotated[int, Field(ge=1, le=SYSTEM_ID_MAX)]
-    id_pattern: str = "d{system_id}"
+    id_pattern: str = "d{system_id}"  # may use {link} too, for several links carry the same system ids
 
-    def expanded(self) -> tuple[VehicleSettings, ...]:
+    def expanded(self, link: str) -> tuple[VehicleSettings, ...]:
         """One entry for each."""
+        pattern = self.id_pattern.replace("{link}", link)
         ids = range(self.first_system_id, self.first_system_id + self.count)
-        return tuple(
-            VehicleSettings(id=self.id_pattern.replace("{system_id}", str(i)), system_id=i) for i in ids
-        )
+        return tuple(VehicleSettings(id=pattern.replace("{system_id}", str(i)), system_id=i) for i in ids)
 
 
 class LinkSettings(Settings):
     """Where vehicles are. `ports` consecutive UDP ports, beginning with the one in `listen`."""
 
     name: Annotated[str, Field(min_length=1)]
-    transport: Literal["mavsdk"] = "mavsdk"
+    transport: Literal["mavsdk", "direct"] = "mavsdk"
     listen: Urls
     ports: Annotated[int, Field(ge=1, le=1000)] = 1
     vehicles: tuple[VehicleSettings, ...] | RangeSettings
     streams: StreamSettings = StreamSettings()
     forward: Forwards = ()
     signing: SigningSettings | None = None
+    heartbeat_hold_s: Positive = 3.0  # our heartbeats end when control has been dead for this long: direct
 
-    @property
+    @cached_property
     def fleet(self) -> tuple[VehicleSettings, ...]:
         """Every vehicle, written out."""
-        return self.vehicles.expanded() if isinstance(self.vehicles, RangeSettings) else self.vehicles
+        vehicles = self.vehicles
+        return vehicles.expanded(self.name) if isinstance(vehicles, RangeSettings) else vehicles
 
     @property
     def places(self) -> tuple[Place, ...]:
         """What `listen` describes. Raises: ConfigError."""
         return tuple(place_at(url, self.ports) for url in self.listen)
+
+    @property
+    def udp_ports(self) -> Listen:
+        """What `listen` describes, for the direct transport. Raises: ConfigError for anything else."""
+        places = self.places
+        if len(places) != 1 or not isinstance(places[0], Listen):
+            raise ConfigError("transport direct needs one udpin://HOST:PORT")
+        return places[0]
 
     @model_validator(mode="after")
     def _check(self) -> "LinkSettings":
@@ -114,12 +127,23 @@ class LinkSettings(Settings):
             raise ValueError(f"listen: {error}") from None
         if len(set(taken)) < len(taken):
             raise ValueError("listen: the same place is there twice")
+        if self.transport == "direct":
+            self._check_direct()
         seen: set[int] = set()
         for vehicle in self.fleet:
             if vehicle.system_id in seen:
                 raise ValueError(f"vehicles: system id {vehicle.system_id} is there twice")
             seen.add(vehicle.system_id)
         return self
+
+    def _check_direct(self) -> None:
+        try:
+            _ = self.udp_ports
+        except ConfigError as error:
+            raise ValueError(f"listen: {error}") from None
+        for key, value in (("signing", self.signing), ("forward", self.forward)):
+            if value:
+                raise ValueError(f"{key}: transport direct has none; transport: mavsdk has")
 
 
 class ApiSettings(Settings):
@@ -208,12 +232,12 @@ class Config(Settings):
             yaw=Yaw(self.yaw.policy, radians(self.yaw.heading_deg - self.show_frame.heading_deg)),
         )
 
-    @property
+    @cached_property
     def fleet(self) -> tuple[VehicleSettings, ...]:
         """Every vehicle of every link."""
         return tuple(vehicle for link in self.links for vehicle in link.fleet)
 
-    @property
+    @cached_property
     def ids(self) -> tuple[VehicleId, ...]:
         """Of every vehicle, in order."""
         return tuple(vehicle.id for vehicle in self.fleet)
@@ -223,7 +247,7 @@ class Config(Settings):
         if not self.fleet:
             raise ValueError("links: at least one link with at least one vehicle is needed")
         for what, names in (("link", [link.name for link in self.links]), ("vehicle", list(self.ids))):
-            twice = {name for name in names if names.count(name) > 1}
+            twice = {name for name, count in Counter(names).items() if count > 1}
             if twice:
                 raise ValueError(f"links: {what} {', '.join(sorted(twice))} is there twice")
         self._check_links()
@@ -260,7 +284,7 @@ class Config(Settings):
             for to in link.forward:
                 if f"listen on {to.url.removeprefix('udp://')}" in owner:
                     raise ValueError(f"links: {link.name}: forward {to.url}: we listen there ourselves")
-        count = sum(instances(len(link.fleet)) for link in self.links)
+        count = sum(instances(len(link.fleet)) for link in self.links if link.transport == "mavsdk")
         if count > INSTANCES_MAX:
             raise ValueError(f"links: {count} MAVSDK instances; one process bears {INSTANCES_MAX}")
 

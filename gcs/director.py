@@ -9,7 +9,7 @@ from gcs.control import ellipses_of
 from gcs.errands import Errands
 from gcs.errors import InvalidError, OrderError, RefusedError, UnknownError
 from gcs.feasibility import check_formation, check_obstacle
-from gcs.flight import Flight
+from gcs.flight import Columns, Flight
 from gcs.foresight import check_setpoint_loss
 from gcs.inspection import Inspection
 from gcs.landing import distinct_places_m
@@ -18,7 +18,7 @@ from gcs.links import Order, Verb
 from gcs.orders import OrderBook
 from gcs.preflight import check_fleet, told
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-from gcs.state import Array, Mode, VehicleId
+from gcs.state import Array, Mask, Mode, VehicleId
 from gcs.vehicle import Heard, Vehicle, require_phase
 
 log = logging.getLogger(__name__)
@@ -61,37 +61,61 @@ class Director:
     def watch(self) -> None:
         """Let the telemetry change phases, and end errands that no longer apply."""
         flight = self._flight
-        self._inspection.watch()
         silence_s = flight.config.operation.silence_s
-        for vehicle in flight.vehicles.values():
-            telemetry, at = flight.telemetry[vehicle.id]
-            beats_may_lack_s = 0.0 if vehicle.phase in {Phase.OFFLINE, Phase.LOST} else BEATS_MAY_LACK_S
-            beat_s = telemetry.heartbeat_time_s[at] + beats_may_lack_s
-            age_s = float(flight.fleet.time_s - min(beat_s, telemetry.position_time_s[at]))
-            position_m = flight.position_m(vehicle)
-            if age_s <= silence_s and np.isfinite(position_m).all():
-                vehicle.last_m = position_m.copy()
-                vehicle.last_velocity_m_s = flight.fleet.velocity_m_s[vehicle.row].copy()
-            self._mind_reset(vehicle)
-            heard = Heard(age_s, telemetry.mode[at], telemetry.armed[at], telemetry.landed[at])
-            if vehicle.observe(heard, silence_s):
-                if vehicle.phase in {Phase.LOST, Phase.PILOT}:
-                    self._errands.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
-            elif self._errands.running(vehicle):
+        now_s, heard_of = flight.fleet.time_s, flight.newest()
+        self._inspection.watch(heard_of)
+        for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
+            self._mind_reset(flight.at_row(row))
+        # row by row as plain numbers and views: a thousand vehicles are looked at in every tick
+        known: Mask = np.asarray(np.isfinite(flight.fleet.position_m).all(axis=1))
+        age_s: Array = now_s - np.minimum(heard_of.beat_s, heard_of.position_s)
+        fresh: list[bool] = (age_s <= silence_s).tolist()
+        rows = zip(
+            flight.vehicles.values(),
+            fresh,
+            known.tolist(),
+            heard_of.mode,
+            heard_of.armed,
+            flight.fleet.position_m,
+            flight.fleet.velocity_m_s,
+            strict=True,
+        )
+        for vehicle, is_fresh, is_known, mode, armed, here_m, velocity_m_s in rows:
+            if is_fresh and is_known:
+                vehicle.last_m, vehicle.last_velocity_m_s = here_m, velocity_m_s
+            if is_fresh and vehicle.is_calm(mode, armed=armed):
                 continue
-            elif vehicle.phase is Phase.OFFLINE and flight.fleet.time_s - beat_s <= silence_s:
-                vehicle.reason = "heard, but it has no position yet"
-            elif vehicle.phase is Phase.LOST and age_s <= silence_s and heard.mode is not Mode.LAND:
-                self._by_itself(vehicle, self._errands.hold)  # comes back through HOLD
-            elif vehicle.phase is Phase.STANDBY and heard.mode is Mode.OFFBOARD and not heard.armed:
-                self._by_itself(vehicle, self._errands.rest)
-            elif vehicle.phase in FLOWN and not vehicle.handed_over and heard.mode is Mode.HOLD:
-                vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
+            self._watch(vehicle, heard_of, is_known=is_known)
+
+    def _watch(self, vehicle: Vehicle, heard_of: Columns, *, is_known: bool) -> None:
+        """Let the telemetry of one vehicle change its phase."""
+        flight, row = self._flight, vehicle.row
+        silence_s = flight.config.operation.silence_s
+        beats_may_lack_s = 0.0 if vehicle.phase in {Phase.OFFLINE, Phase.LOST} else BEATS_MAY_LACK_S
+        beat_s = float(heard_of.beat_s[row]) + beats_may_lack_s
+        age_s = flight.fleet.time_s - min(beat_s, float(heard_of.position_s[row]))
+        if age_s <= silence_s and is_known:
+            vehicle.last_m = flight.fleet.position_m[row]
+            vehicle.last_velocity_m_s = flight.fleet.velocity_m_s[row]
+        heard = Heard(age_s, heard_of.mode[row], heard_of.armed[row], heard_of.landed[row])
+        if vehicle.observe(heard, silence_s):
+            if vehicle.phase in {Phase.LOST, Phase.PILOT}:
+                self._errands.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
+        elif self._errands.running(vehicle):
+            return
+        elif vehicle.phase is Phase.OFFLINE and flight.fleet.time_s - beat_s <= silence_s:
+            vehicle.reason = "heard, but it has no position yet"
+        elif vehicle.phase is Phase.LOST and age_s <= silence_s and heard.mode is not Mode.LAND:
+            self._by_itself(vehicle, self._errands.hold)  # comes back through HOLD
+        elif vehicle.phase is Phase.STANDBY and heard.mode is Mode.OFFBOARD and not heard.armed:
+            self._by_itself(vehicle, self._errands.rest)
+        elif vehicle.phase in FLOWN and not vehicle.handed_over and heard.mode is Mode.HOLD:
+            vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
 
     def _mind_reset(self, vehicle: Vehicle) -> None:
         """A position that jumped may be wrong now, or have been wrong before: stand still, with more room."""
         flight, positioning = self._flight, self._flight.config.positioning
-        if vehicle.phase not in FLOWN or flight.reset_time_s(vehicle) != flight.fleet.time_s:
+        if vehicle.phase not in FLOWN:
             return
         reason = (
             f"its position jumped: it stands for {positioning.freeze_s:g} s,"

@@ -79,6 +79,7 @@ class Errands:
         self._around = around
         self._settings = settings
         self._running: dict[str, tuple[asyncio.Task[None], Done]] = {}
+        self._up: tuple[FleetState, bool] | None = None  # of a tick: see `_all_up`
 
     def running(self, vehicle: Vehicle) -> bool:
         """Whether the vehicle is on an errand."""
@@ -232,10 +233,17 @@ class Errands:
 
     def _all_up(self) -> bool:
         """Whether nobody climbs any more, nor waits on the ground for its turn."""
-        return not any(
-            vehicle.phase is Phase.TAKEOFF or (vehicle.phase is Phase.STANDBY and self.running(vehicle))
-            for vehicle in self._around.vehicles.values()
-        )
+        fleet = self._around.fleet
+        if self._up is None or self._up[0] is not fleet:  # asked by everybody who waits, in every tick
+            self._up = (
+                fleet,
+                not any(
+                    vehicle.phase is Phase.TAKEOFF
+                    or (vehicle.phase is Phase.STANDBY and self.running(vehicle))
+                    for vehicle in self._around.vehicles.values()
+                ),
+            )
+        return self._up[1]
 
     def _is_up(self, vehicle: Vehicle) -> bool:
         home_m = vehicle.home_m

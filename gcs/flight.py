@@ -4,8 +4,10 @@ Plain data and questions about it; `director` changes it on orders and events, `
 """
 
 import asyncio
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,9 +19,11 @@ from gcs.landing import STOP_S, swept_segments_m
 from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.links import Link, Order, ParameterValue
 from gcs.plan import Plan
-from gcs.state import Array, FleetState, Mode, Telemetry, Traits, VehicleId
+from gcs.state import Array, FleetState, Landed, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
 from gcs.vehicle import Vehicle
+
+T = TypeVar("T")
 
 ASSEMBLED_M = 1.0
 """The sphere stands when nobody's radius is off by more, with ASSEMBLED_SHARE of the radius added."""
@@ -28,6 +32,44 @@ ASSEMBLED_SHARE = 0.05
 
 SPREAD_SHARE = 0.7
 """And when the two nearest directions are apart by this share of what they are in the best shape known."""
+
+
+FLIES = AIRBORNE | {Phase.PILOT}
+
+
+class Newest(Mapping[VehicleId, tuple[Telemetry, int]]):
+    """For each vehicle, its link's telemetry and its row there. The rows never change, the telemetry does."""
+
+    def __init__(
+        self, parts: Sequence[Telemetry], places: Mapping[VehicleId, tuple[int, int]] | None = None
+    ) -> None:
+        """`places`: which part and which row in it; None: worked out."""
+        self.parts = tuple(parts)
+        self.places: Mapping[VehicleId, tuple[int, int]] = places or {
+            name: (index, at) for index, part in enumerate(parts) for at, name in enumerate(part.ids)
+        }
+
+    def __getitem__(self, vehicle_id: VehicleId) -> tuple[Telemetry, int]:
+        index, at = self.places[vehicle_id]
+        return self.parts[index], at
+
+    def __iter__(self) -> Iterator[VehicleId]:
+        return iter(self.places)
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """What the newest telemetry says of all vehicles, rows as in FleetState."""
+
+    beat_s: Array  # (n,) arrival of the newest heartbeat
+    position_s: Array  # (n,) and position
+    mode: Sequence[Mode]
+    armed: Sequence[bool]
+    landed: Sequence[Landed]
+    boots: Sequence[int]
 
 
 class Flight:
@@ -53,9 +95,14 @@ class Flight:
         self.show = ShowPhase.IDLE
         self.reason = "nothing has been started"
         self.memory = Memory.fresh(len(self.vehicles), now_s)
-        self.telemetry: dict[VehicleId, tuple[Telemetry, int]] = {}
+        self.telemetry = Newest(())
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
         self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be
+        heard_in = [name for link in links for name in link.ids]
+        place_of = {name: place for place, name in enumerate(heard_in)}
+        self._order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
+        self._in_order = self._order == list(range(len(heard_in)))
+        self._may_sink: tuple[FleetState, float] | None = None  # of a tick: see `may_sink`
         self._table = Table(config.ids, config.frame)
         self._ticked = asyncio.Event()
         self.fleet = self.hear(now_s)
@@ -63,32 +110,48 @@ class Flight:
     def hear(self, now_s: float) -> FleetState:
         """Take in the newest telemetry of all links."""
         parts = [link.snapshot() for link in self.links]
-        self.telemetry = {name: (part, at) for part in parts for at, name in enumerate(part.ids)}
+        self.telemetry = Newest(parts, self.telemetry.places)
         self.fleet = self._table.state(parts, now_s)
         self._widen(now_s)
         return self.fleet
 
     def _widen(self, now_s: float) -> None:
         """Give every vehicle the margin that its reported accuracy, or a jump, asks for."""
-        reported_m = np.array(
-            [(part.horizontal_accuracy_m[at], part.vertical_accuracy_m[at]) for part, at in self._heard()]
-        )
+        parts = self.telemetry.parts
         wide_m = uncertainty_m(
             self.config.control.safety.floor.uncertainty_m,
-            reported_m[:, 0],
-            reported_m[:, 1],
+            np.concatenate([part.horizontal_accuracy_m for part in parts])[self._order],
+            np.concatenate([part.vertical_accuracy_m for part in parts])[self._order],
             now_s - self._table.reset_time_s,
             self.config.positioning,
         )
         self.traits = replace(self.traits, uncertainty_m=wide_m)
 
-    def _heard(self) -> list[tuple[Telemetry, int]]:
-        """Of every vehicle in its order: its link's telemetry, and its row there."""
-        return [self.telemetry[vehicle_id] for vehicle_id in self.vehicles]
+    @property
+    def reset_time_s(self) -> Array:
+        """(n,) when each position last jumped; -inf where it never did."""
+        return self._table.reset_time_s
 
-    def reset_time_s(self, vehicle: Vehicle) -> float:
-        """When its position last jumped; -inf when it never did."""
-        return float(self._table.reset_time_s[vehicle.row])
+    def at_row(self, row: int) -> Vehicle:
+        """The vehicle of a row of FleetState."""
+        return self.vehicles[self.fleet.ids[row]]
+
+    def newest(self) -> Columns:
+        """What everybody said last."""
+        parts = self.telemetry.parts
+        return Columns(
+            np.concatenate([part.heartbeat_time_s for part in parts])[self._order],
+            np.concatenate([part.position_time_s for part in parts])[self._order],
+            self._ordered([part.mode for part in parts]),
+            self._ordered([part.armed for part in parts]),
+            self._ordered([part.landed for part in parts]),
+            self._ordered([part.boots for part in parts]),
+        )
+
+    def _ordered(self, parts: Sequence[Sequence[T]]) -> Sequence[T]:
+        """What all links' vehicles say, rows as in FleetState."""
+        joined = list(chain.from_iterable(parts))
+        return joined if self._in_order else [joined[place] for place in self._order]
 
     async def ticked(self) -> None:
         """Return after the next tick."""
@@ -128,14 +191,18 @@ class Flight:
 
     def may_sink(self, vehicle: Vehicle) -> bool:
         """Whether everybody lower who comes down too is in its column, so that this one may follow."""
-        here_m = self.position_m(vehicle)
-        for other in self.in_phase(Phase.LANDING):
-            there_m = self.position_m(other)
-            if other is vehicle or other.goal_m is None or not there_m[2] > here_m[2]:
-                continue
-            if np.hypot(there_m[0] - other.goal_m[0], there_m[1] - other.goal_m[1]) > 1.0:
-                return False
-        return True
+        if self._may_sink is None or self._may_sink[0] is not self.fleet:
+            self._may_sink = self.fleet, self._lowest_beside()
+        return not self._may_sink[1] > self.position_m(vehicle)[2]
+
+    def _lowest_beside(self) -> float:
+        """Give z of the lowest who comes down and is not in its column, -inf when all are."""
+        lowest_z_m = -np.inf
+        for vehicle in self.in_phase(Phase.LANDING):
+            here_m, goal_m = self.position_m(vehicle), vehicle.goal_m
+            if goal_m is not None and np.hypot(here_m[0] - goal_m[0], here_m[1] - goal_m[1]) > 1.0:
+                lowest_z_m = max(lowest_z_m, float(here_m[2]))
+        return lowest_z_m
 
     def assembled(self) -> bool:
         """Whether everybody of the formation is on the sphere, and they are spread over all of it."""
@@ -155,24 +222,26 @@ class Flight:
 
     def tasks(self) -> Tasks:
         """What everybody is to do in this tick."""
-        n = len(self.vehicles)
-        task, goal_m = np.zeros(n, dtype=np.int8), np.full((n, 3), np.nan)
-        airborne, descending = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+        vehicles = self.vehicles.values()  # rows as in FleetState
+        goal_m = np.full((len(vehicles), 3), np.nan)
         segments_m = [np.zeros((0, 2, 3))]
-        for vehicle in self.vehicles.values():
-            row = vehicle.row
-            task[row], goal = vehicle.task(self.show, self.fleet.time_s)
+        task = []
+        for row, vehicle in enumerate(vehicles):
+            does, goal = vehicle.task(self.show, self.fleet.time_s)
+            task.append(does)
             if goal is not None:
                 goal_m[row] = goal
-            airborne[row] = vehicle.phase in AIRBORNE | {Phase.PILOT}
-            descending[row] = vehicle.phase is Phase.LANDING
-            if vehicle.phase in {Phase.LOST, Phase.KILLED} and vehicle.last_m is not None:
-                segments_m.append(self._swept_m(vehicle, vehicle.last_m))
+        phases = [vehicle.phase for vehicle in vehicles]
+        segments_m += [
+            self._swept_m(vehicle, vehicle.last_m)
+            for vehicle in self.in_phase(Phase.LOST, Phase.KILLED)
+            if vehicle.last_m is not None
+        ]
         return Tasks(
-            task,
+            np.array(task, dtype=np.int8),
             goal_m,
-            airborne,
-            descending,
+            np.array([phase in FLIES for phase in phases]),
+            np.array([phase is Phase.LANDING for phase in phases]),
             np.concatenate(segments_m),
             center_moves=self.show is ShowPhase.RUNNING,
             formation_waits=self.show is ShowPhase.PAUSED,

@@ -7,80 +7,89 @@ else waiting.
 import asyncio
 import logging
 from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
 
 from gcs.errors import OrderError
-from gcs.flight import Flight
+from gcs.flight import Columns, Flight
 from gcs.parameters import check_parameters, requirements
 from gcs.preflight import Finding
-from gcs.state import VehicleId
+from gcs.state import Mask, VehicleId
+from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 
-RETRY_S = 2.0
+RETRY_S: Final = 2.0
 """After a vehicle has not answered."""
+
+AT_ONCE_MAX: Final = 50
+"""Vehicles that are read at the same time: a thousand together would keep the tick waiting."""
 
 
 class Inspection:
     """Keeps `Flight.parameters` true: read when a vehicle is met, after a reboot, and after every flight."""
 
     def __init__(self, group: asyncio.TaskGroup, flight: Flight) -> None:
+        n = len(flight.vehicles)
         self._group = group
         self._flight = flight
         self._needed = requirements(flight.config.operation, flight.config.control)
-        self._boots: dict[VehicleId, int] = {}
-        self._due: set[VehicleId] = set()  # to be read (again), as soon as they are on the ground
-        self._reading: set[VehicleId] = set()
-        self._not_before_s: dict[VehicleId, float] = {}
+        self._boots = np.full(n, -1)
+        self._silent: Mask = np.zeros(n, dtype=bool)
+        self._due: Mask = np.zeros(n, dtype=bool)  # to be read (again), as soon as they are on the ground
+        self._reading: Mask = np.zeros(n, dtype=bool)
+        self._not_before_s = np.full(n, -np.inf)
 
-    def watch(self) -> None:
+    def watch(self, heard: Columns) -> None:
         """Once a tick: begin to read whatever is to be read now."""
         flight = self._flight
         if not flight.config.operation.require_parameters:
             return
         now_s, silence_s = flight.fleet.time_s, flight.config.operation.silence_s
-        for vehicle_id, (telemetry, at) in flight.telemetry.items():
-            silent = not now_s - telemetry.heartbeat_time_s[at] <= silence_s
-            if silent or self._boots.get(vehicle_id) != telemetry.boots[at]:
-                self._boots[vehicle_id] = telemetry.boots[at]
-                self._forget(vehicle_id)
-            if telemetry.armed[at]:
-                self._due.add(vehicle_id)  # who flies may be changed by others meanwhile
-                continue
-            waits = vehicle_id in self._reading or now_s < self._not_before_s.get(vehicle_id, now_s)
-            if not silent and vehicle_id in self._due and not waits:
-                self._begin(vehicle_id)
+        boots, armed = np.array(heard.boots), np.array(heard.armed)
+        silent: Mask = ~(now_s - heard.beat_s <= silence_s)
+        for row in np.flatnonzero((silent & ~self._silent) | (boots != self._boots)).tolist():
+            self._forget(flight.at_row(row))
+        self._boots, self._silent = boots, silent
+        self._due |= armed  # who flies may be changed by others meanwhile
+        waits = self._reading | armed | silent | (now_s < self._not_before_s)
+        room = AT_ONCE_MAX - int(self._reading.sum())
+        for row in np.flatnonzero(self._due & ~waits)[: max(room, 0)].tolist():
+            self._begin(flight.at_row(row))
 
     def findings(self, vehicles: Sequence[VehicleId]) -> list[Finding]:
         """What speaks against flying them. Who it concerns is read again: it may be mended by then."""
         flight = self._flight
         found = check_parameters(vehicles, self._needed, flight.parameters, flight.parameter_problems)
-        self._due |= {finding.vehicle_id for finding in found}
+        for finding in found:
+            self._due[flight.vehicles[finding.vehicle_id].row] = True
         return found
 
-    def _forget(self, vehicle_id: VehicleId) -> None:
-        self._flight.parameters.pop(vehicle_id, None)
-        self._flight.parameter_problems.pop(vehicle_id, None)
-        self._not_before_s.pop(vehicle_id, None)
-        self._due.add(vehicle_id)
+    def _forget(self, vehicle: Vehicle) -> None:
+        self._flight.parameters.pop(vehicle.id, None)
+        self._flight.parameter_problems.pop(vehicle.id, None)
+        self._not_before_s[vehicle.row] = -np.inf
+        self._due[vehicle.row] = True
 
-    def _begin(self, vehicle_id: VehicleId) -> None:
-        self._due.discard(vehicle_id)
-        self._reading.add(vehicle_id)
-        self._group.create_task(self._read(vehicle_id), name=f"parameters/{vehicle_id}")
+    def _begin(self, vehicle: Vehicle) -> None:
+        self._due[vehicle.row] = False
+        self._reading[vehicle.row] = True
+        self._group.create_task(self._read(vehicle), name=f"parameters/{vehicle.id}")
 
-    async def _read(self, vehicle_id: VehicleId) -> None:
-        flight, life = self._flight, self._boots[vehicle_id]
+    async def _read(self, vehicle: Vehicle) -> None:
+        flight, row = self._flight, vehicle.row
         names = [requirement.name for requirement in self._needed]
         try:
-            values = await flight.link_of[vehicle_id].read_parameters(vehicle_id, names)
+            values = await flight.link_of[vehicle.id].read_parameters(vehicle.id, names)
         except OrderError as error:
-            flight.parameter_problems[vehicle_id] = str(error)
-            self._not_before_s[vehicle_id] = flight.fleet.time_s + RETRY_S
-            self._due.add(vehicle_id)
+            flight.parameter_problems[vehicle.id] = str(error)
+            self._not_before_s[row] = flight.fleet.time_s + RETRY_S
+            self._due[row] = True
         else:
-            if self._boots[vehicle_id] == life and vehicle_id not in self._due:
-                flight.parameters[vehicle_id] = values
-                flight.parameter_problems.pop(vehicle_id, None)
-                log.info("parameters_read", extra={"vehicle": vehicle_id})
+            if not self._due[row]:  # it has not restarted, flown or been silent meanwhile
+                flight.parameters[vehicle.id] = values
+                flight.parameter_problems.pop(vehicle.id, None)
+                log.info("parameters_read", extra={"vehicle": vehicle.id})
         finally:
-            self._reading.discard(vehicle_id)
+            self._reading[row] = False

@@ -6,8 +6,13 @@ and with it all setpoints (the deadman in the links sees to that).
 
 import asyncio
 import logging
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gcs.config import Config
 from gcs.control import Tick, tick, warm_up
@@ -23,7 +28,7 @@ from gcs.links import Link
 from gcs.orders import OrderBook
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
 from gcs.service import FleetView, Latest, OrderRecord, ShowAction, VehicleAction
-from gcs.state import VehicleId
+from gcs.state import Setpoints, VehicleId
 from gcs.timing import TickClock, ticks
 from gcs.vehicle import Vehicle
 from gcs.views import fleet_view
@@ -33,6 +38,32 @@ log = logging.getLogger(__name__)
 RETRY_S = 0.25  # well below the second after which vehicles in OFFBOARD begin their failsafe
 SETTLED_S = 1.0
 """A link that ran this long had worked: its next failure is news."""
+
+
+class Shares:
+    """Which rows of a batch are which link's; worked out anew only when a batch lists other vehicles."""
+
+    def __init__(self, links: Sequence[Link]) -> None:
+        self._link_of = {name: index for index, link in enumerate(links) for name in link.ids}
+        self._ids: tuple[VehicleId, ...] = ()
+        self._parts: list[tuple[tuple[VehicleId, ...], NDArray[np.intp]]] = self._cut((), len(links))
+
+    def of(self, setpoints: Setpoints) -> list[Setpoints]:
+        """One batch for each link, without those of the others."""
+        if setpoints.ids != self._ids:
+            self._ids, self._parts = setpoints.ids, self._cut(setpoints.ids, len(self._parts))
+        return [
+            Setpoints(setpoints.time_s, ids, setpoints.velocity_m_s[rows], setpoints.yaw_rad[rows])
+            for ids, rows in self._parts
+        ]
+
+    def _cut(
+        self, ids: tuple[VehicleId, ...], count: int
+    ) -> list[tuple[tuple[VehicleId, ...], NDArray[np.intp]]]:
+        rows: list[list[int]] = [[] for _ in range(count)]
+        for row, name in enumerate(ids):
+            rows[self._link_of[name]].append(row)
+        return [(tuple(ids[row] for row in part), np.array(part, dtype=np.intp)) for part in rows]
 
 
 class Orchestrator:
@@ -52,7 +83,8 @@ class Orchestrator:
         self._book = OrderBook()
         self._clock = TickClock(config.tick_rate_hz)
         self._director: Director | None = None
-        self._view = Latest(self._make_view(self._decide()))
+        self._shares = Shares(links)
+        self._view = Latest(self._promised_view(self._decide())())
 
     # the loop
 
@@ -72,7 +104,7 @@ class Orchestrator:
             began_s = loop.time()
             result = self._tick(now_s, director)
             self._clock.note(began_s, loop.time() - began_s, began_s - due_s, missed)
-            self._view.set(self._make_view(result))
+            self._view.promise(self._promised_view(result))
             self._flight.wake()
 
     def _tick(self, now_s: float, director: Director) -> Tick:
@@ -83,8 +115,8 @@ class Orchestrator:
         director.advance()
         result = self._decide()
         flight.memory = result.memory
-        for link in flight.links:
-            link.send(result.setpoints.only(link.ids))
+        for link, share in zip(flight.links, self._shares.of(result.setpoints), strict=True):
+            link.send(share)
         return result
 
     def _decide(self) -> Tick:
@@ -93,9 +125,11 @@ class Orchestrator:
             flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, self._config.control
         )
 
-    def _make_view(self, result: Tick) -> FleetView:
+    def _promised_view(self, result: Tick) -> Callable[[], FleetView]:
+        """Puts the view of this tick together: for a thousand vehicles that is work, and seldom looked at."""
         flight = self._flight
-        return fleet_view(
+        return partial(
+            fleet_view,
             fleet=flight.fleet,
             tick=result,
             vehicles=tuple(flight.vehicles.values()),
@@ -108,6 +142,7 @@ class Orchestrator:
             timing=self._clock.summary(),
             control_alive=self._clock.gap_s <= self._config.deadman_s,
             setpoints_sent=sum(link.setpoints_sent for link in flight.links),
+            unix_time_s=time.time(),
         )
 
     # the service

@@ -54,8 +54,9 @@ def check_fleet(
         pads_within_m: of the origin; the autopilots' own fences are wide enough for no others.
     """
     findings = []
+    row_of = {name: row for row, name in enumerate(fleet.ids)}
     for vehicle_id in vehicles:
-        row = fleet.ids.index(vehicle_id)
+        row = row_of[vehicle_id]
         heard, at = telemetry[vehicle_id]
         battery = float(heard.battery_remaining[at])
         if vehicle_id in conflicts:
@@ -128,19 +129,19 @@ def _pads(
 ) -> list[Finding]:
     """Who stands too close to anybody, whether that one flies or not, to climb beside it."""
     kept_m = floor.horizontal_m + floor.margin_m
-    least_m = kept_m + uncertainty_m[:, None] + uncertainty_m[None]
     place_m = fleet.position_m[:, :2]
-    distance_m = np.linalg.norm(place_m[:, None] - place_m[None], axis=2)
+    chosen = set(vehicles)
+    flies = np.array([name in chosen for name in fleet.ids])
+    rows = np.flatnonzero(flies)
+    least_m = kept_m + uncertainty_m[rows][:, None] + uncertainty_m[None]
+    distance_m = np.linalg.norm(place_m[rows][:, None] - place_m[None], axis=2)
     findings = []
-    for row, name in enumerate(fleet.ids):
-        for other, neighbour in enumerate(fleet.ids):
-            told_already = neighbour in vehicles and other < row
-            if (
-                name in vehicles
-                and other != row
-                and not told_already
-                and distance_m[row, other] < least_m[row, other]
-            ):
-                problem = f"stands {distance_m[row, other]:.1f} m from {neighbour}"
-                findings.append(Finding(name, f"{problem}, at least {least_m[row, other]:.3g} m is needed"))
+    for at, other in np.argwhere(distance_m < least_m).tolist():
+        row = int(rows[at])
+        told_already = flies[other] and other < row
+        if other != row and not told_already:
+            problem = f"stands {distance_m[at, other]:.1f} m from {fleet.ids[other]}"
+            findings.append(
+                Finding(fleet.ids[row], f"{problem}, at least {least_m[at, other]:.3g} m is needed")
+            )
     return findings

@@ -4,7 +4,6 @@ Times are seconds of the event loop's clock (``loop.time()``, monotonic). The sh
 show's heading, y to its right, z down; see ``gcs.frames``.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import TypeAlias
@@ -153,11 +152,3 @@ class Setpoints:
     def __post_init__(self) -> None:
         freeze(self.velocity_m_s, (len(self.ids), 3), "velocity_m_s")
         freeze(self.yaw_rad, (len(self.ids),), "yaw_rad")
-
-    def only(self, ids: Sequence[VehicleId]) -> "Setpoints":
-        """The rows of those of `ids` that are listed, in this batch's order."""
-        wanted = set(ids)
-        rows = [row for row, vehicle_id in enumerate(self.ids) if vehicle_id in wanted]
-        return Setpoints(
-            self.time_s, tuple(self.ids[row] for row in rows), self.velocity_m_s[rows], self.yaw_rad[rows]
-        )

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.frames import ShowFrame, wrap_rad
 from gcs.state import Array, FleetState, Mask, Telemetry, VehicleId
@@ -44,6 +45,7 @@ class Table:
     def __init__(self, ids: Sequence[VehicleId], frame: ShowFrame) -> None:
         self.ids = tuple(ids)
         self._row = {vehicle_id: row for row, vehicle_id in enumerate(self.ids)}
+        self._rows: dict[tuple[VehicleId, ...], NDArray[np.intp]] = {}  # of each link's vehicles
         self._frame = frame
         self._believed = _Track.unknown(len(self.ids))  # the newest that was believed
         self._told = _Track.unknown(len(self.ids))  # the newest, believed or not
@@ -64,7 +66,7 @@ class Table:
         exists, armed = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         resets = self._resets.copy()
         for part in telemetry:
-            rows = [self._row[vehicle_id] for vehicle_id in part.ids]
+            rows = self._rows_of(part.ids)
             told.position_m[rows] = self._frame.position_m(
                 part.latitude_deg, part.longitude_deg, part.altitude_amsl_m
             )
@@ -105,6 +107,12 @@ class Table:
         off_m = np.linalg.norm(now.position_m - before.position_m - flown_m, axis=1)
         jumped: Mask = new & (off_m > UNEXPLAINED_M + UNEXPLAINED_M_S * elapsed_s)  # False for NaN
         return jumped
+
+    def _rows_of(self, ids: tuple[VehicleId, ...]) -> NDArray[np.intp]:
+        rows = self._rows.get(ids)
+        if rows is None:
+            rows = self._rows[ids] = np.array([self._row[vehicle_id] for vehicle_id in ids], dtype=np.intp)
+        return rows
 
     def _judge(self, told: "_Track", exists: Mask, armed: Mask) -> None:
         """Believe what is new in `told`, or do not; `exists` says where it can be a place at all."""

@@ -84,6 +84,15 @@ class Vehicle:
             return Task.GOAL, self.hold_m
         return Task.NONE, None
 
+    def is_calm(self, mode: Mode, *, armed: bool) -> bool:
+        """Whether a vehicle heard just now does what is expected of it: `observe` would change nothing.
+
+        Nor does anything follow by itself (see `gcs.director`). False does not say the contrary.
+        """
+        if self.phase in AIRBORNE:
+            return armed and mode in self.modes and mode is not Mode.HOLD
+        return self.phase is Phase.STANDBY and not armed and mode is not Mode.OFFBOARD
+
     def observe(self, heard: Heard, silence_s: float) -> bool:
         """Let the telemetry change the phase. Returns: whether it did.
 

@@ -1,6 +1,5 @@
 """The newest state of everything, as people and programs may see it."""
 
-import time
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
@@ -33,6 +32,7 @@ def fleet_view(
     timing: TickView,
     control_alive: bool,
     setpoints_sent: int,
+    unix_time_s: float,
 ) -> FleetView:
     """Put one tick's state together; rows of `fleet` and `vehicles` correspond.
 
@@ -42,7 +42,7 @@ def fleet_view(
     center = tick.memory.center
     return FleetView(
         time_s=fleet.time_s,
-        unix_time_s=time.time(),
+        unix_time_s=unix_time_s,
         show=show,
         reason=reason,
         vehicles=tuple(

@@ -18,3 +18,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if any(folder in item.path.parents for folder in REAL_TIME):
             item.add_marker(pytest.mark.realtime)
+
+
+@pytest.fixture(params=["mavsdk", "direct"])
+def transport(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test holds for both transports: changes what `link_bench.a_link` makes."""
+    monkeypatch.setattr("link_bench.chosen", request.param)

@@ -13,6 +13,7 @@ from gcs.config import Config, LinkSettings
 from gcs.errors import GcsError, RefusedError
 from gcs.lifecycle import AIRBORNE, ShowPhase
 from gcs.links import Link
+from gcs.links.direct.link import DirectLink
 from gcs.links.keys import Signing
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.rates import wanted
@@ -26,15 +27,28 @@ API_RETRY_S = 1.0
 
 def make_link(settings: LinkSettings, config: Config) -> Link:
     """The transport that a link's settings name. Raises: ConfigError for a signing key that is none."""
+    vehicles = {vehicle.id: vehicle.system_id for vehicle in settings.fleet}
+    record = None if config.record is None else config.record.folder
+    if settings.transport == "direct":
+        return DirectLink(
+            settings.name,
+            vehicles,
+            settings.udp_ports,
+            config.frame,
+            deadman_s=config.deadman_s,
+            heartbeat_hold_s=settings.heartbeat_hold_s,
+            rates_hz=wanted(settings.streams),
+            record=record,
+        )
     signing = settings.signing
     return MavsdkLink(
         settings.name,
-        {vehicle.id: vehicle.system_id for vehicle in settings.fleet},
+        vehicles,
         settings.places,
         config.frame,
         deadman_s=config.deadman_s,
         rates_hz=wanted(settings.streams),
-        record=None if config.record is None else config.record.folder,
+        record=record,
         signing=None if signing is None else Signing(signing.key_file, signing.link_id),
         forward=settings.forward,
     )

@@ -22,6 +22,7 @@ from gcs.links.mavlink_frames import (
     reset_counter,
     status_text,
 )
+from gcs.links.roster import SILENT_AFTER_S
 from gcs.state import Mode
 
 _AUTOPILOT_COMPONENT = 1
@@ -41,6 +42,8 @@ class Heard:
         boots: how often the boot clock has jumped back: a reboot, or a simulator that was paused.
         position_resets: how often the estimator's reset counter (ODOMETRY) has changed.
         text, text_time_s: the newest status text, and its arrival.
+        lives: how often it was met: at first, after a restart, after a silence. It may have forgotten what it
+            was asked for.
         counts: how many messages of each kind the autopilot has sent.
         news: fires at the next heartbeat, and is then replaced.
     """
@@ -57,6 +60,7 @@ class Heard:
         self.position_resets = 0
         self.text = ""
         self.text_time_s = -inf
+        self.lives = 0
         self.counts: Counter[int] = Counter()
         self.news = asyncio.Event()
         self._boot_time_ms = 0
@@ -89,6 +93,7 @@ class Heard:
         """Never an anchor for times: it loses against the wall, and restarts unannounced."""
         if now_ms < self._boot_time_ms - _REORDERED_MS:
             self.boots += 1
+            self.lives += 1
             self._reset_counter = None  # of a new life
             self._boot_time_ms = now_ms
         self._boot_time_ms = max(self._boot_time_ms, now_ms)
@@ -97,6 +102,7 @@ class Heard:
         said = heartbeat(frame)
         if not said.autopilot:
             return
+        self.lives += not time_s - self.heartbeat_time_s <= SILENT_AFTER_S
         self.heartbeat_time_s = time_s
         self.armed, self.mode = said.armed, said.mode
         fired, self.news = self.news, asyncio.Event()

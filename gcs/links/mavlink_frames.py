@@ -51,9 +51,9 @@ _MAV_AUTOPILOT_PX4: Final = 12
 _CUSTOM_MODE_ENABLED: Final = 0x01
 _ARMED: Final = 0x80
 _RESET_COUNTER_AT: Final = 230  # in ODOMETRY
-_FIX_3D: Final = 3
-_UNKNOWN_DILUTION: Final = 0xFFFF
-_METRES_PER_DILUTION: Final = (1.3, 1.6)
+FIX_3D: Final = 3
+UNKNOWN_DILUTION: Final = 0xFFFF
+METRES_PER_DILUTION: Final = (1.3, 1.6)
 """For receivers that report no accuracy (eph and epv are dilutions times 100): as PX4's recorded 0.9 m and
 1.78 m go with its 0.70 and 1.10."""
 _KILL_MAGIC: Final = 21196.0  # MAV_CMD_COMPONENT_ARM_DISARM, param2: even in flight
@@ -311,11 +311,11 @@ def prearm_ok(frame: Frame) -> bool:
 def gps_accuracy(frame: Frame) -> Accuracy:
     """Read a GPS_RAW_INT: h_acc and v_acc in mm, or else eph and epv."""
     eph, epv, _, _, fix, _, _, h_acc_mm, v_acc_mm = unpack_from("<HHHHBBiII", _padded(frame), 20)
-    if fix < _FIX_3D:
+    if fix < FIX_3D:
         return Accuracy(inf, inf)
     horizontal_m, vertical_m = (
-        nan if dilution == _UNKNOWN_DILUTION else dilution / 100 * metres
-        for dilution, metres in zip((eph, epv), _METRES_PER_DILUTION, strict=True)
+        nan if dilution == UNKNOWN_DILUTION else dilution / 100 * metres
+        for dilution, metres in zip((eph, epv), METRES_PER_DILUTION, strict=True)
     )
     return Accuracy(
         h_acc_mm / 1000 if h_acc_mm else horizontal_m, v_acc_mm / 1000 if v_acc_mm else vertical_m

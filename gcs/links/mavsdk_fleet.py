@@ -110,7 +110,7 @@ class MavsdkVehicle:
             raise OrderError(error.result.name) from error
 
     def parameter(self, name: str) -> ParameterValue:
-        """What the autopilot holds; up to 3 s when it does not answer. Raises: OrderError naming it."""
+        """What the autopilot holds; up to 3 s when it does not answer. Raises: OrderError."""
         try:
             try:
                 whole: int = self._param.get_param_int(name)
@@ -121,16 +121,16 @@ class MavsdkVehicle:
                 return whole
             number: float = self._param.get_param_float(name)
         except MavsdkError as error:
-            raise OrderError(_of_parameter(name, error)) from error
+            raise OrderError(error.result.name) from error
         return number
 
     def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Change it and wait for the answer, up to 3 s. Raises: OrderError naming it."""
+        """Change it and wait for the answer, up to 3 s. Raises: OrderError."""
         set_it = self._param.set_param_int if isinstance(value, int) else self._param.set_param_float
         try:
             set_it(name, value)
         except MavsdkError as error:
-            raise OrderError(_of_parameter(name, error)) from error
+            raise OrderError(error.result.name) from error
 
     def destroy(self) -> None:
         """Release the vehicle and its plugins; nothing of it may be used afterwards."""
@@ -205,13 +205,6 @@ class MavsdkFleet:
                 vehicle.destroy()
             if self._mavsdk is not None:
                 self._mavsdk.destroy()
-
-
-def _of_parameter(name: str, error: Any) -> str:
-    """Why a parameter could not be read or set. A name that does not exist is simply not answered."""
-    if error.result == ParamResult.TIMEOUT:
-        return f"parameter {name}: no answer; there is no such parameter, or the vehicle is not heard"
-    return f"parameter {name}: {error.result.name}"
 
 
 def _pass_on(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:

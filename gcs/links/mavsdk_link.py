@@ -7,7 +7,6 @@ set it. Therefore its bytes leave through `Wire`, where setpoints need a permiss
 import asyncio
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from math import degrees, isnan
 from pathlib import Path
 from time import monotonic
@@ -26,12 +25,13 @@ from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
 from gcs.links.mavlink_frames import Frame, kill_frame
 from gcs.links.mavsdk_fleet import COMPONENT_ID, MavsdkVehicle
+from gcs.links.mavsdk_orders import MavsdkHand, Workers
 from gcs.links.mavsdk_shards import MavsdkShards
 from gcs.links.offstage import Offstage
 from gcs.links.orders import Orders
 from gcs.links.rates import NOT_FOR_MAVSDK
 from gcs.links.recorder import Recorder
-from gcs.links.roster import Address
+from gcs.links.roster import SILENT_AFTER_S, Address
 from gcs.links.settings import Forward
 from gcs.links.traffic import Counters, Observer
 from gcs.links.vehicle_ids import check, station_id
@@ -39,9 +39,6 @@ from gcs.links.wire import Wire
 from gcs.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
-
-SILENT_AFTER_S: Final = 3.0
-"""Without a heartbeat for this long a vehicle counts as not connected, and is sent no setpoint."""
 
 _RECEIVE_PERIOD_S: Final = 0.005
 _DISCOVER_S: Final = 0.25
@@ -112,6 +109,7 @@ class MavsdkLink:
         self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkShards | None = None
         self._orders: Orders | None = None
+        self._workers: Workers | None = None
         self._met: Mapping[int, MavsdkVehicle] = {}
         self._kills = 0
 
@@ -172,7 +170,7 @@ class MavsdkLink:
         wire = self._wire
         wire.open()
         fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0], wire.send)
-        orders = Orders(self._vehicles, self._latch, self._clock)
+        orders, workers = Orders(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         recorder = None
         stop_recording: Callable[[], None] = lambda: None  # noqa: E731
         if self._record is not None:
@@ -181,7 +179,7 @@ class MavsdkLink:
         offstage = Offstage(fleet, recorder, self._signing)
         try:
             await asyncio.to_thread(offstage.open)
-            self._fleet, self._orders = fleet, orders
+            self._fleet, self._orders, self._workers = fleet, orders, workers
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._receive(), name=f"link/{self._name}/receive")
                 group.create_task(self._discover(fleet), name=f"link/{self._name}/discover")
@@ -190,7 +188,7 @@ class MavsdkLink:
                 )
                 group.create_task(asking, name=f"link/{self._name}/ask")
         finally:
-            await self._shut(offstage, orders)
+            await self._shut(offstage, orders, workers)
             stop_recording()
 
     def snapshot(self) -> Telemetry:
@@ -268,24 +266,24 @@ class MavsdkLink:
         if order.verb is Verb.KILL:
             await orders.kill(order, heard, lambda: self._send_kill(system_id))
             return
-        vehicle = self._met_vehicle(order.vehicle_id, f"{order.verb} impossible")
+        hand = self._hand(order.vehicle_id, f"{order.verb} impossible")
         if order.verb is Verb.OFFBOARD and not self._deadman.allows(system_id, self._clock()):
             raise OrderError(f"{order.vehicle_id}: offboard refused: no setpoints are flowing to it")
-        await orders.execute(order, vehicle, heard)
+        await orders.execute(order, hand, heard)
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
-        """See `Link.read_parameters`. One call each on the vehicle's worker: orders pass in between."""
+        """See `Link.read_parameters`."""
         orders, _ = self._orders_for(vehicle_id, "its parameters cannot be read")
-        vehicle = self._met_vehicle(vehicle_id, "its parameters cannot be read")
-        return {name: await orders.call(vehicle_id, partial(vehicle.parameter, name)) for name in names}
+        hand = self._hand(vehicle_id, "its parameters cannot be read")
+        return await orders.read_parameters(vehicle_id, names, hand)
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
         """See `Link.set_parameter`."""
         orders, _ = self._orders_for(vehicle_id, f"{name} cannot be set")
-        vehicle = self._met_vehicle(vehicle_id, f"{name} cannot be set")
-        await orders.call(vehicle_id, partial(vehicle.set_parameter, name, value))
+        hand = self._hand(vehicle_id, f"{name} cannot be set")
+        await orders.set_parameter(vehicle_id, name, value, hand)
 
     def _orders_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[Orders, int]:
         """Who executes orders, and the vehicle's system id. Raises: UnknownError, OrderError."""
@@ -296,12 +294,12 @@ class MavsdkLink:
             raise OrderError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
         return self._orders, system_id
 
-    def _met_vehicle(self, vehicle_id: VehicleId, otherwise: str) -> MavsdkVehicle:
-        """Raises: OrderError for one that MAVSDK has not met."""
+    def _hand(self, vehicle_id: VehicleId, otherwise: str) -> MavsdkHand:
+        """What moves the vehicle. Raises: OrderError for one that MAVSDK has not met."""
         vehicle = self._met.get(self._vehicles[vehicle_id])
-        if vehicle is None:
+        if vehicle is None or self._workers is None:
             raise OrderError(f"{vehicle_id}: {otherwise}: never heard on link {self._name}")
-        return vehicle
+        return self._workers.hand(vehicle_id, vehicle)
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
         return now_s - self._wire.heard[system_id].heartbeat_time_s <= SILENT_AFTER_S
@@ -342,14 +340,15 @@ class MavsdkLink:
                     log.info("vehicles_met", extra={"link": self._name, "system_ids": tuple(sorted(found))})
             await asyncio.sleep(_DISCOVER_S)
 
-    async def _shut(self, offstage: Offstage, orders: Orders) -> None:
+    async def _shut(self, offstage: Offstage, orders: Orders, workers: Workers) -> None:
         """Stop, inside out: no setpoints, no calls, no MAVSDK, no sockets."""
         self._deadman.refresh((), self._clock())
-        self._fleet, self._orders, self._met = None, None, {}
+        self._fleet, self._orders, self._workers, self._met = None, None, None, {}
         orders.close()
+        workers.close()
 
         def end() -> None:
-            orders.join()
+            workers.join()
             offstage.close()
 
         try:

@@ -9,19 +9,19 @@ from typing import Final
 
 from gcs.links.heard import Heard
 from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, GPS_RAW_INT, ODOMETRY, SYS_STATUS
+from gcs.links.roster import SILENT_AFTER_S
 from gcs.links.settings import StreamSettings
 
 BATTERY_STATUS: Final = 147
 EXTENDED_SYS_STATE: Final = 245
 
-_NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141})
+_NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141, 230, 241})
 """Frequent, and nothing here reads them: attitudes, local position, servos, HUD, targets, IMU, clocks, range,
-altitude."""
+altitude, the estimator, vibration."""
 
 NOT_FOR_MAVSDK: Final = _NOT_NEEDED | {ODOMETRY}
 """What MAVSDK is not shown. Of ODOMETRY the wire itself reads the reset counter."""
 
-_SILENT_S: Final = 3.0
 _SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it meets a vehicle; ours come after
 _WINDOW_S: Final = 4.0
 _PAUSE_MAX_S: Final = 60.0
@@ -45,8 +45,7 @@ class _Asked:
     """What is known of one vehicle's obedience."""
 
     def __init__(self) -> None:
-        self.boots = 0
-        self.silent = True
+        self.lives = 0
         self.all_due = False
         self.look_s = 0.0
         self.pause_s = _WINDOW_S
@@ -65,11 +64,10 @@ class Rates:
     def due(self, system_id: int, heard: Heard, now_s: float) -> Iterator[tuple[int, float]]:
         """The messages, with their rates, to ask this vehicle for now: mostly none."""
         asked = self._asked[system_id]
-        if now_s - heard.heartbeat_time_s > _SILENT_S:
-            asked.silent = True
+        if now_s - heard.heartbeat_time_s > SILENT_AFTER_S:
             return
-        if asked.silent or asked.boots != heard.boots:
-            asked.silent, asked.boots, asked.pause_s = False, heard.boots, _WINDOW_S
+        if asked.lives != heard.lives:
+            asked.lives, asked.pause_s = heard.lives, _WINDOW_S
             asked.all_due, asked.look_s = True, now_s + _SETTLE_S
         elif now_s < asked.look_s:
             return

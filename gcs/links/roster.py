@@ -5,7 +5,7 @@ from enum import Enum, auto
 from typing import NamedTuple
 
 SILENT_AFTER_S = 3.0
-"""A system not heard for this long may come back from another address."""
+"""Not heard for this long a system counts as gone: it is sent nothing, and may come back from elsewhere."""
 
 CONFLICT_KEPT_S = 5.0
 """A duplicate is reported until it has been silent this long."""

@@ -1,4 +1,4 @@
-"""A MavsdkLink that runs, and a control loop for it, as the tests of this directory need them.
+"""A link that runs, over either transport, and a control loop for it, as the tests here need them.
 
 The machine may stand still for a second or two at any moment. What has to hold before something is tried is
 therefore waited for, with no pause between the look and the try, and nothing is timed but by the kernel's
@@ -14,19 +14,27 @@ import numpy as np
 
 from gcs.frames import ShowFrame
 from gcs.links import Order, Verb
+from gcs.links.direct.link import DirectLink
+from gcs.links.endpoints import Listen
 from gcs.links.mavsdk_link import MavsdkLink
-from gcs.links.wire import Listen
 from gcs.state import Setpoints
 
 PERIOD_S = 0.05
 VELOCITY_M_S = (1.0, 0.5, -0.25)
 
+AnyLink = MavsdkLink | DirectLink
+
+KINDS: dict[str, type[MavsdkLink] | type[DirectLink]] = {"mavsdk": MavsdkLink, "direct": DirectLink}
+
+chosen = "mavsdk"
+"""What `a_link` makes; the fixture `transport` sets it for tests that hold for both."""
+
 
 def a_link(
     first_port: int, system_ids: Sequence[int], *, port_count: int = 1, heading_deg: float = 0.0
-) -> MavsdkLink:
+) -> AnyLink:
     """Vehicle "v3" has system id 3."""
-    return MavsdkLink(
+    return KINDS[chosen](
         "bench",
         {f"v{system_id}": system_id for system_id in system_ids},
         Listen("127.0.0.1", first_port, port_count),
@@ -35,7 +43,7 @@ def a_link(
 
 
 @asynccontextmanager
-async def running(link: MavsdkLink) -> AsyncIterator[None]:
+async def running(link: AnyLink) -> AsyncIterator[None]:
     """Run the link until the block ends."""
     task = asyncio.create_task(link.run(), name="link")
     try:
@@ -53,12 +61,26 @@ async def until(true: Callable[[], object], timeout_s: float = 30.0) -> None:
             await asyncio.sleep(0.01)
 
 
-async def ready(link: MavsdkLink) -> None:
+async def repeated(link: AnyLink, times: int, *, since: int) -> None:
+    """Until MAVSDK has tried in vain to repeat what it was told; the direct transport tries nothing."""
+    if isinstance(link, MavsdkLink):
+        await until(lambda: link.counters.setpoints_dropped >= since + times)
+    else:
+        await asyncio.sleep(times * PERIOD_S)
+        assert link.counters.setpoints_dropped == since
+
+
+def is_open(link: AnyLink) -> bool:
+    """Whether it can be ordered something."""
+    return (link._orders if isinstance(link, MavsdkLink) else link._open) is not None
+
+
+async def ready(link: AnyLink) -> None:
     """Until every vehicle says that it can be armed."""
     await until(lambda: all(link.snapshot().ready))
 
 
-async def do(link: MavsdkLink, verb: Verb, *vehicle_ids: str, height_m: float = 0.0) -> None:
+async def do(link: AnyLink, verb: Verb, *vehicle_ids: str, height_m: float = 0.0) -> None:
     """One order to several vehicles at the same time."""
     await asyncio.gather(*(link.execute(Order(vehicle_id, verb, height_m)) for vehicle_id in vehicle_ids))
 
@@ -71,7 +93,7 @@ class Ticks:
         last_s: time of its last tick.
     """
 
-    def __init__(self, link: MavsdkLink, *listed: str) -> None:
+    def __init__(self, link: AnyLink, *listed: str) -> None:
         self.link = link
         self.listed: tuple[str, ...] = listed
         self.last_s = 0.0

@@ -12,6 +12,8 @@ from link_bench import a_link, running, until
 from link_peer import Peer
 from machine import free_ports
 
+from gcs.links.mavsdk_link import MavsdkLink
+
 pytestmark = pytest.mark.xdist_group("wire")
 
 VEHICLES = 6
@@ -22,6 +24,7 @@ ROUNDS = 12
 async def open_and_close(port: int) -> None:
     """Leave the vehicles in a cycle, as a traceback or a callback can, and collect while the link closes."""
     link = a_link(port, range(1, VEHICLES + 1))
+    assert isinstance(link, MavsdkLink)
     closed = Event()
 
     def collect() -> None:

@@ -8,14 +8,13 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from link_bench import Ticks, a_link, do, running, until
+from link_bench import AnyLink, Ticks, a_link, do, running, until
 from machine import free_ports
 
 from gcs.links import Verb
-from gcs.links.mavsdk_link import MavsdkLink
 from gcs.state import Landed, Mode
 
-pytestmark = pytest.mark.xdist_group("wire")
+pytestmark = [pytest.mark.xdist_group("wire"), pytest.mark.usefixtures("transport")]
 
 
 @contextmanager
@@ -31,7 +30,7 @@ def simulator(first_port: int, count: int) -> Iterator[None]:
 
 
 def test_two_vehicles_are_flown_and_fall_back_on_their_failsafe_when_the_tick_ends() -> None:
-    async def main(link: MavsdkLink) -> None:
+    async def main(link: AnyLink) -> None:
         async with running(link):
             await until(lambda: all(link.snapshot().ready))
             ground_m = link.snapshot().altitude_amsl_m

@@ -4,20 +4,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from link_bench import PERIOD_S, Ticks, a_link, do, ready, running, until
+from link_bench import PERIOD_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until
 from link_peer import Peer
 from machine import STALL_S, Witness, free_ports
 
 from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.links import Link, Order, Verb
-from gcs.links.mavsdk_link import MavsdkLink
 from gcs.state import Landed, Mode, Setpoints
 
-pytestmark = pytest.mark.xdist_group("wire")
+pytestmark = [pytest.mark.xdist_group("wire"), pytest.mark.usefixtures("transport")]
 
 
 def test_a_vehicle_is_armed_flown_and_brought_down() -> None:
-    async def main(link: MavsdkLink) -> None:
+    async def main(link: AnyLink) -> None:
         async with running(link):
             await ready(link)
             await do(link, Verb.ARM, "v1")
@@ -50,7 +49,7 @@ def age_s(link: Link, of: str) -> float:
 
 
 def test_the_snapshot_is_what_the_vehicle_said_and_when() -> None:
-    async def main(peer: Peer, link: Link, is_ready: MavsdkLink) -> None:
+    async def main(peer: Peer, link: Link, is_ready: AnyLink) -> None:
         before = link.snapshot()
         assert np.isneginf(before.position_time_s).all()
         assert np.isnan(before.latitude_deg).all()
@@ -79,7 +78,7 @@ def test_the_snapshot_is_what_the_vehicle_said_and_when() -> None:
 
 
 def test_a_refusal_carries_the_vehicles_own_words() -> None:
-    async def main(link: MavsdkLink) -> None:
+    async def main(link: AnyLink) -> None:
         async with running(link):
             await ready(link)
             with pytest.raises(OrderError, match=r"v1: arm failed \(COMMAND_DENIED\).*the test says so"):
@@ -90,7 +89,7 @@ def test_a_refusal_carries_the_vehicles_own_words() -> None:
 
 
 def test_orders_that_make_no_sense_are_refused_before_they_leave() -> None:
-    async def main(peer: Peer, link: MavsdkLink) -> None:
+    async def main(peer: Peer, link: AnyLink) -> None:
         with pytest.raises(OrderError, match="not open"):
             await do(link, Verb.ARM, "v1")
         with pytest.raises(UnknownError, match="v9"):
@@ -113,7 +112,7 @@ def test_orders_that_make_no_sense_are_refused_before_they_leave() -> None:
 
 
 def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
-    async def main(peer: Peer, link: MavsdkLink, machine: Witness) -> None:
+    async def main(peer: Peer, link: AnyLink, machine: Witness) -> None:
         async with running(link):
             await ready(link)
             peer.answers = False
@@ -140,7 +139,7 @@ def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
 
 
 def test_a_silent_vehicle_delays_nobody() -> None:
-    async def main(silent: Peer, link: MavsdkLink, machine: Witness) -> None:
+    async def main(silent: Peer, link: AnyLink, machine: Witness) -> None:
         async with running(link):
             await ready(link)
             ticks = Ticks(link, "v1", "v2")
@@ -173,7 +172,7 @@ def test_a_silent_vehicle_delays_nobody() -> None:
 
 
 def test_a_row_that_is_not_finite_is_not_sent_nor_is_what_was_sent_before() -> None:
-    async def main(peer: Peer, link: MavsdkLink) -> None:
+    async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
             await ready(link)
             ticks = Ticks(link, "v1")
@@ -182,7 +181,7 @@ def test_a_row_that_is_not_finite_is_not_sent_nor_is_what_was_sent_before() -> N
             dropped = link.counters.setpoints_dropped
             link.send(Setpoints(time.monotonic(), ("v1",), np.array([[1.0, np.nan, 0.0]]), np.zeros(1)))
             sent_s = time.monotonic()
-            await until(lambda: link.counters.setpoints_dropped >= dropped + 3)
+            await repeated(link, 3, since=dropped)
             arrived_s, message = peer.messages("SET_POSITION_TARGET_LOCAL_NED")[-1]
             assert arrived_s <= sent_s + 0.02  # one may have been on its way
             assert np.isfinite(message.vy)
@@ -192,7 +191,7 @@ def test_a_row_that_is_not_finite_is_not_sent_nor_is_what_was_sent_before() -> N
 
 
 def test_a_duplicate_is_reported_by_vehicle_and_never_commanded() -> None:
-    async def main(first: Peer, port: int, link: MavsdkLink) -> None:
+    async def main(first: Peer, port: int, link: AnyLink) -> None:
         async with running(link):
             await ready(link)
             with Peer(port, 1) as second:
@@ -209,7 +208,7 @@ def test_a_duplicate_is_reported_by_vehicle_and_never_commanded() -> None:
 
 
 def test_a_link_can_be_closed_during_an_order_and_opened_again() -> None:
-    async def main(peer: Peer, link: MavsdkLink) -> None:
+    async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
             await ready(link)
             peer.answers = False
@@ -227,7 +226,7 @@ def test_a_link_can_be_closed_during_an_order_and_opened_again() -> None:
 
 
 def test_a_link_that_cannot_have_its_port_says_which() -> None:
-    async def main(link: MavsdkLink, same: MavsdkLink, port: int) -> None:
+    async def main(link: AnyLink, same: AnyLink, port: int) -> None:
         async with running(link):
             await asyncio.sleep(0)
             with pytest.raises(LinkError, match=str(port)):

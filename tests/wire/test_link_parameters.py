@@ -1,4 +1,4 @@
-"""Parameters through the production link, with the fake autopilot as its own process on the other side."""
+"""Parameters through the production links, with the fake autopilot as its own process on the other side."""
 
 import asyncio
 import subprocess
@@ -6,15 +6,14 @@ import sys
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
-from link_bench import a_link, running, until
+from link_bench import AnyLink, a_link, is_open, running, until
 from machine import free_ports
 
 from gcs.errors import OrderError, UnknownError
-from gcs.links.mavsdk_link import MavsdkLink
-from gcs.state import Mode
 
-pytestmark = pytest.mark.xdist_group("wire")
+pytestmark = [pytest.mark.xdist_group("wire"), pytest.mark.usefixtures("transport")]
 
 
 @contextmanager
@@ -28,11 +27,10 @@ def simulator(first_port: int) -> Iterator[None]:
         process.wait(60)
 
 
-def with_two(story: Callable[[MavsdkLink], Awaitable[None]]) -> None:
-    async def main(link: MavsdkLink) -> None:
+def with_two(story: Callable[[AnyLink], Awaitable[None]]) -> None:
+    async def main(link: AnyLink) -> None:
         async with running(link):
-            await until(lambda: all(mode is not Mode.UNKNOWN for mode in link.snapshot().mode))
-            await until(lambda: len(link._met) == 2)
+            await until(lambda: np.isfinite(link.snapshot().position_time_s).all())
             await story(link)
 
     port = free_ports(2)
@@ -41,7 +39,7 @@ def with_two(story: Callable[[MavsdkLink], Awaitable[None]]) -> None:
 
 
 def test_whole_and_fractional_parameters_are_read_and_set_on_the_vehicle_meant_and_no_other() -> None:
-    async def story(link: MavsdkLink) -> None:
+    async def story(link: AnyLink) -> None:
         names = ("COM_OBL_RC_ACT", "MPC_XY_VEL_MAX")
         assert dict(await link.read_parameters("v1", names)) == {names[0]: 0, names[1]: 7.5}
         await link.set_parameter("v1", "COM_OBL_RC_ACT", 5)
@@ -55,7 +53,7 @@ def test_whole_and_fractional_parameters_are_read_and_set_on_the_vehicle_meant_a
 
 
 def test_what_cannot_be_read_or_set_says_why() -> None:
-    async def story(link: MavsdkLink) -> None:
+    async def story(link: AnyLink) -> None:
         with pytest.raises(OrderError, match=r"v1: parameter NO_SUCH: no answer; there is no such parameter"):
             await link.read_parameters("v1", ("NO_SUCH",))
         with pytest.raises(OrderError, match="v1: parameter NO_SUCH: "):
@@ -74,7 +72,7 @@ def test_a_link_that_is_not_open_or_a_vehicle_never_heard_says_so() -> None:
         with pytest.raises(OrderError, match="v1: its parameters cannot be read: link bench is not open"):
             await link.read_parameters("v1", ("COM_OBL_RC_ACT",))
         async with running(link):
-            await until(lambda: link._orders is not None)
+            await until(lambda: is_open(link))
             with pytest.raises(OrderError, match="v1: COM_OBL_RC_ACT cannot be set: never heard"):
                 await link.set_parameter("v1", "COM_OBL_RC_ACT", 5)
 

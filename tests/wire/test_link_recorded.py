@@ -9,7 +9,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from link_bench import do, ready, running, until
+from link_bench import KINDS, AnyLink, do, ready, running, until
 from link_peer import Peer
 from machine import free_ports
 from pymavlink import mavutil
@@ -17,15 +17,14 @@ from pymavlink import mavutil
 from gcs.frames import ShowFrame
 from gcs.links import Verb
 from gcs.links.endpoints import Listen
-from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.traffic import Direction
 
 pytestmark = pytest.mark.xdist_group("wire")
 
 
-def a_link(port: int, folder: Path) -> MavsdkLink:
+def a_link(port: int, folder: Path, kind: str = "mavsdk") -> AnyLink:
     frame = ShowFrame(47.4, 8.5, 500.0, 0.0)
-    return MavsdkLink("bench", {"v1": 1}, Listen("127.0.0.1", port), frame, record=folder)
+    return KINDS[kind]("bench", {"v1": 1}, Listen("127.0.0.1", port), frame, record=folder)
 
 
 def recorded(path: Path) -> list[bytes]:
@@ -36,13 +35,14 @@ def recorded(path: Path) -> list[bytes]:
         return frames
 
 
-def test_a_recording_holds_every_frame_in_order(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("kind", "station_id"), [("mavsdk", 245), ("direct", 254)])
+def test_a_recording_holds_every_frame_in_order(tmp_path: Path, kind: str, station_id: int) -> None:
     seen: list[bytes] = []
 
     def see(_time_s: float, _direction: Direction, raw: bytes, _system_id: int) -> None:
         seen.append(raw)
 
-    async def main(link: MavsdkLink) -> None:
+    async def main(link: AnyLink) -> None:
         link.observe(see)
         async with running(link):
             await ready(link)
@@ -51,18 +51,18 @@ def test_a_recording_holds_every_frame_in_order(tmp_path: Path) -> None:
         assert link.counters.recorded == len(seen)
 
     with Peer(port := free_ports(), 1):
-        asyncio.run(main(a_link(port, tmp_path)))
+        asyncio.run(main(a_link(port, tmp_path, kind)))
     (path,) = tmp_path.glob("*.tlog")
     frames = recorded(path)
     assert len(frames) == len(seen) > 50
     assert sorted(frames) == sorted(seen)
     # threads may come between a frame's two observers, so only each side's own order is exact
-    for sender in (1, 245):
+    for sender in (1, station_id):
         assert [raw for raw in frames if raw[5] == sender] == [raw for raw in seen if raw[5] == sender]
 
 
 def record_for_ever(port: int, folder: Path) -> None:
-    async def main(link: MavsdkLink) -> None:
+    async def main(link: AnyLink) -> None:
         async with running(link):
             await asyncio.sleep(600.0)
 
@@ -94,7 +94,7 @@ def test_a_recording_can_be_read_after_the_process_was_killed(tmp_path: Path) ->
 def test_a_link_flies_though_its_recording_fails(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "file").touch()
 
-    async def main(link: MavsdkLink) -> None:
+    async def main(link: AnyLink) -> None:
         async with running(link):
             await ready(link)
             await do(link, Verb.ARM, "v1")

@@ -96,9 +96,15 @@ def test_a_link_may_have_places_of_every_kind_and_250_vehicles() -> None:
         SerialPort("/dev/ttyUSB0", 57600),
     )
     assert [each.read_only for each in link.forward] == [True, False]
+
     assert len(config.ids) == 250
     assert config.record is not None
     assert Config.model_validate(config.model_dump()) == config
+
+
+def test_one_further_station_need_not_be_a_list() -> None:
+    config = parse(changed(lambda raw: raw["links"][0].update(forward="udp://127.0.0.1:14550")), "my.yaml")
+    assert [each.address for each in config.links[0].forward] == [("127.0.0.1", 14550)]
 
 
 def test_several_links_may_carry_the_same_system_ids() -> None:

@@ -91,14 +91,6 @@ def test_a_batch_cannot_be_changed_once_made() -> None:
         setpoints.velocity_m_s[0, 0] = 1.0
 
 
-def test_a_batch_can_be_narrowed_to_the_vehicles_of_one_link() -> None:
-    batch = Setpoints(0.0, ("a", "b", "c"), np.arange(9.0).reshape(3, 3), np.arange(3.0))
-    only = batch.only(("c", "a", "unknown"))
-    assert only.ids == ("a", "c")
-    assert only.velocity_m_s.tolist() == [[0.0, 1.0, 2.0], [6.0, 7.0, 8.0]]
-    assert only.yaw_rad.tolist() == [0.0, 2.0]
-
-
 def test_a_target_goes_on_with_its_velocity() -> None:
     target = Target(1.0, 2.0, 0.5, -0.25, time_s=100.0)
     assert target.position_m(104.0) == (3.0, 1.0)

@@ -1,11 +1,16 @@
 import pytest
+from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.heard import Heard
+from gcs.links.mavlink_frames import split
 from gcs.links.rates import Rates, wanted
 from gcs.links.settings import StreamSettings
 
 WANTED = {33: 20.0, 147: 0.5, 30: 0.0}
 ALL = list(WANTED.items())
+(BEAT,) = split(
+    bytes(dialect.MAVLink_heartbeat_message(2, 12, 1, 0, 4, 3).pack(dialect.MAVLink(None, 1, 1)))
+).frames
 
 
 class Vehicle:
@@ -24,7 +29,7 @@ class Vehicle:
         for _ in range(round(seconds / 0.05)):
             self.now_s += 0.05
             if self.speaks:
-                self.heard.heartbeat_time_s = self.now_s
+                self.heard.take(BEAT, self.now_s)
                 for message_id, rate_hz in self.sends_hz.items():
                     self._sent[message_id] += rate_hz * 0.05
                     self.heard.counts[message_id] = int(self._sent[message_id])
@@ -43,11 +48,18 @@ def test_nobody_is_asked_before_being_heard_and_who_is_heard_is_asked_for_all_on
 def test_who_restarted_or_was_silent_is_asked_again() -> None:
     vehicle = Vehicle()
     assert vehicle.run(2.0) == ALL
-    vehicle.heard.boots += 1
+    vehicle.heard.lives += 1
     assert vehicle.run(2.0) == ALL
     vehicle.speaks = False
     vehicle.run(5.0)
     vehicle.speaks = True
+    assert vehicle.run(2.0) == ALL
+
+
+def test_a_silence_that_nobody_saw_is_noticed_afterwards() -> None:
+    vehicle = Vehicle()
+    assert vehicle.run(2.0) == ALL
+    vehicle.now_s += 3.1  # nobody looked meanwhile
     assert vehicle.run(2.0) == ALL
 
 

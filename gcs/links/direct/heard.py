@@ -1,0 +1,275 @@
+"""What the vehicles of a link said, in columns: read for all of them at once, message by message."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import development as dialect
+
+from gcs.links.direct.codec import Records, decode
+from gcs.links.direct.kernels import COMPONENT, LENGTH, MESSAGE, PAYLOAD, Bytes, Whole
+from gcs.links.heard import Heard
+from gcs.links.mavlink_frames import (
+    FIX_3D,
+    GLOBAL_POSITION_INT,
+    GPS_RAW_INT,
+    HEARTBEAT,
+    METRES_PER_DILUTION,
+    ODOMETRY,
+    PREARM_CHECK,
+    STATUSTEXT,
+    SYS_STATUS,
+    UNKNOWN_DILUTION,
+    Frame,
+    px4_mode,
+)
+from gcs.links.rates import BATTERY_STATUS, EXTENDED_SYS_STATE
+from gcs.links.roster import SILENT_AFTER_S
+from gcs.state import Array, Landed, Mode, Telemetry, VehicleId
+
+_AUTOPILOT_COMPONENT: Final = 1
+_ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+_CUSTOM: Final = int(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+_PX4: Final = int(dialect.MAV_AUTOPILOT_PX4)
+_HEADING_MAX_CDEG: Final = 36000  # above: unknown
+_REBOOTED_MS: Final = 1000
+"""A boot clock that is behind itself by more than this began anew; less is datagrams in the wrong order."""
+
+_UNKNOWN, _OTHER = -1, -2
+"""Custom modes that no autopilot sends: nothing heard yet, and something that is not PX4's."""
+
+_LANDED: Final = tuple(Landed)
+
+
+class FleetHeard:
+    """Newest known of n vehicles, rows as on the link. Arrays are replaced row by row as frames come.
+
+    Attributes:
+        heartbeat_time_s, position_time_s: (n,) of arrival, -inf before.
+        armed: (n,) as the autopilot's heartbeat says, which alone is believed.
+        landed: (n,) of `Landed`.
+        prearm_ok: (n,) the autopilot's own checks before arming pass.
+        lives: (n,) how often it was met: at first, after a restart, after a silence.
+        boots: (n,) how often the boot clock has jumped back.
+        position_resets: (n,) how often the estimator's reset counter has changed.
+        positions: (n,) how many positions came, in all.
+    """
+
+    def __init__(self, ids: Sequence[VehicleId]) -> None:
+        n = len(ids)
+        self.heartbeat_time_s, self.position_time_s = np.full(n, -np.inf), np.full(n, -np.inf)
+        self.armed, self.prearm_ok = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        self.lives = np.zeros(n, np.int64)
+        self.boots, self.position_resets = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self.landed, self.positions = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self._ids = tuple(ids)
+        self._mode = np.full(n, _UNKNOWN, np.int64)  # custom_mode
+        self._boot_ms = np.full(n, -1, np.int64)
+        self._reset_counter = np.full(n, -1, np.int64)
+        self._accuracy_m = np.full((n, 2), np.nan)  # horizontal, vertical
+        self._place = np.full((n, 3), np.nan)  # degrees, degrees, m AMSL
+        self._velocity_m_s = np.full((n, 3), np.nan)
+        self._yaw_deg = np.full(n, np.nan)
+        self._battery = np.full(n, np.nan)
+        self._texts = tuple(Heard() for _ in ids)
+        self._waiting: dict[int, asyncio.Event] = {}
+        self._modes: dict[int, Mode] = {_UNKNOWN: Mode.UNKNOWN, _OTHER: Mode.OTHER}
+        self._readers: MappingProxyType[int, Callable[[Whole, Records, Array], None]] = MappingProxyType(
+            {
+                GLOBAL_POSITION_INT: self._take_positions,
+                HEARTBEAT: self._take_heartbeats,
+                SYS_STATUS: self._take_status,
+                EXTENDED_SYS_STATE: self._take_landed,
+                BATTERY_STATUS: self._take_batteries,
+                GPS_RAW_INT: self._take_accuracies,
+                ODOMETRY: self._take_reset_counters,
+            }
+        )
+
+    def take(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
+        """Read checked frames of our vehicles.
+
+        Args:
+            data: where they lie.
+            frames: (k, FRAME_COLUMNS) in order of arrival.
+            rows: (k,) whose each is.
+            time_s: (k,) of arrival.
+        """
+        autopilots = frames[:, COMPONENT] == _AUTOPILOT_COMPONENT
+        message = np.where(autopilots, frames[:, MESSAGE], -1)
+        for message_id, read in self._readers.items():
+            mine = np.flatnonzero(message == message_id)
+            if len(mine):
+                read(rows[mine], decode(message_id, data, frames[mine]), time_s[mine])
+        for at in np.flatnonzero(message == STATUSTEXT).tolist():
+            place, length = int(frames[at, PAYLOAD]), int(frames[at, LENGTH])
+            payload = data[place : place + length].tobytes()
+            frame = Frame(STATUSTEXT, 0, _AUTOPILOT_COMPONENT, payload, b"")
+            self._texts[rows[at]].take(frame, float(time_s[at]))
+
+    def mode(self, row: int) -> Mode:
+        """As its newest heartbeat says."""
+        return self._mode_of(int(self._mode[row]))
+
+    def said(self, row: int) -> "Said":
+        """One vehicle's part."""
+        return Said(self, row)
+
+    def text(self, row: int) -> tuple[str, float]:
+        """Its newest status text, and when that arrived."""
+        return self._texts[row].text, self._texts[row].text_time_s
+
+    def news(self, row: int) -> asyncio.Event:
+        """Fires at the vehicle's next heartbeat."""
+        return self._waiting.setdefault(row, asyncio.Event())
+
+    @property
+    def awaited(self) -> bool:
+        """Whether anybody waits for a heartbeat."""
+        return bool(self._waiting)
+
+    def telemetry(self, *, may_be_ready: bool = True) -> Telemetry:
+        """All of it, as it is now; `may_be_ready` False: nobody can be armed, whatever they said."""
+        modes, mode_of = self._mode.tolist(), self._mode_of
+        complete = np.isfinite(self.heartbeat_time_s) & np.isfinite(self._place[:, 0])
+        ready = self.prearm_ok & complete & may_be_ready
+        return Telemetry(
+            ids=self._ids,
+            position_time_s=self.position_time_s.copy(),
+            heartbeat_time_s=self.heartbeat_time_s.copy(),
+            latitude_deg=self._place[:, 0].copy(),
+            longitude_deg=self._place[:, 1].copy(),
+            altitude_amsl_m=self._place[:, 2].copy(),
+            velocity_ned_m_s=self._velocity_m_s.copy(),
+            yaw_deg=self._yaw_deg.copy(),
+            battery_remaining=self._battery.copy(),
+            armed=tuple(self.armed.tolist()),
+            mode=tuple(map(mode_of, modes)),
+            landed=tuple(map(_LANDED.__getitem__, self.landed.tolist())),
+            ready=tuple(ready.tolist()),
+            horizontal_accuracy_m=self._accuracy_m[:, 0].copy(),
+            vertical_accuracy_m=self._accuracy_m[:, 1].copy(),
+            boots=tuple(self.boots.tolist()),
+            position_resets=tuple(self.position_resets.tolist()),
+        )
+
+    def _mode_of(self, custom_mode: int) -> Mode:
+        known = self._modes.get(custom_mode)
+        if known is None:
+            known = px4_mode(custom_mode)
+            if known is not Mode.OTHER:  # of the others there are too many to remember
+                self._modes[custom_mode] = known
+        return known
+
+    def _take_positions(self, rows: Whole, said: Records, time_s: Array) -> None:
+        boot_ms = said["time_boot_ms"].astype(np.int64)
+        again = np.unique(rows[boot_ms < self._boot_ms[rows] - _REBOOTED_MS])
+        self.boots[again] += 1
+        self.lives[again] += 1
+        self._reset_counter[again] = -1  # of a new life
+        restarted = np.isin(rows, again)
+        self._boot_ms[rows[restarted]] = boot_ms[restarted]
+        np.maximum.at(self._boot_ms, rows[~restarted], boot_ms[~restarted])  # late datagrams change nothing
+        self.position_time_s[rows] = time_s
+        np.add.at(self.positions, rows, 1)
+        self._place[rows, 0] = said["lat"] * 1e-7
+        self._place[rows, 1] = said["lon"] * 1e-7
+        self._place[rows, 2] = said["alt"] * 1e-3
+        for axis, name in enumerate(("vx", "vy", "vz")):
+            self._velocity_m_s[rows, axis] = said[name] * 0.01
+        known = said["hdg"] <= _HEADING_MAX_CDEG
+        self._yaw_deg[rows] = np.where(known, said["hdg"] * 0.01, np.nan)
+
+    def _take_heartbeats(self, rows: Whole, said: Records, time_s: Array) -> None:
+        autopilots = said["autopilot"] == _PX4
+        rows, said, time_s = rows[autopilots], said[autopilots], time_s[autopilots]
+        base: NDArray[np.int64] = said["base_mode"].astype(np.int64)
+        met = np.unique(rows[~(time_s - self.heartbeat_time_s[rows] <= SILENT_AFTER_S)])
+        self.lives[met] += 1
+        self.heartbeat_time_s[rows] = time_s
+        self.armed[rows] = (base & _ARMED) != 0
+        self._mode[rows] = np.where(base & _CUSTOM, said["custom_mode"].astype(np.int64), _OTHER)
+        if self._waiting:
+            for row in rows.tolist():
+                event = self._waiting.pop(row, None)
+                if event is not None:
+                    event.set()
+
+    def _take_status(self, rows: Whole, said: Records, _time_s: Array) -> None:
+        self.prearm_ok[rows] = (said["onboard_control_sensors_health"] & np.uint32(PREARM_CHECK)) != 0
+        self._take_remaining(rows, said)
+
+    def _take_batteries(self, rows: Whole, said: Records, _time_s: Array) -> None:
+        first = said["id"] == 0
+        self._take_remaining(rows[first], said[first])
+
+    def _take_remaining(self, rows: Whole, said: Records) -> None:
+        remaining = said["battery_remaining"]
+        self._battery[rows] = np.where(remaining >= 0, remaining * 0.01, np.nan)
+
+    def _take_accuracies(self, rows: Whole, said: Records, _time_s: Array) -> None:
+        """As `mavlink_frames.gps_accuracy` reads one."""
+        fixed = said["fix_type"] >= FIX_3D
+        fields = (("eph", "h_acc"), ("epv", "v_acc"))
+        for column, ((dilution, reported), metres) in enumerate(
+            zip(fields, METRES_PER_DILUTION, strict=True)
+        ):
+            known = said[dilution] != UNKNOWN_DILUTION
+            by_dilution_m = np.where(known, said[dilution] / 100 * metres, np.nan)
+            accuracy_m = np.where(said[reported] != 0, said[reported] / 1000, by_dilution_m)
+            self._accuracy_m[rows, column] = np.where(fixed, accuracy_m, np.inf)
+
+    def _take_reset_counters(self, rows: Whole, said: Records, _time_s: Array) -> None:
+        for row, counted in zip(rows.tolist(), said["reset_counter"].tolist(), strict=True):
+            self.position_resets[row] += 0 <= self._reset_counter[row] != counted
+            self._reset_counter[row] = counted
+
+    def _take_landed(self, rows: Whole, said: Records, _time_s: Array) -> None:
+        landed = said["landed_state"]
+        self.landed[rows] = np.where(landed < len(_LANDED), landed, Landed.UNKNOWN)
+
+
+class Said:
+    """One vehicle's part of what was heard: what `gcs.links.orders` believes."""
+
+    def __init__(self, fleet: FleetHeard, row: int) -> None:
+        self._fleet = fleet
+        self._row = row
+
+    @property
+    def heartbeat_time_s(self) -> float:
+        """Arrival of its newest heartbeat, -inf before the first."""
+        return float(self._fleet.heartbeat_time_s[self._row])
+
+    @property
+    def armed(self) -> bool:
+        """As that says."""
+        return bool(self._fleet.armed[self._row])
+
+    @property
+    def mode(self) -> Mode:
+        """As that says."""
+        return self._fleet.mode(self._row)
+
+    @property
+    def landed(self) -> Landed:
+        """As it said last."""
+        return _LANDED[int(self._fleet.landed[self._row])]
+
+    @property
+    def text(self) -> str:
+        """Its newest status text."""
+        return self._fleet.text(self._row)[0]
+
+    @property
+    def text_time_s(self) -> float:
+        """When that arrived."""
+        return self._fleet.text(self._row)[1]
+
+    @property
+    def news(self) -> asyncio.Event:
+        """Fires at its next heartbeat."""
+        return self._fleet.news(self._row)

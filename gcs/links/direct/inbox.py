@@ -1,0 +1,59 @@
+"""Datagrams from vehicles: taken apart, judged, and given to whom they concern."""
+
+import numpy as np
+
+from gcs.links.direct import codec
+from gcs.links.direct.addresses import Addresses
+from gcs.links.direct.commands import COMMAND_ACK, PARAM_VALUE, Commands
+from gcs.links.direct.heard import FleetHeard
+from gcs.links.direct.kernels import BEGIN, COMPONENT, DATAGRAM, END, MESSAGE, SYSTEM, Bytes, Whole
+from gcs.links.direct.packets import Datagrams
+from gcs.links.direct.streams import Streams
+from gcs.links.traffic import Counters, Direction, Observer
+
+_AUTOPILOT_COMPONENT = 1
+
+
+class Inbox:
+    """Reads what arrived. Whatever the bytes, it never raises.
+
+    Attributes:
+        observers: whoever wants to see every frame; replace the tuple, do not mutate it.
+        commands: who waits for answers; None: nobody.
+    """
+
+    def __init__(self, addresses: Addresses, heard: FleetHeard, streams: Streams, counters: Counters) -> None:
+        self.observers: tuple[Observer, ...] = ()
+        self.commands: Commands | None = None
+        self._addresses = addresses
+        self._heard = heard
+        self._streams = streams
+        self._counters = counters
+
+    def take(self, arrived: Datagrams) -> None:
+        """Read a batch of datagrams."""
+        found = codec.find(arrived.data, arrived.start, arrived.length)
+        self._counters.garbage_bytes += found.garbage_bytes
+        self._counters.unknown_bytes += found.unknown_bytes
+        rows, taken = self._addresses.judge(found.frames, arrived)
+        frames, rows = found.frames[taken], rows[taken]
+        time_s = arrived.time_s[frames[:, DATAGRAM]]
+        self._counters.received += len(frames)
+        self._heard.take(arrived.data, frames, rows, time_s)
+        self._take_answers(arrived.data, frames, rows)
+        for observer in self.observers:
+            for frame, at_s in zip(frames.tolist(), time_s.tolist(), strict=True):
+                raw = arrived.data[frame[BEGIN] : frame[END]].tobytes()
+                observer(at_s, Direction.RECEIVED, raw, frame[SYSTEM])
+
+    def _take_answers(self, data: Bytes, frames: Whole, rows: Whole) -> None:
+        message = np.where(frames[:, COMPONENT] == _AUTOPILOT_COMPONENT, frames[:, MESSAGE], -1)
+        acks = np.flatnonzero(message == COMMAND_ACK)
+        if len(acks):
+            said = codec.decode(COMMAND_ACK, data, frames[acks])
+            self._streams.take_acks(rows[acks], said)
+            if self.commands is not None:
+                self.commands.take_acks(rows[acks], said)
+        values = np.flatnonzero(message == PARAM_VALUE)
+        if len(values) and self.commands is not None:
+            self.commands.take_values(rows[values], codec.decode(PARAM_VALUE, data, frames[values]))

@@ -1,0 +1,194 @@
+"""Compiled loops over bytes: frames out of datagrams, frames around payloads. No I/O, no meaning.
+
+Formats: https://mavlink.io/en/guide/serialization.html. The checksum is CRC-16/MCRF4XX over everything but
+the first byte, then over one byte more that the message's definition gives.
+"""
+
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.compiled import kernel
+
+Bytes: TypeAlias = NDArray[np.uint8]
+Whole: TypeAlias = NDArray[np.int64]
+Number: TypeAlias = int | np.int64
+
+FRAME_COLUMNS: Final = 8
+"""Of what `find_frames` writes: datagram, message, system, component, where the payload begins, how long that
+is, where the whole frame begins, where it ends (signature included)."""
+
+DATAGRAM, MESSAGE, SYSTEM, COMPONENT, PAYLOAD, LENGTH, BEGIN, END = range(FRAME_COLUMNS)
+
+SHORTEST_FRAME: Final = 8
+
+_MAGIC_1: Final = 0xFE
+_MAGIC_2: Final = 0xFD
+_SIGNED: Final = 0x01
+_SIGNATURE_LENGTH: Final = 13
+
+
+def _table() -> NDArray[np.uint16]:
+    """What one byte does to the checksum (256,)."""
+    table = np.arange(256, dtype=np.uint16)
+    for _ in range(8):
+        table = np.where(table & 1, table >> 1 ^ 0x8408, table >> 1).astype(np.uint16)
+    return table
+
+
+_CRC: Final = _table()
+
+
+@kernel
+def checksum(data: Bytes, start: Number, end: Number, extra: Number) -> np.int64:
+    """CRC-16/MCRF4XX over ``data[start:end]`` and one byte `extra` behind it."""
+    crc = np.int64(0xFFFF)
+    for place in range(start, end):
+        crc = crc >> 8 ^ np.int64(_CRC[(crc ^ np.int64(data[place])) & 0xFF])
+    return crc >> 8 ^ np.int64(_CRC[(crc ^ extra) & 0xFF])
+
+
+@kernel
+def _message_id(data: Bytes, start: Number) -> np.int64:
+    """Of the frame whose header begins at `start`."""
+    if data[start] == _MAGIC_1:
+        return np.int64(data[start + 5])
+    return np.int64(data[start + 7]) | np.int64(data[start + 8]) << 8 | np.int64(data[start + 9]) << 16
+
+
+@kernel
+def _behind(data: Bytes, start: Number, end: Number, extras: NDArray[np.int16]) -> Number:
+    """Where the frame that begins at `start` ends; 0 when there is none, whole and right.
+
+    Negative: where one would end whose message nobody told us, so that its checksum cannot be known.
+    """
+    room = end - start
+    if data[start] == _MAGIC_2 and room >= 12:
+        flags = data[start + 2]
+        if flags & ~_SIGNED:
+            return 0  # flags that nobody knows may change everything that follows
+        message = _message_id(data, start)
+        last = start + 12 + np.int64(data[start + 1])
+        tail = _SIGNATURE_LENGTH if flags else 0
+    elif data[start] == _MAGIC_1 and room >= SHORTEST_FRAME:
+        message = _message_id(data, start)
+        last = start + 8 + np.int64(data[start + 1])
+        tail = 0
+    else:
+        return 0
+    if last + tail > end:
+        return 0
+    extra = extras[message] if message < len(extras) else -1
+    if extra < 0:
+        return -(last + tail)
+    said = np.int64(data[last - 2]) | np.int64(data[last - 1]) << 8
+    return last + tail if checksum(data, start + 1, last - 2, extra) == said else 0
+
+
+@kernel
+def find_frames(
+    data: Bytes, starts: Whole, lengths: Whole, extras: NDArray[np.int16], frames: Whole
+) -> tuple[int, int, int]:
+    """Take datagrams apart, as `gcs.links.mavlink_frames.split` does. Never fails, whatever the bytes.
+
+    Args:
+        data: where the datagrams lie.
+        starts: (m,) of each.
+        lengths: (m,) in bytes.
+        extras: by message id, the byte its checksum ends with; -1: not known.
+        frames: (at least bytes / SHORTEST_FRAME, FRAME_COLUMNS), written.
+
+    Returns: how many frames; bytes of garbage; bytes of messages that cannot be checked.
+    """
+    found, garbage, unknown = 0, 0, 0
+    place: Number
+    unknown_end: Number
+    for datagram in range(len(starts)):
+        place = starts[datagram]
+        end = place + lengths[datagram]
+        unknown_end = 0
+        while place < end:
+            behind = _behind(data, place, end, extras)
+            if behind > 0:
+                is_new = data[place] == _MAGIC_2
+                header = 10 if is_new else 6
+                row = frames[found]
+                row[0] = datagram
+                row[1] = _message_id(data, place)
+                row[2] = data[place + 5] if is_new else data[place + 3]
+                row[3] = data[place + 6] if is_new else data[place + 4]
+                row[4] = place + header
+                row[5] = data[place + 1]
+                row[6] = place
+                row[7] = behind
+                found += 1
+                place = behind
+                continue
+            if behind < 0 and (-behind == end or data[-behind] in (_MAGIC_1, _MAGIC_2)):
+                unknown_end = -behind
+            # One byte further, not more: length and message themselves may be wrong, and hide a good frame.
+            if place < unknown_end:
+                unknown += 1
+            else:
+                garbage += 1
+            place += 1
+    return found, garbage, unknown
+
+
+@kernel
+def cut_out(data: Bytes, starts: Whole, lengths: Whole, payloads: Bytes) -> None:
+    """Copy payloads to the rows of `payloads` (k, size), zeros behind: MAVLink 2 leaves those out."""
+    size = payloads.shape[1]
+    for row in range(len(starts)):
+        length = min(lengths[row], size)
+        for place in range(length):
+            payloads[row, place] = data[starts[row] + place]
+        for place in range(length, size):
+            payloads[row, place] = 0
+
+
+@kernel
+def put_frames(
+    payloads: Bytes,
+    message: int,
+    extra: int,
+    sequence: Bytes,
+    system: Bytes,
+    component: int,
+    frames: Bytes,
+    lengths: Whole,
+) -> None:
+    """Make a MAVLink 2 frame of every payload, without the zeros at its end (but of one byte at least).
+
+    Args:
+        payloads: (n, size).
+        message: its id.
+        extra: the byte its checksum ends with.
+        sequence: (n,) numbers of the frames.
+        system: (n,) of the senders.
+        component: of the sender.
+        frames: (n, at least size + 12), written.
+        lengths: (n,) of the frames, written.
+    """
+    for row in range(len(payloads)):
+        length = payloads.shape[1]
+        while length > 1 and payloads[row, length - 1] == 0:
+            length -= 1
+        frame = frames[row]
+        frame[0] = _MAGIC_2
+        frame[1] = length
+        frame[2] = 0
+        frame[3] = 0
+        frame[4] = sequence[row]
+        frame[5] = system[row]
+        frame[6] = component
+        frame[7] = message & 0xFF
+        frame[8] = message >> 8 & 0xFF
+        frame[9] = message >> 16 & 0xFF
+        for place in range(length):
+            frame[10 + place] = payloads[row, place]
+        crc = checksum(frame, 1, 10 + length, extra)
+        frame[10 + length] = crc & 0xFF
+        frame[11 + length] = crc >> 8
+        lengths[row] = 12 + length

@@ -1,0 +1,161 @@
+"""Many datagrams with one system call: sendmmsg and recvmmsg of Linux, through ctypes.
+
+The structures are the C library's, filled through numpy views, so that a batch costs no Python per datagram.
+"""
+
+import ctypes
+import errno
+import os
+import socket
+import sys
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.links.direct.kernels import Bytes, Whole
+
+SO_TIMESTAMPNS: Final = 35  # Linux; Python does not name it
+
+_ADDRESS: Final = np.dtype([("family", "=u2"), ("port", ">u2"), ("host", ">u4"), ("zero", "V8")])
+"""struct sockaddr_in."""
+
+
+class _Header(ctypes.Structure):
+    """A msghdr; pointers as numbers, which is what they are here."""
+
+    _fields_ = (
+        ("name", ctypes.c_size_t),
+        ("name_length", ctypes.c_uint32),
+        ("parts", ctypes.c_size_t),
+        ("part_count", ctypes.c_size_t),
+        ("control", ctypes.c_size_t),
+        ("control_length", ctypes.c_size_t),
+        ("flags", ctypes.c_int),
+    )
+
+
+class _Message(ctypes.Structure):
+    """A mmsghdr."""
+
+    _fields_ = (("header", _Header), ("length", ctypes.c_uint32))
+
+
+class _Part(ctypes.Structure):
+    """An iovec."""
+
+    _fields_ = (("base", ctypes.c_size_t), ("length", ctypes.c_size_t))
+
+
+class _Control(ctypes.Structure):
+    """A cmsghdr with a timespec in it."""
+
+    _fields_ = (
+        ("length", ctypes.c_size_t),
+        ("level", ctypes.c_int),
+        ("kind", ctypes.c_int),
+        ("seconds", ctypes.c_long),
+        ("nanoseconds", ctypes.c_long),
+    )
+
+
+def _library() -> Any:
+    """The C library, or None where it has no such calls."""
+    if sys.platform != "linux":
+        return None
+    library = ctypes.CDLL(None, use_errno=True)
+    return library if hasattr(library, "recvmmsg") and hasattr(library, "sendmmsg") else None
+
+
+_LIBC: Final = _library()
+
+
+def available() -> bool:
+    """Whether this platform has the calls."""
+    return _LIBC is not None
+
+
+class Batch:
+    """Room for a number of datagrams, in or out, and the C structures that point at it.
+
+    Attributes:
+        data: (count, longest) bytes of each.
+        length: (count,) of each; to be written before `send`.
+        host, port: (count,) IPv4 addresses as numbers.
+        time_s: (count,) the kernel's wall-clock time of arrival, NaN where it gave none.
+    """
+
+    def __init__(self, count: int, longest: int) -> None:
+        self.data: Bytes = np.zeros((count, longest), np.uint8)
+        self.length: Whole = np.zeros(count, np.int64)
+        self.time_s = np.full(count, np.nan)
+        self._addresses = np.zeros(count, _ADDRESS)
+        self._parts = np.zeros(count, np.dtype(_Part))
+        self._control = np.zeros(count, np.dtype(_Control))
+        self._messages = np.zeros(count, np.dtype(_Message))
+        self._addresses["family"] = socket.AF_INET
+        rows = np.arange(count, dtype=np.uint64)
+        self._parts["base"] = self.data.ctypes.data + rows * np.uint64(longest)
+        headers = self._messages["header"]
+        headers["name"] = self._addresses.ctypes.data + rows * np.uint64(_ADDRESS.itemsize)
+        headers["parts"] = self._parts.ctypes.data + rows * np.uint64(self._parts.itemsize)
+        headers["part_count"] = 1
+        headers["name_length"] = _ADDRESS.itemsize
+        self._control_places = self._control.ctypes.data + rows * np.uint64(self._control.itemsize)
+
+    @property
+    def host(self) -> NDArray[Any]:
+        """(count,) IPv4 addresses as numbers; a view."""
+        return self._addresses["host"]
+
+    @property
+    def port(self) -> NDArray[Any]:
+        """(count,) ports; a view."""
+        return self._addresses["port"]
+
+    def receive(self, fd: int, first: int, most: int) -> int:
+        """Take in datagrams to rows `first` and following. Returns: how many; never waits.
+
+        Raises: OSError, BlockingIOError among them when nothing waits.
+        """
+        rows = slice(first, first + most)
+        headers = self._messages["header"][rows]
+        self._parts["length"][rows] = self.data.shape[1]
+        self._control["length"][rows] = 0
+        headers["name_length"] = _ADDRESS.itemsize
+        headers["control"] = self._control_places[rows]
+        headers["control_length"] = self._control.itemsize
+        count = self._call(_LIBC.recvmmsg, fd, first, most, None)
+        came = slice(first, first + count)
+        self.length[came] = self._messages["length"][came]
+        control = self._control[came]
+        stamped = (
+            (control["length"] >= _Control.nanoseconds.offset + _Control.nanoseconds.size)
+            & (control["level"] == socket.SOL_SOCKET)
+            & (control["kind"] == SO_TIMESTAMPNS)
+        )
+        time_s = control["seconds"] + control["nanoseconds"] * 1e-9
+        self.time_s[came] = np.where(stamped, time_s, np.nan)
+        return count
+
+    def send(self, fd: int, first: int, end: int) -> int:
+        """Send rows `first` to `end` - 1, in order. Returns: how many of them left; never waits.
+
+        Raises: OSError when the first of them could not.
+        """
+        rows = slice(first, end)
+        self._parts["length"][rows] = self.length[rows]
+        headers = self._messages["header"][rows]
+        headers["control"] = 0
+        headers["control_length"] = 0
+        return self._call(_LIBC.sendmmsg, fd, first, end - first)
+
+    def _call(self, function: Any, fd: int, first: int, count: int, *more: object) -> int:
+        place = ctypes.c_void_p(self._messages.ctypes.data + first * self._messages.itemsize)
+        done: int = function(fd, place, ctypes.c_uint(count), 0, *more)
+        if done < 0:
+            number = ctypes.get_errno()
+            if number in (errno.EAGAIN, errno.EWOULDBLOCK):
+                raise BlockingIOError(number, os.strerror(number))
+            raise OSError(number, os.strerror(number))
+        return done

@@ -1,0 +1,60 @@
+"""Frames on their way to vehicles: numbered, addressed, held back where a kill or silence forbids them."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.links.direct.addresses import Addresses
+from gcs.links.direct.codec import Frames, Records, encode
+from gcs.links.direct.kernels import Bytes, Whole
+from gcs.links.direct.packets import Packets
+from gcs.links.traffic import Counters, Direction, Observer
+
+_NOWHERE: Final = -1
+
+
+class Outbox:
+    """Sends messages to rows of a link.
+
+    Attributes:
+        observers: whoever wants to see every frame; replace the tuple, do not mutate it.
+    """
+
+    def __init__(self, packets: Packets, addresses: Addresses, counters: Counters, system_ids: Whole) -> None:
+        self.observers: tuple[Observer, ...] = ()
+        self._packets = packets
+        self._addresses = addresses
+        self._counters = counters
+        self._system_ids = system_ids
+        self._sequence: Bytes = np.zeros(len(system_ids), np.uint8)
+
+    def encode(self, message_id: int, messages: Records, rows: Whole) -> Frames:
+        """Frames for `rows` (k,), no row twice, each vehicle's numbered in order."""
+        sequence = self._sequence[rows]
+        self._sequence[rows] = sequence + np.uint8(1)
+        return encode(message_id, messages, sequence)
+
+    def send(self, frames: Frames, rows: Whole, now_s: float, *, to_all: bool = False) -> NDArray[np.bool_]:
+        """Send frame i to where row i of `rows` is heard from. Never blocks, never raises.
+
+        `to_all` says what observers are told: that the frames are for everybody behind those addresses.
+
+        Returns: (k,) whether each left.
+        """
+        destination = self._addresses.source[rows]
+        left = self._packets.send(frames.data, frames.length, destination)
+        self._counters.sent += int(left.sum())
+        self._counters.unroutable += int((destination == _NOWHERE).sum())
+        self._counters.send_errors = self._packets.send_errors
+        if self.observers:
+            for at in np.flatnonzero(left).tolist():
+                raw = frames.data[at, : frames.length[at]].tobytes()
+                target = 0 if to_all else int(self._system_ids[rows[at]])
+                for observer in self.observers:
+                    observer(now_s, Direction.SENT, raw, target)
+        return left
+
+    def tell(self, message_id: int, messages: Records, rows: Whole, now_s: float) -> NDArray[np.bool_]:
+        """Encode and send."""
+        return self.send(self.encode(message_id, messages, rows), rows, now_s)

@@ -1,0 +1,272 @@
+"""UDP sockets for a whole fleet: datagrams come and go in batches, with the kernel's times of arrival.
+
+Where the platform has no calls for that (see `mmsg`), one datagram at a time; the same from outside.
+"""
+
+import logging
+import selectors
+import socket
+import sys
+from collections.abc import Callable
+from struct import Struct
+from time import time as wall_time_s
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.errors import LinkError
+from gcs.links.direct import mmsg
+from gcs.links.direct.kernels import Bytes, Whole
+from gcs.links.endpoints import Listen
+from gcs.state import Array
+
+log = logging.getLogger(__name__)
+
+_ROOM: Final = 512
+"""Datagrams that are taken in before they are looked at."""
+
+_LONGEST: Final = 2048
+"""Bytes of a datagram that are read; an Ethernet carries 1500."""
+
+_BATCH: Final = 64
+_ROUNDS: Final = 64
+"""Batches a socket may fill in one go, so that it cannot keep us busy for ever."""
+
+_ERRORS: Final = 16
+"""Of earlier sends that a socket may report before it is left alone until the next time."""
+
+_BUFFER_BYTES: Final = 4 << 20
+_TIMESPEC: Final = Struct("@ll")
+_SO_RCVBUFFORCE: Final = 33  # Linux; beyond the system's limit, where we may
+
+
+class Datagrams(NamedTuple):
+    """What arrived, in order of its arrival at each socket. Valid until more is taken in."""
+
+    data: Bytes  # flat
+    start: Whole  # (m,) of each in `data`
+    length: Whole  # (m,)
+    source: Whole  # (m,) whence, see `source_of`
+    time_s: Array  # (m,) of arrival, on our clock
+
+
+def source_of(host: int, port: int, socket_index: int) -> int:
+    """An address, and the socket of ours that it speaks to, as one number."""
+    return socket_index << 48 | host << 16 | port
+
+
+def host_of(source: int) -> str:
+    """The IPv4 address in a source."""
+    return socket.inet_ntoa((source >> 16 & 0xFFFFFFFF).to_bytes(4, "big"))
+
+
+def port_of(source: int) -> int:
+    """The port in a source."""
+    return source & 0xFFFF
+
+
+def socket_of(source: int) -> int:
+    """The index of our socket in a source."""
+    return source >> 48
+
+
+class Packets:
+    """Sockets on consecutive ports, for datagrams in batches.
+
+    Attributes:
+        send_errors: datagrams that could not leave.
+    """
+
+    def __init__(
+        self, name: str, listen: Listen, clock: Callable[[], float], *, batched: bool = mmsg.available()
+    ) -> None:
+        """Nothing is opened yet. `batched` False: as on a platform without batches."""
+        self.send_errors = 0
+        self._name = name
+        self._listen = listen
+        self._clock = clock
+        self._batched = batched
+        self._sockets: tuple[socket.socket, ...] = ()
+        self._selector: selectors.BaseSelector | None = None
+        self._drained_s = np.zeros(0)
+        self._room = mmsg.Batch(_ROOM, _LONGEST)
+        self._start = np.arange(_ROOM, dtype=np.int64) * _LONGEST
+        self._index = np.zeros(_ROOM, np.int64)
+        self._outbox = mmsg.Batch(1, 1)
+        self._send_failed = False
+
+    def open(self) -> None:
+        """Bind every port. Raises: LinkError naming the port."""
+        opened: list[socket.socket] = []
+        for port in range(self._listen.first_port, self._listen.first_port + self._listen.port_count):
+            try:
+                opened.append(_bound(self._listen.host, port))
+            except (OSError, OverflowError) as error:
+                for other in opened:
+                    other.close()
+                raise LinkError(f"{self._name}: UDP port {port} on {self._listen.host}: {error}") from error
+        self._sockets = tuple(opened)
+        self._drained_s = np.full(len(opened), self._clock())
+        self._selector = selectors.DefaultSelector()
+        for index, opened_socket in enumerate(opened):
+            self._selector.register(opened_socket, selectors.EVENT_READ, index)
+
+    def close(self) -> None:
+        """Release the ports; what is sent afterwards goes nowhere."""
+        sockets, self._sockets = self._sockets, ()
+        if self._selector is not None:
+            self._selector.close()
+            self._selector = None
+        for open_socket in sockets:
+            open_socket.close()
+
+    def receive(self, take: Callable[[Datagrams], None]) -> None:
+        """Give everything that has arrived to `take`, in batches. Never blocks."""
+        if self._selector is None:
+            return
+        filled = 0
+        now_s, wall_s = self._clock(), wall_time_s()
+        empty = np.ones(len(self._sockets), np.bool_)
+        for key, _ in self._selector.select(0):
+            index: int = key.data
+            empty[index] = False
+            for _ in range(_ROUNDS):
+                if _ROOM - filled < _BATCH:
+                    take(self._datagrams(filled, now_s, wall_s))
+                    filled = 0
+                count = self._read(index, filled, _BATCH)
+                self._index[filled : filled + count] = index
+                filled += count
+                if count < _BATCH:
+                    empty[index] = True
+                    break
+        if filled:
+            take(self._datagrams(filled, now_s, wall_s))
+        self._drained_s[empty] = now_s
+
+    def send(self, data: Bytes, length: Whole, destination: Whole) -> NDArray[np.bool_]:
+        """Send n datagrams. Never blocks, never raises.
+
+        Args:
+            data: (n, longest).
+            length: (n,) bytes of each.
+            destination: (n,) sources as they were heard; one below 0 is nowhere.
+
+        Returns: (n,) whether each left.
+        """
+        left = np.zeros(len(destination), np.bool_)
+        if not self._sockets or not len(destination):
+            return left
+        outbox = self._filled(data, length, destination)
+        index = np.where(destination < 0, -1, destination >> 48)
+        changes = np.flatnonzero(np.diff(index)) + 1
+        for first, end in zip([0, *changes.tolist()], [*changes.tolist(), len(index)], strict=True):
+            if 0 <= index[first] < len(self._sockets):
+                self._send_all(outbox, self._sockets[int(index[first])], first, end, left)
+        return left
+
+    def _filled(self, data: Bytes, length: Whole, destination: Whole) -> mmsg.Batch:
+        """The outbox with these datagrams in it, made larger where they do not fit."""
+        n, longest = data.shape
+        if self._outbox.data.shape[0] < n or self._outbox.data.shape[1] < longest:
+            rows, columns = self._outbox.data.shape
+            self._outbox = mmsg.Batch(max(n, rows), max(longest, columns))
+        outbox = self._outbox
+        outbox.data[:n, :longest] = data
+        outbox.length[:n] = length
+        outbox.host[:n] = destination >> 16 & 0xFFFFFFFF
+        outbox.port[:n] = destination & 0xFFFF
+        return outbox
+
+    def _send_all(
+        self, outbox: mmsg.Batch, through: socket.socket, first: int, end: int, left: NDArray[np.bool_]
+    ) -> None:
+        while first < end:
+            try:
+                count = (
+                    outbox.send(through.fileno(), first, end)
+                    if self._batched
+                    else _send_one(through, outbox, first)
+                )
+            except OSError as error:  # a full buffer, no route: it may come back
+                self.send_errors += 1
+                if not self._send_failed:
+                    self._send_failed = True
+                    log.warning("send_failed", extra={"link": self._name, "cause": str(error)})
+                first += 1
+                continue
+            left[first : first + count] = True
+            first += count
+
+    def _read(self, index: int, first: int, most: int) -> int:
+        """Take in what a socket has, `most` at most; how many."""
+        source = self._sockets[index]
+        for _ in range(_ERRORS):
+            try:
+                if self._batched:
+                    return self._room.receive(source.fileno(), first, most)
+                return _receive_some(source, self._room, first, most)
+            except BlockingIOError:
+                return 0
+            except OSError:  # an error of an earlier send, reported here; the socket is still good
+                continue
+        return 0
+
+    def _datagrams(self, count: int, now_s: float, wall_s: float) -> Datagrams:
+        """Rows up to `count`, with times on our clock.
+
+        The kernel stamps with the wall clock, which may be set meanwhile; but nothing read now can have
+        arrived before the socket was last empty, which bounds the error.
+        """
+        room, index = self._room, self._index[:count]
+        source = index << 48 | room.host[:count].astype(np.int64) << 16 | room.port[:count]
+        stamped_s = now_s - (wall_s - room.time_s[:count])
+        bounded_s = np.minimum(np.maximum(stamped_s, self._drained_s[index]), now_s)
+        time_s = np.where(np.isnan(stamped_s), now_s, bounded_s)
+        length = np.minimum(room.length[:count], _LONGEST)
+        return Datagrams(room.data.reshape(-1), self._start[:count], length, source, time_s)
+
+
+def _receive_some(source: socket.socket, room: mmsg.Batch, first: int, most: int) -> int:
+    """One by one, as long as there are any."""
+    for row in range(first, first + most):
+        try:
+            count, ancillary, _, sender = source.recvmsg_into([room.data[row]], 64)
+        except BlockingIOError:
+            return row - first
+        room.length[row] = count
+        room.host[row] = int.from_bytes(socket.inet_aton(sender[0]), "big")
+        room.port[row] = sender[1]
+        room.time_s[row] = np.nan
+        for level, kind, value in ancillary:
+            if (level, kind) == (socket.SOL_SOCKET, mmsg.SO_TIMESTAMPNS) and len(value) == _TIMESPEC.size:
+                seconds, nanoseconds = _TIMESPEC.unpack(value)
+                room.time_s[row] = seconds + nanoseconds * 1e-9
+    return most
+
+
+def _send_one(through: socket.socket, outbox: mmsg.Batch, row: int) -> int:
+    host = socket.inet_ntoa(int(outbox.host[row]).to_bytes(4, "big"))
+    through.sendto(outbox.data[row, : outbox.length[row]].tobytes(), (host, int(outbox.port[row])))
+    return 1
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    """A UDP socket that never blocks and, on Linux, says when the kernel received each datagram."""
+    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        bound.setblocking(False)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
+        if sys.platform == "linux":
+            bound.setsockopt(socket.SOL_SOCKET, mmsg.SO_TIMESTAMPNS, 1)
+            try:
+                bound.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER_BYTES)
+            except PermissionError:
+                log.debug("receive_buffer_limited", extra={"port": port})
+        bound.bind((host, port))
+    except (OSError, OverflowError):
+        bound.close()
+        raise
+    return bound

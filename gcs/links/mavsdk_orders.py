@@ -1,0 +1,96 @@
+"""MAVSDK's blocking calls, off the loop: one worker per vehicle."""
+
+import asyncio
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Final, TypeVar
+
+from gcs.errors import OrderError
+from gcs.links.link import Order, ParameterValue, Verb
+from gcs.links.mavsdk_fleet import MavsdkVehicle
+from gcs.links.orders import CLOSED
+from gcs.state import Landed, VehicleId
+
+T = TypeVar("T")
+
+_OFFBOARD_TRIES: Final = 3
+_OFFBOARD_RETRY_S: Final = 0.1
+
+
+class Workers:
+    """A thread for each vehicle that is ordered something, so that silent ones keep nobody waiting."""
+
+    def __init__(self, vehicle_ids: Iterable[VehicleId]) -> None:
+        self._closed = False
+        self._workers = {
+            vehicle_id: ThreadPoolExecutor(1, thread_name_prefix=f"order/{vehicle_id}")
+            for vehicle_id in vehicle_ids
+        }
+
+    def hand(self, vehicle_id: VehicleId, vehicle: MavsdkVehicle) -> "MavsdkHand":
+        """What moves this vehicle."""
+        return MavsdkHand(vehicle, self._workers[vehicle_id], lambda: self._closed)
+
+    def close(self) -> None:
+        """Start no further call. On the loop's thread, before `join`."""
+        self._closed = True
+
+    def join(self) -> None:
+        """Wait for the calls under way, 5 s at most. Blocks."""
+        for worker in self._workers.values():
+            worker.shutdown(wait=True)
+
+
+class MavsdkHand:
+    """One vehicle through MAVSDK. A `gcs.links.orders.Hand`."""
+
+    def __init__(
+        self, vehicle: MavsdkVehicle, worker: ThreadPoolExecutor, closed: Callable[[], bool]
+    ) -> None:
+        self._vehicle = vehicle
+        self._worker = worker
+        self._closed = closed
+
+    def landed(self) -> Landed:
+        """As it said last."""
+        return self._vehicle.landed()
+
+    async def command(self, order: Order, may_leave: Callable[[], None]) -> None:
+        """Run MAVSDK's call on the vehicle's worker. Raises: OrderError."""
+        tries = _OFFBOARD_TRIES if order.verb is Verb.OFFBOARD else 1
+        for left in reversed(range(tries)):
+            try:
+                await self._run(partial(self._call, order, may_leave))
+            except OrderError as error:
+                # Outside OFFBOARD, MAVSDK forgets a setpoint after 3 s, until the next tick sets it again.
+                if not left or str(error) != "NO_SETPOINT_SET":
+                    raise
+                await asyncio.sleep(_OFFBOARD_RETRY_S)
+            else:
+                return
+
+    async def parameter(self, name: str) -> ParameterValue:
+        """What the autopilot holds; up to 3 s when it does not answer. Raises: OrderError."""
+        return await self._run(partial(self._vehicle.parameter, name))
+
+    async def set_parameter(self, name: str, value: ParameterValue) -> None:
+        """Change it and wait for the answer, up to 3 s. Raises: OrderError."""
+        await self._run(partial(self._vehicle.set_parameter, name, value))
+
+    async def _run(self, blocking: Callable[[], T]) -> T:
+        """The result of a call on the vehicle's worker, behind earlier ones. Raises: OrderError."""
+
+        def unless_closed() -> T:
+            if self._closed():
+                raise OrderError(CLOSED)
+            return blocking()
+
+        if self._closed():  # then the workers take no more calls
+            raise OrderError(CLOSED)
+        return await asyncio.get_running_loop().run_in_executor(self._worker, unless_closed)
+
+    def _call(self, order: Order, may_leave: Callable[[], None]) -> None:
+        """On the worker: any earlier call has ended here, even one whose order was cancelled."""
+        may_leave()
+        self._vehicle.command(order.verb, order.height_m)

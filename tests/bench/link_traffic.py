@@ -1,0 +1,143 @@
+"""Light vehicles for measuring: a whole fleet's telemetry, made in batches, in a process of its own.
+
+They are in OFFBOARD from the beginning, do what setpoints say with a little lag, and answer commands with
+"accepted". `python -m sim` is the fake fleet that behaves like PX4; this one only costs little.
+"""
+
+import argparse
+import time
+
+import numpy as np
+from pymavlink.dialects.v20 import development as dialect
+
+from gcs.frames import ShowFrame
+from gcs.links.direct import codec
+from gcs.links.direct.commands import COMMAND_ACK
+from gcs.links.direct.kernels import MESSAGE, Bytes, Whole
+from gcs.links.direct.messages import SETPOINT
+from gcs.links.direct.packets import Datagrams, Packets, source_of
+from gcs.links.mavlink_frames import COMMAND_LONG, GLOBAL_POSITION_INT, HEARTBEAT, PREARM_CHECK, SYS_STATUS
+from gcs.links.rates import BATTERY_STATUS, EXTENDED_SYS_STATE
+from gcs.links.wire import Listen
+from gcs.state import Array
+
+STEP_S = 0.01
+LAG_S = 0.3
+OFFBOARD = 6 << 16
+HOST = "127.0.0.1"
+FRAME = ShowFrame(47.397742, 8.545594, 488.0)
+
+STREAMS_HZ = {
+    GLOBAL_POSITION_INT: 10.0,
+    HEARTBEAT: 1.0,
+    SYS_STATUS: 1.0,
+    EXTENDED_SYS_STATE: 2.0,
+    BATTERY_STATUS: 0.5,
+}
+
+
+def sphere_m(count: int, radius_m: float, height_m: float) -> Array:
+    """(n, 3) places spread over a sphere, show frame."""
+    index = np.arange(count) + 0.5
+    z, angle = 1.0 - 2.0 * index / count, np.pi * (3.0 - 5.0**0.5) * index
+    ring = np.sqrt(1.0 - z * z)
+    place_m: Array = radius_m * np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
+    return place_m - (0.0, 0.0, height_m)
+
+
+class Namespace:
+    """Vehicles 1 to n behind one address, talking to one port."""
+
+    def __init__(self, port: int, position_m: Array) -> None:
+        n = len(position_m)
+        self.setpoints = 0
+        self._system_ids = np.arange(1, n + 1)
+        self._position_m = position_m
+        self._velocity_m_s, self._wanted_m_s = np.zeros((n, 3)), np.zeros((n, 3))
+        self._sequence: Bytes = np.zeros(n, np.uint8)
+        self._packets = Packets("traffic", Listen(HOST, 0), time.monotonic)
+        self._packets.open()
+        self._ground = source_of(int.from_bytes(b"\x7f\0\0\1", "big"), port, 0)
+        phase = np.random.default_rng(port).random(n)
+        self._due_s = {message_id: phase / rate_hz for message_id, rate_hz in STREAMS_HZ.items()}
+
+    def step(self, time_s: float) -> None:
+        """Read what came, move, send what is due."""
+        self._packets.receive(self._take)
+        self._velocity_m_s += (self._wanted_m_s - self._velocity_m_s) * STEP_S / LAG_S
+        self._position_m = self._position_m + self._velocity_m_s * STEP_S
+        for message_id, due_s in self._due_s.items():
+            rows = np.flatnonzero(due_s <= time_s)
+            if len(rows):
+                due_s[rows] += 1.0 / STREAMS_HZ[message_id]
+                self._send(message_id, self._messages(message_id, rows, time_s), rows)
+
+    def _take(self, arrived: Datagrams) -> None:
+        frames = codec.find(arrived.data, arrived.start, arrived.length).frames
+        setpoints = codec.decode(SETPOINT, arrived.data, frames[frames[:, MESSAGE] == SETPOINT])
+        rows = setpoints["target_system"].astype(int) - 1
+        self._wanted_m_s[rows] = np.stack([setpoints[axis] for axis in ("vx", "vy", "vz")], axis=1)
+        self.setpoints += len(setpoints)
+        commands = codec.decode(COMMAND_LONG, arrived.data, frames[frames[:, MESSAGE] == COMMAND_LONG])
+        for command in commands:
+            rows = np.array([int(command["target_system"]) - 1])
+            answer = codec.records(COMMAND_ACK, 1)
+            answer["command"] = command["command"]
+            self._send(COMMAND_ACK, answer, rows)
+
+    def _messages(self, message_id: int, rows: Whole, time_s: float) -> codec.Records:
+        said = codec.records(message_id, len(rows))
+        if message_id == GLOBAL_POSITION_INT:
+            latitude_deg, longitude_deg, altitude_m = FRAME.geodetic(self._position_m[rows])
+            said["time_boot_ms"] = int(time_s * 1e3)
+            said["lat"], said["lon"] = np.round(latitude_deg * 1e7), np.round(longitude_deg * 1e7)
+            said["alt"] = np.round(altitude_m * 1e3)
+            for axis, name in enumerate(("vx", "vy", "vz")):
+                said[name] = np.round(self._velocity_m_s[rows, axis] * 100)
+        elif message_id == HEARTBEAT:
+            said["type"], said["autopilot"] = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_PX4
+            said["base_mode"], said["custom_mode"] = 0x81, OFFBOARD
+        elif message_id == SYS_STATUS:
+            said["onboard_control_sensors_health"], said["battery_remaining"] = PREARM_CHECK, 80
+        elif message_id == EXTENDED_SYS_STATE:
+            said["landed_state"] = dialect.MAV_LANDED_STATE_IN_AIR
+        else:
+            said["battery_remaining"] = 80
+        return said
+
+    def _send(self, message_id: int, messages: codec.Records, rows: Whole) -> None:
+        frames = codec.encode(
+            message_id,
+            messages,
+            self._sequence[rows],
+            system_id=self._system_ids[rows].astype(np.uint8),
+            component_id=1,
+        )
+        self._sequence[rows] += np.uint8(1)
+        self._packets.send(frames.data, frames.length, np.full(len(rows), self._ground))
+
+
+def main() -> None:
+    """Fly until ended, telemetry and all."""
+    parser = argparse.ArgumentParser()
+    for name in ("port", "namespaces", "each"):
+        parser.add_argument(name, type=int)
+    for name in ("radius", "height"):
+        parser.add_argument(name, type=float)
+    given = parser.parse_args()
+    place_m = sphere_m(given.namespaces * given.each, given.radius, given.height)
+    fleets = [
+        Namespace(given.port + index, place_m[index * given.each : (index + 1) * given.each])
+        for index in range(given.namespaces)
+    ]
+    start_s = time.monotonic()
+    step = 0
+    while True:
+        for fleet in fleets:
+            fleet.step(step * STEP_S)
+        step += 1
+        time.sleep(max(0.0, start_s + step * STEP_S - time.monotonic()))
+
+
+if __name__ == "__main__":
+    main()

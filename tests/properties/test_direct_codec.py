@@ -1,0 +1,152 @@
+"""Our frames are pymavlink's, byte for byte, and what pymavlink reads out of one, we read too."""
+
+from typing import Any
+
+import numpy as np
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import development as dialect
+
+from gcs.frames import ShowFrame
+from gcs.links.direct import codec
+from gcs.links.direct.kernels import BEGIN, COMPONENT, END, MESSAGE, SYSTEM
+from gcs.links.direct.link import DirectLink
+from gcs.links.direct.packets import Datagrams, source_of
+from gcs.links.mavlink_frames import split
+from gcs.links.wire import Listen
+
+SENT = (
+    0,
+    20,
+    21,
+    23,
+    76,
+    84,
+)  # HEARTBEAT, PARAM_REQUEST_READ and _LIST, PARAM_SET, COMMAND_LONG, the setpoint
+READ = (0, 1, 22, 24, 33, 77, 147, 230, 245, 253)  # ESTIMATOR_STATUS is 230; the others are in `heard`
+
+FRAMES = st.sampled_from([*SENT, *READ])
+
+
+def values(code: str, length: int) -> st.SearchStrategy[Any]:
+    """Of one field; zeros often, since MAVLink 2 cuts them off at the end."""
+    if code == "c":
+        return st.one_of(st.just(b""), st.binary(max_size=length))
+    one: st.SearchStrategy[Any]
+    if code in "fd":
+        one = st.floats(width=32, allow_nan=False)
+    else:
+        bits = {"b": 8, "h": 16, "i": 32, "q": 64}[code.lower()]
+        low, high = (0, 2**bits - 1) if code.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+        one = st.integers(low, high)
+    one = st.one_of(st.just(0), one)
+    return st.lists(one, min_size=length, max_size=length) if length else one
+
+
+@st.composite
+def messages(draw: st.DrawFn, message_ids: st.SearchStrategy[int]) -> Any:
+    """A pymavlink message with anything in it."""
+    kind: Any = dialect.mavlink_map[draw(message_ids)]
+    codes = bytes(kind.native_format).decode().lstrip("<")
+    fields = {
+        name: draw(values(code, length))
+        for name, code, length in zip(kind.ordered_fieldnames, codes, kind.array_lengths, strict=True)
+    }
+    return kind(**fields)
+
+
+def packed(
+    message: Any, *, sequence: int, system_id: int, component_id: int, version_1: bool = False
+) -> bytes:
+    packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+    packer.seq = sequence
+    return bytes(message.pack(packer, force_mavlink1=version_1))
+
+
+def record(message: Any) -> codec.Records:
+    """The same message as ours."""
+    ours = codec.records(type(message).id, 1)  # STATUSTEXT has a field of that name
+    for name in message.ordered_fieldnames:
+        value = getattr(message, f"_{name}_raw", None) or getattr(message, name)
+        field = ours.dtype[name]
+        ours[name] = codec_text(value, field) if isinstance(value, bytes | str) else value
+    return ours
+
+
+def codec_text(value: bytes | str, field: "np.dtype[Any]") -> Any:
+    data = value.encode() if isinstance(value, str) else value
+    return np.frombuffer(data.ljust(field.shape[0], b"\0"), np.uint8)
+
+
+def arrived(data: bytes) -> Datagrams:
+    """One datagram."""
+    n = np.zeros(1, np.int64)
+    source = n + source_of(0x7F000001, 5000, 0)
+    return Datagrams(np.frombuffer(data, np.uint8).copy(), n, n + len(data), source, np.ones(1))
+
+
+@given(messages(st.sampled_from(SENT)), st.integers(0, 255), st.integers(1, 255), st.integers(0, 255))
+@settings(max_examples=300, deadline=None)
+def test_every_frame_is_byte_for_byte_pymavlinks(
+    message: Any, sequence: int, system_id: int, component_id: int
+) -> None:
+    theirs = packed(message, sequence=sequence, system_id=system_id, component_id=component_id)
+    number = np.array([sequence], np.uint8)
+    ours = codec.encode(
+        type(message).id, record(message), number, system_id=system_id, component_id=component_id
+    )
+    assert ours.data[0, : ours.length[0]].tobytes() == theirs
+
+
+@given(messages(st.sampled_from(READ)), st.booleans())
+@settings(max_examples=300, deadline=None)
+def test_what_pymavlink_reads_out_of_a_frame_we_read_too(message: Any, version_1: bool) -> None:
+    message_id: int = type(message).id  # STATUSTEXT has a field of that name
+    data = packed(message, sequence=3, system_id=7, component_id=1, version_1=version_1)
+    theirs: Any = dialect.MAVLink(None).decode(bytearray(data))
+    datagram = arrived(data)
+    frames, *wasted = codec.find(datagram.data, datagram.start, datagram.length)
+    assert wasted == [0, 0]
+    assert frames[0, [MESSAGE, SYSTEM, COMPONENT]].tolist() == [message_id, 7, 1]
+    (ours,) = codec.decode(message_id, datagram.data, frames)
+    for name in theirs.ordered_fieldnames:
+        value = getattr(theirs, name)
+        if isinstance(value, str):
+            assert codec.text(ours[name]).encode() == value.encode(errors="surrogateescape").split(b"\0")[
+                0
+            ] or ("\ufffd" in codec.text(ours[name]))
+        else:
+            assert np.array_equal(ours[name], np.array(value, ours[name].dtype), equal_nan=True), name
+
+
+@st.composite
+def mutated(draw: st.DrawFn) -> bytes:
+    """Frames end to end, then bytes changed, cut out and put in."""
+    parts = draw(st.lists(messages(FRAMES), max_size=4))
+    data = bytearray(b"".join(packed(part, sequence=1, system_id=2, component_id=1) for part in parts))
+    for _ in range(draw(st.integers(0, 4))):
+        place = draw(st.integers(0, len(data)))
+        data[place : place + draw(st.integers(0, 3))] = draw(st.binary(max_size=3))
+    return bytes(data)
+
+
+@given(st.one_of(mutated(), st.binary(max_size=600)))
+@settings(max_examples=300, deadline=None)
+def test_bytes_are_taken_apart_as_the_wire_takes_them_apart(data: bytes) -> None:
+    known = split(data)
+    assume(not any(frame.raw[0] == 0xFD and frame.raw[2] & ~1 for frame in known.frames))
+    datagram = arrived(data)
+    frames, garbage_bytes, unknown_bytes = codec.find(datagram.data, datagram.start, datagram.length)
+    assert [data[frame[BEGIN] : frame[END]] for frame in frames.tolist()] == [f.raw for f in known.frames]
+    assert garbage_bytes + unknown_bytes == known.garbage_bytes + known.unknown_bytes
+
+
+LINK = DirectLink("fuzz", {"a": 2, "b": 3}, Listen("127.0.0.1", 1), ShowFrame(47.4, 8.5, 500.0))
+
+
+@given(st.lists(st.one_of(mutated(), st.binary(max_size=300)), min_size=1, max_size=4))
+@settings(max_examples=300, deadline=None)
+def test_nothing_that_arrives_makes_the_link_fail(parts: list[bytes]) -> None:
+    for part in parts:
+        LINK._inbox.take(arrived(part))
+    assert LINK.snapshot().ids == ("a", "b")

@@ -1,0 +1,90 @@
+"""What is left out for a thousand vehicles a tick changes nothing that anybody sees."""
+
+import asyncio
+from copy import deepcopy
+from itertools import product
+
+import numpy as np
+import pytest
+from core_silent_link import SilentLink
+
+from gcs.config import find, load, parse
+from gcs.errors import ConfigError
+from gcs.lifecycle import Phase
+from gcs.orchestrator import Shares
+from gcs.service import Latest
+from gcs.state import Landed, Mode, Setpoints
+from gcs.vehicle import Heard, Vehicle
+
+OURS = (frozenset[Mode](), frozenset({Mode.OFFBOARD}), frozenset({Mode.TAKEOFF, Mode.HOLD}))
+
+
+@pytest.mark.parametrize("modes", OURS)
+def test_a_calm_vehicle_is_one_whose_telemetry_changes_nothing(modes: frozenset[Mode]) -> None:
+    for phase, mode, armed, landed in product(Phase, Mode, (True, False), Landed):
+        vehicle = Vehicle("a", 0, 1, "one", phase=phase, modes=modes)
+        if vehicle.is_calm(mode, armed=armed) and not (phase is Phase.STANDBY and armed):
+            before = deepcopy(vehicle.phase)
+            assert not vehicle.observe(Heard(0.1, mode, armed, landed), 2.0)
+            assert vehicle.phase is before
+
+
+def test_a_batch_is_shared_out_among_the_links_and_nobody_gets_anothers() -> None:
+    shares = Shares([SilentLink(("a", "c")), SilentLink(("b",)), SilentLink(("d",))])
+    for ids in (("a", "b", "c"), ("b", "c"), ("b", "c"), ()):
+        batch = Setpoints(1.0, ids, np.arange(3.0 * len(ids)).reshape(-1, 3), np.arange(float(len(ids))))
+        parts = shares.of(batch)
+        assert [part.ids for part in parts] == [
+            tuple(name for name in ids if name in of) for of in ("ac", "b", "d")
+        ]
+        for part in parts:
+            rows = [ids.index(name) for name in part.ids]
+            assert part.yaw_rad.tolist() == rows
+            assert part.velocity_m_s.tolist() == batch.velocity_m_s[rows].tolist()
+
+
+def test_a_promised_value_is_made_once_and_only_when_somebody_looks() -> None:
+    made: list[int] = []
+
+    def make() -> int:
+        made.append(1)
+        return 7
+
+    async def main() -> None:
+        latest = Latest(0)
+        values = latest.values()
+        assert await anext(values) == 0
+        latest.promise(make)
+        assert made == []
+        assert [await anext(values), latest.value, latest.value] == [7, 7, 7]
+        assert made == [1]
+        latest.promise(make)
+        latest.set(3)
+        assert (latest.value, made) == (3, [1])
+
+    asyncio.run(main())
+
+
+def test_a_thousand_vehicles_in_four_namespaces_have_names_of_their_own() -> None:
+    config = load(find("large"))
+    assert len(config.ids) == 1000
+    assert config.ids[:2] == ("a1", "a2")
+    assert config.ids[-1] == "d250"
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("signing: {key_file: a.key}", "signing: transport direct has none"),
+        ("forward: udp://127.0.0.1:14550", "forward: transport direct has none"),
+        ("listen: tcpin://127.0.0.1:15000", "transport direct needs one udpin"),
+    ],
+)
+def test_what_the_direct_transport_does_not_do_is_refused(line: str, why: str) -> None:
+    text = find("large").read_text(encoding="utf-8")
+    if line.startswith("listen"):
+        text = text.replace("listen: udpin://127.0.0.1:15000", line)
+    else:
+        text = text.replace("    vehicles: &all", f"    {line}\n    vehicles: &all")
+    with pytest.raises(ConfigError, match=why):
+        parse(text, "my.yaml")

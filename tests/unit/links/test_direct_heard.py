@@ -1,0 +1,73 @@
+"""What the direct transport reads of many vehicles at once is what the wire reads of each."""
+
+from math import nan
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import development as dialect
+
+from gcs.links.direct import codec
+from gcs.links.direct.heard import FleetHeard
+from gcs.links.direct.kernels import SYSTEM
+from gcs.links.heard import Heard
+from gcs.links.mavlink_frames import split
+
+IDS = ("a", "b")
+
+
+def gps(h_acc_mm: int, v_acc_mm: int, *, eph: int = 70, epv: int = 110, fix: int = 3) -> Any:
+    return dialect.MAVLink_gps_raw_int_message(0, fix, 1, 2, 3, eph, epv, 0, 0, 9, 0, h_acc_mm, v_acc_mm)
+
+
+def odometry(counter: int) -> Any:
+    nothing, covariance = (0.0, 0.0, 0.0), [nan] * 21
+    q = (1.0, 0.0, 0.0, 0.0)
+    return dialect.MAVLink_odometry_message(
+        0, 1, 1, *nothing, q, *nothing, *nothing, covariance, covariance, counter, 8, 0
+    )
+
+
+def position(clock_ms: int) -> Any:
+    return dialect.MAVLink_global_position_int_message(clock_ms, 1, 2, 3, 4, 5, 6, 7, 8)
+
+
+BEAT = dialect.MAVLink_heartbeat_message(2, 12, 1, 0, 4, 3)
+
+STORY = (
+    (position(5000), odometry(3), gps(900, 1780)),
+    (position(6000), position(5500), odometry(3), gps(0, 0, eph=100, epv=200)),  # one came late
+    (BEAT, position(200), odometry(0), gps(0, 0, eph=65535, epv=65535)),  # it has restarted
+    (position(300), odometry(1), gps(900, 1780, fix=1)),
+    (position(900_000), odometry(1), odometry(2), gps(900, 0)),
+    (BEAT, position(0), position(10), odometry(7), odometry(8)),
+)
+
+
+def both(each: Heard, fleet: FleetHeard, messages: tuple[Any, ...], time_s: float) -> None:
+    sender = dialect.MAVLink(None, srcSystem=2, srcComponent=1)
+    data = b"".join(bytes(message.pack(sender)) for message in messages)
+    for frame in split(data).frames:
+        each.take(frame, time_s)
+    flat = np.frombuffer(data, np.uint8).copy()
+    frames = codec.find(flat, np.array([0]), np.array([len(data)])).frames
+    fleet.take(flat, frames, frames[:, SYSTEM] - 1, np.full(len(frames), time_s))
+
+
+def test_accuracies_restarts_and_resets_are_read_as_the_wire_reads_them() -> None:
+    fleet, each = FleetHeard(IDS), Heard()
+    for time_s, messages in enumerate(STORY):
+        both(each, fleet, messages, float(time_s))
+        said = fleet.telemetry()
+        assert (said.boots, said.position_resets) == ((0, each.boots), (0, each.position_resets))
+        assert fleet.lives.tolist() == [0, each.lives]
+        accuracy_m = said.horizontal_accuracy_m[1], said.vertical_accuracy_m[1]
+        assert accuracy_m == pytest.approx(tuple(each.accuracy), nan_ok=True)
+    assert (each.boots, each.position_resets, each.lives) == (2, 3, 3)
+
+
+def test_who_is_silent_and_speaks_again_is_met_again() -> None:
+    fleet, each = FleetHeard(IDS), Heard()
+    for time_s, lives in ((1.0, 1), (3.9, 1), (7.0, 2), (8.0, 2), (20.0, 3)):
+        both(each, fleet, (BEAT, BEAT), time_s)
+        assert (fleet.lives[1], each.lives) == (lives, lives)

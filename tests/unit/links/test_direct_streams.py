@@ -1,0 +1,84 @@
+"""Intervals are asked for one after the other, of everybody at once, and again when a vehicle forgot."""
+
+import numpy as np
+
+from gcs.links.direct.codec import Records, records
+from gcs.links.direct.kernels import Whole
+from gcs.links.direct.streams import Streams
+from gcs.links.mavlink_frames import SET_MESSAGE_INTERVAL
+
+RATES_HZ = {33: 10.0, 30: 0.0}
+BOTH = np.ones(2, np.bool_)
+
+
+class Bench:
+    """Two vehicles and what they were asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[int, int, float]] = []  # system, message, interval
+        self.lives = np.ones(2, np.int64)
+        self.streams = Streams(np.array([5, 6]), RATES_HZ, self.tell)
+
+    def tell(self, _message_id: int, messages: Records, _rows: Whole) -> None:
+        for message in messages:
+            asked = int(message["target_system"]), int(message["param1"]), float(message["param2"])
+            self.asked.append(asked)
+
+    def watch(self, now_s: float, connected: "np.ndarray[tuple[int], np.dtype[np.bool_]]" = BOTH) -> None:
+        self.streams.watch(connected, self.lives, np.full(2, round(now_s * 10)), now_s)
+
+    def answer(self, *rows: int) -> None:
+        said = records(77, len(rows))
+        said["command"] = SET_MESSAGE_INTERVAL
+        self.streams.take_acks(np.array(rows), said)
+
+
+def test_each_interval_is_asked_for_when_the_one_before_was_answered() -> None:
+    bench = Bench()
+    bench.watch(0.0)
+    assert bench.asked == [(5, 33, 100_000.0), (6, 33, 100_000.0)]
+    bench.answer(0)
+    bench.watch(0.1)
+    assert bench.asked[2:] == [(5, 30, -1.0)]
+    bench.answer(0)
+    assert bench.streams.settled.tolist() == [True, False]
+
+
+def test_who_does_not_answer_is_asked_again_and_given_up_in_the_end() -> None:
+    bench = Bench()
+    bench.lives[1] = 0  # never heard
+    for now_s in np.arange(0.0, 10.0, 0.1):
+        bench.watch(float(now_s), np.array([True, False]))
+    assert [asked[1] for asked in bench.asked] == [33] * 4 + [30] * 4
+    assert bench.streams.settled.tolist() == [True, True]
+
+
+def test_a_vehicle_is_asked_again_after_silence_and_after_a_reboot() -> None:
+    bench = Bench()
+
+    def settle(now_s: float) -> int:
+        for step in range(4):
+            bench.watch(now_s + 0.01 * step)
+            bench.answer(0, 1)
+        return len(bench.asked)
+
+    asked = settle(0.0)
+    assert asked == 4
+    bench.watch(1.0, np.array([False, True]))
+    bench.lives[0] += 1
+    assert settle(1.1) == asked + 2
+    bench.lives[1] += 1
+    bench.watch(2.0)
+    assert bench.asked[-1][:2] == (6, 33)
+
+
+def test_positions_at_a_wrong_rate_are_asked_for_again_but_not_for_ever() -> None:
+    bench = Bench()
+    for step in range(1000):
+        bench.streams.watch(
+            BOTH, bench.lives, np.array([5 * step, step]), 0.1 * step
+        )  # 50 Hz, and 10 Hz as asked
+        bench.answer(0, 1)
+    asked = [system_id for system_id, *_ in bench.asked]
+    assert asked.count(6) == len(RATES_HZ)
+    assert asked.count(5) == 6 * len(RATES_HZ)

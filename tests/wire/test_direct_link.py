@@ -1,0 +1,168 @@
+"""What only the direct transport does: batches, our own heartbeat, stream rates."""
+
+import asyncio
+import socket
+import time
+from contextlib import closing
+
+import numpy as np
+import pytest
+from link_bench import Ticks, do, ready, running, until
+from link_peer import Peer
+from machine import free_ports
+from pymavlink.dialects.v20 import common as dialect
+
+from gcs.errors import LinkError
+from gcs.frames import ShowFrame
+from gcs.links import Verb
+from gcs.links.direct import mmsg
+from gcs.links.direct.link import DirectLink
+from gcs.links.direct.packets import Datagrams, Packets, host_of, port_of, socket_of
+from gcs.links.endpoints import Listen
+from gcs.links.rates import wanted
+from gcs.links.settings import StreamSettings
+from gcs.links.traffic import Direction
+from gcs.state import Setpoints
+
+pytestmark = pytest.mark.xdist_group("wire")
+
+HOST = "127.0.0.1"
+
+
+def direct(port: int, *system_ids: int, heartbeat_hold_s: float = 3.0, name: str = "bench") -> DirectLink:
+    vehicles = {f"{name}{system_id}": system_id for system_id in system_ids}
+    frame = ShowFrame(47.4, 8.5, 500.0)
+    rates_hz = wanted(StreamSettings())
+    listen = Listen(HOST, port)
+    return DirectLink(name, vehicles, listen, frame, heartbeat_hold_s=heartbeat_hold_s, rates_hz=rates_hz)
+
+
+BATCHED = [pytest.param(True, marks=pytest.mark.skipif(not mmsg.available(), reason="no such calls")), False]
+
+
+@pytest.mark.parametrize("batched", BATCHED)
+def test_datagrams_come_and_go_in_batches_with_the_kernels_times(batched: bool) -> None:
+    port = free_ports(2)
+    packets = Packets("bench", Listen(HOST, port, 2), time.monotonic, batched=batched)
+    packets.open()
+    with closing(packets), closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as one:
+        one.bind((HOST, 0))
+        before_s = time.monotonic()
+        for number in range(1000):  # more than one batch, more than there is room for at once
+            one.sendto(bytes([number % 251]) * (1 + number % 7), (HOST, port + number % 2))
+        after_s = time.monotonic()
+        time.sleep(0.2)  # a stalled loop is the subject
+        came: list[Datagrams] = []
+
+        def take(arrived: Datagrams) -> None:
+            came.append(arrived._replace(data=arrived.data.copy()))
+
+        packets.receive(take)
+        assert sum(len(part.start) for part in came) == 1000
+        for part in came:
+            for start, length, source in zip(part.start, part.length, part.source.tolist(), strict=True):
+                data = part.data[start : start + length]
+                assert (data == data[0]).all()
+                assert (host_of(source), port_of(source)) == one.getsockname()
+                assert socket_of(source) in (0, 1)
+            assert (part.time_s > before_s - 0.05).all()
+            assert (part.time_s < after_s + 0.05).all()
+        destination = np.array([came[0].source[0], -1, came[0].source[0]])
+        data = np.arange(12, dtype=np.uint8).reshape(3, 4)
+        assert packets.send(data, np.array([1, 2, 4]), destination).tolist() == [True, False, True]
+        assert [one.recv(10), one.recv(10)] == [b"\0", b"\x08\x09\x0a\x0b"]
+    assert not packets.send(data, np.array([1, 2, 4]), destination).any()
+
+
+def test_a_port_in_use_is_named_and_no_other_stays_open() -> None:
+    port = free_ports(2)
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as taken:
+        taken.bind((HOST, port + 1))
+        with pytest.raises(LinkError, match=f"UDP port {port + 1} on {HOST}"):
+            Packets("bench", Listen(HOST, port, 2), time.monotonic).open()
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as free:
+        free.bind((HOST, port))
+
+
+def test_our_heartbeat_ends_when_control_is_dead_and_begins_again_with_it() -> None:
+    async def main(peer: Peer, link: DirectLink) -> None:
+        async with running(link):
+            await ready(link)
+            ticks = Ticks(link, "bench1")
+            async with ticks.running():
+                await until(lambda: len(peer.messages("HEARTBEAT")) >= 2)
+            dead_s = ticks.last_s
+            await asyncio.sleep(3.0)
+            (*_, (last_s, beat)) = peer.messages("HEARTBEAT")
+            assert last_s < dead_s + 1.2
+            assert (beat.get_srcSystem(), beat.type) == (254, dialect.MAV_TYPE_GCS)
+            async with ticks.running():
+                await until(lambda: peer.messages("HEARTBEAT")[-1][0] > dead_s + 2.0)
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, direct(port, 1, heartbeat_hold_s=1.0)))
+
+
+def intervals(peer: Peer) -> list[tuple[float, float]]:
+    return [(m.param1, m.param2) for _, m in peer.messages("COMMAND_LONG") if m.command == 511]
+
+
+def test_stream_rates_are_asked_for_and_again_after_a_reboot() -> None:
+    async def main(peer: Peer, link: DirectLink) -> None:
+        async with running(link):
+            await until(lambda: link._streams.settled.all() and intervals(peer))
+            assert (33.0, 100_000.0) in intervals(peer)
+            assert (30.0, -1.0) in intervals(peer)
+            before = intervals(peer).count((33.0, 100_000.0))
+            late = dialect.MAVLink_global_position_int_message(60_000, 1, 1, 0, 0, 0, 0, 0, 0)
+            peer.send(late)  # its other ones say 0: it has just begun anew
+            await until(lambda: intervals(peer).count((33.0, 100_000.0)) > before)
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, direct(port, 1)))
+
+
+def test_several_links_carry_the_same_system_ids() -> None:
+    async def main(one: DirectLink, other: DirectLink, first: Peer, second: Peer) -> None:
+        async with running(one), running(other):
+            await asyncio.gather(ready(one), ready(other))
+            await do(other, Verb.ARM, "b1")
+            assert (first.armed, second.armed) == (False, True)
+            assert (one.snapshot().armed, other.snapshot().armed) == ((False,), (True,))
+
+    port = free_ports(2)
+    with Peer(port, 1) as first, Peer(port + 1, 1) as second:
+        asyncio.run(main(direct(port, 1, name="a"), direct(port + 1, 1, name="b"), first, second))
+
+
+def test_a_batch_from_a_tick_long_ago_is_refused_whole() -> None:
+    async def main(peer: Peer, link: DirectLink) -> None:
+        async with running(link):
+            await ready(link)
+            link.send(Setpoints(time.monotonic() - 0.19, link.ids, np.zeros((1, 3)), np.zeros(1)))
+            await asyncio.sleep(0.3)
+            assert peer.messages("SET_POSITION_TARGET_LOCAL_NED") == []
+            assert (link.setpoints_sent, link.counters.setpoints_dropped) == (0, 1)
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, direct(port, 1)))
+
+
+def test_observers_see_every_frame_that_passed() -> None:
+    async def main(peer: Peer, link: DirectLink) -> None:
+        async with running(link):
+            await ready(link)
+            seen: list[tuple[Direction, bytes, int]] = []
+            stop = link.observe(lambda _time_s, way, data, system_id: seen.append((way, data, system_id)))
+            async with Ticks(link, "bench1").running():
+                await until(lambda: peer.messages("SET_POSITION_TARGET_LOCAL_NED"))
+                await until(lambda: len(seen) > 10)
+            stop()
+            (_, message), *_ = peer.messages("SET_POSITION_TARGET_LOCAL_NED")
+            assert (Direction.SENT, bytes(message.get_msgbuf()), 1) in seen
+            received = [data for way, data, _ in seen if way is Direction.RECEIVED]
+            names = {dialect.MAVLink(None).decode(bytearray(data)).get_type() for data in received}
+            assert "GLOBAL_POSITION_INT" in names
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, direct(port, 1)))
