@@ -83,7 +83,7 @@ class Commander:
     @property
     def mode(self) -> Mode:
         """The mode that is flown."""
-        return MODES[self._state.mode[self._row]]
+        return MODES[int(self._state.mode[self._row])]
 
     @property
     def armed(self) -> bool:
@@ -113,7 +113,7 @@ class Commander:
     @property
     def can_arm(self) -> bool:
         """The prearm check: started up, and a mode that may be armed and has what it needs."""
-        intended = MODES[self._state.intended[self._row]]
+        intended = MODES[int(self._state.intended[self._row])]
         fed = intended is not Mode.OFFBOARD or not self._quirks.starved_offboard or self.fed
         started = self._state.now_s >= self._state.ready_at_s[self._row]
         return bool(started and intended not in PREVENTS_ARMING and fed)
@@ -232,9 +232,7 @@ class Commander:
         state.climb_since_s[row] = math.inf
         self._say(INFO, text)
         reverts = self._quirks.mode_reverts
-        state.intended[row] = state.mode[row] = (
-            state.after_disarming[row] if reverts else Mode.HOLD.number
-        )
+        state.intended[row] = state.mode[row] = state.after_disarming[row] if reverts else Mode.HOLD.number
         self._changed()
 
     def intend(self, mode: Mode) -> None:

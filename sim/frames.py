@@ -18,7 +18,9 @@ from sim.mavlink import AUTOPILOT_COMPONENT, CHECKSUM_LENGTH, HEADER_LENGTH, MAG
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from sim.dynamics import Array, Mask
+    from sim.dynamics import Mask
+    from sim.mavlink import Message
+    from sim.state import Rows
 
 Bytes: TypeAlias = NDArray[np.uint8]
 Words: TypeAlias = NDArray[np.uint16]
@@ -107,7 +109,15 @@ def setpoints(raw: bytes) -> tuple[NDArray[np.void], Bytes, Mask] | None:
     return body.view(layout(SETPOINT.id)).reshape(count), frames[:, 5], sums == told
 
 
-def _lengths(payload: Bytes) -> Array:
+def record(message: Message) -> NDArray[np.void]:
+    """(1,): the payload of a message that pymavlink has read."""
+    fields = np.zeros(1, dtype=layout(message.get_msgId()))
+    for name in fields.dtype.names or ():
+        fields[name] = getattr(message, name)
+    return fields
+
+
+def _lengths(payload: Bytes) -> Rows:
     """(m,): how many bytes remain without trailing zeros; at least 1."""
     used = payload[:, ::-1] != 0
     return np.where(used.any(axis=1), payload.shape[1] - used.argmax(axis=1), 1)

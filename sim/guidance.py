@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim.modes import NEEDS_PILOT, Mode
+from sim.modes import MODES, NEEDS_PILOT, Mode
 from sim.state import NO_MODE
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ TINY = 1e-9
 
 TAKEOFF, HOLD, RETURN = Mode.TAKEOFF.number, Mode.HOLD.number, Mode.RETURN.number
 LAND, OFFBOARD = Mode.LAND.number, Mode.OFFBOARD.number
-BY_HAND = [mode.number for mode in NEEDS_PILOT]
+BY_HAND = np.array([mode in NEEDS_PILOT for mode in MODES])
 
 
 class Guidance:
@@ -60,7 +60,7 @@ class Guidance:
             self._enter(entering, sensed)
         mode = state.mode[rows]  # before a take-off that ends in this step
         wanted_m_s = np.zeros((len(rows), 3))
-        offboard, by_hand = mode == OFFBOARD, np.isin(mode, BY_HAND)
+        offboard, by_hand = mode == OFFBOARD, BY_HAND[mode]
         auto = ~(offboard | by_hand)
         for chosen, ask in ((offboard, self._offboard), (by_hand, self._by_hand)):
             if chosen.any():
@@ -106,11 +106,12 @@ class Guidance:
         """The takeoff altitude in local NED; never below the vehicle."""
         state, down_m = self._state, sensed.position_m[rows, 2]
         ordered_m = state.takeoff_altitude_amsl_m[rows]
-        target_m = state.home_m[rows, 2] - self._parameters["MIS_TAKEOFF_ALT"][rows]
+        target_m: Array = state.home_m[rows, 2] - self._parameters["MIS_TAKEOFF_ALT"][rows]
         if not np.isnan(ordered_m).all():
             above_m = ordered_m - sensed.place(rows)[:, 2]
             target_m = np.where(np.isnan(ordered_m), target_m, down_m - above_m)
-        return np.minimum(down_m, target_m)
+        lowest_m: Array = np.minimum(down_m, target_m)
+        return lowest_m
 
     def _return_down_m(self, rows: Rows, sensed: Sensed) -> Array:
         """How high to fly home: RTL_RETURN_ALT, lower inside the cone around home, never lower than now."""
@@ -123,7 +124,8 @@ class Guidance:
         in_cone_m = np.minimum(np.maximum(distance_m / slope, lowest_m), highest_m)
         height_m = np.where(has_cone, in_cone_m, highest_m)
         height_m = np.where(distance_m <= p["RTL_MIN_DIST"][rows], lowest_m, height_m)
-        return np.minimum(here_m[:, 2], home_m[:, 2] - height_m)
+        down_m: Array = np.minimum(here_m[:, 2], home_m[:, 2] - height_m)
+        return down_m
 
     def _auto(self, rows: Rows, sensed: Sensed) -> Array:
         """HOLD and what is flown like it; take-off; landing; the way home."""
@@ -146,7 +148,7 @@ class Guidance:
         state = self._state
         gap_m = np.abs(state.target_m[rows, 2] - sensed.position_m[rows, 2])
         there = state.powered[rows] & (gap_m < self._parameters["NAV_MC_ALT_RAD"][rows])
-        for row in rows[there]:
+        for row in rows[there].tolist():
             self._commanders[row].intend(Mode.HOLD)
             state.guided_mode[row] = HOLD  # hold at the takeoff's target, not where it is now
         return self._towards(rows, sensed, climb_max_m_s=self._parameters["MPC_TKO_SPEED"][rows])

@@ -22,7 +22,7 @@ class Quirks:
     late_ready: bool = True
     """2: ready to arm 4 to 6 s after start; off: after 0.1 s."""
     double_ack: bool = True
-    """3: DO_SET_MODE is acknowledged ACCEPTED at once, then with the result; off: only the result, at once."""
+    """3: DO_SET_MODE is acknowledged ACCEPTED at once, then with the result; off: with the result only."""
     starved_offboard: bool = True
     """4: OFFBOARD without setpoints is accepted disarmed, then arming is refused; in the air it is refused.
     Off: both are accepted."""

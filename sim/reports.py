@@ -132,7 +132,14 @@ def mission_current(_s: Snapshot) -> Fields:
 
 def position_target_local_ned(s: Snapshot) -> Fields:
     """The velocity that the flown mode demands; positions are not given."""
-    fields = {"time_boot_ms": s.boot_ms, "coordinate_frame": 1, "x": NAN, "y": NAN, "z": NAN, "yaw": s.yaw_rad}
+    fields = {
+        "time_boot_ms": s.boot_ms,
+        "coordinate_frame": 1,
+        "x": NAN,
+        "y": NAN,
+        "z": NAN,
+        "yaw": s.yaw_rad,
+    }
     return fields | _split(("vx", "vy", "vz"), s.state.demanded_m_s[s.rows])
 
 

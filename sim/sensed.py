@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from sim.dynamics import Array, Mask
     from sim.state import Rows
 
+MANY = 8
+
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
@@ -24,11 +26,19 @@ class Sensed:
     acceleration_m_s2: Array  # (n, 3), NED, of thrust and tilt
     height_m: Array  # (n,), over ground, as a rangefinder sees it
     contact: Mask  # (n,), something stands on the ground
-    locate: Callable[[Rows], Array]  # of these rows: latitude, longitude (deg), altitude AMSL (m)
+    estimate_m: Array  # (n, 3), the position in the fleet's common NED
+    locate: Callable[[Array], Array]  # that, for any rows: latitude, longitude (deg), altitude AMSL (m)
 
     def place(self, rows: Rows) -> Array:
         """(len(rows), 3): estimated latitude and longitude in degrees, altitude AMSL in metres."""
-        return self.locate(rows)
+        if MANY * len(rows) < len(self.height_m):
+            return self.locate(self.estimate_m[rows])
+        return self._places[rows]
+
+    @cached_property
+    def _places(self) -> Array:
+        """Everybody's, once for all messages of a small fleet."""
+        return self.locate(self.estimate_m)
 
     @cached_property
     def ground_speed_m_s(self) -> Array:

@@ -21,11 +21,21 @@ Rows: TypeAlias = NDArray[np.intp]
 Numbers: TypeAlias = NDArray[np.int64]
 
 NO_MODE = -1
+# What is not the autopilot's memory: the vehicle's number and battery, its receiver, the pilot.
+LASTING = frozenset(
+    {
+        *("system_id", "remaining", "offset_m", "frozen_m", "hdop", "vdop"),
+        *("horizontal_accuracy_m", "vertical_accuracy_m", "piloted", "stick_m_s"),
+    }
+)
 OK = 1  # MAV_BATTERY_CHARGE_STATE
 
 
 class State:
-    """Columns of n vehicles that have just booted, on the ground, disarmed, in HOLD. Times: the fleet's clock."""
+    """Columns of n vehicles that have just booted, on the ground, disarmed, in HOLD.
+
+    Times are the fleet's clock.
+    """
 
     def __init__(self, count: int, yaw_rad: float) -> None:
         """Boot count vehicles that look along yaw_rad."""
@@ -34,12 +44,21 @@ class State:
         self.system_id = np.zeros(count, dtype=np.uint8)
         self.sequence = np.zeros(count, dtype=np.uint8)  # of the next MAVLink frame
 
+        self._boot(count)
+        self._land(count)
+        self._stand(count, yaw_rad)
+        self._receive(count)
+
+    def _boot(self, count: int) -> None:
+        """Clocks."""
         self.boot_s = np.zeros(count)
         self.clock_rate = np.ones(count)
         self.clock_offset_s = np.zeros(count)  # what a jump of the boot clock adds to it
         self.ready_at_s = np.full(count, np.inf)
         self.fix_at_s = np.full(count, np.inf)
 
+    def _land(self, count: int) -> None:
+        """What the commander keeps."""
         self.mode: Numbers = np.full(count, Mode.HOLD.number)  # the one flown
         self.intended: Numbers = np.full(count, Mode.HOLD.number)  # the one asked for
         self.after_disarming: Numbers = np.full(count, Mode.HOLD.number)
@@ -59,6 +78,8 @@ class State:
         self.charge: Numbers = np.full(count, OK)  # the worst that was acted on
         self.remaining = np.ones(count)  # of the battery
 
+    def _stand(self, count: int, yaw_rad: float) -> None:
+        """What guidance keeps, and home."""
         self.guided_mode: Numbers = np.full(count, NO_MODE)  # whose target is kept
         self.target_m = np.zeros((count, 3))  # local NED
         self.last_m_s = np.zeros((count, 3))  # what the mode wanted last
@@ -74,6 +95,8 @@ class State:
         self.home_yaw_rad = np.zeros(count)
         self.home_boot_ms: Numbers = np.zeros(count, dtype=np.int64)
 
+    def _receive(self, count: int) -> None:
+        """The last orders, and what the receiver is made to believe."""
         self.order_position_m = np.full((count, 3), np.nan)  # the last setpoint; NaN: not given
         self.order_velocity_m_s = np.full((count, 3), np.nan)
         self.order_flyable = _no(count)
@@ -89,6 +112,13 @@ class State:
         self.vdop = np.full(count, 1.1)
         self.pings: Numbers = np.zeros(count, dtype=np.int64)
 
+    def forget(self, row: int) -> None:
+        """Let one vehicle boot: everything that memory does not outlast is as at the start."""
+        fresh = vars(State(1, float(self.yaw_rad[row])))
+        for name, column in vars(self).items():
+            if isinstance(column, np.ndarray) and name not in LASTING:
+                column[row] = fresh[name][0]
+
     @property
     def powered(self) -> Mask:
         """(n,): whether the motors carry the vehicle."""
@@ -100,8 +130,7 @@ class State:
 
     def boot_ms(self, row: int) -> int:
         """One vehicle's clock in milliseconds."""
-        passed_s = (self.now_s - self.boot_s[row]) * self.clock_rate[row] + self.clock_offset_s[row]
-        return max(math.floor(passed_s * 1e3), 0)
+        return max(math.floor(float(self.boot_clock_s()[row]) * 1e3), 0)
 
 
 def _no(count: int) -> Mask:

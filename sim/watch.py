@@ -1,5 +1,6 @@
-"""When a transition of PX4's commander is due, for a whole fleet at once: setpoint loss, battery, landing,
-take-off, disarming. What it does to one vehicle is in sim.commander.
+"""When a transition of PX4's commander is due, for a whole fleet at once.
+
+Setpoint loss, battery, landing, take-off, disarming. What it does to one vehicle is in sim.commander.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim.commander import IMPATIENT_S, LandedState
-from sim.modes import PREVENTS_ARMING, Mode
+from sim.modes import MODES, PREVENTS_ARMING, Mode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +28,7 @@ LANDING_STAGES = 3
 CLIMB_DEMAND_M_S = 0.3
 
 OFFBOARD, TAKEOFF, LAND = Mode.OFFBOARD.number, Mode.TAKEOFF.number, Mode.LAND.number
-NOT_ARMABLE = [mode.number for mode in PREVENTS_ARMING]
+NOT_ARMABLE = np.array([mode in PREVENTS_ARMING for mode in MODES])
 
 
 class Watch:
@@ -56,7 +57,7 @@ class Watch:
         if armed.any():
             self._watch_setpoints(armed)
             weak = awake & state.powered & (charge > state.charge)
-            for row in np.flatnonzero(weak):
+            for row in np.flatnonzero(weak).tolist():
                 self._commanders[row].weaken(int(charge[row]))
         waiting = awake & state.armed & state.landed
         self._watch_landing(awake & ~state.landed, contact, climb_m_s)
@@ -77,7 +78,7 @@ class Watch:
     def can_arm(self) -> Mask:
         """(n,): the prearm check, as Commander.can_arm."""
         state = self._state
-        able: Mask = (state.now_s >= state.ready_at_s) & ~np.isin(state.intended, NOT_ARMABLE)
+        able: Mask = (state.now_s >= state.ready_at_s) & ~NOT_ARMABLE[state.intended]
         if self._quirks.starved_offboard:
             able &= (state.intended != OFFBOARD) | self.fed()
         return able
@@ -96,7 +97,7 @@ class Watch:
             due &= ~state.failsafe
         if not self._quirks.setpoint_loss:
             due &= state.failsafe
-        for row in np.flatnonzero(due):
+        for row in np.flatnonzero(due).tolist():
             self._commanders[row].starve_or_feed()
 
     def _watch_takeoff(self, waiting: Mask, climb_m_s: Array) -> None:
@@ -105,7 +106,9 @@ class Watch:
         climbing = waiting & (climb_m_s >= CLIMB_DEMAND_M_S) & (state.now_s >= spooled_s)
         state.climb_since_s[waiting & ~climbing] = np.inf
         state.climb_since_s[climbing] = np.minimum(state.climb_since_s[climbing], state.now_s)
-        for row in np.flatnonzero(climbing & (state.now_s >= state.climb_since_s + TAKEOFF_DETECTION_S)):
+        for row in np.flatnonzero(
+            climbing & (state.now_s >= state.climb_since_s + TAKEOFF_DETECTION_S)
+        ).tolist():
             self._commanders[row].lift_off()
 
     def _watch_landing(self, flying: Mask, contact: Mask, climb_m_s: Array) -> None:
@@ -117,7 +120,7 @@ class Watch:
             return
         state.down_since_s[down] = np.minimum(state.down_since_s[down], state.now_s)
         wait_s = np.where(state.armed, LANDING_STAGES * self._parameters["LNDMC_TRIG_TIME"], 0.0)
-        for row in np.flatnonzero(down & (state.now_s >= state.down_since_s + wait_s)):
+        for row in np.flatnonzero(down & (state.now_s >= state.down_since_s + wait_s)).tolist():
             self._commanders[row].touch_down()
 
     def _watch_disarming(self, standing: Mask) -> None:
@@ -126,7 +129,7 @@ class Watch:
         wait_s = np.where(state.flown, p["COM_DISARM_LAND"], p["COM_DISARM_PRFLT"])
         since_s = np.where(state.flown, state.landed_s, state.armed_s)
         still = standing & (state.climb_since_s == np.inf) & (wait_s > 0.0)
-        for row in np.flatnonzero(still & (state.now_s >= since_s + wait_s)):
+        for row in np.flatnonzero(still & (state.now_s >= since_s + wait_s)).tolist():
             landed = state.flown[row]
             self._commanders[row].stop(
                 "Disarmed by landing" if landed else "Disarmed by auto preflight disarming"
