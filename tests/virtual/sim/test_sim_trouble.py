@@ -145,7 +145,7 @@ def test_a_reboot_on_the_ground_restarts_the_clock_disarms_and_restores_the_stre
 
 
 def test_a_reboot_in_the_air_stops_the_motors_unless_told_to_go_on() -> None:
-    bench = Bench(count=2).take_off()
+    bench = Bench().take_off()
     trouble = Trouble(bench.fleet)
     order(trouble, fault="reboot", off_s=0.0, motors="go-on")
     bench.run(1.0)
