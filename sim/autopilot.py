@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import common
 from sim import params, reports
 from sim.commander import CRITICAL, INFO, Commander, Result
 from sim.commands import Command, execute
+from sim.mavlink import AUTOPILOT_COMPONENT
 from sim.state import NO_MODE
 
 if TYPE_CHECKING:
@@ -74,8 +75,15 @@ class Autopilot:
     def hear(self, message: Message) -> None:
         """Obey or answer a message that is for this vehicle; unknown ones change nothing."""
         handler = self._HANDLERS.get(message.get_type())
-        if handler is not None and message.get_srcSystem() != self.system_id:
+        if handler is not None and not self.is_sender(message):
             handler(self, message)
+
+    def is_sender(self, message: Message) -> bool:
+        """Whether it claims to come from this autopilot itself: ignored, as by PX4.
+
+        Another component with the vehicle's system id is heard: so is a ground station 245/190 by vehicle 245.
+        """
+        return message.get_srcSystem() == self.system_id and message.get_srcComponent() == AUTOPILOT_COMPONENT
 
     def reply(self, item: Item, after_s: float = 0.0) -> None:
         """Queue an answer: a message, or the id of a report."""

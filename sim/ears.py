@@ -86,7 +86,8 @@ class Ears:
         circle = np.array([batch[place][0] for place in places])[owner]
         row = self._row_of[circle, orders["target_system"]].astype(np.intp)
         meant = fit[owner] & (row != NOBODY) & np.isin(orders["target_component"], (0, AUTOPILOT_COMPONENT))
-        meant &= sender != self._state.system_id[row]
+        itself = (sender[:, 0] == self._state.system_id[row]) & (sender[:, 1] == AUTOPILOT_COMPONENT)
+        meant &= ~itself
         for invalid in setpoints.obey(self._state, row[meant], orders[meant]):
             self._autopilots[invalid].say_invalid()
         read = {place for place, whole in zip(places, fit.tolist(), strict=True) if whole}
@@ -118,8 +119,9 @@ class Ears:
         return [] if row == NOBODY else [row]
 
     def _hear_setpoint(self, rows: Sequence[int], message: Message) -> None:
-        ids = self._state.system_id
-        heard = np.array([row for row in rows if ids[row] != message.get_srcSystem()], dtype=np.intp)
+        heard = np.array(
+            [row for row in rows if not self._autopilots[row].is_sender(message)], dtype=np.intp
+        )
         if len(heard):
             order = np.repeat(frames.record(message), len(heard))
             for invalid in setpoints.obey(self._state, heard, order):

@@ -93,8 +93,8 @@ def checksums(checked: Bytes, extra: int) -> Words:
 def setpoints(raw: bytes) -> tuple[NDArray[np.void], Bytes, Mask] | None:
     """Read nothing but whole, unsigned SET_POSITION_TARGET_LOCAL_NED frames laid end to end.
 
-    Returns: the payloads (m,), the senders' system ids (m,) and which checksums are right (m,); or None where
-    anything else is among them.
+    Returns: the payloads (m,), the senders' system and component ids (m, 2) and which checksums are right (m,);
+    or None where anything else is among them.
     """
     count, rest = divmod(len(raw), SETPOINT_FRAME)
     if rest or not count:
@@ -106,7 +106,7 @@ def setpoints(raw: bytes) -> tuple[NDArray[np.void], Bytes, Mask] | None:
     body = np.ascontiguousarray(frames[:, HEADER_LENGTH:-CHECKSUM_LENGTH])
     sums = checksums(frames[:, 1:-CHECKSUM_LENGTH], SETPOINT.crc_extra)
     told = frames[:, -2].astype(np.uint16) | frames[:, -1].astype(np.uint16) << 8
-    return body.view(layout(SETPOINT.id)).reshape(count), frames[:, 5], sums == told
+    return body.view(layout(SETPOINT.id)).reshape(count), frames[:, 5:7], sums == told
 
 
 def record(message: Message) -> NDArray[np.void]:

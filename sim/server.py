@@ -102,9 +102,9 @@ def _paced(
     while not interrupt.is_set:
         behind_s = time.monotonic() - dropped_s - fleet.time_s
         if behind_s > CATCH_UP_S:
-            dropped_s += behind_s
-            behind_s = 0.0
-        for _ in range(int(behind_s / STEP_S)):
+            dropped_s += behind_s - STEP_S
+            behind_s = STEP_S  # one step at least: a machine that is always late still flies, slowly
+        for _ in range(int(behind_s / STEP_S + 1e-9)):
             fleet.step()
             trouble.pass_time()
             air.speak()

@@ -47,7 +47,7 @@ def test_setpoints_are_read_together_and_damaged_ones_are_told() -> None:
     found = frames.setpoints(bytes(raw))
     assert found is not None
     orders, sender, good = found
-    assert (orders["target_system"].tolist(), sender.tolist()) == ([1, 2, 3], [245] * 3)
+    assert (orders["target_system"].tolist(), sender.tolist()) == ([1, 2, 3], [[245, 190]] * 3)
     assert good.tolist() == [True, False, True]
     assert orders["vx"].tolist() == [1.5] * 3
 
@@ -81,3 +81,16 @@ def test_vehicles_beyond_a_namespace_begin_again_with_ids_and_have_ports_of_thei
     shared = ports.shared_ports(0, 300, 250, 20000)
     assert [(port.destination, len(port.rows)) for port in shared] == [(20000, 250), (20001, 50)]
     assert [port.bind for port in ports.shared_ports(0, 300, 250, None)] == [14580, 14581]
+
+
+@pytest.mark.parametrize(("sender", "heeded"), [((245, 190), True), ((245, 1), False)])
+def test_only_what_claims_to_be_the_autopilot_itself_is_not_heard(
+    sender: tuple[int, int], heeded: bool
+) -> None:
+    fleet = Fleet(Settings(count=2, first=243), start_s=0.0)
+    circle = fleet.ears.circle([0, 1])
+    order = common.MAVLink_set_position_target_local_ned_message(
+        0, 245, 1, 1, 0x9C7, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0
+    )
+    fleet.ears.hear([(circle, bytes(order.pack(common.MAVLink(None, *sender))))])
+    assert fleet.state.setpoint_seen.tolist() == [False, heeded]
