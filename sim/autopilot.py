@@ -81,7 +81,7 @@ class Autopilot:
     def is_sender(self, message: Message) -> bool:
         """Whether it claims to come from this autopilot itself: ignored, as by PX4.
 
-        Another component with the vehicle's system id is heard: so is a ground station 245/190 by vehicle 245.
+        Another component with its system id is heard: vehicle 245 hears a ground station 245/190.
         """
         return message.get_srcSystem() == self.system_id and message.get_srcComponent() == AUTOPILOT_COMPONENT
 

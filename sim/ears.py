@@ -119,9 +119,7 @@ class Ears:
         return [] if row == NOBODY else [row]
 
     def _hear_setpoint(self, rows: Sequence[int], message: Message) -> None:
-        heard = np.array(
-            [row for row in rows if not self._autopilots[row].is_sender(message)], dtype=np.intp
-        )
+        heard = np.array([row for row in rows if not self._autopilots[row].is_sender(message)], dtype=np.intp)
         if len(heard):
             order = np.repeat(frames.record(message), len(heard))
             for invalid in setpoints.obey(self._state, heard, order):

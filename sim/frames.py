@@ -93,8 +93,8 @@ def checksums(checked: Bytes, extra: int) -> Words:
 def setpoints(raw: bytes) -> tuple[NDArray[np.void], Bytes, Mask] | None:
     """Read nothing but whole, unsigned SET_POSITION_TARGET_LOCAL_NED frames laid end to end.
 
-    Returns: the payloads (m,), the senders' system and component ids (m, 2) and which checksums are right (m,);
-    or None where anything else is among them.
+    Returns: the payloads (m,), the senders' system and component ids (m, 2) and which checksums are right
+    (m,); or None where anything else is among them.
     """
     count, rest = divmod(len(raw), SETPOINT_FRAME)
     if rest or not count:

@@ -3,9 +3,10 @@
     python tests/bench/fake_fleet.py [VEHICLES ...]
 
 Telemetry 10 Hz, 20 setpoints a second and vehicle, each in a datagram of its own; once with a port for each
-vehicle, once with a shared port for each namespace. What is told is CPU time per second flown, by the positions
-that came: a machine with other work makes the fleet drop time, which `keeps up` tells, and shows up little in the
-figure. Beside it the setpoints that each vehicle heard per second flown: 20 where station and fleet keep up.
+vehicle, once with a shared port for each namespace. What is told is CPU time per second flown, by the
+positions that came: a machine with other work makes the fleet drop time, which `keeps up` tells, and shows
+up little in the figure. Beside it the setpoints that each vehicle heard per second flown: 20 where station
+and fleet keep up.
 """
 
 from __future__ import annotations
@@ -106,9 +107,7 @@ def measure(count: int, shared: bool) -> str:
     command = [sys.executable, "-m", "sim", "--count", str(count), "--port-base", str(PORT)]
     command += ["--telemetry-hz", str(TELEMETRY_HZ), "--battery", "600", "--param", "COM_OF_LOSS_T=10"]
     station = Station(count, shared)
-    with subprocess.Popen(
-        command + ["--shared-port"] * shared, stdout=subprocess.PIPE, text=True
-    ) as process:
+    with subprocess.Popen(command + ["--shared-port"] * shared, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         process.stdout.readline()
         setpoints = station.frames(climb)

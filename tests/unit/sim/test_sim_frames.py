@@ -76,7 +76,14 @@ def test_vehicles_beyond_a_namespace_begin_again_with_ids_and_have_ports_of_thei
     fleet = Fleet(Settings(count=5, first=1, namespace_size=3), start_s=0.0)
     assert fleet.state.system_id.tolist() == [2, 3, 1, 2, 3]
     own = ports.own_ports(0, 300, 250, None)
-    assert [own[i].destination for i in (0, 8, 9, 249, 250, 299)] == [14540, 14548, 14549, 14549, 14530, 14539]
+    assert [own[i].destination for i in (0, 8, 9, 249, 250, 299)] == [
+        14540,
+        14548,
+        14549,
+        14549,
+        14530,
+        14539,
+    ]
     assert len({port.bind for port in own}) == 300
     shared = ports.shared_ports(0, 300, 250, 20000)
     assert [(port.destination, len(port.rows)) for port in shared] == [(20000, 250), (20001, 50)]
