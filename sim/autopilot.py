@@ -83,7 +83,8 @@ class Autopilot:
 
         Another component with its system id is heard: vehicle 245 hears a ground station 245/190.
         """
-        return message.get_srcSystem() == self.system_id and message.get_srcComponent() == AUTOPILOT_COMPONENT
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        return bool(sender == (self.system_id, AUTOPILOT_COMPONENT))
 
     def reply(self, item: Item, after_s: float = 0.0) -> None:
         """Queue an answer: a message, or the id of a report."""

@@ -235,7 +235,7 @@ class LoopbackLink:
 
     def pilot(self, vehicle_id: VehicleId, mode: PilotMode) -> None:
         """A person at the vehicle's own remote control chooses a mode, past every link."""
-        self.autopilot(vehicle_id).change_mode(mode, self._fleet.time_s)
+        self.autopilot(vehicle_id).change_mode(mode)
 
     # its parts
 
@@ -306,14 +306,19 @@ class LoopbackLink:
         raise OrderError(failure(order, heard, began_s))
 
     def _deliver(self) -> None:
-        for vehicle_id, frame in self._uplink:
-            if vehicle_id not in self._deaf:
-                self.autopilot(vehicle_id).receive(frame, self._fleet.time_s)
+        self._fleet.ears.hear(
+            [
+                (self._row[self._system_ids[vehicle_id]], frame)  # every vehicle is a circle of its own
+                for vehicle_id, frame in self._uplink
+                if vehicle_id not in self._deaf
+            ]
+        )
         self._uplink.clear()
 
     def _listen(self, now_s: float) -> None:
+        said = self._fleet.take_frames()
         for vehicle_id, heard in self._ears.items():
-            for data in self.autopilot(vehicle_id).take_frames(self._fleet.time_s):
+            for data in said.get(self._row[self._system_ids[vehicle_id]], ()):
                 for frame in () if vehicle_id in self._mute else split(data).frames:
                     heard.take(frame, now_s)
 
