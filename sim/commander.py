@@ -1,4 +1,4 @@
-"""PX4's commander for one vehicle: arming, modes, setpoint loss, landing and disarming. Sans-I/O.
+"""PX4's commander for one vehicle: what its transitions do. When they are due is decided in sim.watch.
 
 Two modes are kept apart, as in PX4: the one asked for (intended) and the one flown (mode). They differ
 during a failsafe. Items in comments are those of FACTS, section 3.
@@ -7,22 +7,22 @@ during a failsafe. Items in comments are those of FACTS, section 3.
 from __future__ import annotations
 
 import math
-from enum import IntEnum
+from enum import Enum, IntEnum
 from typing import TYPE_CHECKING
 
 from sim import battery
-from sim.modes import NEEDS_PILOT, OFFBOARD_LOSS_MODE, PREVENTS_ARMING, Mode
+from sim.modes import MODES, NEEDS_PILOT, OFFBOARD_LOSS_MODE, PREVENTS_ARMING, Mode
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sim.params import Parameters
-    from sim.sensed import Sensed
+    from sim.quirks import Quirks
+    from sim.state import State
 
 CRITICAL, INFO = 2, 6  # MAV_SEVERITY
-# From spool-up to "Takeoff detected": recorded 1.84 s after arming, of which COM_SPOOLUP_TIME is 1.0.
-TAKEOFF_DETECTION_S = 0.84
-# PX4 passes through three stages, each LNDMC_TRIG_TIME long at least: recorded 3.3 s after touching.
-LANDING_STAGES = 3
-CLIMB_DEMAND_M_S = 0.3
+IMPATIENT_S = 0.25  # how long OFFBOARD lives without setpoints where the quirk of item 13 is off
+OVERRIDE_AUTO, OVERRIDE_OFFBOARD = 1, 2  # bits of COM_RC_OVERRIDE
 BATTERY_TEXTS = {battery.LOW: "Low", battery.CRITICAL: "Critical", battery.EMERGENCY: "Dangerously low"}
 BATTERY_ACTIONS = {
     (2, battery.CRITICAL): Mode.LAND,
@@ -51,208 +51,198 @@ class LandedState(IntEnum):
     LANDING = 4
 
 
+class Stuck(Enum):
+    """How a vehicle whose mode is stuck answers the wish for another one."""
+
+    NO = "no"
+    SAYS_YES = "accepted"
+    SAYS_NO = "rejected"
+
+
 class Commander:
-    """The state, its transitions, and the texts they produce (drained by take_texts)."""
+    """One row of the fleet's state, and the texts that its transitions produce."""
 
-    def __init__(self, parameters: Parameters, *, ready_at_s: float) -> None:
-        """Start on the ground, disarmed, in HOLD; ready to arm at ready_at_s on the caller's clock."""
+    def __init__(
+        self,
+        state: State,
+        row: int,
+        parameters: Parameters,
+        quirks: Quirks,
+        say: Callable[[int, str], None],
+        changed: Callable[[], None],
+    ) -> None:
+        """Command vehicle `row`; say takes a MAV_SEVERITY and a text, changed hears of mode and arming."""
+        self._state = state
+        self._row = row
         self._parameters = parameters
-        self._ready_at_s = ready_at_s
-        self.mode = Mode.HOLD
-        self.armed = False
-        self.landed = True
-        self.failsafe = False
-        self.setpoint_seen = False
-        self.takeoff_altitude_amsl_m: float | None = None
-        self.airborne_since_s = -math.inf
-        self._intended = Mode.HOLD
-        self._after_disarming = Mode.HOLD
-        self._now_s = -math.inf
-        self._setpoint_s = -math.inf
-        self._armed_s = -math.inf
-        self._climb_since_s = math.inf
-        self._down_since_s = math.inf
-        self._landed_s = -math.inf
-        self._flown = False
-        self._charge = battery.OK
-        self._texts: list[tuple[int, str]] = []
+        self._quirks = quirks
+        self._tell = say
+        self._changed = changed
+        self.stuck = Stuck.NO
 
     @property
-    def landed_state(self) -> LandedState:
-        """What EXTENDED_SYS_STATE says."""
-        if self.landed:
-            return LandedState.ON_GROUND
-        if self.armed and self.mode is Mode.TAKEOFF:
-            return LandedState.TAKEOFF
-        return LandedState.LANDING if self.mode is Mode.LAND else LandedState.IN_AIR
+    def mode(self) -> Mode:
+        """The mode that is flown."""
+        return MODES[int(self._state.mode[self._row])]
 
     @property
-    def powered(self) -> bool:
-        """Whether the motors carry the vehicle."""
-        return self.armed and not self.landed
+    def armed(self) -> bool:
+        """Whether the motors may turn."""
+        return bool(self._state.armed[self._row])
+
+    @property
+    def landed(self) -> bool:
+        """Whether it believes itself on the ground."""
+        return bool(self._state.landed[self._row])
+
+    @property
+    def failsafe(self) -> bool:
+        """Whether setpoints were lost."""
+        return bool(self._state.failsafe[self._row])
+
+    @property
+    def setpoint_seen(self) -> bool:
+        """Whether there has ever been one."""
+        return bool(self._state.setpoint_seen[self._row])
+
+    @property
+    def airborne_since_s(self) -> float:
+        """When it lifted off, on the fleet's clock."""
+        return float(self._state.airborne_since_s[self._row])
 
     @property
     def can_arm(self) -> bool:
         """The prearm check: started up, and a mode that may be armed and has what it needs."""
-        fed = self._intended is not Mode.OFFBOARD or self._fed()
-        return self._now_s >= self._ready_at_s and self._intended not in PREVENTS_ARMING and fed
+        intended = MODES[int(self._state.intended[self._row])]
+        fed = intended is not Mode.OFFBOARD or not self._quirks.starved_offboard or self.fed
+        started = self._state.now_s >= self._state.ready_at_s[self._row]
+        return bool(started and intended not in PREVENTS_ARMING and fed)
 
-    def take_texts(self) -> list[tuple[int, str]]:
-        """The texts since the last call, with their MAV_SEVERITY."""
-        texts, self._texts = self._texts, []
-        return texts
+    @property
+    def fed(self) -> bool:
+        """Whether a setpoint has come within COM_OF_LOSS_T (items 5 and 13)."""
+        patience_s = self._parameters["COM_OF_LOSS_T"]
+        if not self._quirks.patient_offboard:
+            patience_s = min(patience_s, IMPATIENT_S)
+        return bool(self._state.now_s - self._state.setpoint_s[self._row] < patience_s)
 
-    def arm(self, now_s: float, *, force: bool = False) -> Result:
+    def arm(self, *, force: bool = False) -> Result:
         """Start the motors, if the checks allow it (item 2, 4, 7) or are overridden."""
-        self._now_s = now_s
-        if self.armed:
+        state, row = self._state, self._row
+        if state.armed[row]:
             return Result.ACCEPTED
         if not (self.can_arm or force):
             self._say(CRITICAL, "Arming denied: Resolve system health failures first")
             return Result.TEMPORARILY_REJECTED
-        self.armed, self._armed_s = True, now_s
-        self._flown = not self.landed
-        self._climb_since_s = math.inf
+        state.armed[row], state.armed_s[row] = True, state.now_s
+        state.flown[row] = not state.landed[row]
+        state.climb_since_s[row] = math.inf
         self._say(INFO, "Armed by external command")
-        if self.mode is Mode.TAKEOFF and self.takeoff_altitude_amsl_m is None:
+        if self.mode is Mode.TAKEOFF and math.isnan(state.takeoff_altitude_amsl_m[row]):
             self._say(INFO, f"Using default takeoff altitude: {self._parameters['MIS_TAKEOFF_ALT']:.1f} m")
+        self._changed()
         return Result.ACCEPTED
 
     def disarm(self, *, force: bool = False) -> Result:
         """Stop the motors; in the air only when forced, which is the kill switch (item 11)."""
         if not self.armed:
             return Result.ACCEPTED
-        if not (self.landed or force):
+        if not (self.landed or force) and self._quirks.disarm_refused:
             self._say(CRITICAL, "Disarming denied: not landed")
             return Result.TEMPORARILY_REJECTED
-        self._stop("Disarmed by external command")
+        self.stop("Disarmed by external command")
         return Result.ACCEPTED
 
-    def change_mode(self, mode: Mode, now_s: float) -> Result:
+    def change_mode(self, mode: Mode) -> Result:
         """What DO_SET_MODE and its like ask for; in the air only what can be flown (item 4)."""
-        self._now_s = now_s
-        missing = (mode is Mode.OFFBOARD and not self._fed()) or mode in NEEDS_PILOT
+        if self.stuck is not Stuck.NO:
+            return Result.ACCEPTED if self.stuck is Stuck.SAYS_YES else Result.TEMPORARILY_REJECTED
+        starved = mode is Mode.OFFBOARD and self._quirks.starved_offboard and not self.fed
+        missing = starved or (mode in NEEDS_PILOT and not self._state.piloted[self._row])
         if self.armed and missing:
             self._say(CRITICAL, f"Switching to {mode.title} is currently not available")
             return Result.TEMPORARILY_REJECTED
-        self._intend(mode)
+        self.intend(mode)
         if mode is Mode.LAND:
             self._say(INFO, "Landing at current position")
         return Result.ACCEPTED
 
-    def take_off(self, altitude_amsl_m: float | None, now_s: float) -> Result:
+    def take_off(self, altitude_amsl_m: float | None) -> Result:
         """Climb to that altitude, or MIS_TAKEOFF_ALT above ground; at the next arming (item 11)."""
-        self.takeoff_altitude_amsl_m = altitude_amsl_m
-        return self.change_mode(Mode.TAKEOFF, now_s)
+        if not self.armed and not self._quirks.early_takeoff:
+            return Result.TEMPORARILY_REJECTED
+        self._state.takeoff_altitude_amsl_m[self._row] = (
+            math.nan if altitude_amsl_m is None else altitude_amsl_m
+        )
+        return self.change_mode(Mode.TAKEOFF)
 
-    def took_off(self) -> None:
-        """The takeoff altitude is reached: hold there."""
-        self._intend(Mode.HOLD)
+    def overridden(self) -> bool:
+        """Whether moving the sticks takes the vehicle over from its present mode (COM_RC_OVERRIDE)."""
+        bits = int(self._parameters["COM_RC_OVERRIDE"])
+        mode = self.mode
+        if mode in NEEDS_PILOT:
+            return False
+        return bool(bits & (OVERRIDE_OFFBOARD if mode is Mode.OFFBOARD else OVERRIDE_AUTO))
 
-    def hear_setpoint(self, now_s: float) -> None:
-        """A setpoint that commands something has arrived."""
-        self._setpoint_s = now_s
-        self.setpoint_seen = True
-
-    def update(self, now_s: float, sensed: Sensed, *, climb_m_s: float, charge: int) -> None:
-        """Let time pass.
-
-        Args:
-            now_s: the time it is now.
-            sensed: the estimate.
-            climb_m_s: the upward speed that the flown mode demands.
-            charge: the battery's MAV_BATTERY_CHARGE_STATE.
-        """
-        self._now_s = now_s
-        if self.armed:
-            self._watch_setpoints()
-        if self.powered:
-            self._watch_battery(charge)
-        if not self.landed:
-            self._watch_landing(sensed, climb_m_s)
-        elif self.armed:
-            self._watch_takeoff(climb_m_s)
-        if self.armed and self.landed:
-            self._watch_disarming()
-
-    def _watch_setpoints(self) -> None:
+    def starve_or_feed(self) -> None:
         """Failsafe when OFFBOARD starves (item 5), and back by itself when it is fed again (item 6)."""
-        if self._intended is not Mode.OFFBOARD or self._fed() != self.failsafe:
+        state, row = self._state, self._row
+        if state.failsafe[row]:
+            state.failsafe[row], state.mode[row] = False, Mode.OFFBOARD.number
+            self._changed()
             return
-        if self.failsafe:
-            self.failsafe, self.mode = False, Mode.OFFBOARD
-            return
-        self.failsafe = True
+        state.failsafe[row] = True
         self._say(CRITICAL, "Failsafe activated")
         action = int(self._parameters["COM_OBL_RC_ACT"])
         if action in OFFBOARD_LOSS_MODE:
-            self.mode = OFFBOARD_LOSS_MODE[action]
+            state.mode[row] = OFFBOARD_LOSS_MODE[action].number
+            self._changed()
         else:
-            self._stop("Disarmed by failsafe")
+            self.stop("Disarmed by failsafe")
 
-    def _watch_battery(self, charge: int) -> None:
+    def weaken(self, charge: int) -> None:
         """COM_LOW_BAT_ACT, once per worsening: 2 lands at critical; 3 returns then, lands at emergency."""
-        if charge <= self._charge:
-            return
-        self._charge = charge
+        self._state.charge[self._row] = charge
         self._say(CRITICAL, f"{BATTERY_TEXTS[charge]} battery level")
         action = int(self._parameters["COM_LOW_BAT_ACT"])
         mode = BATTERY_ACTIONS.get((action, charge))
         if mode is not None and self.mode is not Mode.LAND:
             self._say(CRITICAL, "Failsafe activated")
-            self._intend(mode)
+            self.intend(mode)
 
-    def _watch_takeoff(self, climb_m_s: float) -> None:
-        spooled_s = self._armed_s + self._parameters["COM_SPOOLUP_TIME"]
-        if climb_m_s < CLIMB_DEMAND_M_S or self._now_s < spooled_s:
-            self._climb_since_s = math.inf
-            return
-        self._climb_since_s = min(self._climb_since_s, self._now_s)
-        if self._now_s >= self._climb_since_s + TAKEOFF_DETECTION_S:
-            self.landed, self._flown = False, True
-            self.airborne_since_s = self._now_s
-            self._down_since_s = math.inf
-            self._say(INFO, "Takeoff detected")
+    def lift_off(self) -> None:
+        """The take-off is detected."""
+        state, row = self._state, self._row
+        state.landed[row], state.flown[row] = False, True
+        state.airborne_since_s[row] = state.now_s
+        state.down_since_s[row] = math.inf
+        self._say(INFO, "Takeoff detected")
 
-    def _watch_landing(self, sensed: Sensed, climb_m_s: float) -> None:
-        """On the ground and told to sink: landed after a while; at once when the motors stand still."""
-        if not sensed.contact or (self.armed and climb_m_s >= 0.0):
-            self._down_since_s = math.inf
-            return
-        self._down_since_s = min(self._down_since_s, self._now_s)
-        wait_s = LANDING_STAGES * self._parameters["LNDMC_TRIG_TIME"] if self.armed else 0.0
-        if self._now_s >= self._down_since_s + wait_s:
-            self.landed, self._landed_s = True, self._now_s
-            if self.armed:
-                self._say(INFO, "Landing detected")
+    def touch_down(self) -> None:
+        """The landing is detected."""
+        state, row = self._state, self._row
+        state.landed[row], state.landed_s[row] = True, state.now_s
+        if state.armed[row]:
+            self._say(INFO, "Landing detected")
 
-    def _watch_disarming(self) -> None:
-        """COM_DISARM_LAND after a flight, COM_DISARM_PRFLT before one; not positive means never."""
-        name, since_s, text = (
-            ("COM_DISARM_LAND", self._landed_s, "Disarmed by landing")
-            if self._flown
-            else ("COM_DISARM_PRFLT", self._armed_s, "Disarmed by auto preflight disarming")
-        )
-        wait_s = self._parameters[name]
-        if wait_s > 0.0 and self._climb_since_s == math.inf and self._now_s >= since_s + wait_s:
-            self._stop(text)
-
-    def _stop(self, text: str) -> None:
+    def stop(self, text: str) -> None:
         """Disarm; the mode falls back to the last one that may be armed in (item 7)."""
-        self.armed = self.failsafe = False
-        self._climb_since_s = math.inf
+        state, row = self._state, self._row
+        state.armed[row] = state.failsafe[row] = False
+        state.climb_since_s[row] = math.inf
         self._say(INFO, text)
-        self._intended = self.mode = self._after_disarming
+        reverts = self._quirks.mode_reverts
+        state.intended[row] = state.mode[row] = state.after_disarming[row] if reverts else Mode.HOLD.number
+        self._changed()
 
-    def _intend(self, mode: Mode) -> None:
-        self.failsafe = False
-        self._intended = self.mode = mode
+    def intend(self, mode: Mode) -> None:
+        """Fly that mode from now on, whoever wanted it."""
+        state, row = self._state, self._row
+        state.failsafe[row] = False
+        state.intended[row] = state.mode[row] = mode.number
         if mode not in PREVENTS_ARMING:
-            self._after_disarming = mode
-
-    def _fed(self) -> bool:
-        """Whether a setpoint has come within COM_OF_LOSS_T."""
-        return self._now_s - self._setpoint_s < self._parameters["COM_OF_LOSS_T"]
+            state.after_disarming[row] = mode.number
+        self._changed()
 
     def _say(self, severity: int, text: str) -> None:
-        self._texts.append((severity, text + "\t"))  # PX4 ends its texts so
+        self._tell(severity, text + "\t")  # PX4 ends its texts so

@@ -12,14 +12,12 @@ from pymavlink.dialects.v20 import common
 from sim import reports
 from sim.commander import Result
 from sim.modes import Mode
-from sim.streams import RECORDED_HZ
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from sim.commander import Commander
-    from sim.mavlink import Message
-    from sim.streams import Streams
+    from sim.outbox import Item
 
 FORCE = 21196  # param2 that overrides the checks: arms anything, kills in the air
 CUSTOM_MODE_ENABLED = 1
@@ -46,94 +44,121 @@ class Command:
 class Commanded(Protocol):
     """What commands need of the autopilot that they are given to."""
 
-    system_id: int
     commander: Commander
-    streams: Streams
 
-    def arm(self, now_s: float, *, force: bool = False) -> Result:
+    @property
+    def system_id(self) -> int:
+        """1 to 250."""
+        ...
+
+    def arm(self, *, force: bool = False) -> Result:
         """Start the motors, if the checks allow it."""
         ...
 
-    def change_mode(self, mode: Mode, now_s: float) -> Result:
+    def change_mode(self, mode: Mode) -> Result:
         """Change the flight mode, if it can be flown."""
         ...
 
-    def take_off(self, altitude_amsl_m: float | None, now_s: float) -> Result:
+    def take_off(self, altitude_amsl_m: float | None) -> Result:
         """Climb; None: to MIS_TAKEOFF_ALT."""
         ...
 
-    def snapshot(self, now_s: float) -> reports.Snapshot:
-        """All that reports are made of."""
+    def reboot(self) -> Result:
+        """Start again, if it stands disarmed."""
         ...
 
-    def reply(self, message: Message) -> None:
-        """Send to whoever asked."""
+    def available(self, message_id: int) -> bool:
+        """Whether that report can be sent now."""
+        ...
+
+    def interval_s(self, message_id: int) -> float | None:
+        """The interval of a stream, or None while it is not sent."""
+        ...
+
+    def default_interval_s(self, message_id: int) -> float | None:
+        """The same after booting."""
+        ...
+
+    def set_interval(self, message_id: int, interval_s: float | None) -> None:
+        """Send at that interval from now on; None stops the stream."""
+        ...
+
+    def reply(self, item: Item) -> None:
+        """Send a message, or the report of that id, to whoever asked."""
         ...
 
 
-def execute(autopilot: Commanded, command: Command, now_s: float) -> Result:
+def execute(autopilot: Commanded, command: Command) -> Result:
     """Do it, or say why not; unknown commands are UNSUPPORTED."""
     handler = HANDLERS.get(command.number)
-    return Result.UNSUPPORTED if handler is None else handler(autopilot, command, now_s)
+    return Result.UNSUPPORTED if handler is None else handler(autopilot, command)
 
 
-def _arm(autopilot: Commanded, command: Command, now_s: float) -> Result:
+def _arm(autopilot: Commanded, command: Command) -> Result:
     wanted, force = command.values[0], command.values[1] == FORCE
     if wanted == 1.0:
-        return autopilot.arm(now_s, force=force)
+        return autopilot.arm(force=force)
     if wanted == 0.0:
         return autopilot.commander.disarm(force=force)
     return Result.DENIED
 
 
-def _terminate(autopilot: Commanded, command: Command, _now_s: float) -> Result:
+def _terminate(autopilot: Commanded, command: Command) -> Result:
     return autopilot.commander.disarm(force=True) if command.values[0] > 0.5 else Result.ACCEPTED
 
 
-def _set_mode(autopilot: Commanded, command: Command, now_s: float) -> Result:
+def _set_mode(autopilot: Commanded, command: Command) -> Result:
     base, main, sub = command.values[:3]
     if not all(math.isfinite(value) for value in (base, main, sub)) or not int(base) & CUSTOM_MODE_ENABLED:
         return Result.DENIED
     mode = Mode.find(int(main), int(sub))
-    return Result.DENIED if mode is None else autopilot.change_mode(mode, now_s)
+    return Result.DENIED if mode is None else autopilot.change_mode(mode)
 
 
-def _take_off(autopilot: Commanded, command: Command, now_s: float) -> Result:
+def _take_off(autopilot: Commanded, command: Command) -> Result:
     altitude_amsl_m = command.values[6]
-    return autopilot.take_off(altitude_amsl_m if math.isfinite(altitude_amsl_m) else None, now_s)
+    return autopilot.take_off(altitude_amsl_m if math.isfinite(altitude_amsl_m) else None)
 
 
-def _land(autopilot: Commanded, _command: Command, now_s: float) -> Result:
-    return autopilot.change_mode(Mode.LAND, now_s)
+def _land(autopilot: Commanded, _command: Command) -> Result:
+    return autopilot.change_mode(Mode.LAND)
 
 
-def _return(autopilot: Commanded, _command: Command, now_s: float) -> Result:
-    return autopilot.change_mode(Mode.RETURN, now_s)
+def _return(autopilot: Commanded, _command: Command) -> Result:
+    return autopilot.change_mode(Mode.RETURN)
 
 
-def _set_interval(autopilot: Commanded, command: Command, now_s: float) -> Result:
+def _reboot(autopilot: Commanded, command: Command) -> Result:
+    """1 reboots the autopilot; PX4 denies it while armed, and everything else but 0."""
+    wanted = command.values[0]
+    if wanted == 0.0:
+        return Result.ACCEPTED
+    return autopilot.reboot() if wanted == 1.0 else Result.DENIED
+
+
+def _set_interval(autopilot: Commanded, command: Command) -> Result:
     """SET_MESSAGE_INTERVAL: microseconds; 0 is the default rate, -1 stops."""
     message_id, interval_us = _message_id(command), command.values[1]
     if message_id is None or not reports.exists(message_id) or not math.isfinite(interval_us):
         return Result.FAILED
     interval_s = interval_us * 1e-6 if interval_us > 0 else None
-    if interval_us == 0 and message_id in RECORDED_HZ:
-        interval_s = 1.0 / RECORDED_HZ[message_id]
-    autopilot.streams.set_interval(message_id, interval_s, now_s)
+    if interval_us == 0:
+        interval_s = autopilot.default_interval_s(message_id)
+    autopilot.set_interval(message_id, interval_s)
     return Result.ACCEPTED
 
 
-def _get_interval(autopilot: Commanded, command: Command, _now_s: float) -> Result:
+def _get_interval(autopilot: Commanded, command: Command) -> Result:
     message_id = _message_id(command)
     if message_id is None:
         return Result.DENIED
-    interval_s = autopilot.streams.interval_s(message_id)
+    interval_s = autopilot.interval_s(message_id) if reports.exists(message_id) else None
     interval_us = -1 if interval_s is None else round(interval_s * 1e6)
     autopilot.reply(common.MAVLink_message_interval_message(message_id, interval_us))
     return Result.ACCEPTED
 
 
-def _request(autopilot: Commanded, command: Command, now_s: float) -> Result:
+def _request(autopilot: Commanded, command: Command) -> Result:
     message_id = _message_id(command)
     if message_id == AUTOPILOT_VERSION_ID:
         autopilot.reply(version(autopilot))
@@ -141,14 +166,13 @@ def _request(autopilot: Commanded, command: Command, now_s: float) -> Result:
     if message_id == PROTOCOL_VERSION_ID:
         autopilot.reply(common.MAVLink_protocol_version_message(200, 100, 200, [0] * 8, [0] * 8))
         return Result.ACCEPTED
-    message = None if message_id is None else reports.report(message_id, autopilot.snapshot(now_s))
-    if message is None:
+    if message_id is None or not autopilot.available(message_id):
         return Result.DENIED
-    autopilot.reply(message)
+    autopilot.reply(message_id)
     return Result.ACCEPTED
 
 
-def _request_version(autopilot: Commanded, _command: Command, _now_s: float) -> Result:
+def _request_version(autopilot: Commanded, _command: Command) -> Result:
     autopilot.reply(version(autopilot))
     return Result.ACCEPTED
 
@@ -166,7 +190,7 @@ def _message_id(command: Command) -> int | None:
     return int(value) if math.isfinite(value) and 0 <= value < MAX_MESSAGE_ID else None
 
 
-Handler: TypeAlias = "Callable[[Commanded, Command, float], Result]"
+Handler: TypeAlias = "Callable[[Commanded, Command], Result]"
 HANDLERS: Mapping[int, Handler] = MappingProxyType(
     {
         common.MAV_CMD_NAV_RETURN_TO_LAUNCH: _return,
@@ -175,6 +199,7 @@ HANDLERS: Mapping[int, Handler] = MappingProxyType(
         common.MAV_CMD_DO_SET_MODE: _set_mode,
         common.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
         common.MAV_CMD_COMPONENT_ARM_DISARM: _arm,
+        common.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
         common.MAV_CMD_GET_MESSAGE_INTERVAL: _get_interval,
         common.MAV_CMD_SET_MESSAGE_INTERVAL: _set_interval,
         common.MAV_CMD_REQUEST_MESSAGE: _request,

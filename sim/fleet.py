@@ -7,20 +7,36 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pymap3d
 
-from sim import dynamics, noise
-from sim.autopilot import Autopilot
-from sim.params import Parameters
+from sim import dynamics, frames, noise, reports
+from sim.autopilot import Autopilot, Shared
+from sim.battery import Batteries
+from sim.ears import Ears
+from sim.earth import Tangent
+from sim.guidance import Guidance
+from sim.mavlink import Codec
+from sim.outbox import Outbox
+from sim.params import Columns, Parameters
+from sim.quirks import Quirks
 from sim.sensed import Sensed
+from sim.snapshot import Snapshot
+from sim.state import State
+from sim.streams import RECORDED_HZ, Schedule
+from sim.watch import Watch
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim.dynamics import Array
     from sim.params import Value
+    from sim.state import Rows
 
 STEP_S = 0.01
+MAX_SYSTEM_ID = 250
+READY_AFTER_S = (4.0, 6.0)  # item 2
+READY_AT_ONCE_S = 0.1
+FIX_BEFORE_READY_S = 1.0
+CLOCK_LOSS = (0.01, 0.02)  # item 12: the boot clock is slower than the wall's
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +50,14 @@ class Origin:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What a fleet is like. Vehicle i stands at row i // columns, column i % columns of a grid."""
+    """What a fleet is like. Vehicle i stands at row i // columns, column i % columns of a grid.
+
+    Its namespace is i // namespace_size, its system id there i % namespace_size + 1.
+    """
 
     count: int = 1
     first: int = 0
+    namespace_size: int = MAX_SYSTEM_ID
     seed: int = 0
     noise_scale: float = 1.0
     drag_per_s: float = 1.0
@@ -48,6 +68,8 @@ class Settings:
     heading_deg: float = 0.0
     endurance_s: float = 1200.0
     parameters: Mapping[str, Value] = field(default_factory=dict)
+    quirks: Quirks = Quirks()
+    rates_hz: Mapping[int, float] = field(default_factory=lambda: RECORDED_HZ)
 
 
 class Fleet:
@@ -65,90 +87,176 @@ class Fleet:
         self.settings = settings
         self.time_s = start_s
         self._start_s, self._steps = start_s, 0
+        self._unix_at_start_s = unix_at_start_s
         self._response = dynamics.Response(drag_per_s=settings.drag_per_s)
         self._wind_m_s = np.array(settings.wind_m_s)
-        indices = range(settings.first, settings.first + settings.count)
+        origin = settings.origin
+        self._tangent = Tangent(origin.latitude_deg, origin.longitude_deg, origin.altitude_amsl_m)
+        count, indices = settings.count, range(settings.first, settings.first + settings.count)
         grid_m = [(*divmod(i, settings.grid_columns), 0.0) for i in indices]
         self.bodies = dynamics.PointMasses.at(settings.spacing_m * np.array(grid_m, dtype=np.float64))
-        seeds = [np.random.SeedSequence(settings.seed, spawn_key=(i,)) for i in indices]
         self._random = np.random.default_rng(
             np.random.SeedSequence(settings.seed, spawn_key=(settings.first, 1))
         )
-        self._error = noise.draw(settings.count, settings.noise_scale, self._random)
-        self.autopilots = [
-            Autopilot(
-                i + 1,
-                Parameters({**settings.parameters, "MAV_SYS_ID": i + 1}),
-                now_s=start_s,
-                random=np.random.default_rng(seed),
-                unix_at_start_s=unix_at_start_s,
-                yaw_rad=math.remainder(math.radians(settings.heading_deg), math.tau),
-                endurance_s=settings.endurance_s,
-            )
-            for i, seed in zip(indices, seeds, strict=True)
+        self._error = noise.draw(count, settings.noise_scale, self._random)
+        self._randoms = [
+            np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(i,))) for i in indices
         ]
-        self._local_origin_m = np.full((settings.count, 3), np.nan)
-        self._contact = np.ones(settings.count, dtype=np.bool_)
+        self.state = State(count, math.remainder(math.radians(settings.heading_deg), math.tau))
+        self.state.now_s = start_s
+        self.state.system_id[:] = [i % settings.namespace_size + 1 for i in indices]
+        self._outbox, self._codec = Outbox(), Codec()
+        self._schedule = Schedule(count, settings.rates_hz)
+        shared = Shared(
+            self.state, self._schedule, self._outbox, settings.quirks, self._set_home, self.reboot
+        )
+        self.autopilots = [
+            Autopilot(shared, row, Parameters({**settings.parameters, "MAV_SYS_ID": int(system_id)}))
+            for row, system_id in enumerate(self.state.system_id)
+        ]
+        parameters = Columns([autopilot.parameters for autopilot in self.autopilots])
+        commanders = [autopilot.commander for autopilot in self.autopilots]
+        self._batteries = Batteries(self.state, parameters, settings.endurance_s)
+        self._watch = Watch(self.state, commanders, parameters, settings.quirks)
+        self._guidance = Guidance(self.state, commanders, parameters, settings.quirks)
+        self.ears = Ears(self.state, self.autopilots)
+        self._local_origin_m = np.full((count, 3), np.nan)
+        self._contact = np.ones(count, dtype=np.bool_)
+        for row in range(count):
+            self._boot(row, start_s)
+        self._sensed = self._sense()
 
     def step(self) -> None:
         """Let STEP_S pass for everyone."""
         self._steps += 1
-        self.time_s = self._start_s + self._steps * STEP_S
+        self.time_s = self.state.now_s = self._start_s + self._steps * STEP_S
         self._error = noise.step(self._error, STEP_S, self.settings.noise_scale, self._random)
-        demands = [
-            autopilot.advance(self.time_s, STEP_S, sensed)
-            for autopilot, sensed in zip(self.autopilots, self._sense(), strict=True)
-        ]
+        state, sensed = self.state, self._sense()
+        self._sensed = sensed
+        awake = self.time_s >= state.fix_at_s
+        if not (awake == state.home_set).all():
+            for row in np.flatnonzero(awake & ~state.home_set):
+                self._set_home(int(row))
+        demand_m_s = self._guidance.velocity(sensed, awake, STEP_S)
+        self._watch.update(awake, sensed.contact, -demand_m_s[:, 2], self._batteries.charge_state())
+        self._guidance.turn(STEP_S)
+        self._batteries.drain(STEP_S)
+        state.demanded_m_s = np.where(state.armed[:, np.newaxis], demand_m_s, np.nan)
         bodies = dynamics.step(
             self.bodies,
-            np.array([demand.velocity_m_s for demand in demands]),
+            demand_m_s,
             STEP_S,
             self._response,
             wind_m_s=self._wind_m_s,
             velocity_error_m_s=self._error.velocity_m_s,
-            powered=np.array([demand.powered for demand in demands]),
+            powered=state.powered,
         )
         self.bodies, self._contact = dynamics.rest_on_ground(bodies)
 
-    def _sense(self) -> list[Sensed | None]:
-        """Every vehicle's estimate; its local origin is its first one."""
-        estimate_m = self.bodies.position_m + self._error.position_m
-        velocity_m_s = (
-            np.where(self._contact[:, np.newaxis], 0.0, self.bodies.velocity_m_s) + self._error.velocity_m_s
-        )
-        fixed = np.array([self.time_s >= autopilot.fix_at_s for autopilot in self.autopilots])
-        fresh = fixed & np.isnan(self._local_origin_m[:, 0])
-        self._local_origin_m[fresh] = estimate_m[fresh]
-        return [
-            Sensed(
-                position_m, velocity, acceleration, latitude_deg, longitude_deg, altitude_m, height_m, contact
-            )
-            if has_fix
-            else None
-            for (
-                has_fix,
-                position_m,
-                velocity,
-                acceleration,
-                (latitude_deg, longitude_deg, altitude_m),
-                height_m,
-                contact,
-            ) in zip(
-                fixed.tolist(),
-                map(tuple, (estimate_m - self._local_origin_m).tolist()),
-                map(tuple, velocity_m_s.tolist()),
-                map(tuple, self.bodies.acceleration_m_s2.tolist()),
-                self.geodetic(estimate_m).tolist(),
-                (-self.bodies.position_m[:, 2]).tolist(),
-                self._contact.tolist(),
-                strict=True,
-            )
-        ]
+    @property
+    def estimate_m(self) -> Array:
+        """(n, 3): where the vehicles believe themselves, in the fleet's common NED."""
+        return self._sensed.estimate_m
+
+    def take_frames(self, *, streams: bool = True) -> dict[int, list[bytes]]:
+        """What each vehicle (by row) has to say now: answers and texts; unless unwanted, the streams too."""
+        said: dict[int, list[bytes]] = {}
+        for row, item in self._outbox.take(self.time_s):
+            if isinstance(item, int):
+                self._report(item, np.array([row]), said)
+            else:
+                self._say(row, item, said)
+        if streams:
+            for row, name in self._outbox.take_parameters():
+                self._say(row, self.autopilots[row].parameter(name), said)
+            for message_id, rows in self._schedule.due(self.time_s):
+                fixed = rows if message_id in reports.ALWAYS else rows[self.state.home_set[rows]]
+                if len(fixed):
+                    self._report(message_id, fixed, said)
+        return said
+
+    def reboot(self, row: int, *, off_s: float = 0.0) -> None:
+        """Start one vehicle's autopilot again; it forgets everything but its parameters.
+
+        The motors stand still from now on, as with PX4, which has no way to go on in the air. The boot clock
+        begins at 0 after off_s.
+        """
+        self.state.forget(row)
+        self.state.landed[row] = self._contact[row]
+        self._local_origin_m[row] = np.nan
+        self.autopilots[row].forget()
+        self._boot(row, self.time_s + off_s)
+
+    def restart_link(self, row: int, *, off_s: float = 0.0) -> None:
+        """Let one vehicle's clock, streams and frame numbers begin afresh while it flies on."""
+        self.state.boot_s[row] = self.time_s + off_s
+        self.state.clock_offset_s[row] = 0.0
+        self.state.sequence[row] = 0
+        self.autopilots[row].forget()
+        self._schedule.start(row, self.time_s + off_s, self._randoms[row])
 
     def geodetic(self, position_m: Array) -> Array:
         """(n, 3) common NED to (n, 3): latitude and longitude in degrees, altitude AMSL in metres."""
-        origin = self.settings.origin
-        place = pymap3d.ned2geodetic(
-            *position_m.T, origin.latitude_deg, origin.longitude_deg, origin.altitude_amsl_m
+        return self._tangent.geodetic(position_m)
+
+    def _boot(self, row: int, now_s: float) -> None:
+        state, random, quirks = self.state, self._randoms[row], self.settings.quirks
+        state.boot_s[row] = now_s
+        loss = random.uniform(*CLOCK_LOSS)
+        state.clock_rate[row] = 1.0 - (loss if quirks.slow_clock else 0.0)
+        ready_s = random.uniform(*READY_AFTER_S)
+        state.ready_at_s[row] = now_s + (ready_s if quirks.late_ready else READY_AT_ONCE_S)
+        state.fix_at_s[row] = state.ready_at_s[row] - (FIX_BEFORE_READY_S if quirks.late_ready else 0.0)
+        self._schedule.start(row, now_s, random)
+
+    def _sense(self) -> Sensed:
+        """Every vehicle's estimate; its local origin is its first one (item 1)."""
+        state, contact = self.state, self._contact
+        estimate_m = self.bodies.position_m + self._error.position_m + state.offset_m
+        frozen_m = state.frozen_m
+        estimate_m = np.where(np.isnan(frozen_m), estimate_m, frozen_m)
+        at_rest = contact[:, np.newaxis]
+        velocity_m_s = np.where(at_rest, 0.0, self.bodies.velocity_m_s) + self._error.velocity_m_s
+        fresh = (self.time_s >= state.fix_at_s) & np.isnan(self._local_origin_m[:, 0])
+        if fresh.any():
+            own = self.settings.quirks.own_origin
+            self._local_origin_m[fresh] = estimate_m[fresh] if own else 0.0
+        return Sensed(
+            position_m=estimate_m - self._local_origin_m,
+            velocity_m_s=velocity_m_s,
+            acceleration_m_s2=self.bodies.acceleration_m_s2,
+            height_m=-self.bodies.position_m[:, 2],
+            contact=contact,
+            estimate_m=estimate_m,
+            locate=self.geodetic,
         )
-        return np.stack(place, axis=1)
+
+    def _set_home(self, row: int) -> None:
+        """Home is where the vehicle was armed, or first had a fix."""
+        state = self.state
+        if self.time_s < state.fix_at_s[row]:
+            return
+        state.home_set[row] = True
+        state.home_m[row] = self._sensed.position_m[row]
+        state.home_place[row] = self._sensed.place(np.array([row]))[0]
+        state.home_yaw_rad[row] = state.yaw_rad[row]
+        state.home_boot_ms[row] = state.boot_ms(row)
+
+    def _say(self, row: int, message: object, said: dict[int, list[bytes]]) -> None:
+        sequence = int(self.state.sequence[row])
+        self.state.sequence[row] = (sequence + 1) % 256
+        frame = self._codec.encode(message, int(self.state.system_id[row]), sequence)
+        said.setdefault(row, []).append(frame)
+
+    def _report(self, message_id: int, rows: Rows, said: dict[int, list[bytes]]) -> None:
+        unix_s = self._unix_at_start_s + self.time_s - self._start_s
+        snapshot = Snapshot(rows, unix_s, self.state, self._sensed, self._watch, self._batteries)
+        fields = reports.report(message_id, snapshot)
+        sequence = self.state.sequence[rows]
+        self.state.sequence[rows] = sequence + np.uint8(1)
+        packed = frames.pack(message_id, fields, self.state.system_id[rows], sequence)
+        for row, frame in zip(rows.tolist(), packed, strict=True):
+            if row in said:
+                said[row].append(frame)
+            else:
+                said[row] = [frame]

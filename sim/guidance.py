@@ -1,220 +1,247 @@
-"""Which velocity each mode asks of the velocity loop. Pure but for the target that a mode keeps."""
+"""Which velocity each mode asks of the velocity loop, for a whole fleet at once. Local NED, m/s.
+
+`rows` are the vehicles that a function is about; what it returns has one row for each of them.
+"""
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
-from sim.modes import NEEDS_PILOT, Mode
-from sim.setpoints import Setpoint
+import numpy as np
+
+from sim.modes import MODES, NEEDS_PILOT, Mode
+from sim.state import NO_MODE
 
 if TYPE_CHECKING:
-    from sim.commander import Commander
-    from sim.params import Parameters
-    from sim.sensed import Sensed, Triple
+    from collections.abc import Sequence
 
-REST: Triple = (0.0, 0.0, 0.0)
+    from sim.commander import Commander
+    from sim.dynamics import Array, Mask
+    from sim.params import Columns
+    from sim.quirks import Quirks
+    from sim.sensed import Sensed
+    from sim.state import Rows, State
+
 BLIND_DESCENT_M_S = 0.9  # recorded after setpoint loss with nobody at the sticks (item 5)
 TAKEOFF_START_M_S = -0.7  # PX4 ramps the climb from below zero up, so that lifting off is gentle
 ARRIVED_M = 1.0
 STOPPED_M_S = 0.4
+TINY = 1e-9
+
+TAKEOFF, HOLD, RETURN = Mode.TAKEOFF.number, Mode.HOLD.number, Mode.RETURN.number
+LAND, OFFBOARD = Mode.LAND.number, Mode.OFFBOARD.number
+BY_HAND = np.array([mode in NEEDS_PILOT for mode in MODES])
 
 
 class Guidance:
-    """One vehicle's targets: where it holds, how high it takes off, how far its return has come."""
+    """The targets: where vehicles hold, how high they take off, how far their return has come."""
 
-    def __init__(self, parameters: Parameters, yaw_rad: float) -> None:
-        """Start without a target, looking along yaw_rad."""
+    def __init__(
+        self, state: State, commanders: Sequence[Commander], parameters: Columns, quirks: Quirks
+    ) -> None:
+        """Row i of the state is commanders[i]."""
+        self._state = state
+        self._commanders = commanders
         self._parameters = parameters
-        self._mode: Mode | None = None
-        self._target_m: Triple = REST
-        self._last_m_s: Triple = REST
-        self._descend_from_s = math.inf
-        self._returning = False
-        self.yaw_rad = yaw_rad
-        self.home_m: Triple = REST
-        self.setpoint = Setpoint()
+        self._quirks = quirks
 
-    def reset(self) -> None:
-        """Forget the target: the mode was asked for anew."""
-        self._mode = None
+    def velocity(self, sensed: Sensed, awake: Mask, dt_s: float) -> Array:
+        """(n, 3): the velocity that each mode demands, bounded per axis as PX4 bounds it; rest for others."""
+        state = self._state
+        demand_m_s = np.zeros((state.count, 3))
+        lifts = (state.mode == TAKEOFF) | (state.mode == OFFBOARD)  # only these two lift off
+        flying = awake & (~state.landed | lifts)
+        state.guided_mode[awake & ~flying] = NO_MODE
+        rows = np.flatnonzero(flying)
+        if not len(rows):
+            return demand_m_s
+        entering = rows[(state.mode[rows] != state.guided_mode[rows]) | ~state.armed[rows]]
+        if len(entering):
+            self._enter(entering, sensed)
+        mode = state.mode[rows]  # before a take-off that ends in this step
+        wanted_m_s = np.zeros((len(rows), 3))
+        offboard, by_hand = mode == OFFBOARD, BY_HAND[mode]
+        auto = ~(offboard | by_hand)
+        for chosen, ask in ((offboard, self._offboard), (by_hand, self._by_hand)):
+            if chosen.any():
+                wanted_m_s[chosen] = ask(rows[chosen], sensed)
+        if auto.any():
+            wanted_m_s[auto] = self._slew(rows[auto], self._auto(rows[auto], sensed), dt_s)
+        state.last_m_s[rows] = wanted_m_s
+        demand_m_s[rows] = self._bounded(rows, wanted_m_s)
+        return demand_m_s
 
-    def velocity(self, commander: Commander, sensed: Sensed, now_s: float, dt_s: float) -> Triple:
-        """The velocity that the mode demands, local NED, bounded per axis as PX4 bounds it (m/s)."""
-        mode = commander.mode
-        if commander.landed and mode not in {Mode.TAKEOFF, Mode.OFFBOARD}:
-            self._mode = None
-            return REST  # only these two lift off
-        if mode is not self._mode or not commander.armed:
-            self._enter(mode, commander, sensed)
-        if mode is Mode.OFFBOARD:
-            wanted_m_s = self._offboard(sensed)
-        elif mode in NEEDS_PILOT:
-            wanted_m_s = (0.0, 0.0, BLIND_DESCENT_M_S)
-        else:
-            wanted_m_s = self._slew(self._auto(mode, commander, sensed, now_s), dt_s)
-        self._last_m_s = wanted_m_s
-        return self._bounded(wanted_m_s, now_s - commander.airborne_since_s)
-
-    def turn(self, commander: Commander, dt_s: float) -> None:
+    def turn(self, dt_s: float) -> None:
         """Turn the yaw towards what the setpoint commands, no faster than MPC_YAWRAUTO_MAX."""
-        if commander.mode is not Mode.OFFBOARD or not commander.powered:
+        state = self._state
+        rows = np.flatnonzero((state.mode == OFFBOARD) & state.powered)
+        if not len(rows):
             return
-        rate_max_rad_s = math.radians(self._parameters["MPC_YAWRAUTO_MAX"])
-        if not math.isnan(self.setpoint.yaw_rad):
-            turn_rad = math.remainder(self.setpoint.yaw_rad - self.yaw_rad, math.tau)
-        elif not math.isnan(self.setpoint.yaw_rate_rad_s):
-            turn_rad = self.setpoint.yaw_rate_rad_s * dt_s
-        else:
-            return
-        turn_rad = _clip(turn_rad, rate_max_rad_s * dt_s)
-        self.yaw_rad = math.remainder(self.yaw_rad + turn_rad, math.tau)
+        yaw_rad, wanted_rad = state.yaw_rad[rows], state.order_yaw_rad[rows]
+        by_rate_rad = state.order_yaw_rate_rad_s[rows] * dt_s
+        turn_rad = np.where(np.isnan(wanted_rad), by_rate_rad, _wrapped(wanted_rad - yaw_rad))
+        most_rad = np.radians(self._parameters["MPC_YAWRAUTO_MAX"][rows]) * dt_s
+        turn_rad = np.clip(np.nan_to_num(turn_rad), -most_rad, most_rad)
+        state.yaw_rad[rows] = _wrapped(yaw_rad + turn_rad)
 
-    def _enter(self, mode: Mode, commander: Commander, sensed: Sensed) -> None:
+    def _enter(self, rows: Rows, sensed: Sensed) -> None:
         """Take the target of a mode that begins: where the vehicle will have stopped, for most."""
-        self._mode, self._last_m_s = mode, sensed.velocity_m_s
-        self._returning, self._descend_from_s = False, math.inf
-        north_m, east_m, down_m = sensed.position_m
-        if mode is Mode.TAKEOFF:
-            self._target_m = (north_m, east_m, self._takeoff_down_m(commander, sensed))
-            return
-        stop_s = sensed.ground_speed_m_s / (2.0 * self._parameters["MPC_ACC_HOR"])
-        north_m_s, east_m_s, down_m_s = sensed.velocity_m_s
-        stop_down_s = abs(down_m_s) / (2.0 * self._parameters["MPC_ACC_DOWN_MAX"])
-        self._target_m = (
-            north_m + north_m_s * stop_s,
-            east_m + east_m_s * stop_s,
-            down_m + down_m_s * stop_down_s,
-        )
-        if mode is Mode.RETURN:
-            self._target_m = (*self._target_m[:2], self._return_down_m(sensed))
+        state, p = self._state, self._parameters
+        mode = state.mode[rows]
+        state.guided_mode[rows], state.last_m_s[rows] = mode, sensed.velocity_m_s[rows]
+        state.returning[rows], state.descend_from_s[rows] = False, np.inf
+        velocity_m_s, position_m = sensed.velocity_m_s[rows], sensed.position_m[rows]
+        across_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1]) / (2.0 * p["MPC_ACC_HOR"][rows])
+        down_s = np.abs(velocity_m_s[:, 2]) / (2.0 * p["MPC_ACC_DOWN_MAX"][rows])
+        stop_m = position_m + velocity_m_s * np.stack([across_s, across_s, down_s], axis=1)
+        climbing, homing = mode == TAKEOFF, mode == RETURN
+        if climbing.any():
+            stop_m[climbing, :2] = position_m[climbing, :2]
+            stop_m[climbing, 2] = self._takeoff_down_m(rows[climbing], sensed)
+        if homing.any():
+            stop_m[homing, 2] = self._return_down_m(rows[homing], sensed)
+        state.target_m[rows] = stop_m
 
-    def _takeoff_down_m(self, commander: Commander, sensed: Sensed) -> float:
+    def _takeoff_down_m(self, rows: Rows, sensed: Sensed) -> Array:
         """The takeoff altitude in local NED; never below the vehicle."""
-        down_m = sensed.position_m[2]
-        if commander.takeoff_altitude_amsl_m is None:
-            default_m = self._parameters["MIS_TAKEOFF_ALT"]
-            return min(down_m, self.home_m[2] - default_m)
-        return min(down_m, down_m - (commander.takeoff_altitude_amsl_m - sensed.altitude_amsl_m))
+        state, down_m = self._state, sensed.position_m[rows, 2]
+        ordered_m = state.takeoff_altitude_amsl_m[rows]
+        target_m: Array = state.home_m[rows, 2] - self._parameters["MIS_TAKEOFF_ALT"][rows]
+        if not np.isnan(ordered_m).all():
+            above_m = ordered_m - sensed.place(rows)[:, 2]
+            target_m = np.where(np.isnan(ordered_m), target_m, down_m - above_m)
+        lowest_m: Array = np.minimum(down_m, target_m)
+        return lowest_m
 
-    def _return_down_m(self, sensed: Sensed) -> float:
+    def _return_down_m(self, rows: Rows, sensed: Sensed) -> Array:
         """How high to fly home: RTL_RETURN_ALT, lower inside the cone around home, never lower than now."""
-        distance_m = math.dist(sensed.position_m[:2], self.home_m[:2])
-        lowest_m, highest_m = self._parameters["RTL_DESCEND_ALT"], self._parameters["RTL_RETURN_ALT"]
-        height_m = highest_m
-        cone_deg = self._parameters["RTL_CONE_ANG"]
-        if distance_m <= self._parameters["RTL_MIN_DIST"]:
-            height_m = lowest_m
-        elif 0 < cone_deg < 90:
-            height_m = min(max(distance_m / math.tan(math.radians(cone_deg)), lowest_m), highest_m)
-        return min(sensed.position_m[2], self.home_m[2] - height_m)
+        p, home_m, here_m = self._parameters, self._state.home_m[rows], sensed.position_m[rows]
+        distance_m = np.hypot(*(here_m - home_m)[:, :2].T)
+        lowest_m, highest_m = p["RTL_DESCEND_ALT"][rows], p["RTL_RETURN_ALT"][rows]
+        cone_deg = p["RTL_CONE_ANG"][rows]
+        has_cone = (cone_deg > 0) & (cone_deg < 90)
+        slope = np.tan(np.radians(np.where(has_cone, cone_deg, 45.0)))
+        in_cone_m = np.minimum(np.maximum(distance_m / slope, lowest_m), highest_m)
+        height_m = np.where(has_cone, in_cone_m, highest_m)
+        height_m = np.where(distance_m <= p["RTL_MIN_DIST"][rows], lowest_m, height_m)
+        down_m: Array = np.minimum(here_m[:, 2], home_m[:, 2] - height_m)
+        return down_m
 
-    def _auto(self, mode: Mode, commander: Commander, sensed: Sensed, now_s: float) -> Triple:
-        if mode is Mode.LAND:
-            return self._land(sensed)
-        if mode is Mode.RETURN:
-            return self._return(sensed, now_s)
-        if mode is not Mode.TAKEOFF:
-            return self._towards(sensed)
-        near_m = self._parameters["NAV_MC_ALT_RAD"]
-        if commander.powered and abs(self._target_m[2] - sensed.position_m[2]) < near_m:
-            commander.took_off()
-            self._mode = commander.mode  # hold at the takeoff's target, not where it is now
-        return self._towards(sensed, climb_max_m_s=self._parameters["MPC_TKO_SPEED"])
+    def _auto(self, rows: Rows, sensed: Sensed) -> Array:
+        """HOLD and what is flown like it; take-off; landing; the way home."""
+        mode = self._state.mode[rows]
+        wanted_m_s = np.zeros((len(rows), 3))
+        landing, homing, climbing = mode == LAND, mode == RETURN, mode == TAKEOFF
+        holding = ~(landing | homing | climbing)
+        asked = (
+            (holding, self._towards),
+            (climbing, self._take_off),
+            (landing, self._land),
+            (homing, self._return),
+        )
+        for chosen, ask in asked:
+            if chosen.any():
+                wanted_m_s[chosen] = ask(rows[chosen], sensed)
+        return wanted_m_s
 
-    def _towards(self, sensed: Sensed, climb_max_m_s: float | None = None) -> Triple:
+    def _take_off(self, rows: Rows, sensed: Sensed) -> Array:
+        state = self._state
+        gap_m = np.abs(state.target_m[rows, 2] - sensed.position_m[rows, 2])
+        there = state.powered[rows] & (gap_m < self._parameters["NAV_MC_ALT_RAD"][rows])
+        for row in rows[there].tolist():
+            self._commanders[row].intend(Mode.HOLD)
+            state.guided_mode[row] = HOLD  # hold at the takeoff's target, not where it is now
+        return self._towards(rows, sensed, climb_max_m_s=self._parameters["MPC_TKO_SPEED"][rows])
+
+    def _towards(self, rows: Rows, sensed: Sensed, climb_max_m_s: Array | None = None) -> Array:
         """Fly to the target and stay."""
         p = self._parameters
-        climb_m_s = p["MPC_Z_V_AUTO_UP"] if climb_max_m_s is None else climb_max_m_s
-        north_m_s, east_m_s = self._across(sensed)
-        down_m_s = p["MPC_Z_P"] * (self._target_m[2] - sensed.position_m[2])
-        return north_m_s, east_m_s, min(max(down_m_s, -climb_m_s), p["MPC_Z_V_AUTO_DN"])
+        climb_m_s = p["MPC_Z_V_AUTO_UP"][rows] if climb_max_m_s is None else climb_max_m_s
+        down_m_s = p["MPC_Z_P"][rows] * (self._state.target_m[rows, 2] - sensed.position_m[rows, 2])
+        down_m_s = np.minimum(np.maximum(down_m_s, -climb_m_s), p["MPC_Z_V_AUTO_DN"][rows])
+        return self._across(rows, sensed, down_m_s)
 
-    def _across(self, sensed: Sensed) -> tuple[float, float]:
-        """Horizontal velocity towards the target, at most MPC_XY_CRUISE."""
-        gain_per_s, fastest_m_s = self._parameters["MPC_XY_P"], self._parameters["MPC_XY_CRUISE"]
-        north_m_s = gain_per_s * (self._target_m[0] - sensed.position_m[0])
-        east_m_s = gain_per_s * (self._target_m[1] - sensed.position_m[1])
-        scale = fastest_m_s / max(math.hypot(north_m_s, east_m_s), fastest_m_s, 1e-9)
-        return scale * north_m_s, scale * east_m_s
+    def _across(self, rows: Rows, sensed: Sensed, down_m_s: Array) -> Array:
+        """Horizontally towards the target, at most MPC_XY_CRUISE, and down_m_s."""
+        p = self._parameters
+        way_m = self._state.target_m[rows, :2] - sensed.position_m[rows, :2]
+        velocity_m_s = p["MPC_XY_P"][rows, np.newaxis] * way_m
+        fastest_m_s = p["MPC_XY_CRUISE"][rows]
+        speed_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
+        scale = fastest_m_s / np.maximum(np.maximum(speed_m_s, fastest_m_s), TINY)
+        return np.column_stack([scale[:, np.newaxis] * velocity_m_s, down_m_s])
 
-    def _land(self, sensed: Sensed) -> Triple:
+    def _land(self, rows: Rows, sensed: Sensed) -> Array:
         """Sink over the target, slower from MPC_LAND_ALT1 to MPC_LAND_ALT2, slowest below MPC_LAND_ALT3."""
-        p = self._parameters
-        fast_m_s, slow_m_s = p["MPC_Z_V_AUTO_DN"], p["MPC_LAND_SPEED"]
-        upper_m, lower_m = p["MPC_LAND_ALT1"], p["MPC_LAND_ALT2"]
-        share = min(max((sensed.height_m - lower_m) / max(upper_m - lower_m, 1e-9), 0.0), 1.0)
+        p, height_m = self._parameters, sensed.height_m[rows]
+        fast_m_s, slow_m_s = p["MPC_Z_V_AUTO_DN"][rows], p["MPC_LAND_SPEED"][rows]
+        upper_m, lower_m = p["MPC_LAND_ALT1"][rows], p["MPC_LAND_ALT2"][rows]
+        share = np.clip((height_m - lower_m) / np.maximum(upper_m - lower_m, TINY), 0.0, 1.0)
         sink_m_s = slow_m_s + share * (fast_m_s - slow_m_s)
-        if sensed.height_m < p["MPC_LAND_ALT3"]:
-            sink_m_s = min(sink_m_s, p["MPC_LAND_CRWL"])
-        return (*self._across(sensed), sink_m_s)
+        crawling = height_m < p["MPC_LAND_ALT3"][rows]
+        sink_m_s = np.where(crawling, np.minimum(sink_m_s, p["MPC_LAND_CRWL"][rows]), sink_m_s)
+        return self._across(rows, sensed, sink_m_s)
 
-    def _return(self, sensed: Sensed, now_s: float) -> Triple:
+    def _return(self, rows: Rows, sensed: Sensed) -> Array:
         """Climb, fly home, descend to RTL_DESCEND_ALT, wait RTL_LAND_DELAY (negative: for ever), land."""
-        target_m, home_m = self._target_m, self.home_m
-        if not self._returning:
-            if sensed.position_m[2] < target_m[2] + ARRIVED_M:
-                self._returning = True
-                self._target_m = (home_m[0], home_m[1], target_m[2])
-            return self._towards(sensed)
-        home_is_near = math.dist(sensed.position_m[:2], home_m[:2]) < ARRIVED_M
-        if self._descend_from_s == math.inf and home_is_near and sensed.ground_speed_m_s < STOPPED_M_S:
-            wait_at_m = home_m[2] - self._parameters["RTL_DESCEND_ALT"]
-            self._target_m = (home_m[0], home_m[1], max(target_m[2], wait_at_m))
-            if sensed.position_m[2] > self._target_m[2] - ARRIVED_M:
-                self._descend_from_s = now_s
-        delay_s = self._parameters["RTL_LAND_DELAY"]
-        if delay_s >= 0.0 and now_s >= self._descend_from_s + delay_s:
-            return self._land(sensed)
-        return self._towards(sensed)
+        state, p, here_m = self._state, self._parameters, sensed.position_m[rows]
+        home_m, was_returning = state.home_m[rows], state.returning[rows]
+        high = ~was_returning & (here_m[:, 2] < state.target_m[rows, 2] + ARRIVED_M)
+        state.returning[rows[high]] = True
+        state.target_m[rows[high], :2] = home_m[high, :2]
+        home_is_near = np.hypot(*(here_m - home_m)[:, :2].T) < ARRIVED_M
+        slow = sensed.ground_speed_m_s[rows] < STOPPED_M_S
+        over = was_returning & (state.descend_from_s[rows] == np.inf) & home_is_near & slow
+        if over.any():
+            wait_at_m = home_m[:, 2] - p["RTL_DESCEND_ALT"][rows]
+            target_m = np.column_stack([home_m[:, :2], np.maximum(state.target_m[rows, 2], wait_at_m)])
+            state.target_m[rows[over]] = target_m[over]
+            low = over & (here_m[:, 2] > target_m[:, 2] - ARRIVED_M)
+            state.descend_from_s[rows[low]] = state.now_s
+        wanted_m_s = self._towards(rows, sensed)
+        delay_s = p["RTL_LAND_DELAY"][rows]
+        landing = was_returning & (delay_s >= 0.0) & (state.now_s >= state.descend_from_s[rows] + delay_s)
+        if landing.any():
+            wanted_m_s[landing] = self._land(rows[landing], sensed)
+        return wanted_m_s
 
-    def _offboard(self, sensed: Sensed) -> Triple:
+    def _by_hand(self, rows: Rows, _sensed: Sensed) -> Array:
+        """What the sticks say; with nobody at them it sinks."""
+        piloted = self._state.piloted[rows, np.newaxis]
+        return np.where(piloted, self._state.stick_m_s[rows], (0.0, 0.0, BLIND_DESCENT_M_S))
+
+    def _offboard(self, rows: Rows, sensed: Sensed) -> Array:
         """Follow the setpoint; one that cannot be flown is not followed at all (item 10)."""
-        if not self.setpoint.can_be_flown:
-            return REST
-        p = self._parameters
-        gains_per_s = (p["MPC_XY_P"], p["MPC_XY_P"], p["MPC_Z_P"])
-        north_m_s, east_m_s, down_m_s = (
-            _or_zero(velocity) + gain * _or_zero(position - here)
-            for velocity, position, here, gain in zip(
-                self.setpoint.velocity_m_s,
-                self.setpoint.position_m,
-                sensed.position_m,
-                gains_per_s,
-                strict=True,
-            )
-        )
-        return north_m_s, east_m_s, down_m_s
+        state, p = self._state, self._parameters
+        across, up = p["MPC_XY_P"][rows], p["MPC_Z_P"][rows]
+        way_m = np.nan_to_num(state.order_position_m[rows] - sensed.position_m[rows])
+        velocity_m_s = np.nan_to_num(state.order_velocity_m_s[rows])
+        wanted_m_s: Array = velocity_m_s + np.stack([across, across, up], axis=1) * way_m
+        if self._quirks.whole_velocity:
+            wanted_m_s[~state.order_flyable[rows]] = 0.0
+        return wanted_m_s
 
-    def _slew(self, wanted_m_s: Triple, dt_s: float) -> Triple:
+    def _slew(self, rows: Rows, wanted_m_s: Array, dt_s: float) -> Array:
         """The automatic modes accelerate gently."""
-        p = self._parameters
-        bounds_m_s2 = (p["MPC_ACC_HOR"], p["MPC_ACC_HOR"], p["MPC_ACC_UP_MAX"])
-        north_m_s, east_m_s, down_m_s = (
-            last + _clip(wanted - last, bound * dt_s)
-            for wanted, last, bound in zip(wanted_m_s, self._last_m_s, bounds_m_s2, strict=True)
-        )
-        return north_m_s, east_m_s, down_m_s
+        across, up = self._parameters["MPC_ACC_HOR"][rows], self._parameters["MPC_ACC_UP_MAX"][rows]
+        bound_m_s = np.stack([across, across, up], axis=1) * dt_s
+        last_m_s = self._state.last_m_s[rows]
+        return last_m_s + np.clip(wanted_m_s - last_m_s, -bound_m_s, bound_m_s)
 
-    def _bounded(self, wanted_m_s: Triple, airborne_s: float) -> Triple:
+    def _bounded(self, rows: Rows, wanted_m_s: Array) -> Array:
         """Clip each axis on its own, as recorded, which bends the direction."""
-        p = self._parameters
-        across_m_s, climb_m_s = p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"]
-        ramp = min(airborne_s / max(p["MPC_TKO_RAMP_T"], 1e-9), 1.0) if airborne_s >= 0.0 else 0.0
-        if ramp < 1.0 and airborne_s != math.inf:
-            climb_m_s = max(TAKEOFF_START_M_S + ramp * (climb_m_s - TAKEOFF_START_M_S), 0.0)
-        north_m_s, east_m_s, down_m_s = wanted_m_s
-        return (
-            _clip(north_m_s, across_m_s),
-            _clip(east_m_s, across_m_s),
-            min(max(down_m_s, -climb_m_s), p["MPC_Z_VEL_MAX_DN"]),
-        )
+        state, p = self._state, self._parameters
+        across_m_s, climb_m_s = p["MPC_XY_VEL_MAX"][rows], p["MPC_Z_VEL_MAX_UP"][rows]
+        airborne_s = state.now_s - state.airborne_since_s[rows]
+        ramp = np.minimum(airborne_s / np.maximum(p["MPC_TKO_RAMP_T"][rows], TINY), 1.0)
+        ramped_m_s = np.maximum(TAKEOFF_START_M_S + ramp * (climb_m_s - TAKEOFF_START_M_S), 0.0)
+        climb_m_s = np.where(ramp < 1.0, ramped_m_s, climb_m_s)
+        low_m_s = np.stack([-across_m_s, -across_m_s, -climb_m_s], axis=1)
+        high_m_s = np.stack([across_m_s, across_m_s, p["MPC_Z_VEL_MAX_DN"][rows]], axis=1)
+        return np.clip(wanted_m_s, low_m_s, high_m_s)
 
 
-def _clip(value: float, bound: float) -> float:
-    return min(max(value, -bound), bound)
-
-
-def _or_zero(value: float) -> float:
-    """What is not given adds nothing."""
-    return 0.0 if math.isnan(value) else value
+def _wrapped(angle_rad: Array) -> Array:
+    """Into -pi to pi."""
+    wrapped: Array = np.remainder(angle_rad + np.pi, 2.0 * np.pi) - np.pi
+    return wrapped

@@ -17,16 +17,15 @@ AUTOPILOT_COMPONENT = 1
 
 
 class Codec:
-    """Packs and unpacks for one sender; counts that sender's frames."""
+    """Packs for any vehicle, and unpacks."""
 
-    def __init__(self, system_id: int) -> None:
-        self._mav = common.MAVLink(None, srcSystem=system_id, srcComponent=AUTOPILOT_COMPONENT)
+    def __init__(self) -> None:
+        self._mav = common.MAVLink(None, srcComponent=AUTOPILOT_COMPONENT)
 
-    def encode(self, message: Message) -> bytes:
+    def encode(self, message: Message, system_id: int, sequence: int) -> bytes:
         """Pack one message into a MAVLink 2 frame."""
-        frame: bytes = bytes(message.pack(self._mav))
-        self._mav.seq = (self._mav.seq + 1) % 256
-        return frame
+        self._mav.srcSystem, self._mav.seq = system_id, sequence
+        return bytes(message.pack(self._mav))
 
     def decode(self, datagram: bytes) -> list[Message]:
         """Every sound MAVLink 2 frame in the datagram; the rest is passed over.

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import Enum
 
+import numpy as np
+
 ARMED, MANUAL_INPUT, STABILIZE, GUIDED, AUTO, CUSTOM = 128, 64, 16, 8, 4, 1
 
 
@@ -31,6 +33,11 @@ class Mode(Enum):
         return self.value[2]
 
     @property
+    def number(self) -> int:
+        """The mode in an array of modes."""
+        return NUMBERS[self]
+
+    @property
     def title(self) -> str:
         """The name PX4 uses in texts."""
         return self.name.capitalize()
@@ -44,6 +51,10 @@ class Mode(Enum):
         return None
 
 
+MODES = tuple(Mode)
+NUMBERS = {mode: number for number, mode in enumerate(MODES)}
+CUSTOM_MODES = np.array([mode.custom_mode for mode in MODES], dtype=np.uint32)
+BASE_MODES = np.array([mode.base_mode for mode in MODES], dtype=np.uint8)
 NEEDS_PILOT = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.STABILIZED})
 PREVENTS_ARMING = frozenset({Mode.LAND, Mode.RETURN})
 # COM_OBL_RC_ACT to the mode shown after setpoints are lost; 6 and 7 stop the motors instead.

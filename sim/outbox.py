@@ -1,43 +1,60 @@
-"""Frames waiting to be sent: some now, some a little later, as a real autopilot takes time to answer."""
+"""What waits to be sent: some now, some a little later, as a real autopilot takes time to answer."""
 
 from __future__ import annotations
 
 import heapq
 from collections import deque
 from itertools import count
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from sim.mavlink import Message
 
+Item: TypeAlias = "Message | int"
+"""A message, or the id of a report that is made when it is sent."""
+
 BURST = 5  # parameters per call: PX4 shares its link between the list and the streams
 
 
 class Outbox:
-    """Messages in the order in which they fall due."""
+    """A fleet's answers in the order in which they fall due."""
 
     def __init__(self) -> None:
-        self._timed: list[tuple[float, int, Message]] = []
+        self._timed: list[tuple[float, int, int, Item]] = []
         self._order = count()  # keeps equal times in order; messages do not compare
-        self._listed: deque[str] = deque()
+        self._listed: dict[int, deque[str]] = {}
 
-    def post(self, message: Message, due_s: float) -> None:
-        """Send it at due_s."""
-        heapq.heappush(self._timed, (due_s, next(self._order), message))
+    def post(self, row: int, item: Item, due_s: float) -> None:
+        """Send it at due_s for vehicle `row`."""
+        heapq.heappush(self._timed, (due_s, next(self._order), row, item))
 
-    def list_parameters(self, names: Iterable[str]) -> None:
+    def list_parameters(self, row: int, names: Iterable[str]) -> None:
         """Send these parameters bit by bit; a new list replaces the old one."""
-        self._listed = deque(names)
+        self._listed[row] = deque(names)
 
-    def take(self, now_s: float) -> list[Message]:
-        """What is due."""
-        messages = []
+    def forget(self, row: int) -> None:
+        """Drop what a vehicle still had to say."""
+        self._timed = [entry for entry in self._timed if entry[2] != row]
+        heapq.heapify(self._timed)
+        self._listed.pop(row, None)
+
+    def take(self, now_s: float) -> list[tuple[int, Item]]:
+        """What is due, and whose."""
+        items = []
         while self._timed and self._timed[0][0] <= now_s:
-            messages.append(heapq.heappop(self._timed)[2])
-        return messages
+            _, _, row, item = heapq.heappop(self._timed)
+            items.append((row, item))
+        return items
 
-    def take_parameters(self) -> list[str]:
-        """The next few parameters of a list that is under way."""
-        return [self._listed.popleft() for _ in range(min(BURST, len(self._listed)))]
+    def take_parameters(self) -> list[tuple[int, str]]:
+        """The next few parameters of every list that is under way."""
+        taken = [
+            (row, names.popleft())
+            for row, names in self._listed.items()
+            for _ in range(min(BURST, len(names)))
+        ]
+        if taken:
+            self._listed = {row: names for row, names in self._listed.items() if names}
+        return taken

@@ -8,13 +8,17 @@ from __future__ import annotations
 import json
 import math
 import struct
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeAlias
 
+import numpy as np
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from sim.dynamics import Array
 
 Value: TypeAlias = int | float
 
@@ -50,6 +54,7 @@ class Parameters:
             ParameterError: as in set.
         """
         self._changed: dict[str, Value] = {}
+        self.on_change: Callable[[str, Value], None] | None = None
         for name, value in (settings or {}).items():
             self.set(name, value)
 
@@ -87,6 +92,34 @@ class Parameters:
             self._changed[name] = int(value)
         else:
             self._changed[name] = float(value)
+        if self.on_change is not None:
+            self.on_change(name, self._changed[name])
+
+
+class Columns:
+    """The parameters of a fleet as (n,) arrays, for what is computed for all vehicles at once.
+
+    A column is made when it is first asked for, and follows every change of a vehicle's own table.
+    """
+
+    def __init__(self, vehicles: Sequence[Parameters]) -> None:
+        """Row i is vehicles[i], whose changes are listened to from now on."""
+        self._vehicles = vehicles
+        self._columns: dict[str, Array] = {}
+        for row, parameters in enumerate(vehicles):
+            parameters.on_change = partial(self._change, row)
+
+    def __getitem__(self, name: str) -> Array:
+        """(n,), read-only by agreement; KeyError where there is no such parameter."""
+        column = self._columns.get(name)
+        if column is None:
+            column = np.array([parameters[name] for parameters in self._vehicles], dtype=np.float64)
+            self._columns[name] = column
+        return column
+
+    def _change(self, row: int, name: str, value: Value) -> None:
+        if name in self._columns:
+            self._columns[name][row] = value
 
 
 def kind(name: str) -> int:

@@ -1,5 +1,6 @@
-"""What the vehicle says: one function per message, from one snapshot. Fields as PX4 v1.16 fills them.
+"""What vehicles say: one function per message, for many vehicles at once. Fields as PX4 v1.16 fills them.
 
+Each function returns the fields by name: (m,) or (m, k) arrays, or one value for all; 0 is left out.
 Left out of what a recorded PX4 sends: five messages outside the common dialect, OPEN_DRONE_ID_*,
 SERVO_OUTPUT_RAW, VIBRATION, SCALED_PRESSURE, ESTIMATOR_STATUS and POSITION_TARGET_GLOBAL_INT. They would
 report parts of a vehicle that a point mass does not have.
@@ -8,300 +9,267 @@ report parts of a vehicle that a point mass does not have.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+import numpy as np
 from pymavlink.dialects.v20 import common
 
 from sim.dynamics import GRAVITY_M_S2
+from sim.modes import BASE_MODES, CUSTOM_MODES, Mode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from sim.battery import Battery
-    from sim.commander import Commander
-    from sim.mavlink import Message
-    from sim.sensed import Sensed, Triple
+    from sim.dynamics import Array
+    from sim.frames import Fields
+    from sim.snapshot import Snapshot
 
 QUADROTOR, PX4 = 2, 12
 STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE; PX4 says 0 where it could not be armed
 SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x300402F, 0x301402F, 0x320C83F
 GPS_SENSOR, PREARM_CHECK = 0x20, 0x10000000
+ARMED, GUIDED = 128, 16
 UNKNOWN_CELL_MV = 65535
 THROTTLE_HOVER = 0.5
 NAN = math.nan
-NO_ROTATION = (0.0, 0.0, 0.0, 0.0)
 
 
-@dataclass(slots=True, frozen=True)
-class Home:
-    """Where the vehicle was armed, or first had a fix."""
-
-    position_m: Triple  # local NED
-    latitude_deg: float
-    longitude_deg: float
-    altitude_amsl_m: float
-    yaw_rad: float
-    boot_ms: int
-
-
-@dataclass(slots=True, frozen=True)
-class Snapshot:
-    """Everything the messages are made from."""
-
-    boot_ms: int
-    unix_s: float
-    sensed: Sensed | None  # None before the first position fix
-    home: Home | None
-    commander: Commander
-    battery: Battery
-    yaw_rad: float
-    demanded_m_s: Triple
-    ping: int
-
-    @property
-    def boot_us(self) -> int:
-        """The boot clock in microseconds."""
-        return self.boot_ms * 1000
-
-
-def _tilt(snapshot: Snapshot) -> tuple[float, float]:
-    """Roll and pitch (rad) that push a point mass the way it accelerates."""
-    if snapshot.sensed is None or not snapshot.commander.powered:
-        return 0.0, 0.0
-    north_m_s2, east_m_s2, down_m_s2 = snapshot.sensed.acceleration_m_s2
-    cos, sin = math.cos(snapshot.yaw_rad), math.sin(snapshot.yaw_rad)
-    lift_m_s2 = max(GRAVITY_M_S2 - down_m_s2, 1.0)
-    forward_m_s2, right_m_s2 = cos * north_m_s2 + sin * east_m_s2, cos * east_m_s2 - sin * north_m_s2
-    return math.atan2(right_m_s2, lift_m_s2), -math.atan2(forward_m_s2, lift_m_s2)
-
-
-def _quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float, float, float, float]:
-    cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
-    cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
-    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-
-
-def _heading_deg(snapshot: Snapshot) -> float:
-    return math.degrees(snapshot.yaw_rad) % 360.0
-
-
-def heartbeat(snapshot: Snapshot) -> Message:
+def heartbeat(s: Snapshot) -> Fields:
     """Mode, arming, state."""
-    commander = snapshot.commander
-    base_mode = commander.mode.base_mode | (128 if commander.armed else 0)
-    if commander.mode.custom_mode == 6 << 16 and not commander.setpoint_seen:
-        base_mode &= ~16  # nothing is controlled before the first setpoint: recorded as 1, later 17
-    if commander.failsafe:
-        status = CRITICAL
-    elif commander.armed:
-        status = ACTIVE
-    else:
-        status = STANDBY if commander.can_arm else 0
-    return common.MAVLink_heartbeat_message(QUADROTOR, PX4, base_mode, commander.mode.custom_mode, status, 3)
+    state, rows = s.state, s.rows
+    mode, armed = state.mode[rows], state.armed[rows]
+    base_mode = BASE_MODES[mode] | np.where(armed, ARMED, 0)
+    unfed = (mode == Mode.OFFBOARD.number) & ~state.setpoint_seen[rows]
+    base_mode[unfed] &= ~GUIDED  # nothing is controlled before the first setpoint: recorded as 1, later 17
+    status = np.where(s.can_arm, STANDBY, 0)
+    status[armed] = ACTIVE
+    status[state.failsafe[rows]] = CRITICAL
+    return {
+        "type": QUADROTOR,
+        "autopilot": PX4,
+        "base_mode": base_mode,
+        "custom_mode": CUSTOM_MODES[mode],
+        "system_status": status,
+        "mavlink_version": 3,
+    }
 
 
-def sys_status(snapshot: Snapshot) -> Message:
+def sys_status(s: Snapshot) -> Fields:
     """Sensors and battery; the prearm bit is set while arming would be allowed."""
-    commander, battery = snapshot.commander, snapshot.battery
-    health = SENSORS_HEALTHY if snapshot.sensed is not None else SENSORS_HEALTHY & ~GPS_SENSOR
-    if commander.can_arm:
-        health |= PREARM_CHECK
-    volts_mv, left_percent = battery.voltage_mv, battery.remaining_percent
-    sensors = (SENSORS_PRESENT, SENSORS_ENABLED, health)
-    return common.MAVLink_sys_status_message(
-        *sensors, 80, volts_mv, -100, left_percent, 0, 0, 0, 0, 0, 0, 0, 0, 1
-    )
+    health = np.where(s.has_fix, SENSORS_HEALTHY, SENSORS_HEALTHY & ~GPS_SENSOR)
+    return {
+        "onboard_control_sensors_present": SENSORS_PRESENT,
+        "onboard_control_sensors_enabled": SENSORS_ENABLED,
+        "onboard_control_sensors_health": health | np.where(s.can_arm, PREARM_CHECK, 0),
+        "load": 80,
+        "voltage_battery": s.batteries.voltage_mv()[s.rows],
+        "current_battery": -100,
+        "battery_remaining": s.batteries.remaining_percent()[s.rows],
+        "onboard_control_sensors_health_extended": 1,
+    }
 
 
-def extended_sys_state(snapshot: Snapshot) -> Message:
+def extended_sys_state(s: Snapshot) -> Fields:
     """On the ground or not."""
-    return common.MAVLink_extended_sys_state_message(0, int(snapshot.commander.landed_state))
+    return {"landed_state": s.watch.landed_state()[s.rows]}
 
 
-def battery_status(snapshot: Snapshot) -> Message:
+def battery_status(s: Snapshot) -> Fields:
     """The same battery as in SYS_STATUS; current and temperature are not measured, as recorded."""
-    battery = snapshot.battery
-    voltages_mv = [battery.voltage_mv, *[UNKNOWN_CELL_MV] * 9]
-    left_percent, state = battery.remaining_percent, battery.charge_state
-    return common.MAVLink_battery_status_message(
-        0, 1, 1, 32767, voltages_mv, -100, 0, -1, left_percent, 0, state, [0] * 4, 0, 0
-    )
+    voltages_mv = np.full((len(s.rows), 10), UNKNOWN_CELL_MV)
+    voltages_mv[:, 0] = s.batteries.voltage_mv()[s.rows]
+    return {
+        "battery_function": 1,
+        "type": 1,
+        "temperature": 32767,
+        "voltages": voltages_mv,
+        "current_battery": -100,
+        "energy_consumed": -1,
+        "battery_remaining": s.batteries.remaining_percent()[s.rows],
+        "charge_state": s.batteries.charge_state()[s.rows],
+    }
 
 
-def attitude(snapshot: Snapshot) -> Message:
+def attitude(s: Snapshot) -> Fields:
     """Roll and pitch follow from the acceleration; the rates are not modelled."""
-    roll, pitch = _tilt(snapshot)
-    return common.MAVLink_attitude_message(snapshot.boot_ms, roll, pitch, snapshot.yaw_rad, 0.0, 0.0, 0.0)
+    roll_rad, pitch_rad = s.tilt_rad
+    return {"time_boot_ms": s.boot_ms, "roll": roll_rad, "pitch": pitch_rad, "yaw": s.yaw_rad}
 
 
-def attitude_quaternion(snapshot: Snapshot) -> Message:
+def attitude_quaternion(s: Snapshot) -> Fields:
     """The same attitude."""
-    q = _quaternion(*_tilt(snapshot), snapshot.yaw_rad)
-    return common.MAVLink_attitude_quaternion_message(snapshot.boot_ms, *q, 0.0, 0.0, 0.0, NO_ROTATION)
+    return {"time_boot_ms": s.boot_ms} | _split(("q1", "q2", "q3", "q4"), _quaternion(*s.tilt_rad, s.yaw_rad))
 
 
-def attitude_target(snapshot: Snapshot) -> Message:
+def attitude_target(s: Snapshot) -> Fields:
     """The attitude as it is: its loop is part of the response's lag."""
-    q = _quaternion(*_tilt(snapshot), snapshot.yaw_rad)
-    thrust = THROTTLE_HOVER if snapshot.commander.powered else 0.001
-    return common.MAVLink_attitude_target_message(snapshot.boot_ms, 0, q, 0.0, 0.0, 0.0, thrust)
+    q = _quaternion(*s.tilt_rad, s.yaw_rad)
+    thrust = np.where(s.powered, THROTTLE_HOVER, 0.001)
+    return {"time_boot_ms": s.boot_ms, "q": q, "thrust": thrust}
 
 
-def ping(snapshot: Snapshot) -> Message:
+def ping(s: Snapshot) -> Fields:
     """PX4 asks everyone for an echo once a second."""
-    return common.MAVLink_ping_message(snapshot.boot_us, snapshot.ping, 0, 0)
+    s.state.pings[s.rows] += 1
+    return {"time_usec": s.boot_us, "seq": s.state.pings[s.rows]}
 
 
-def system_time(snapshot: Snapshot) -> Message:
+def system_time(s: Snapshot) -> Fields:
     """Wall and boot clock."""
-    return common.MAVLink_system_time_message(int(snapshot.unix_s * 1e6), snapshot.boot_ms)
+    return {"time_unix_usec": int(s.unix_s * 1e6), "time_boot_ms": s.boot_ms}
 
 
-def timesync(snapshot: Snapshot) -> Message:
+def timesync(s: Snapshot) -> Fields:
     """A request for the other side's clock."""
-    return common.MAVLink_timesync_message(0, snapshot.boot_us * 1000)
+    return {"ts1": s.boot_us * 1000}
 
 
-def mission_current(_snapshot: Snapshot) -> Message:
+def mission_current(_s: Snapshot) -> Fields:
     """No mission."""
-    return common.MAVLink_mission_current_message(0, 65535, 0, 0)
+    return {"total": 65535}
 
 
-def position_target_local_ned(snapshot: Snapshot) -> Message:
+def position_target_local_ned(s: Snapshot) -> Fields:
     """The velocity that the flown mode demands; positions are not given."""
-    return common.MAVLink_position_target_local_ned_message(
-        snapshot.boot_ms, 1, 0, NAN, NAN, NAN, *snapshot.demanded_m_s, 0.0, 0.0, 0.0, snapshot.yaw_rad, 0.0
-    )
+    fields = {
+        "time_boot_ms": s.boot_ms,
+        "coordinate_frame": 1,
+        "x": NAN,
+        "y": NAN,
+        "z": NAN,
+        "yaw": s.yaw_rad,
+    }
+    return fields | _split(("vx", "vy", "vz"), s.state.demanded_m_s[s.rows])
 
 
-def highres_imu(snapshot: Snapshot) -> Message:
+def highres_imu(s: Snapshot) -> Fields:
     """Specific force (turned by yaw only); standard air; the recorded place's magnetic field."""
-    north_m_s2, east_m_s2, down_m_s2 = (0.0, 0.0, 0.0)
-    if snapshot.sensed is not None and snapshot.commander.powered:
-        north_m_s2, east_m_s2, down_m_s2 = snapshot.sensed.acceleration_m_s2
-    cos, sin = math.cos(snapshot.yaw_rad), math.sin(snapshot.yaw_rad)
-    altitude_m = snapshot.sensed.altitude_amsl_m if snapshot.sensed is not None else 0.0
+    forward_m_s2, right_m_s2, down_m_s2 = s.body_acceleration_m_s2
+    altitude_m = np.where(s.has_fix, np.nan_to_num(s.place[:, 2]), 0.0)
     pressure_pa = 101325.0 * (1.0 - 2.25577e-5 * altitude_m) ** 5.25588  # recorded in Pa, not hPa
-    return common.MAVLink_highres_imu_message(
-        snapshot.boot_us,
-        cos * north_m_s2 + sin * east_m_s2,
-        cos * east_m_s2 - sin * north_m_s2,
-        down_m_s2 - GRAVITY_M_S2,
-        *(0.0, 0.0, 0.0),
-        *(0.2137 * cos, -0.2137 * sin, 0.4234),
-        *(pressure_pa, 0.0, altitude_m, 15.0, 511),
-    )
+    return {
+        "time_usec": s.boot_us,
+        "xacc": forward_m_s2,
+        "yacc": right_m_s2,
+        "zacc": down_m_s2 - GRAVITY_M_S2,
+        "xmag": 0.2137 * np.cos(s.yaw_rad),
+        "ymag": -0.2137 * np.sin(s.yaw_rad),
+        "zmag": 0.4234,
+        "abs_pressure": pressure_pa,
+        "pressure_alt": altitude_m,
+        "temperature": 15.0,
+        "fields_updated": 511,
+    }
 
 
-def global_position_int(snapshot: Snapshot, sensed: Sensed, home: Home) -> Message:
+def global_position_int(s: Snapshot) -> Fields:
     """Position in the world; hdg in centidegrees."""
-    above_home_m = home.position_m[2] - sensed.position_m[2]
-    cm_s = [round(100.0 * v) for v in sensed.velocity_m_s]
-    place = (
-        round(sensed.latitude_deg * 1e7),
-        round(sensed.longitude_deg * 1e7),
-        round(sensed.altitude_amsl_m * 1e3),
-    )
-    heading_cdeg = round(_heading_deg(snapshot) * 100.0) % 36000
-    return common.MAVLink_global_position_int_message(
-        snapshot.boot_ms, *place, round(above_home_m * 1e3), *cm_s, heading_cdeg
+    above_home_m = s.state.home_m[s.rows, 2] - s.position_m[:, 2]
+    fields = {"time_boot_ms": s.boot_ms, "relative_alt": np.round(above_home_m * 1e3), "hdg": s.heading_cdeg}
+    return (
+        fields
+        | _split(("lat", "lon", "alt"), np.round(s.place * (1e7, 1e7, 1e3)))
+        | _split(("vx", "vy", "vz"), np.round(100.0 * s.velocity_m_s))
     )
 
 
-def local_position_ned(snapshot: Snapshot, sensed: Sensed, _home: Home) -> Message:
+def local_position_ned(s: Snapshot) -> Fields:
     """Position from the vehicle's own origin."""
-    return common.MAVLink_local_position_ned_message(
-        snapshot.boot_ms, *sensed.position_m, *sensed.velocity_m_s
+    return (
+        {"time_boot_ms": s.boot_ms}
+        | _split(("x", "y", "z"), s.position_m)
+        | _split(("vx", "vy", "vz"), s.velocity_m_s)
     )
 
 
-def odometry(snapshot: Snapshot, sensed: Sensed, _home: Home) -> Message:
+def odometry(s: Snapshot) -> Fields:
     """The same, with the variances of a recorded one."""
-    q = _quaternion(*_tilt(snapshot), snapshot.yaw_rad)
-    place_variance, turn_variance = (
-        _diagonal(0.0403, 0.0404, 0.0769, 3.5e-4, 3.6e-4, 0.0155),
-        _diagonal(0.0084, 0.0084, 0.0045, NAN, NAN, NAN),
-    )
-    return common.MAVLink_odometry_message(
-        snapshot.boot_us,
-        *(1, 1),
-        *sensed.position_m,
-        q,
-        *sensed.velocity_m_s,
-        *(0.0, 0.0, 0.0),
-        place_variance,
-        turn_variance,
-        *(0, 8, 0),
-    )
+    return {
+        "time_usec": s.boot_us,
+        "frame_id": 1,
+        "child_frame_id": 1,
+        "q": _quaternion(*s.tilt_rad, s.yaw_rad),
+        **_split(("x", "y", "z"), s.position_m),
+        **_split(("vx", "vy", "vz"), s.velocity_m_s),
+        "pose_covariance": _diagonal(0.0403, 0.0404, 0.0769, 3.5e-4, 3.6e-4, 0.0155),
+        "velocity_covariance": _diagonal(0.0084, 0.0084, 0.0045, NAN, NAN, NAN),
+        "reset_counter": s.state.reset_counter[s.rows],
+        "estimator_type": 8,
+    }
 
 
-def _diagonal(*values: float) -> list[float]:
-    """The upper triangle of a 6 x 6 covariance of which only the diagonal is known."""
-    return [values[row] if row == column else NAN for row in range(6) for column in range(row, 6)]
-
-
-def altitude(snapshot: Snapshot, sensed: Sensed, home: Home) -> Message:
+def altitude(s: Snapshot) -> Fields:
     """Heights over everything."""
-    local_m = -sensed.position_m[2]
-    above_home_m = home.position_m[2] - sensed.position_m[2]
-    amsl_m = sensed.altitude_amsl_m
-    terrain_m = local_m - sensed.height_m
-    return common.MAVLink_altitude_message(
-        snapshot.boot_us, amsl_m, amsl_m, local_m, above_home_m, terrain_m, sensed.height_m
-    )
+    local_m = -s.position_m[:, 2]
+    amsl_m, height_m = s.place[:, 2], s.sensed.height_m[s.rows]
+    return {
+        "time_usec": s.boot_us,
+        "altitude_monotonic": amsl_m,
+        "altitude_amsl": amsl_m,
+        "altitude_local": local_m,
+        "altitude_relative": s.state.home_m[s.rows, 2] + local_m,
+        "altitude_terrain": local_m - height_m,
+        "bottom_clearance": height_m,
+    }
 
 
-def distance_sensor(snapshot: Snapshot, sensed: Sensed, _home: Home) -> Message:
+def distance_sensor(s: Snapshot) -> Fields:
     """A rangefinder that looks down, in centimetres."""
-    height_cm = min(max(round(sensed.height_m * 100.0), 0), 65535)
-    return common.MAVLink_distance_sensor_message(
-        snapshot.boot_ms, 0, 10000, height_cm, 0, 0, 25, 0, 0.0, 0.0, NO_ROTATION, 0
-    )
+    height_cm = np.clip(np.round(s.sensed.height_m[s.rows] * 100.0), 0, 65535)
+    return {
+        "time_boot_ms": s.boot_ms,
+        "max_distance": 10000,
+        "current_distance": height_cm,
+        "orientation": 25,
+    }
 
 
-def vfr_hud(snapshot: Snapshot, sensed: Sensed, _home: Home) -> Message:
+def vfr_hud(s: Snapshot) -> Fields:
     """Speeds and heading; no airspeed sensor."""
-    throttle = round(100 * THROTTLE_HOVER) if snapshot.commander.powered else 0
-    heading_deg = int(_heading_deg(snapshot)) % 360
-    return common.MAVLink_vfr_hud_message(
-        0.0, sensed.ground_speed_m_s, heading_deg, throttle, sensed.altitude_amsl_m, -sensed.velocity_m_s[2]
-    )
+    return {
+        "groundspeed": s.ground_speed_m_s,
+        "heading": np.floor(np.degrees(s.yaw_rad) % 360.0) % 360,
+        "throttle": np.where(s.powered, round(100 * THROTTLE_HOVER), 0),
+        "alt": s.place[:, 2],
+        "climb": -s.velocity_m_s[:, 2],
+    }
 
 
-def gps_raw_int(snapshot: Snapshot, sensed: Sensed, _home: Home) -> Message:
+def gps_raw_int(s: Snapshot) -> Fields:
     """The receiver's fix; here the same place that the estimator believes in."""
-    north_m_s, east_m_s, _ = sensed.velocity_m_s
-    course_cdeg = round(math.degrees(math.atan2(east_m_s, north_m_s)) * 100.0) % 36000
-    altitude_mm = round(sensed.altitude_amsl_m * 1e3)
-    place = (round(sensed.latitude_deg * 1e7), round(sensed.longitude_deg * 1e7), altitude_mm)
-    speed_cm_s = min(round(sensed.ground_speed_m_s * 100.0), 65534)
-    return common.MAVLink_gps_raw_int_message(
-        snapshot.boot_us, 3, *place, 70, 110, speed_cm_s, course_cdeg, 10, altitude_mm, 900, 1780, 400, 0, 0
-    )
+    course_deg = np.degrees(np.arctan2(s.velocity_m_s[:, 1], s.velocity_m_s[:, 0]))
+    state, rows = s.state, s.rows
+    place = _split(("lat", "lon", "alt"), np.round(s.place * (1e7, 1e7, 1e3)))
+    return place | {
+        "time_usec": s.boot_us,
+        "fix_type": 3,
+        "eph": np.round(100.0 * state.hdop[rows]),
+        "epv": np.round(100.0 * state.vdop[rows]),
+        "vel": np.minimum(np.round(s.ground_speed_m_s * 100.0), 65534),
+        "cog": np.round(course_deg * 100.0) % 36000,
+        "satellites_visible": 10,
+        "alt_ellipsoid": place["alt"],
+        "h_acc": np.round(1e3 * state.horizontal_accuracy_m[rows]),
+        "v_acc": np.round(1e3 * state.vertical_accuracy_m[rows]),
+        "vel_acc": 400,
+    }
 
 
-def home_position(_snapshot: Snapshot, _sensed: Sensed, home: Home) -> Message:
+def home_position(s: Snapshot) -> Fields:
     """Where RTL leads."""
-    place = (
-        round(home.latitude_deg * 1e7),
-        round(home.longitude_deg * 1e7),
-        round(home.altitude_amsl_m * 1e3),
-    )
-    q = _quaternion(0.0, 0.0, home.yaw_rad)
-    return common.MAVLink_home_position_message(
-        *place, *home.position_m, q, 0.0, 0.0, 0.0, home.boot_ms * 1000
-    )
+    state, rows = s.state, s.rows
+    level = np.zeros(len(rows))
+    places = np.round(state.home_place[rows] * (1e7, 1e7, 1e3))
+    return {
+        **_split(("latitude", "longitude", "altitude"), places),
+        **_split(("x", "y", "z"), state.home_m[rows]),
+        "q": _quaternion(level, level, state.home_yaw_rad[rows]),
+        "time_usec": state.home_boot_ms[rows] * 1000,
+    }
 
 
-ALWAYS: Mapping[int, Callable[[Snapshot], Message]] = MappingProxyType(
+ALWAYS: Mapping[int, Callable[[Snapshot], Fields]] = MappingProxyType(
     {
         common.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
         common.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
@@ -318,7 +286,7 @@ ALWAYS: Mapping[int, Callable[[Snapshot], Message]] = MappingProxyType(
         common.MAVLINK_MSG_ID_HIGHRES_IMU: highres_imu,
     }
 )
-WITH_A_FIX: Mapping[int, Callable[[Snapshot, Sensed, Home], Message]] = MappingProxyType(
+WITH_A_FIX: Mapping[int, Callable[[Snapshot], Fields]] = MappingProxyType(
     {
         common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
         common.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position_ned,
@@ -333,14 +301,35 @@ WITH_A_FIX: Mapping[int, Callable[[Snapshot, Sensed, Home], Message]] = MappingP
 
 
 def exists(message_id: int) -> bool:
-    """Whether this vehicle can send that message as a stream."""
+    """Whether vehicles can send that message as a stream."""
     return message_id in ALWAYS or message_id in WITH_A_FIX
 
 
-def report(message_id: int, snapshot: Snapshot) -> Message | None:
-    """The message, or None where it does not exist or needs a fix that is not there yet."""
-    if message_id in ALWAYS:
-        return ALWAYS[message_id](snapshot)
-    if message_id in WITH_A_FIX and snapshot.sensed is not None and snapshot.home is not None:
-        return WITH_A_FIX[message_id](snapshot, snapshot.sensed, snapshot.home)
-    return None
+def report(message_id: int, snapshot: Snapshot) -> Fields:
+    """The fields; KeyError for a message that does not exist."""
+    make = ALWAYS.get(message_id) or WITH_A_FIX[message_id]
+    return make(snapshot)
+
+
+def _split(names: tuple[str, ...], columns: Array) -> dict[str, Array]:
+    """One field for each column."""
+    return {name: columns[:, place] for place, name in enumerate(names)}
+
+
+def _quaternion(roll_rad: Array, pitch_rad: Array, yaw_rad: Array) -> Array:
+    """(m, 4), w first."""
+    cr, sr = np.cos(roll_rad / 2), np.sin(roll_rad / 2)
+    cp, sp = np.cos(pitch_rad / 2), np.sin(pitch_rad / 2)
+    cy, sy = np.cos(yaw_rad / 2), np.sin(yaw_rad / 2)
+    parts = (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+    return np.stack(parts, axis=1)
+
+
+def _diagonal(*values: float) -> list[float]:
+    """The upper triangle of a 6 x 6 covariance of which only the diagonal is known."""
+    return [values[row] if row == column else NAN for row in range(6) for column in range(row, 6)]

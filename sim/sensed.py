@@ -1,28 +1,47 @@
-"""What one vehicle's estimator and sensors tell its autopilot."""
+"""What the vehicles' estimators and sensors tell their autopilots."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import cached_property
+from typing import TYPE_CHECKING
 
-Triple: TypeAlias = tuple[float, float, float]
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sim.dynamics import Array, Mask
+    from sim.state import Rows
+
+MANY = 8
 
 
-@dataclass(slots=True, frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sensed:
-    """Local NED is the vehicle's own: its origin is its first position fix."""
+    """A fleet's estimates. Local NED is each vehicle's own: its origin is its first position fix."""
 
-    position_m: Triple  # local NED, estimated
-    velocity_m_s: Triple  # NED, estimated
-    acceleration_m_s2: Triple  # NED, of thrust and tilt
-    latitude_deg: float  # estimated
-    longitude_deg: float
-    altitude_amsl_m: float
-    height_m: float  # over ground, as a rangefinder sees it
-    contact: bool  # something stands on the ground
+    position_m: Array  # (n, 3), local NED; NaN before the first fix
+    velocity_m_s: Array  # (n, 3), NED
+    acceleration_m_s2: Array  # (n, 3), NED, of thrust and tilt
+    height_m: Array  # (n,), over ground, as a rangefinder sees it
+    contact: Mask  # (n,), something stands on the ground
+    estimate_m: Array  # (n, 3), the position in the fleet's common NED
+    locate: Callable[[Array], Array]  # that, for any rows: latitude, longitude (deg), altitude AMSL (m)
 
-    @property
-    def ground_speed_m_s(self) -> float:
-        """Horizontal speed."""
-        north, east, _ = self.velocity_m_s
-        return float((north * north + east * east) ** 0.5)
+    def place(self, rows: Rows) -> Array:
+        """(len(rows), 3): estimated latitude and longitude in degrees, altitude AMSL in metres."""
+        if MANY * len(rows) < len(self.height_m):
+            return self.locate(self.estimate_m[rows])
+        return self._places[rows]
+
+    @cached_property
+    def _places(self) -> Array:
+        """Everybody's, once for all messages of a small fleet."""
+        return self.locate(self.estimate_m)
+
+    @cached_property
+    def ground_speed_m_s(self) -> Array:
+        """(n,), horizontal."""
+        speed_m_s: Array = np.hypot(self.velocity_m_s[:, 0], self.velocity_m_s[:, 1])
+        return speed_m_s

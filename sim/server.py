@@ -2,139 +2,127 @@
 
 from __future__ import annotations
 
-import asyncio
+import selectors
 import signal
 import time
-from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from contextlib import ExitStack, closing
+from typing import TYPE_CHECKING, Self
 
+from sim.air import Air
+from sim.control import Control, ControlPort, StandardInput
+from sim.endpoint import Endpoint
 from sim.fleet import STEP_S, Fleet, Settings
+from sim.ports import HOST
+from sim.trouble import Trouble
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
-    from sim.autopilot import Autopilot
+    from sim.ports import Port
     from sim.truth import TruthFile
 
-Address: TypeAlias = tuple[str, int]
-
-HOST = "127.0.0.1"
 CATCH_UP_S = 0.25  # a longer stall is dropped, as if the vehicles had been paused
-PEER_SILENT_AFTER_S = 3.0
-DATAGRAM_LENGTH = 1400
+REST_S = 0.002  # how long datagrams gather where they come without end; PX4 answers in 1 to 4 ms
+STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
-class PortError(OSError):
-    """A vehicle's port cannot be opened; the message names it."""
+class Interrupt:
+    """Set by SIGINT or SIGTERM while it is entered."""
+
+    def __init__(self) -> None:
+        """Not yet."""
+        self.is_set = False
+
+    def __enter__(self) -> Self:
+        self._before = {number: signal.signal(number, self._set) for number in STOPS}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _set(self, _number: int, _frame: object) -> None:
+        self.is_set = True
 
 
-@dataclass(frozen=True, slots=True)
-class Port:
-    """One vehicle's side of a link: where it binds (0: anywhere) and whom it talks to unasked."""
-
-    bind: int
-    destination: int
-
-
-class Endpoint(asyncio.DatagramProtocol):
-    """One vehicle's socket.
-
-    Until someone has spoken, the vehicle talks to its destination. Then it talks to whoever spoke first,
-    until that one has been silent for a while; others get the answers to what they send.
-    """
-
-    def __init__(self, autopilot: Autopilot, fleet: Fleet, destination: Address) -> None:
-        """Serve one autopilot of the fleet."""
-        self._autopilot = autopilot
-        self._fleet = fleet
-        self._peer = destination
-        self._heard_s = -PEER_SILENT_AFTER_S
-        self._transport: asyncio.DatagramTransport | None = None
-
-    def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]
-        """Keep the socket."""
-        self._transport = transport
-
-    def datagram_received(self, data: bytes, addr: Address) -> None:
-        """Hand it to the autopilot; answer at once, as PX4 does within milliseconds."""
-        now_s = self._fleet.time_s
-        if not self._autopilot.receive(data, now_s):
-            return
-        if addr == self._peer or now_s - self._heard_s >= PEER_SILENT_AFTER_S:
-            self._peer, self._heard_s = addr, now_s
-        frames = self._autopilot.take_frames(now_s, streams=False)
-        self._send(frames, self._peer)
-        if addr != self._peer:
-            self._send(frames, addr)
-
-    def error_received(self, exc: Exception) -> None:
-        """Nobody listens there (ICMP): a vehicle goes on talking."""
-
-    def send_due(self) -> None:
-        """Send what the autopilot has to say now."""
-        self._send(self._autopilot.take_frames(self._fleet.time_s), self._peer)
-
-    def close(self) -> None:
-        """Close the socket."""
-        if self._transport is not None:
-            self._transport.close()
-
-    def _send(self, frames: Sequence[bytes], address: Address) -> None:
-        """Several frames share a datagram, as PX4 does."""
-        if self._transport is None or self._transport.is_closing():
-            return
-        packet = b""
-        for frame in frames:
-            if len(packet) + len(frame) > DATAGRAM_LENGTH:
-                self._transport.sendto(packet, address)
-                packet = b""
-            packet += frame
-        if packet:
-            self._transport.sendto(packet, address)
-
-
-async def serve(settings: Settings, ports: Sequence[Port], truth: TruthFile | None, greeting: str) -> None:
+def serve(
+    settings: Settings,
+    ports: Sequence[Port],
+    truth: TruthFile | None,
+    greeting: str,
+    *,
+    control_port: int | None = None,
+    control_input: bool = False,
+) -> None:
     """Fly the fleet until SIGINT or SIGTERM; print the greeting when it can be reached.
 
     Raises:
         PortError: a port is taken.
     """
-    loop = asyncio.get_running_loop()
-    stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
-    fleet = Fleet(settings, start_s=time.monotonic(), unix_at_start_s=time.time())
-    endpoints: list[Endpoint] = []
-    try:
-        for autopilot, port in zip(fleet.autopilots, ports, strict=True):
-            make = partial(Endpoint, autopilot, fleet, (HOST, port.destination))
-            try:
-                _, endpoint = await loop.create_datagram_endpoint(make, local_addr=(HOST, port.bind))
-            except OSError as error:
-                raise PortError(f"udp port {port.bind}: {error.strerror}") from error
-            endpoints.append(endpoint)
-        print(greeting, flush=True)  # noqa: T201 - the command's output
-        await _fly(fleet, endpoints, truth, stop)
-    finally:
+    with ExitStack() as stack:
+        interrupt = stack.enter_context(Interrupt())
+        fleet = Fleet(settings, start_s=time.monotonic(), unix_at_start_s=time.time())
+        trouble = Trouble(fleet)
+        endpoints = [
+            stack.enter_context(closing(Endpoint(HOST, port, fleet.ears.circle(port.rows)))) for port in ports
+        ]
+        controls: list[Control] = []
+        if control_port is not None:
+            controls.append(stack.enter_context(closing(ControlPort(HOST, control_port))))
+        if control_input:
+            controls.append(StandardInput())
+        selector = stack.enter_context(selectors.DefaultSelector())
         for endpoint in endpoints:
-            endpoint.close()
+            selector.register(endpoint, selectors.EVENT_READ, endpoint)
+        for control in controls:
+            _register(selector, control, trouble)
+        print(greeting, flush=True)  # noqa: T201 - the command's output
+        air = Air(fleet, trouble, endpoints)
+        for waited_s in _paced(fleet, air, trouble, truth, interrupt):
+            _read(selector, waited_s, air, trouble)
 
 
-async def _fly(
-    fleet: Fleet, endpoints: Sequence[Endpoint], truth: TruthFile | None, stop: asyncio.Event
-) -> None:
-    """Step the fleet in time with the clock: whole steps, so nothing drifts; long stalls are dropped."""
+def _register(selector: selectors.BaseSelector, control: Control, trouble: Trouble) -> None:
+    """Wait for orders; those in a file, which cannot be waited for, are carried out now."""
+    try:
+        selector.register(control, selectors.EVENT_READ, control)
+    except PermissionError:
+        while control.read(trouble):
+            pass
+
+
+def _paced(
+    fleet: Fleet, air: Air, trouble: Trouble, truth: TruthFile | None, interrupt: Interrupt
+) -> Iterator[float]:
+    """Step the fleet in time with the clock: whole steps, so nothing drifts; long stalls are dropped.
+
+    Yields: how long to wait for datagrams.
+    """
     dropped_s = time.monotonic() - fleet.time_s
-    while not stop.is_set():
+    while not interrupt.is_set:
         behind_s = time.monotonic() - dropped_s - fleet.time_s
         if behind_s > CATCH_UP_S:
-            dropped_s += behind_s
-            behind_s = 0.0
-        for _ in range(int(behind_s / STEP_S)):
+            dropped_s += behind_s - STEP_S
+            behind_s = STEP_S  # one step at least: a machine that is always late still flies, slowly
+        for _ in range(int(behind_s / STEP_S + 1e-9)):
             fleet.step()
-            for endpoint in endpoints:
-                endpoint.send_due()
+            trouble.pass_time()
+            air.speak()
+            if trouble.broken:
+                air.deliver()
             if truth is not None:
                 truth.offer(fleet, fleet.time_s + dropped_s)
-        await asyncio.sleep(max(fleet.time_s + STEP_S + dropped_s - time.monotonic(), 0.0))
+        yield max(fleet.time_s + STEP_S + dropped_s - time.monotonic(), 0.0)
+
+
+def _read(selector: selectors.BaseSelector, wait_s: float, air: Air, trouble: Trouble) -> None:
+    """Wait for datagrams, until the next step at most; give more of them a moment to gather."""
+    if not (ready := selector.select(wait_s)):
+        return
+    readers = [key.data for key, _ in ready]
+    for reader in readers:
+        if not isinstance(reader, Endpoint) and not reader.read(trouble):
+            selector.unregister(reader)
+    air.listen([reader for reader in readers if isinstance(reader, Endpoint)])
+    if wait_s > REST_S:
+        time.sleep(REST_S)

@@ -1,82 +1,76 @@
-"""SET_POSITION_TARGET_LOCAL_NED as PX4 reads it."""
+"""SET_POSITION_TARGET_LOCAL_NED as PX4 reads it, for many vehicles at once."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 if TYPE_CHECKING:
-    from sim.mavlink import Message
+    from numpy.typing import NDArray
 
-Triple: TypeAlias = tuple[float, float, float]
+    from sim.dynamics import Array, Mask
+    from sim.state import Rows, State
 
 LOCAL_NED, BODY_NED = 1, 8  # MAV_FRAME
 IGNORE_YAW, IGNORE_YAW_RATE = 0x400, 0x800
-NOTHING: Triple = (math.nan, math.nan, math.nan)
 
 
-@dataclass(frozen=True, slots=True)
-class Setpoint:
-    """An order. NaN stands for what was ignored; local NED, metres, radians."""
+def obey(state: State, rows: Rows, orders: NDArray[np.void]) -> Rows:
+    """Take the orders (m,), one for each of these rows (m,); of several for one vehicle the last counts.
 
-    position_m: Triple = NOTHING
-    velocity_m_s: Triple = NOTHING
-    acceleration_m_s2: Triple = NOTHING
-    yaw_rad: float = math.nan
-    yaw_rate_rad_s: float = math.nan
+    A frame other than local or body NED is refused, silently. A body frame is turned by the vehicle's yaw;
+    its position is not supported by PX4 and dropped. Infinity is as unusable as NaN.
 
-    @property
-    def commands_something(self) -> bool:
-        """Whether PX4 counts it as a sign of life: any axis of anything is given."""
-        return any(not math.isnan(v) for v in (*self.position_m, *self.velocity_m_s, *self.acceleration_m_s2))
-
-    @property
-    def can_be_flown(self) -> bool:
-        """Whether PX4 follows it: each axis has something, and north and east come in pairs."""
-        kinds = (self.position_m, self.velocity_m_s, self.acceleration_m_s2)
-        paired = all(math.isnan(north) == math.isnan(east) for north, east, _ in kinds)
-        return paired and all(any(not math.isnan(given[axis]) for given in kinds) for axis in range(3))
-
-
-def read(message: Message, yaw_rad: float) -> Setpoint | None:
-    """Turn the message into local NED, or None for a frame that PX4 refuses.
-
-    A body frame (8) is turned by the vehicle's yaw; its position is not supported by PX4 and dropped.
+    Returns: the rows whose order commands nothing (item 10): they are unchanged.
     """
-    mask = int(message.type_mask)
-    position_m = _given(mask, 0, (message.x, message.y, message.z))
-    velocity_m_s = _given(mask, 3, (message.vx, message.vy, message.vz))
-    acceleration_m_s2 = _given(mask, 6, (message.afx, message.afy, message.afz))
-    yaw = math.nan if mask & IGNORE_YAW else float(message.yaw)
-    if message.coordinate_frame == BODY_NED:
-        position_m = NOTHING
-        velocity_m_s, acceleration_m_s2 = _turned(velocity_m_s, yaw_rad), _turned(acceleration_m_s2, yaw_rad)
-        yaw += yaw_rad
-    elif message.coordinate_frame != LOCAL_NED:
-        return None
-    return Setpoint(
-        position_m=position_m,
-        velocity_m_s=velocity_m_s,
-        acceleration_m_s2=acceleration_m_s2,
-        yaw_rad=_finite(yaw),
-        yaw_rate_rad_s=math.nan if mask & IGNORE_YAW_RATE else _finite(message.yaw_rate),
-    )
+    frame = orders["coordinate_frame"]
+    known = (frame == LOCAL_NED) | (frame == BODY_NED)
+    if not known.all():
+        rows, orders, frame = rows[known], orders[known], frame[known]
+    position_m, velocity_m_s = _given(orders, 0, "x", "y", "z"), _given(orders, 3, "vx", "vy", "vz")
+    acceleration_m_s2 = _given(orders, 6, "afx", "afy", "afz")
+    mask = orders["type_mask"]
+    yaw_rad: Array = np.where(mask & IGNORE_YAW, np.nan, _finite(orders["yaw"]))
+    body = frame == BODY_NED
+    if body.any():
+        heading_rad = state.yaw_rad[rows[body]]
+        position_m[body] = np.nan
+        velocity_m_s[body] = _turned(velocity_m_s[body], heading_rad)
+        acceleration_m_s2[body] = _turned(acceleration_m_s2[body], heading_rad)
+        yaw_rad[body] += heading_rad
+    orders_si: Array = np.stack([position_m, velocity_m_s, acceleration_m_s2])  # (3, m, 3)
+    given: Mask = ~np.isnan(orders_si)
+    says: Mask = np.any(given, axis=(0, 2))
+    pairs: Mask = np.equal(given[:, :, 0], given[:, :, 1])  # north and east come together
+    flyable: Mask = np.all(pairs, axis=0) & np.all(np.any(given, axis=0), axis=1)
+    heard = rows if says.all() else rows[says]
+    state.setpoint_s[heard] = state.now_s
+    state.setpoint_seen[heard] = True
+    state.order_position_m[heard] = position_m[says]
+    state.order_velocity_m_s[heard] = velocity_m_s[says]
+    state.order_flyable[heard] = flyable[says]
+    state.order_yaw_rad[heard] = yaw_rad[says]
+    rate_rad_s = np.where(mask & IGNORE_YAW_RATE, np.nan, _finite(orders["yaw_rate"]))
+    state.order_yaw_rate_rad_s[heard] = rate_rad_s[says]
+    return rows[~says]
 
 
-def _given(mask: int, first_bit: int, values: Triple) -> Triple:
-    first, second, third = (
-        math.nan if mask >> (first_bit + axis) & 1 else _finite(value) for axis, value in enumerate(values)
-    )
-    return first, second, third
+def _given(orders: NDArray[np.void], first_bit: int, *names: str) -> Array:
+    """(m, 3), NaN where an axis is ignored or no number."""
+    values = _finite(np.stack([orders[name] for name in names], axis=1))
+    ignored = orders["type_mask"][:, np.newaxis] >> np.arange(first_bit, first_bit + 3, dtype=np.uint16) & 1
+    values[ignored != 0] = np.nan
+    return values
 
 
-def _finite(value: float) -> float:
-    """Infinity is as unusable as NaN."""
-    return value if math.isfinite(value) else math.nan
+def _finite(values: NDArray[np.float32]) -> Array:
+    values_64 = values.astype(np.float64)
+    values_64[~np.isfinite(values_64)] = np.nan
+    return values_64
 
 
-def _turned(vector: Triple, yaw_rad: float) -> Triple:
-    forward, right, down = vector
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    return cos * forward - sin * right, sin * forward + cos * right, down
+def _turned(vector: Array, yaw_rad: Array) -> Array:
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    forward, right, down = vector.T
+    return np.stack([cos * forward - sin * right, sin * forward + cos * right, down], axis=1)

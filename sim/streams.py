@@ -1,15 +1,17 @@
-"""When each message is due. The rates are those recorded on PX4 v1.16's offboard link."""
+"""When each message of each vehicle is due. The rates are those recorded on PX4 v1.16's offboard link."""
 
 from __future__ import annotations
 
-import heapq
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+import numpy as np
 from pymavlink.dialects.v20 import common
 
 if TYPE_CHECKING:
-    import numpy as np
+    from collections.abc import Mapping
+
+    from sim.state import Rows
 
 RECORDED_HZ = MappingProxyType(
     {
@@ -36,43 +38,68 @@ RECORDED_HZ = MappingProxyType(
         common.MAVLINK_MSG_ID_HOME_POSITION: 0.49,
     }
 )
+IDS = tuple(RECORDED_HZ)
 FASTEST_S = 0.004  # PX4's MAVLink loop does not run faster
 TIME_SLACK_S = 1e-6
 
 
-class Streams:
-    """The due times of one vehicle's messages."""
+def lean_hz(telemetry_hz: float) -> Mapping[int, float]:
+    """What a ground station with a large fleet would ask for: positions at telemetry_hz, the rest slowly."""
+    return {
+        common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: telemetry_hz,
+        common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
+        common.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
+        common.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+        common.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+        common.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
+        common.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+    }
 
-    def __init__(self, now_s: float, random: np.random.Generator) -> None:
-        """Start every recorded stream, each at a phase of its own."""
-        self._interval_s = {message_id: 1.0 / rate_hz for message_id, rate_hz in RECORDED_HZ.items()}
-        self._due = [
-            (now_s + interval_s * random.random(), key) for key, interval_s in self._interval_s.items()
-        ]
-        heapq.heapify(self._due)
 
-    def interval_s(self, message_id: int) -> float | None:
-        """The interval of a stream, or None while it is not sent."""
-        return self._interval_s.get(message_id)
+class Schedule:
+    """The due times of a fleet's messages."""
 
-    def set_interval(self, message_id: int, interval_s: float | None, now_s: float) -> None:
+    def __init__(self, count: int, rates_hz: Mapping[int, float]) -> None:
+        """Nothing is due before start; rates_hz says what each vehicle sends unasked."""
+        self._default_s = {message_id: 1.0 / rate_hz for message_id, rate_hz in rates_hz.items()}
+        self._places = {message_id: place for place, message_id in enumerate(RECORDED_HZ)}
+        self._interval_s = np.full((len(RECORDED_HZ), count), np.inf)
+        self._due_s = np.full((len(RECORDED_HZ), count), np.inf)
+
+    def start(self, row: int, now_s: float, random: np.random.Generator) -> None:
+        """Start a vehicle's streams as they are after booting, each at a phase of its own."""
+        self._interval_s[:, row] = self._due_s[:, row] = np.inf
+        for message_id, place in self._places.items():
+            phase = random.random()
+            interval_s = self._default_s.get(message_id)
+            if interval_s is not None:
+                self._interval_s[place, row] = interval_s
+                self._due_s[place, row] = now_s + interval_s * phase
+
+    def default_s(self, message_id: int) -> float | None:
+        """The interval of a stream that nobody has changed, or None where it is not sent unasked."""
+        return self._default_s.get(message_id)
+
+    def interval_s(self, row: int, message_id: int) -> float | None:
+        """The interval of a vehicle's stream, or None while it is not sent."""
+        interval_s = float(self._interval_s[self._places[message_id], row])
+        return None if interval_s == np.inf else interval_s
+
+    def set_interval(self, row: int, message_id: int, interval_s: float | None, now_s: float) -> None:
         """Send at that interval from now on; None stops the stream."""
-        self._due = [entry for entry in self._due if entry[1] != message_id]
-        self._interval_s.pop(message_id, None)
-        if interval_s is not None:
-            self._interval_s[message_id] = max(interval_s, FASTEST_S)
-            self._due.append((now_s, message_id))
-        heapq.heapify(self._due)
+        place = self._places[message_id]
+        self._interval_s[place, row] = np.inf if interval_s is None else max(interval_s, FASTEST_S)
+        self._due_s[place, row] = np.inf if interval_s is None else now_s
 
-    def due(self, now_s: float) -> list[int]:
-        """The messages to send now; what was missed is dropped, not made up."""
-        ids = []
-        while self._due and self._due[0][0] <= now_s + TIME_SLACK_S:
-            due_s, message_id = self._due[0]
-            interval_s = self._interval_s[message_id]
-            next_s = due_s + interval_s
-            heapq.heapreplace(
-                self._due, (next_s if next_s > now_s - interval_s else now_s + interval_s, message_id)
-            )
-            ids.append(message_id)
-        return ids
+    def due(self, now_s: float) -> list[tuple[int, Rows]]:
+        """Which messages to send now, and whose; what was missed is dropped, not made up."""
+        is_due = self._due_s <= now_s + TIME_SLACK_S
+        if not is_due.any():
+            return []
+        places, rows = np.nonzero(is_due)
+        interval_s = self._interval_s[places, rows]
+        next_s = self._due_s[places, rows] + interval_s
+        self._due_s[places, rows] = np.where(next_s > now_s - interval_s, next_s, now_s + interval_s)
+        starts = np.flatnonzero(np.diff(places, prepend=-1)).tolist()
+        ends = [*starts[1:], len(places)]
+        return [(IDS[places[start]], rows[start:end]) for start, end in zip(starts, ends, strict=True)]

@@ -42,6 +42,7 @@ def sample(fleet: Fleet, time_s: float) -> dict[str, object]:
         "time_s": round(time_s, 6),
         "vehicles": [
             {
+                "vehicle": fleet.settings.first + autopilot.row + 1,
                 "system_id": autopilot.system_id,
                 "north_m": round(north_m, 4),
                 "east_m": round(east_m, 4),

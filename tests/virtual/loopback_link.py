@@ -26,13 +26,13 @@ from sim.modes import Mode as PilotMode
 
 STATION = (245, 190)
 VELOCITY_AND_YAW = 0x9C7
-BATTERY_STATUS, EXTENDED_SYS_STATE, COMMAND_LONG, PARAM_VALUE = 147, 245, 76, 22
+BATTERY_STATUS, EXTENDED_SYS_STATE, COMMAND_LONG, PARAM_VALUE, ODOMETRY = 147, 245, 76, 22, 331
 HEARTBEAT_PERIOD_S = 1.0
 CONFIRM_S = 3.2
 KILL_REPEAT_S = 0.1
 PARAMETER_S, PARAMETER_REPEAT_S = 3.0, 0.5
 INT32, REAL32 = 6, 9
-UNREAD = (30, 31, 32, 36, 74, 83, 85, 105, 111, 132, 141, 331, 2, 4, 42)  # not asked of the vehicles
+UNREAD = (30, 31, 32, 36, 74, 83, 85, 105, 111, 132, 141, 2, 4, 42)  # not asked of the vehicles
 
 MODE_NUMBERS = {
     Verb.HOLD: (4, 3),
@@ -286,7 +286,7 @@ class LoopbackLink:
 
     def pilot(self, vehicle_id: VehicleId, mode: PilotMode) -> None:
         """A person at the vehicle's own remote control chooses a mode, past every link."""
-        self.autopilot(vehicle_id).change_mode(mode, self._fleet.time_s)
+        self.autopilot(vehicle_id).change_mode(mode)
 
     # its parts
 
@@ -305,10 +305,11 @@ class LoopbackLink:
         self._post(vehicle_id, common.MAVLink_command_long_message(target, 1, command, 0, *filled))
 
     def _ask_for_less(self) -> None:
-        """SET_MESSAGE_INTERVAL: stop what nobody here reads."""
+        """SET_MESSAGE_INTERVAL: stop what nobody here reads; reset counters once a second are enough."""
         for vehicle_id in self._system_ids:
             for message_id in UNREAD:
                 self._post_long(vehicle_id, common.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, -1)
+            self._post_long(vehicle_id, common.MAV_CMD_SET_MESSAGE_INTERVAL, ODOMETRY, 1e6)
 
     def _send_setpoint(self, vehicle_id: VehicleId, velocity: Array, yaw_rad: float, now_s: float) -> None:
         north_m_s, east_m_s, down_m_s = velocity.tolist()
@@ -357,14 +358,19 @@ class LoopbackLink:
         raise OrderError(failure(order, heard, began_s))
 
     def _deliver(self) -> None:
-        for vehicle_id, frame in self._uplink:
-            if vehicle_id not in self._deaf:
-                self.autopilot(vehicle_id).receive(frame, self._fleet.time_s)
+        self._fleet.ears.hear(
+            [
+                (self._row[self._system_ids[vehicle_id]], frame)  # every vehicle is a circle of its own
+                for vehicle_id, frame in self._uplink
+                if vehicle_id not in self._deaf
+            ]
+        )
         self._uplink.clear()
 
     def _listen(self, now_s: float) -> None:
+        said = self._fleet.take_frames()
         for vehicle_id, heard in self._ears.items():
-            for data in self.autopilot(vehicle_id).take_frames(self._fleet.time_s):
+            for data in said.get(self._row[self._system_ids[vehicle_id]], ()):
                 for frame in () if vehicle_id in self._mute else split(data).frames:
                     heard.take(frame, now_s)
 

@@ -1,7 +1,5 @@
 """Parameters, a fleet that loses us at once, jumps of position and reported accuracy, in a flying show."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
@@ -9,7 +7,6 @@ from virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_conf
 from gcs.cli.params import Row, inspect
 from gcs.errors import OrderError, RefusedError
 from gcs.lifecycle import Phase, ShowPhase
-from gcs.links.mavlink_frames import Accuracy
 from gcs.service import ShowAction
 
 pytestmark = pytest.mark.xdist_group("show-parameters")
@@ -38,7 +35,8 @@ def test_start_is_refused_for_a_parameter_that_is_not_as_configured_until_it_is_
         await show.until(lambda: show.vehicle("d2").phase is Phase.STANDBY)
         show.link.autopilot("d2").parameters.set("COM_OBL_RC_ACT", 0)
         await show.wait(2.0)  # so that its clock has somewhere to jump back from
-        show.link.autopilot("d2")._boot_s = show.fleet.time_s  # it reboots: all is read again
+        show.befall("d2", "reboot", off_s=0.0)  # all is read again
+        await show.until(lambda: not show.vehicle("d2").ready)
         return await mended(show)
 
     refusal, flies = fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
@@ -87,7 +85,9 @@ def test_parameters_are_read_when_a_vehicle_is_met_after_a_reboot_and_after_a_fl
         await show.show(ShowAction.STOP)
         await show.wait(1.0)
         counts.append(len(show.link.parameter_reads))
-        show.link.autopilot("d1")._boot_s = show.fleet.time_s
+        show.befall("d1", "reboot", off_s=0.0)
+        await show.until(lambda: not show.vehicle("d1").ready)
+        await show.standby()
         await show.wait(1.0)
         counts.append(len(show.link.parameter_reads))
         return counts
@@ -185,10 +185,7 @@ def test_a_vehicle_whose_position_jumps_stands_first_and_is_given_room_for_a_whi
     async def story(show: Show) -> tuple[list[float], list[float], list[Phase], str]:
         await show.start()
         await show.wait(10.0)
-        error = show.fleet._error
-        jumped_m = error.position_m.copy()
-        jumped_m[1] += (3.0, 0.0, 0.0)
-        show.fleet._error = replace(error, position_m=jumped_m)
+        show.befall("d2", "gps-jump", north_m=3.0)
         jumped_s = show.now_s
         await show.wait(2.5)
         reason = show.vehicle("d2").reason
@@ -209,13 +206,23 @@ def test_a_vehicle_whose_position_jumps_stands_first_and_is_given_room_for_a_whi
     assert phases[-1] is Phase.FORMATION, "it goes on by itself"
 
 
+def test_a_small_jump_that_the_estimator_itself_tells_of_counts_too() -> None:
+    async def story(show: Show) -> str:
+        await show.start()
+        await show.wait(10.0)
+        show.befall("d2", "position-reset", east_m=0.5)
+        await show.wait(1.5)
+        return show.vehicle("d2").reason
+
+    assert fly(story, show_config(3)).startswith("its position jumped: it stands for 3 s")
+
+
 def test_reported_accuracy_widens_the_margin_within_bounds_and_keeps_a_poor_one_on_the_ground() -> None:
     async def story(show: Show) -> tuple[list[float], Refusal]:
         await show.standby()
-        for vehicle_id, accuracy in (("d1", Accuracy(1.5, 1.8)), ("d2", Accuracy(9.0, 20.0))):
-            show.link.autopilot(vehicle_id).streams.set_interval(24, None, show.fleet.time_s)
-            show.link._ears[vehicle_id].accuracy = accuracy
-        await show.wait(0.2)
+        show.befall("d1", "accuracy", eph_m=1.5, epv_m=1.8)
+        show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
+        await show.wait(0.5)
         return [seen.position_uncertainty_m for seen in show.view.vehicles], await start(show)
 
     wide_m, refusal = fly(story, show_config(3), spacing_m=8.0)

@@ -11,11 +11,8 @@ from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Order, Verb
 from gcs.service import ShowAction, VehicleAction
 from gcs.state import Mode
-from sim.commander import Result
 
 pytestmark = pytest.mark.xdist_group("show-px4")
-
-OBEYS_NOT = Result.TEMPORARILY_REJECTED
 
 
 def test_item_3_an_acknowledgement_that_the_heartbeat_does_not_bear_out_is_not_believed() -> None:
@@ -23,8 +20,7 @@ def test_item_3_an_acknowledgement_that_the_heartbeat_does_not_bear_out_is_not_b
 
     async def story(show: Show) -> str:
         await show.start()
-        pilot = show.link.autopilot("d1")
-        pilot.change_mode = lambda _mode, _now_s: OBEYS_NOT  # type: ignore[method-assign, assignment]
+        show.befall("d1", "stuck-mode", answer="accepted")
         record = await show.order("d1", VehicleAction.HOLD)
         return record.outcomes["d1"].reason
 
@@ -94,7 +90,7 @@ def test_item_12_a_boot_clock_that_jumps_changes_nothing_in_flight() -> None:
         await show.start()
         await show.wait(3.0)
         jumped_s = show.now_s
-        show.link.autopilot("d2")._boot_s = show.fleet.time_s - 0.2
+        show.befall("d2", "clock-jump", by_s=-10.0)
         await show.wait(5.0)
         after = show.track.between(jumped_s)
         return after.phases("d2"), after.setpoints_per_s("d2"), show.floor_violations()

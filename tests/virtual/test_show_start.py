@@ -11,7 +11,6 @@ from gcs.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Formation, Obstacle
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-from sim.commander import Commander
 
 pytestmark = pytest.mark.xdist_group("show-start")
 
@@ -46,7 +45,7 @@ def test_start_is_refused_while_a_vehicle_has_no_fresh_position_or_does_not_pass
 
 async def several_faults(show: Show) -> Refusal:
     await show.standby()
-    show.link.autopilot("d1").battery.remaining = 0.2
+    show.befall("d1", "battery", remaining=0.2)
     show.link.conflicts["d2"] = "system id 2 at 10.0.0.2:14550 and at 10.0.0.9:14550"
     await show.wait(2.5)
     return await refused(show, start_of()(show))
@@ -136,8 +135,7 @@ def test_only_the_chosen_take_off_and_the_others_are_named() -> None:
 
 def does_not_arm(show: Show) -> None:
     """A sensor fails between the check and the vehicle's turn."""
-    commander: Commander = show.link.autopilot("d2").commander
-    commander._ready_at_s = np.inf
+    show.fleet.state.ready_at_s[show.link.autopilot("d2").row] = np.inf
 
 
 def does_not_climb(show: Show) -> None:
@@ -180,8 +178,7 @@ def test_one_that_does_not_get_up_is_told_to_have_failed_and_the_others_fly(
 async def nobody_gets_up(show: Show) -> Start:
     await show.standby()
     record = show.service.command_show(ShowAction.START)
-    for pilot in show.fleet.autopilots:
-        pilot.commander._ready_at_s = np.inf
+    show.fleet.state.ready_at_s[:] = np.inf
     await show.reach(ShowPhase.LANDED)
     await show.wait(0.1)
     return Start(show.track, show.service.order(record.id), running=False)

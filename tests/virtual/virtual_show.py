@@ -1,6 +1,7 @@
 """Flies a show in virtual time: the real orchestrator, a loopback link, the fake fleet, and a recorder."""
 
 import asyncio
+import json
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
@@ -20,6 +21,7 @@ from gcs.safety.separation import minimum_separation
 from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleView
 from gcs.state import Array, VehicleId
 from sim.fleet import Fleet, Settings
+from sim.trouble import Trouble
 
 T = TypeVar("T")
 
@@ -139,6 +141,7 @@ class Show:
         self.fleet = fleet
         self.link = link
         self.service = service
+        self._trouble = Trouble(fleet)
         self._moments: list[Moment] = []
 
     @property
@@ -164,6 +167,13 @@ class Show:
     def vehicle(self, vehicle_id: VehicleId) -> VehicleView:
         """One vehicle, as believed."""
         return self.view.vehicles[self.config.ids.index(vehicle_id)]
+
+    def befall(self, vehicle_id: VehicleId, fault: str, **values: float | str) -> None:
+        """Have a vehicle suffer a fault, as `gcs sim --control` would be ordered to."""
+        order = {"vehicle": self.config.ids.index(vehicle_id) + 1, "fault": fault, **values}
+        answer = json.loads(self._trouble.obey(json.dumps(order)))
+        if not answer["ok"] or "unmoved" in answer:
+            raise ValueError(f"{order}: {answer}")
 
     async def record(self) -> None:
         """Note every tick until cancelled."""

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--count", "0"], "whole number from 1 to 250"),
-        (["--count", "many"], "whole number from 1 to 250"),
-        (["--first", "-1"], "whole number from 0 to 249"),
+        (["--count", "0"], "whole number from 1 to 10000"),
+        (["--count", "many"], "whole number from 1 to 10000"),
+        (["--first", "-1"], "whole number from 0 to 9999"),
         (["--port-base", "70000"], "whole number from 1 to 65535"),
         (["--ports", "px4", "--port-base", "15000"], "not allowed with"),
         (["--wind", "1,2"], "three numbers with commas"),
@@ -30,6 +30,12 @@ if TYPE_CHECKING:
         (["--param", "COM_OBL_RC_ACT=half"], "NAME=VALUE"),
         (["--param", "COM_OBL_RC_ACT=0.5"], "whole number"),
         (["--grid-columns", "0"], "whole number from 1"),
+        (["--quirk", "double-ack"], "NAME=on or NAME=off"),
+        (["--quirk", "telepathy=off"], "no such quirk"),
+        (["--namespace-size", "251"], "whole number from 1 to 250"),
+        (["--telemetry-hz", "0"], "number from 0.1 to 250"),
+        (["--control", "0"], "whole number from 1 to 65535"),
+        (["--faults-from", "file"], "invalid choice"),
         (["--bogus"], "unrecognized arguments: --bogus"),
     ],
 )
@@ -45,7 +51,7 @@ def test_bad_arguments_are_named_and_exit_with_two(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--first", "200", "--count", "51"], "--count can be 50 at most"),
+        (["--first", "9000", "--count", "1001"], "at most 1000 fit"),
         (["--port-base", "65530", "--count", "10"], "beyond port 65535"),
     ],
 )

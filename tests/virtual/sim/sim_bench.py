@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import math
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ class Bench:
     def __init__(self, **settings: Any) -> None:
         settings = {"noise_scale": 0.0, **settings}
         self.fleet = Fleet(Settings(**settings), start_s=START_S, unix_at_start_s=1.8e9)
+        self._circle = self.fleet.ears.circle(range(len(self.fleet.autopilots)))
         self.heard: list[tuple[float, Any]] = []
         self.repeated: Any = None  # a setpoint, 20 times a second
         self.heartbeats = True
@@ -58,9 +60,8 @@ class Bench:
         self.send_bytes(self.frame(message))
 
     def send_bytes(self, datagram: bytes) -> None:
-        for autopilot in self.fleet.autopilots:
-            autopilot.receive(datagram, self.fleet.time_s)
-            self._hear(autopilot.take_frames(self.fleet.time_s, streams=False))
+        self.fleet.ears.hear([(self._circle, datagram)])
+        self._hear(self.fleet.take_frames(streams=False))
 
     def run(self, duration_s: float) -> Bench:
         for _ in range(round(duration_s / STEP_S)):
@@ -70,8 +71,7 @@ class Bench:
                 self.send(self.repeated)
             self._ticks += 1
             self.fleet.step()
-            for autopilot in self.fleet.autopilots:
-                self._hear(autopilot.take_frames(self.fleet.time_s))
+            self._hear(self.fleet.take_frames())
         return self
 
     def until(self, condition: Any, limit_s: float) -> float:
@@ -159,8 +159,8 @@ class Bench:
             texts[message.id] = texts.get(message.id, "") + message.text
         return [text.strip() for text in texts.values()]
 
-    def _hear(self, frames: list[bytes]) -> None:
-        for frame in frames:
+    def _hear(self, said: dict[int, list[bytes]]) -> None:
+        for frame in chain.from_iterable(said.values()):
             assert frame[0] == 0xFD
             self.heard.append((self.now_s, self._ears.decode(bytearray(frame))))
 

@@ -109,14 +109,12 @@ def test_a_negative_rtl_land_delay_waits_over_home_for_ever() -> None:
 
 
 def test_holding_in_measured_noise_moves_the_vehicle_as_measured() -> None:
-    bench = Bench(noise_scale=1.0, count=4, seed=5)
+    bench = Bench(noise_scale=1.0, count=4, seed=5, rates_hz={})  # nothing to say: faster
     bench.heartbeats = False
-    for autopilot in bench.fleet.autopilots:
-        autopilot.streams._due.clear()  # nothing to say: faster
     bench.run(7.0)
     for autopilot in bench.fleet.autopilots:
-        autopilot.take_off(None, bench.fleet.time_s)
-        autopilot.arm(bench.fleet.time_s)
+        autopilot.take_off(None)
+        autopilot.arm()
     bench.run(15.0)
     track = np.array([bench.run(0.2).fleet.bodies.position_m for _ in range(300)])
     spread_m = track.std(axis=0).mean(axis=0)
@@ -125,9 +123,7 @@ def test_holding_in_measured_noise_moves_the_vehicle_as_measured() -> None:
 
 
 def test_the_estimate_is_off_by_the_scaled_noise() -> None:
-    bench = Bench(noise_scale=1.0, count=40)
-    for autopilot in bench.fleet.autopilots:
-        autopilot.streams._due.clear()
+    bench = Bench(noise_scale=1.0, count=40, rates_hz={})
     bench.run(0.1)
     assert bench.fleet._error.position_m.std(axis=0) == pytest.approx((0.09, 0.19, 0.41), rel=0.4)
 

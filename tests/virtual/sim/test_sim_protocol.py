@@ -184,7 +184,7 @@ def state_of(bench: Bench) -> tuple[Any, ...]:
         commander.landed,
         commander.setpoint_seen,
         dict(autopilot.parameters._changed),
-        sorted(autopilot.streams._interval_s.items()),
+        bench.fleet._schedule._interval_s.tolist(),
     )
 
 

@@ -1,0 +1,114 @@
+"""Between sockets and vehicles: what is sound passes at once, broken links go through their faults."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sim.frames import SETPOINT, SETPOINT_FRAME
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sim.endpoint import Address, Endpoint
+    from sim.fleet import Fleet
+    from sim.trouble import Trouble
+
+SETPOINT_ID = SETPOINT.id.to_bytes(3, "little")
+TARGET_AT = 10 + 50  # header, and what stands before target_system
+
+
+class Air:
+    """Carries datagrams both ways for all endpoints."""
+
+    def __init__(self, fleet: Fleet, trouble: Trouble, endpoints: Sequence[Endpoint]) -> None:
+        """Every vehicle of the fleet is behind one of the endpoints."""
+        self._fleet = fleet
+        self._trouble = trouble
+        self._endpoints = endpoints
+        self._by_row = {row: endpoint for endpoint in endpoints for row in endpoint.rows}
+        self._changes = 0
+        self._apart: dict[Endpoint, list[tuple[int, int]]] = {}
+
+    def listen(self, ready: Sequence[Endpoint]) -> None:
+        """Hear what has arrived there; answer at once, as PX4 does within milliseconds."""
+        fleet, broken = self._fleet, self._trouble.broken
+        if self._changes != self._trouble.changes:
+            self._part()
+        batch: list[tuple[int, bytes]] = []
+        origins: list[tuple[Endpoint, Address]] = []
+        for endpoint in ready:
+            for datagram, address in endpoint.read():
+                batch.append((endpoint.circle, datagram))
+                origins.append((endpoint, address))
+                for row, system_id in self._apart.get(endpoint, ()):
+                    if _concerns(datagram, system_id):
+                        broken[row].into.put(datagram, (endpoint, address), fleet.time_s)
+        self._hear(batch, origins)
+        self.deliver()
+
+    def deliver(self) -> None:
+        """Hear what the broken links have let through by now, and answer whatever has been heard."""
+        batch: list[tuple[int, bytes]] = []
+        origins: list[tuple[Endpoint, Address]] = []
+        for row, channel in self._trouble.broken.items():
+            for datagram, origin in channel.into.take(self._fleet.time_s):
+                batch.append((row, datagram))
+                origins.append(origin)
+        self._hear(batch, origins)
+        said = self._fleet.take_frames(streams=False)
+        if said:
+            self._speak(said, answers=True)
+        for endpoint in self._endpoints if said else ():
+            endpoint.answered()
+
+    def speak(self) -> None:
+        """Send everything that is due."""
+        self._speak(self._fleet.take_frames(), answers=False)
+
+    def _hear(self, batch: list[tuple[int, bytes]], origins: list[tuple[Endpoint, Address]]) -> None:
+        if not batch:
+            return
+        sound = self._fleet.ears.hear(batch)
+        for (endpoint, address), is_sound in zip(origins, sound, strict=True):
+            if is_sound:
+                endpoint.heard(address, self._fleet.time_s)
+
+    def _speak(self, said: dict[int, list[bytes]], *, answers: bool) -> None:
+        now_s, broken = self._fleet.time_s, self._trouble.broken
+        for row in broken:
+            frames = said.pop(row, None)
+            if frames:
+                broken[row].out.put(b"".join(frames), None, now_s)
+        together: dict[Endpoint, list[bytes]] = {}
+        for row, frames in said.items():
+            together.setdefault(self._by_row[row], []).extend(frames)
+        for endpoint, frames in together.items():
+            if answers:
+                endpoint.answer(frames)
+            else:
+                endpoint.send(frames)
+        for row, channel in broken.items():
+            endpoint = self._by_row[row]
+            for packet, _ in channel.out.take(now_s):
+                endpoint.send_alone(packet)
+            for garbage in channel.jammer.take(now_s):
+                endpoint.send_alone(garbage)
+
+    def _part(self) -> None:
+        """Let those with broken links hear their sockets only through their faults."""
+        self._changes = self._trouble.changes
+        self._apart = {}
+        for row in self._trouble.broken:
+            system_id = int(self._fleet.state.system_id[row])
+            self._apart.setdefault(self._by_row[row], []).append((row, system_id))
+        for endpoint in self._endpoints:
+            self._fleet.ears.regroup(
+                endpoint.circle, [row for row in endpoint.rows if row not in self._trouble.broken]
+            )
+
+
+def _concerns(datagram: bytes, system_id: int) -> bool:
+    """False for a setpoint that is for somebody else: most of what a shared socket hears."""
+    if len(datagram) != SETPOINT_FRAME or datagram[7:10] != SETPOINT_ID:
+        return True
+    return datagram[TARGET_AT] in {0, system_id}

@@ -1,0 +1,170 @@
+"""Orders to the fleet's operator, as JSON: which fault, for which vehicles, for how long. Strict."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TypeAlias
+
+Value: TypeAlias = float | str
+
+LONGEST_LINE = 65536
+
+
+class OrderError(ValueError):
+    """An order that cannot be carried out; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A field that holds a number from low to high; required where it has no default."""
+
+    low: float
+    high: float
+    default: float | None = None
+
+    def read(self, name: str, value: object) -> Value:
+        """The number, or an OrderError."""
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not self.low <= value <= self.high
+        ):
+            raise OrderError(f"{name} must be a number from {self.low:g} to {self.high:g}, not {value!r}")
+        return float(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A field that holds one of these words; the first unless told otherwise."""
+
+    words: tuple[str, ...]
+
+    @property
+    def default(self) -> str:
+        """The first."""
+        return self.words[0]
+
+    def read(self, name: str, value: object) -> Value:
+        """The word, or an OrderError."""
+        if not isinstance(value, str) or value not in self.words:
+            raise OrderError(f"{name} must be one of {', '.join(self.words)}, not {value!r}")
+        return value
+
+
+Field: TypeAlias = Number | Choice
+
+SHARE = MappingProxyType({"share": Number(0.0, 1.0)})
+WAY = MappingProxyType({"way": Choice(("both", "out", "in"))})
+STEP_M = Number(-1e5, 1e5, 0.0)
+SPEED_M_S = Number(-50.0, 50.0, 0.0)
+ACCURACY = Number(0.0, 500.0, math.nan)
+SHIFT: Mapping[str, Field] = MappingProxyType({"north_m": STEP_M, "east_m": STEP_M, "down_m": STEP_M})
+PILOTED = ("POSITION", "ALTITUDE", "MANUAL", "STABILIZED", "HOLD", "LAND", "RETURN")
+
+LINK_FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType(
+    {
+        "silence": WAY,
+        "loss": SHARE | WAY,
+        "delay": {"delay_s": Number(0.0, 60.0, 0.0), "jitter_s": Number(0.0, 60.0, 0.0)} | WAY,
+        "reorder": SHARE | WAY,
+        "duplicate": SHARE | WAY,
+        "corrupt": SHARE | WAY,
+        "jam": {"rate_hz": Number(0.0, 10_000.0)},
+    }
+)
+VEHICLE_FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType(
+    {
+        "gps-jump": SHIFT,
+        "gps-freeze": {},
+        "accuracy": dict.fromkeys(("eph_m", "epv_m", "hdop", "vdop"), ACCURACY),
+        "stuck-mode": {"answer": Choice(("accepted", "rejected"))},
+        "pilot": {
+            "mode": Choice(PILOTED),
+            "by": Choice(("switch", "sticks")),
+            "north_m_s": SPEED_M_S,
+            "east_m_s": SPEED_M_S,
+            "down_m_s": SPEED_M_S,
+        },
+    }
+)
+EVENTS: Mapping[str, Mapping[str, Field]] = MappingProxyType(
+    {
+        "none": {},
+        "position-reset": SHIFT,
+        "clock-jump": {"by_s": Number(-1e6, 1e6)},
+        "reboot": {"off_s": Number(0.0, 60.0, 1.0), "motors": Choice(("stop", "go-on"))},
+        "battery": {"remaining": Number(0.0, 1.0)},
+    }
+)
+FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType({**LINK_FAULTS, **VEHICLE_FAULTS, **EVENTS})
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """One fault for some vehicles. for_s is inf where it lasts until it is taken back."""
+
+    fault: str
+    vehicles: tuple[int, ...] | None  # numbers from 1; None: all
+    values: Mapping[str, Value]
+    for_s: float = math.inf
+
+
+def parse(line: str | bytes) -> Order:
+    """Read one line of JSON.
+
+    Raises:
+        OrderError: it is none, names something unknown, or a value is out of range.
+    """
+    if len(line) > LONGEST_LINE:
+        raise OrderError(f"a line of {len(line)} bytes; at most {LONGEST_LINE} are read")
+    try:
+        fields = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise OrderError(f"not JSON: {error}") from None
+    if not isinstance(fields, dict):
+        raise OrderError('an order is an object, as in {"vehicle": 3, "fault": "loss", "share": 0.3}')
+    fault = fields.pop("fault", None)
+    if not isinstance(fault, str) or fault not in FAULTS:
+        raise OrderError(f"fault must be one of {', '.join(FAULTS)}, not {fault!r}")
+    vehicles = _vehicles(fields)
+    for_s = math.inf
+    if "for_s" in fields:
+        if fault in EVENTS:
+            raise OrderError(f"{fault} happens once: for_s does not go with it")
+        for_s = float(Number(0.0, 1e6).read("for_s", fields.pop("for_s")))
+    form = FAULTS[fault]
+    for name in fields:
+        if name not in form:
+            takes = ", ".join(["vehicle", "vehicles", "fault", "for_s", *form])
+            raise OrderError(f"{name}: {fault} has no such field; it takes {takes}")
+    return Order(fault, vehicles, {name: _value(fields, name, field) for name, field in form.items()}, for_s)
+
+
+def _value(fields: Mapping[str, object], name: str, field: Field) -> Value:
+    if name in fields:
+        return field.read(name, fields[name])
+    if field.default is None:
+        raise OrderError(f"{name} is missing")
+    return field.default
+
+
+def _vehicles(fields: dict[str, object]) -> tuple[int, ...] | None:
+    """The numbers, from 1; taken out of the fields."""
+    if ("vehicle" in fields) == ("vehicles" in fields):
+        raise OrderError('either "vehicle": 3 or "vehicles": [1, 2] or "vehicles": "all" must be there')
+    if "vehicle" in fields:
+        wanted: object = [fields.pop("vehicle")]
+    else:
+        wanted = fields.pop("vehicles")
+        if wanted == "all":
+            return None
+    if not isinstance(wanted, list) or not wanted:
+        raise OrderError(f'vehicles must be a list of numbers, or "all", not {wanted!r}')
+    for number in wanted:
+        if isinstance(number, bool) or not isinstance(number, int) or number < 1:
+            raise OrderError(f"{number!r} is no vehicle's number: they are whole, from 1")
+    return tuple(dict.fromkeys(wanted))

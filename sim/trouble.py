@@ -1,0 +1,221 @@
+"""Carries out orders: breaks links and vehicles, and mends them when their time is over. Sans-I/O."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from sim.commander import Stuck
+from sim.faults import Channel, Ills
+from sim.modes import Mode
+from sim.orders import LINK_FAULTS, Order, OrderError, parse
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sim.endpoint import Address, Endpoint
+    from sim.fleet import Fleet
+    from sim.orders import Value
+
+Origin: TypeAlias = "tuple[Endpoint, Address]"
+"""Where a packet came from: the shell's business."""
+
+FAULT_SEED = 2
+RECORDED = {"eph_m": 0.9, "epv_m": 1.78, "hdop": 0.7, "vdop": 1.1}
+
+
+class Trouble:
+    """The faults of a fleet's vehicles; rows are the fleet's."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        """Begin with everything sound. Chance follows from the fleet's seed and each vehicle's index."""
+        self._fleet = fleet
+        self._channels: dict[int, Channel[Origin]] = {}
+        self._ends: dict[tuple[int, str], float] = {}
+        self.changes = 0
+        """How often the set of broken links has changed."""
+
+    @property
+    def broken(self) -> Mapping[int, Channel[Origin]]:
+        """The links that need care, by row."""
+        return self._channels
+
+    def obey(self, line: str | bytes) -> str:
+        """Carry out one line of JSON.
+
+        Returns: a line of JSON, with "ok", and with "error" where nothing changed.
+        """
+        try:
+            order = parse(line)
+            rows = self._rows(order)
+        except OrderError as error:
+            return json.dumps({"ok": False, "error": str(error)})
+        unmoved = [row for row in rows if not self._apply(row, order)]
+        answer: dict[str, object] = {"ok": True, "fault": order.fault, "vehicles": self._numbers(rows)}
+        if unmoved:
+            answer["unmoved"] = self._numbers(unmoved)
+        return json.dumps(answer)
+
+    def pass_time(self) -> None:
+        """End the faults whose time is over."""
+        if not self._ends:
+            return
+        for (row, fault), end_s in list(self._ends.items()):
+            if self._fleet.time_s >= end_s:
+                self._end(row, fault)
+
+    def _rows(self, order: Order) -> list[int]:
+        first, count = self._fleet.settings.first, self._fleet.settings.count
+        if order.vehicles is None:
+            return list(range(count))
+        for number in order.vehicles:
+            if not first < number <= first + count:
+                raise OrderError(f"vehicle {number}: there are {first + 1} to {first + count}")
+        return [number - first - 1 for number in order.vehicles]
+
+    def _numbers(self, rows: list[int]) -> list[int]:
+        return [row + self._fleet.settings.first + 1 for row in rows]
+
+    def _apply(self, row: int, order: Order) -> bool:
+        """Returns: whether it took effect; False where the vehicle's own settings prevent it."""
+        fault, values = order.fault, order.values
+        if fault == "none":
+            self._mend(row)
+            return True
+        took = self._break_link(row, fault, values) if fault in LINK_FAULTS else self._befall(row, order)
+        if took and order.for_s < math.inf:
+            self._ends[row, fault] = self._fleet.time_s + order.for_s
+        else:
+            self._ends.pop((row, fault), None)
+        return took
+
+    def _break_link(self, row: int, fault: str, values: Mapping[str, Value]) -> bool:
+        channel = self._channels.get(row)
+        if channel is None:
+            settings = self._fleet.settings
+            seeds = np.random.SeedSequence(settings.seed, spawn_key=(settings.first + row, FAULT_SEED))
+            channel = self._channels[row] = Channel(np.random.default_rng(seeds))
+            self.changes += 1
+        if fault == "jam":
+            channel.jammer.rate_hz = float(values["rate_hz"])
+            return True
+        for way, ills in channel.ways.items():
+            if values["way"] in {"both", way}:
+                _sicken(ills, fault, values)
+        return True
+
+    def _befall(self, row: int, order: Order) -> bool:
+        """What happens to the vehicle itself."""
+        state, values, fault = self._fleet.state, order.values, order.fault
+        if fault in {"gps-jump", "position-reset"}:
+            state.offset_m[row] += [float(values[name]) for name in ("north_m", "east_m", "down_m")]
+            if fault == "position-reset":
+                state.reset_counter[row] += np.uint8(1)
+        elif fault == "gps-freeze":
+            state.frozen_m[row] = self._fleet.estimate_m[row]
+        elif fault == "accuracy":
+            self._blur(row, values)
+        elif fault == "clock-jump":
+            state.clock_offset_s[row] += float(values["by_s"])
+        elif fault == "battery":
+            state.remaining[row] = float(values["remaining"])
+        elif fault == "stuck-mode":
+            self._fleet.autopilots[row].commander.stuck = Stuck(values["answer"])
+        elif fault == "reboot":
+            self._reboot(row, values)
+        else:
+            return self._take_over(row, values)
+        return True
+
+    def _blur(self, row: int, values: Mapping[str, Value]) -> None:
+        state = self._fleet.state
+        columns = {
+            "eph_m": state.horizontal_accuracy_m,
+            "epv_m": state.vertical_accuracy_m,
+            "hdop": state.hdop,
+            "vdop": state.vdop,
+        }
+        for name, column in columns.items():
+            if not math.isnan(float(values[name])):
+                column[row] = float(values[name])
+
+    def _reboot(self, row: int, values: Mapping[str, Value]) -> None:
+        """The link is silent for off_s. In the air PX4's motors stop; go-on restarts all but the flight."""
+        off_s = float(values["off_s"])
+        if values["motors"] == "stop":
+            self._fleet.reboot(row, off_s=off_s)
+        else:
+            self._fleet.restart_link(row, off_s=off_s)
+        if off_s > 0.0:
+            self._break_link(row, "silence", {"way": "both"})
+            self._ends[row, "silence"] = self._fleet.time_s + off_s
+
+    def _take_over(self, row: int, values: Mapping[str, Value]) -> bool:
+        """By the mode switch always; by moving the sticks only where COM_RC_OVERRIDE allows."""
+        state, commander = self._fleet.state, self._fleet.autopilots[row].commander
+        if values["by"] == "sticks" and not commander.overridden():
+            return False
+        state.piloted[row] = True
+        state.stick_m_s[row] = [float(values[name]) for name in ("north_m_s", "east_m_s", "down_m_s")]
+        commander.intend(Mode[str(values["mode"])])
+        return True
+
+    def _mend(self, row: int) -> None:
+        if self._channels.pop(row, None) is not None:
+            self.changes += 1
+        for fault in ("gps-jump", "gps-freeze", "accuracy", "stuck-mode", "pilot"):
+            self._end(row, fault)
+        for key in [key for key in self._ends if key[0] == row]:
+            del self._ends[key]
+
+    def _end(self, row: int, fault: str) -> None:
+        self._ends.pop((row, fault), None)
+        state = self._fleet.state
+        channel = self._channels.get(row)
+        if channel is not None and fault in LINK_FAULTS:
+            channel.jammer.rate_hz *= fault != "jam"
+            for ills in channel.ways.values():
+                _heal(ills, fault)
+        elif fault == "gps-jump":
+            state.offset_m[row] = 0.0
+        elif fault == "gps-freeze":
+            state.frozen_m[row] = np.nan
+        elif fault == "accuracy":
+            self._blur(row, RECORDED)
+        elif fault == "stuck-mode":
+            self._fleet.autopilots[row].commander.stuck = Stuck.NO
+        elif fault == "pilot":
+            self._let_go(row)
+
+    def _let_go(self, row: int) -> None:
+        """Without a pilot the vehicle holds, where it was flown by hand."""
+        state, commander = self._fleet.state, self._fleet.autopilots[row].commander
+        by_hand = state.piloted[row] and commander.mode in {
+            Mode.POSITION,
+            Mode.ALTITUDE,
+            Mode.MANUAL,
+            Mode.STABILIZED,
+        }
+        state.piloted[row] = False
+        state.stick_m_s[row] = 0.0
+        if by_hand:
+            commander.intend(Mode.HOLD)
+
+
+def _sicken(ills: Ills, fault: str, values: Mapping[str, Value]) -> None:
+    if fault == "silence":
+        ills.silent = True
+    elif fault == "delay":
+        ills.delay_s, ills.jitter_s = float(values["delay_s"]), float(values["jitter_s"])
+    else:
+        setattr(ills, fault, float(values["share"]))
+
+
+def _heal(ills: Ills, fault: str) -> None:
+    healthy = Ills()
+    for name in {"silence": ("silent",), "delay": ("delay_s", "jitter_s")}.get(fault, (fault,)):
+        if hasattr(ills, name):
+            setattr(ills, name, getattr(healthy, name))
