@@ -106,7 +106,7 @@ class Director:
         elif vehicle.phase is Phase.OFFLINE and flight.fleet.time_s - beat_s <= silence_s:
             vehicle.reason = "heard, but it has no position yet"
         elif vehicle.phase is Phase.LOST and age_s <= silence_s and heard.mode is not Mode.LAND:
-            self._by_itself(vehicle, self._errands.hold)  # comes back through HOLD
+            self._by_itself(vehicle, self._come_back)
         elif vehicle.phase is Phase.STANDBY and heard.mode is Mode.OFFBOARD and not heard.armed:
             self._by_itself(vehicle, self._errands.rest)
         elif vehicle.phase in FLOWN and not vehicle.handed_over and heard.mode is Mode.HOLD:
@@ -122,6 +122,15 @@ class Director:
             f" and is given {positioning.reset_margin_m:g} m more room for {positioning.reset_margin_s:g} s"
         )
         vehicle.freeze(flight.position_m(vehicle), flight.fleet.time_s + positioning.freeze_s, reason)
+
+    async def _come_back(self, vehicle: Vehicle) -> None:
+        """From LOST through HOLD; and on, where everybody was ordered home or down meanwhile."""
+        await self._errands.hold(vehicle)
+        show = self._flight.show
+        if show is ShowPhase.RETURNING and vehicle.home_m is not None:
+            await self._errands.come_home(vehicle)
+        elif show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
+            await self._errands.descend(self._places_m([vehicle])[vehicle.id])(vehicle)
 
     def _by_itself(self, vehicle: Vehicle, errand: Errand) -> None:
         """Do what nobody ordered: not recorded as an order, and not again at once when it fails."""

@@ -190,6 +190,36 @@ def test_one_lost_heartbeat_changes_nothing() -> None:
     assert setpoints_per_s == pytest.approx(20.0, abs=0.5)
 
 
+async def lost_on_its_way_home(show: Show, action: ShowAction) -> tuple[list[Phase], int]:
+    """Everybody is ordered home or down; one is silent for so long that its own failsafe holds it."""
+    await show.start()
+    record = show.service.command_show(action)
+    on_its_way = Phase.RETURN if action is ShowAction.STOP else Phase.LANDING
+    await show.phase("d2", on_its_way)
+    show.link.silence("d2")
+    await show.phase("d2", Phase.LOST)
+    await show.wait(2.0)
+    show.link.restore("d2")
+    await show.settled(record)
+    await show.phase("d2", Phase.STANDBY, 90.0)
+    await show.reach(ShowPhase.LANDED)
+    return show.track.phases("d2"), show.floor_violations()
+
+
+@pytest.mark.parametrize(
+    ("action", "on_its_way"), [(ShowAction.STOP, Phase.RETURN), (ShowAction.ABORT, Phase.LANDING)]
+)
+def test_a_vehicle_lost_while_all_come_down_is_brought_down_once_it_is_back(
+    action: ShowAction, on_its_way: Phase
+) -> None:
+    config = show_config(4, operation=HOLDS_WHEN_LOST)
+    phases, violations = fly(lambda show: lost_on_its_way_home(show, action), config)
+    after = phases[phases.index(Phase.LOST) :]
+    assert after[:3] == [Phase.LOST, Phase.HOLD, on_its_way]
+    assert after[-2:] == [Phase.LANDING, Phase.STANDBY]
+    assert violations == 0
+
+
 class TakenOver(NamedTuple):
     track: Track
     change_s: dict[VehicleId, float]
