@@ -33,6 +33,10 @@ log = logging.getLogger(__name__)
 _RECORD_LENGTH: Final = 4096
 _STRANGERS_LOGGED_MAX: Final = 64
 _TEND_PERIOD_S: Final = 0.02
+_TURN_S: Final = 0.02
+_READ_LEAST_S: Final = 0.001
+"""Who floods its port keeps neither the loop nor the other ports waiting: a turn's time is shared out among
+the ports that have something, and what is left then waits for the next turn, with the date of its arrival."""
 
 
 class Wire:
@@ -122,7 +126,7 @@ class Wire:
             selector.close()
 
     def receive(self) -> None:
-        """Take in everything that has arrived. Never blocks.
+        """Take in what has arrived, as much as a turn has time for. Never blocks.
 
         To be called every few milliseconds. Waking the loop for every datagram would cost more, and nothing
         is lost by waiting, since the kernel notes the times of arrival.
@@ -130,9 +134,7 @@ class Wire:
         if self._selector is None:
             return
         now_s = self._clock()
-        for key, _ in self._selector.select(0):
-            for arrival in key.data(now_s):
-                self._receive(arrival)
+        self._read(self._selector.select(0), now_s)
         if now_s >= self._tend_s:
             self._tend_s = now_s + _TEND_PERIOD_S
             for endpoint in self._tended:
@@ -249,6 +251,16 @@ class Wire:
                 log.warning("send_failed", extra=about)
             return False
         return True
+
+    def _read(self, ready: Sequence[tuple[selectors.SelectorKey, int]], now_s: float) -> None:
+        """Take in what these ports have, each for its share of a turn."""
+        share_s = max(_TURN_S / max(len(ready), 1), _READ_LEAST_S)
+        for key, _ in ready:
+            until_s = self._clock() + share_s
+            for arrival in key.data(now_s):
+                self._receive(arrival)
+                if self._clock() > until_s:
+                    break
 
     def _receive(self, arrival: Arrival) -> None:
         (frames, garbage_bytes, unknown_bytes), address, time_s = (

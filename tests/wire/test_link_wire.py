@@ -19,7 +19,9 @@ from wire_bench import (
 )
 
 from gcs.errors import LinkError
-from gcs.links.wire import Direction, Listen
+from gcs.links.deadman import Deadman
+from gcs.links.killlatch import KillLatch
+from gcs.links.wire import Direction, Listen, Wire
 from gcs.state import Mode
 
 pytestmark = pytest.mark.xdist_group("wire")
@@ -41,6 +43,38 @@ def test_a_frame_goes_to_its_target_only_and_one_for_everybody_to_all() -> None:
                 assert is_empty(two)
 
     asyncio.run(main())
+
+
+def test_who_floods_its_port_keeps_neither_the_loop_nor_the_others_waiting() -> None:
+    now_s = 0.0
+
+    def slow_clock() -> float:  # as if every frame cost a millisecond
+        nonlocal now_s
+        now_s += 0.001
+        return now_s
+
+    delivered: list[int] = []
+    port = free_ports(2)
+    wire = Wire(
+        name="bench",
+        system_ids=(1, 2),
+        listen=Listen("127.0.0.1", port, 2),
+        deadman=Deadman(0.18),
+        latch=KillLatch((1, 2)),
+        clock=slow_clock,
+        deliver=lambda frame: delivered.append(frame.system_id),
+    )
+    wire.open()
+    with closing(wire), a_socket() as flood, a_socket() as other:
+        for _ in range(200):
+            flood.sendto(beat(1), ("127.0.0.1", port))
+        other.sendto(beat(2), ("127.0.0.1", port + 1))
+        wire.receive()
+        assert delivered.count(2) == 1
+        assert 1 <= delivered.count(1) <= 12, "half of 20 ms"
+        for _ in range(40):
+            wire.receive()
+        assert delivered.count(1) == 200, "nothing is lost"
 
 
 def test_many_vehicles_behind_one_router_get_one_copy_of_what_is_for_everybody() -> None:

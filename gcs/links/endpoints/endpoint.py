@@ -17,7 +17,10 @@ class Arrival(NamedTuple):
 
 
 Read: TypeAlias = Callable[[float], Iterable[Arrival]]
-"""Takes in what has arrived, given the time now. Every file in the selector has one for its data."""
+"""Takes in what has arrived, given the time now. Every file in the selector has one for its data.
+
+Whoever iterates may stop: the rest is taken in by the next call.
+"""
 
 
 class Endpoint(Protocol):

@@ -51,6 +51,7 @@ class Stream:
         self._arrived = b""
         self._half_sent = b""
         self._looked_s = now_s
+        self._unread = False
 
     def fileno(self) -> int:
         """For the selector."""
@@ -63,23 +64,25 @@ class Stream:
         """
         time_s = now_s if now_s - self._looked_s < _STALL_S else self._looked_s
         garbage_bytes = 0
+        self._unread = True  # until seen empty
         for _ in range(_READS_PER_CALL):
             try:
                 data = self._channel.read(_READ_BYTES)
             except BlockingIOError:
-                break
+                self._unread, self._looked_s = False, now_s
+                return
             if not data:
                 raise ConnectionError("ended by the far end")
             parts, self._arrived = split_stream(self._arrived + data)
             yield Arrival(self.address, parts, time_s)
             garbage_bytes += parts.garbage_bytes + parts.unknown_bytes
             if garbage_bytes > _GARBAGE_PER_CALL_BYTES:
-                return  # without having seen it empty
-        self._looked_s = now_s
+                return
 
     def looked(self, now_s: float) -> None:
-        """The selector says that there is nothing to read."""
-        self._looked_s = now_s
+        """The selector has been asked: there is nothing to read but what was left unread."""
+        if not self._unread:
+            self._looked_s = now_s
 
     def send(self, data: bytes, *, perishable: bool) -> None:
         """Send a frame, whole or not at all. Raises: BlockingIOError for want of room; OSError."""
