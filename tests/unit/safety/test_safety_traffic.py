@@ -155,3 +155,17 @@ def test_passing_at_half_the_distance_of_no_concern_counts_three_quarters(aside:
     wanted = np.array([0.75 * along, -0.75 * along])
     turned = to_goals(position, goal, wanted)
     assert turned[0] @ wanted[0] == pytest.approx(9.0 * np.cos(angle_rad(0.75)))
+
+
+def test_whom_one_is_just_passing_one_does_not_meet_any_more() -> None:
+    abeam = np.array([[0.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
+    wanted = np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    goal = np.array([[30.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
+    assert to_goals(abeam, goal, wanted, turned=[True, False]).tolist() == wanted.tolist()
+
+
+def test_those_who_fly_side_by_side_meet_no_sooner_for_half_a_millimetre_a_second() -> None:
+    position = np.array([[0.0, 0.0, -20.0], [0.0, 5.0, -20.0]])
+    wanted = np.array([[3.0, 0.0, 0.0], [3.0, -5e-4, 0.0]])
+    goal = np.array([[30.0, 0.0, -20.0], [30.0, 5.0, -20.0]])
+    assert to_goals(position, goal, wanted).tolist() == wanted.tolist()
