@@ -262,3 +262,17 @@ def test_giving_way_begins_before_it_is_complete() -> None:
     with pytest.raises(ValidationError, match="must be more than"):
         Traffic(give_way_m=6.0)
     assert Traffic(give_way_m=0.0).give_way_m == 0.0
+
+
+def test_whom_one_is_just_passing_one_does_not_meet_any_more() -> None:
+    abeam = np.array([[0.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
+    wanted = np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    goal = np.array([[30.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
+    assert to_goals(abeam, goal, wanted, turned=[True, False]).tolist() == wanted.tolist()
+
+
+def test_those_who_fly_side_by_side_meet_no_sooner_for_half_a_millimetre_a_second() -> None:
+    position = np.array([[0.0, 0.0, -20.0], [0.0, 5.0, -20.0]])
+    wanted = np.array([[3.0, 0.0, 0.0], [3.0, -5e-4, 0.0]])
+    goal = np.array([[30.0, 0.0, -20.0], [30.0, 5.0, -20.0]])
+    assert to_goals(position, goal, wanted).tolist() == wanted.tolist()
