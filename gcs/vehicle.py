@@ -61,7 +61,8 @@ class Vehicle:
             self.goal_m = None
         self.engaging = False
         self.handed_over = False
-        log.info(
+        log.log(
+            logging.WARNING if self.phase in {Phase.LOST, Phase.PILOT} else logging.INFO,
             "vehicle_phase",
             extra={"vehicle": self.id, "was": before.value, "phase": self.phase.value, "reason": reason},
         )

@@ -31,8 +31,8 @@ class Deadman:
 class Asked:
     """What the newest tick asked of each vehicle: a setpoint that says anything else is an old one.
 
-    MAVSDK has a queue and threads of its own. One that was stuck goes on with what waited there, and finds the
-    permission that a tick has renewed meanwhile. One thread replaces, any thread asks.
+    MAVSDK has a queue and threads of its own. One that was stuck goes on with what waited there, and finds
+    the permission that a tick has renewed meanwhile. One thread replaces, any thread asks.
     """
 
     def __init__(self) -> None:

@@ -110,7 +110,7 @@ class MavsdkLink:
             forward=forward,
         )
         self._rates_hz = dict(rates_hz or {})
-        self._record = record
+        self._recorder = None if record is None else Recorder(record, name, self._wire.counters, clock)
         self._signing = signing
         self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkShards | None = None
@@ -128,6 +128,12 @@ class MavsdkLink:
     def ids(self) -> tuple[VehicleId, ...]:
         """The vehicles configured on this link, heard or not."""
         return self._ids
+
+    @property
+    def problems(self) -> Sequence[str]:
+        """See `Link.problems`."""
+        problem = "" if self._recorder is None else self._recorder.problem
+        return (f"link {self._name}: {problem}",) if problem else ()
 
     @property
     def conflicts(self) -> Mapping[VehicleId, str]:
@@ -178,11 +184,8 @@ class MavsdkLink:
         self._pulse.beat(self._clock())  # time to begin
         fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0], wire.send)
         orders, workers = Orders(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
-        recorder = None
-        stop_recording: Callable[[], None] = lambda: None  # noqa: E731
-        if self._record is not None:
-            recorder = Recorder(self._record, self._name, wire.counters, self._clock)
-            stop_recording = self.observe(recorder.record)
+        recorder = self._recorder
+        stop_recording = None if recorder is None else self.observe(recorder.record)
         offstage = Offstage(fleet, recorder, self._signing)
         try:
             await asyncio.to_thread(offstage.open)
@@ -196,7 +199,8 @@ class MavsdkLink:
                 group.create_task(asking, name=f"link/{self._name}/ask")
         finally:
             await self._shut(offstage, orders, workers)
-            stop_recording()
+            if stop_recording is not None:
+                stop_recording()
 
     def snapshot(self) -> Telemetry:
         """The newest known of every vehicle, with arrival times. About 20 us per vehicle."""
