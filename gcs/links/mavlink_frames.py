@@ -23,6 +23,8 @@ SYS_STATUS: Final = 1
 PING: Final = 4
 SET_MODE: Final = 11
 GPS_RAW_INT: Final = 24
+ATTITUDE: Final = 30
+LOCAL_POSITION_NED: Final = 32
 GLOBAL_POSITION_INT: Final = 33
 COMMAND_INT: Final = 75
 COMMAND_LONG: Final = 76
@@ -295,7 +297,7 @@ def heartbeat(frame: Frame) -> Heartbeat:
 
 
 def boot_time_ms(frame: Frame) -> int:
-    """The boot clock of a GLOBAL_POSITION_INT. It jumps back at a reboot, and when a simulator was paused."""
+    """The boot clock of a message that begins with it. It jumps back at a reboot, and after a pause."""
     return int.from_bytes(frame.payload[:4], "little")
 
 

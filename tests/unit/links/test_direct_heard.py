@@ -32,6 +32,10 @@ def position(clock_ms: int) -> Any:
     return dialect.MAVLink_global_position_int_message(clock_ms, 1, 2, 3, 4, 5, 6, 7, 8)
 
 
+def attitude(clock_ms: int) -> Any:
+    return dialect.MAVLink_attitude_message(clock_ms, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0)
+
+
 BEAT = dialect.MAVLink_heartbeat_message(2, 12, 1, 0, 4, 3)
 
 STORY = (
@@ -41,6 +45,9 @@ STORY = (
     (position(300), odometry(1), gps(900, 1780, fix=1)),
     (position(900_000), odometry(1), odometry(2), gps(900, 0)),
     (BEAT, position(0), position(10), odometry(7), odometry(8)),
+    (position(7000), attitude(7010)),
+    (BEAT, attitude(150), odometry(9)),  # it has restarted again, and has no position yet
+    (attitude(3990), position(4000), odometry(9)),
 )
 
 
@@ -63,7 +70,7 @@ def test_accuracies_restarts_and_resets_are_read_as_the_wire_reads_them() -> Non
         assert fleet.lives.tolist() == [0, each.lives]
         accuracy_m = said.horizontal_accuracy_m[1], said.vertical_accuracy_m[1]
         assert accuracy_m == pytest.approx(tuple(each.accuracy), nan_ok=True)
-    assert (each.boots, each.position_resets, each.lives) == (2, 3, 3)
+    assert (each.boots, each.position_resets, each.lives) == (3, 3, 4)
 
 
 def test_who_is_silent_and_speaks_again_is_met_again() -> None:

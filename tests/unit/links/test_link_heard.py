@@ -110,6 +110,16 @@ def test_a_boot_clock_that_goes_back_is_a_reboot_unless_the_datagram_was_late() 
         assert heard.boots == boots, clock_ms
 
 
+def test_a_reboot_shows_in_what_comes_before_the_first_position() -> None:
+    heard = Heard()
+    take(heard, 1.0, dialect.MAVLink_global_position_int_message(60_000, 1, 2, 3, 4, 5, 6, 7, 8))
+    take(heard, 1.2, dialect.MAVLink_attitude_message(400, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert (heard.boots, heard.lives, heard.position_time_s) == (1, 1, 1.0)
+    take(heard, 1.3, dialect.MAVLink_local_position_ned_message(410, 0, 0, 0, 0, 0, 0))
+    take(heard, 4.0, dialect.MAVLink_global_position_int_message(3100, 1, 2, 3, 4, 5, 6, 7, 8))
+    assert (heard.boots, heard.lives) == (1, 1)
+
+
 def test_a_reset_counter_that_changes_is_a_reset_of_the_position() -> None:
     heard = Heard()
     for counter, resets in ((3, 0), (3, 0), (4, 1), (4, 1), (0, 2)):
