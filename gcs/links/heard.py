@@ -102,6 +102,7 @@ class Heard:
             self.boots += 1
             self.lives += 1
             self._reset_counter = None  # of a new life
+            self.prearm_ok = False
             self._boot_time_ms = now_ms
         self._boot_time_ms = max(self._boot_time_ms, now_ms)
 

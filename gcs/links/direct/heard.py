@@ -175,6 +175,7 @@ class FleetHeard:
         self.boots[again] += 1
         self.lives[again] += 1
         self._reset_counter[again] = -1  # of a new life
+        self.prearm_ok[again] = False
         restarted = np.isin(rows, again)
         self._boot_ms[rows[restarted]] = boot_ms[restarted]
         np.maximum.at(self._boot_ms, rows[~restarted], boot_ms[~restarted])  # late datagrams change nothing
