@@ -114,11 +114,11 @@ def test_a_reboot_shows_in_what_comes_before_the_first_position() -> None:
     heard = Heard()
     ok = PREARM_CHECK
     take(heard, 0.9, dialect.MAVLink_sys_status_message(ok, ok, ok, 0, 0, 0, 80, 0, 0, 0, 0, 0, 0))
-    assert heard.prearm_ok
+    assert (heard.boots, heard.prearm_ok) == (0, True)
     take(heard, 1.0, dialect.MAVLink_global_position_int_message(60_000, 1, 2, 3, 4, 5, 6, 7, 8))
     take(heard, 1.2, dialect.MAVLink_attitude_message(400, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert (heard.boots, heard.lives, heard.position_time_s) == (1, 1, 1.0)
-    assert not heard.prearm_ok, "what it said before counts no more"
+    assert (heard.boots, heard.prearm_ok) == (1, False), "what it said before counts no more"
     take(heard, 1.3, dialect.MAVLink_local_position_ned_message(410, 0, 0, 0, 0, 0, 0))
     take(heard, 4.0, dialect.MAVLink_global_position_int_message(3100, 1, 2, 3, 4, 5, 6, 7, 8))
     assert (heard.boots, heard.lives) == (1, 1)
