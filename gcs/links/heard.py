@@ -6,9 +6,11 @@ from math import inf, nan
 from typing import Final
 
 from gcs.links.mavlink_frames import (
+    ATTITUDE,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
     HEARTBEAT,
+    LOCAL_POSITION_NED,
     ODOMETRY,
     STATUSTEXT,
     SYS_STATUS,
@@ -27,6 +29,9 @@ from gcs.state import Mode
 
 _AUTOPILOT_COMPONENT = 1
 _TEXT_CHUNKS_MAX = 8
+_CLOCKS: Final = frozenset({ATTITUDE, LOCAL_POSITION_NED})
+"""Not asked for, but sent by an autopilot that has just restarted, seconds before its first position."""
+
 _REORDERED_MS: Final = 1000
 """A boot clock that goes back by less is that of a late datagram."""
 
@@ -79,6 +84,8 @@ class Heard:
             self._take_boot_clock(boot_time_ms(frame))
         elif message_id == HEARTBEAT:
             self._take_heartbeat(frame, time_s)
+        elif message_id in _CLOCKS:
+            self._take_boot_clock(boot_time_ms(frame))
         elif message_id == SYS_STATUS:
             self.prearm_ok = prearm_ok(frame)
         elif message_id == GPS_RAW_INT:
@@ -95,6 +102,7 @@ class Heard:
             self.boots += 1
             self.lives += 1
             self._reset_counter = None  # of a new life
+            self.prearm_ok = False
             self._boot_time_ms = now_ms
         self._boot_time_ms = max(self._boot_time_ms, now_ms)
 

@@ -18,7 +18,7 @@ import numpy as np
 from gcs.errors import InvalidError, OrderError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.links.asking import is_answer, keep_asking
-from gcs.links.deadman import Deadman
+from gcs.links.deadman import Asked, Deadman, Pulse
 from gcs.links.endpoints import Place
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
@@ -57,6 +57,7 @@ class MavsdkLink:
         frame: ShowFrame,
         *,
         deadman_s: float = 0.2,
+        heartbeat_hold_s: float = 3.0,
         clock: Callable[[], float] = monotonic,
         rates_hz: Mapping[int, float] | None = None,
         record: Path | None = None,
@@ -71,6 +72,7 @@ class MavsdkLink:
             listen: where the vehicles are.
             frame: to turn setpoints from the show frame to NED.
             deadman_s: no setpoint leaves later than this after the time of the tick that asked for it.
+            heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
             clock: the loop's, ``loop.time``.
             rates_hz: how often the vehicles are to send which message; they are not asked when not given.
             record: a folder for recordings of every frame.
@@ -89,6 +91,8 @@ class MavsdkLink:
         self._frame = frame
         self._clock = clock
         self._deadman = Deadman(deadman_s - _SEND_MARGIN_S)
+        self._asked = Asked()
+        self._pulse = Pulse(heartbeat_hold_s)
         self._latch = KillLatch(vehicles.values())
         self._source = station_id(vehicles.values()), COMPONENT_ID
         self._wire = Wire(
@@ -100,11 +104,13 @@ class MavsdkLink:
             clock=clock,
             deliver=self._deliver,
             station_id=self._source[0],
+            asked=self._asked,
+            pulse=self._pulse,
             signing=signing,
             forward=forward,
         )
         self._rates_hz = dict(rates_hz or {})
-        self._record = record
+        self._recorder = None if record is None else Recorder(record, name, self._wire.counters, clock)
         self._signing = signing
         self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkShards | None = None
@@ -122,6 +128,12 @@ class MavsdkLink:
     def ids(self) -> tuple[VehicleId, ...]:
         """The vehicles configured on this link, heard or not."""
         return self._ids
+
+    @property
+    def problems(self) -> Sequence[str]:
+        """See `Link.problems`."""
+        problem = "" if self._recorder is None else self._recorder.problem
+        return (f"link {self._name}: {problem}",) if problem else ()
 
     @property
     def conflicts(self) -> Mapping[VehicleId, str]:
@@ -169,13 +181,11 @@ class MavsdkLink:
         """Move bytes until cancelled. Raises: LinkError naming the port that cannot be had."""
         wire = self._wire
         wire.open()
+        self._pulse.beat(self._clock())  # time to begin
         fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0], wire.send)
         orders, workers = Orders(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
-        recorder = None
-        stop_recording: Callable[[], None] = lambda: None  # noqa: E731
-        if self._record is not None:
-            recorder = Recorder(self._record, self._name, wire.counters, self._clock)
-            stop_recording = self.observe(recorder.record)
+        recorder = self._recorder
+        stop_recording = None if recorder is None else self.observe(recorder.record)
         offstage = Offstage(fleet, recorder, self._signing)
         try:
             await asyncio.to_thread(offstage.open)
@@ -189,7 +199,8 @@ class MavsdkLink:
                 group.create_task(asking, name=f"link/{self._name}/ask")
         finally:
             await self._shut(offstage, orders, workers)
-            stop_recording()
+            if stop_recording is not None:
+                stop_recording()
 
     def snapshot(self) -> Telemetry:
         """The newest known of every vehicle, with arrival times. About 20 us per vehicle."""
@@ -237,6 +248,7 @@ class MavsdkLink:
         a vehicle that is not connected, is left out, as if it were not listed.
         """
         now_s = self._clock()
+        self._pulse.beat(now_s)
         velocity_ned_m_s = self._frame.into_ned(setpoints.velocity_m_s)
         finite = np.isfinite(velocity_ned_m_s).all(axis=1) & np.isfinite(setpoints.yaw_rad)
         rows: dict[int, int] = {}
@@ -244,9 +256,11 @@ class MavsdkLink:
             system_id = self._vehicles.get(vehicle_id, 0)
             if finite[row] and system_id in self._met and self._is_connected(system_id, now_s):
                 rows[system_id] = row
-        # Forbid first what is not listed; then replace what MAVSDK repeats; only then allow. The other way
-        # round it could repeat an old setpoint of a vehicle that is listed again.
+        # Forbid first what is not listed, and what was asked before; then replace what MAVSDK repeats; only
+        # then allow. The other way round it could repeat an old setpoint of a vehicle that is listed again.
         since_s = min(now_s, setpoints.time_s)
+        said = velocity_ned_m_s.astype("<f4")
+        self._asked.replace({system_id: said[row].tobytes() for system_id, row in rows.items()})
         self._deadman.refresh((known for known in rows if self._deadman.allows(known, now_s)), since_s)
         agreed: list[int] = []
         for system_id, row in rows.items():

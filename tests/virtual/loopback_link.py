@@ -98,7 +98,7 @@ class LoopbackLink:
         sent, orders: what left for each vehicle, oldest first.
         failures: `run` raises the first of them, at once or while it runs, and forgets it.
         runs: how often `run` was called.
-        conflicts: what the property of the same name says.
+        conflicts, problems: what the properties of the same names say.
     """
 
     def __init__(
@@ -131,6 +131,7 @@ class LoopbackLink:
         self.parameter_reads: list[tuple[float, VehicleId]] = []  # when parameters were asked for, of whom
         self.runs = 0
         self.conflicts: dict[VehicleId, str] = {}
+        self.problems: tuple[str, ...] = ()
 
     # the link
 

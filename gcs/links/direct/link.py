@@ -126,6 +126,12 @@ class DirectLink:
         return self._ids
 
     @property
+    def problems(self) -> Sequence[str]:
+        """See `Link.problems`."""
+        problem = "" if self._recorder is None else self._recorder.problem
+        return (f"link {self._name}: {problem}",) if problem else ()
+
+    @property
     def conflicts(self) -> Mapping[VehicleId, str]:
         """Vehicles whose system id was heard lately from two addresses: both named in the text."""
         texts = self._addresses.conflicts()
