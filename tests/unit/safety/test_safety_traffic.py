@@ -210,6 +210,52 @@ def test_up_and_down_a_metre_counts_less_and_the_whole_approach_is_given_up_too(
     assert given[1].tolist() == [0.0, 0.0, 1.0]
 
 
+def test_it_is_the_time_left_that_counts_and_not_the_distance() -> None:
+    # 24 m at 6 m/s are 4 s, 3 m at 1 m/s are 3 s, and at 2 m/s they are 1.5 s
+    position, goal, _ = head_on(5.0)
+    goal[:, 0] = 24.0, 2.0
+    slow = np.array([[6.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    assert after_giving_way(position, goal, slow).tolist() == slow.tolist()
+    faster = np.array([[6.0, 0.0, 0.0], [-2.0, 0.0, 0.0]])
+    assert after_giving_way(position, goal, faster)[0] == pytest.approx([-2.0, 0.0, 0.0])
+
+
+def test_whatever_the_direction_in_which_they_meet() -> None:
+    position, goal, wanted = (array[:, [1, 0, 2]] for array in head_on(9.0))
+    assert after_giving_way(position, goal, wanted)[0] == pytest.approx([0.0, 1.5, 0.0])
+
+
+def test_whom_it_lets_pass_is_found_after_one_that_it_does_not() -> None:
+    position, goal, wanted = head_on(5.0)
+    others = [[0.0, -4.0, -20.0]], [[60.0, -4.0, -20.0]], [[3.0, 0.0, 0.0]]
+    position, goal, wanted = (
+        np.insert(array, 1, other, axis=0)
+        for array, other in zip((position, goal, wanted), others, strict=True)
+    )
+    assert after_giving_way(position, goal, wanted)[0] == pytest.approx([-3.0, 0.0, 0.0])
+
+
+def test_it_is_found_among_hundreds_too() -> None:
+    rng = np.random.default_rng(4)
+    crowd = rng.normal(0.0, 5.0, (210, 3)) - (0.0, 0.0, 20.0)
+    ahead = np.array([60.0, 0.0, 0.0])
+    position, goal, wanted = (
+        np.concatenate([pair, others])
+        for pair, others in zip(
+            head_on(5.9),
+            (crowd, crowd + ahead, np.tile([3.0, 0.0, 0.0], (210, 1))),
+            strict=True,
+        )
+    )
+    assert after_giving_way(position, goal, wanted)[0] == pytest.approx([-3.0, 0.0, 0.0])
+
+
+def test_who_is_beyond_the_distance_is_not_drawn_back_to_whom_it_leaves() -> None:
+    position, goal, wanted = head_on(12.0)
+    wanted[0] = -4.0, 0.0, 0.0
+    assert after_giving_way(position, goal, wanted).tolist() == wanted.tolist()
+
+
 def test_sideways_it_goes_on() -> None:
     position, goal, wanted = head_on(5.0)
     wanted[0, 1] = 1.0
@@ -256,11 +302,20 @@ def test_two_in_one_place_have_no_direction_to_give_way_in() -> None:
     assert after_giving_way(position, goal, wanted).tolist() == wanted.tolist()
 
 
+def test_it_may_begin_as_near_as_a_metre() -> None:
+    position, goal, wanted = head_on(0.4)
+    near = Traffic(give_way_m=1.0, give_way_fully_m=0.5)
+    everybody = np.ones(2, dtype=bool)
+    given = give_way(wanted, position, goal, to_goal=everybody, flatness=1.0, settings=near)
+    assert given[0] == pytest.approx([-3.0, 0.0, 0.0])
+
+
 def test_giving_way_begins_before_it_is_complete() -> None:
     with pytest.raises(ValidationError, match="give_way_m 5 must be more than give_way_fully_m 6, or 0"):
         Traffic(give_way_m=5.0)
-    with pytest.raises(ValidationError, match="must be more than"):
-        Traffic(give_way_m=6.0)
+    for not_enough_m in (6.0, 0.5):
+        with pytest.raises(ValidationError, match="must be more than"):
+            Traffic(give_way_m=not_enough_m)
     assert Traffic(give_way_m=0.0).give_way_m == 0.0
 
 
