@@ -16,10 +16,12 @@ from gcs.links.mavlink_frames import (
     SYS_STATUS,
     Accuracy,
     Frame,
+    Motion,
     TextChunk,
     boot_time_ms,
     gps_accuracy,
     heartbeat,
+    motion,
     prearm_ok,
     reset_counter,
     status_text,
@@ -41,6 +43,7 @@ class Heard:
 
     Attributes:
         time_s: arrival of any frame; `heartbeat_time_s` and `position_time_s` of their own, -inf before.
+        motion: of the newest position.
         armed, mode: from the autopilot's heartbeat, which alone is believed.
         prearm_ok: SYS_STATUS says that the autopilot's own checks before arming pass.
         accuracy: of the newest GPS_RAW_INT.
@@ -57,6 +60,7 @@ class Heard:
         self.time_s = -inf
         self.heartbeat_time_s = -inf
         self.position_time_s = -inf
+        self.motion = Motion(nan, nan, nan, nan, nan, nan, nan)
         self.armed = False
         self.mode = Mode.UNKNOWN
         self.prearm_ok = False
@@ -80,7 +84,7 @@ class Heard:
         message_id = frame.message_id
         self.counts[message_id] += 1
         if message_id == GLOBAL_POSITION_INT:
-            self.position_time_s = time_s
+            self.position_time_s, self.motion = time_s, motion(frame)
             self._take_boot_clock(boot_time_ms(frame))
         elif message_id == HEARTBEAT:
             self._take_heartbeat(frame, time_s)

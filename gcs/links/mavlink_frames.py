@@ -93,6 +93,9 @@ class Split(NamedTuple):
     unknown_bytes: int  # of frames that may be right, but of messages whose checksum we cannot know
 
 
+_HEADING_MAX_CDEG: Final = 36000  # above: unknown
+
+
 class Heartbeat(NamedTuple):
     """What a heartbeat says about a vehicle."""
 
@@ -106,6 +109,18 @@ class Accuracy(NamedTuple):
 
     horizontal_m: float
     vertical_m: float
+
+
+class Motion(NamedTuple):
+    """What a GLOBAL_POSITION_INT says; NaN where it does not say."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_amsl_m: float
+    north_m_s: float
+    east_m_s: float
+    down_m_s: float
+    yaw_deg: float
 
 
 class TextChunk(NamedTuple):
@@ -286,6 +301,22 @@ def _padded(frame: Frame) -> bytes:
 def px4_mode(custom_mode: int) -> Mode:
     """PX4's custom_mode, main mode << 16 | sub mode << 24, as one of ours; OTHER for those we never order."""
     return _PX4_MODES.get((custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF), Mode.OTHER)
+
+
+def motion(frame: Frame) -> Motion:
+    """Where a GLOBAL_POSITION_INT says that its vehicle is, and how it moves."""
+    _, latitude, longitude, altitude_mm, _, north, east, down, yaw_cdeg = unpack_from(
+        "<IiiiihhhH", _padded(frame)
+    )
+    return Motion(
+        latitude * 1e-7,
+        longitude * 1e-7,
+        altitude_mm * 1e-3,
+        north * 1e-2,
+        east * 1e-2,
+        down * 1e-2,
+        yaw_cdeg * 1e-2 if yaw_cdeg <= _HEADING_MAX_CDEG else nan,
+    )
 
 
 def heartbeat(frame: Frame) -> Heartbeat:

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Collection
 from math import nan
 from threading import Lock
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from mavsdk import ComponentType, Configuration, ConnectionResult, Mavsdk
 from mavsdk.exceptions import MavsdkError
@@ -26,20 +26,6 @@ COMPONENT_ID: Final = 190
 _LOG_LEVELS: Final = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.WARNING}
 """The others are for those who mend MAVSDK. An error is seldom; the last may be why the process ends."""
 
-_HEADING_MAX_DEG: Final = 360.0  # above: unknown on the wire
-
-
-class Motion(NamedTuple):
-    """Where MAVSDK last saw a vehicle; NaN before the first."""
-
-    latitude_deg: float
-    longitude_deg: float
-    altitude_amsl_m: float
-    north_m_s: float
-    east_m_s: float
-    down_m_s: float
-    yaw_deg: float
-
 
 class MavsdkVehicle:
     """One vehicle's plugins. Getters and `set_velocity` take microseconds; `command` blocks for seconds."""
@@ -51,21 +37,6 @@ class MavsdkVehicle:
         self._offboard: Any = Offboard(system)
         self._action: Any = Action(system)
         self._param: Any = Param(system)
-
-    def motion(self) -> Motion:
-        """Position, velocity and heading, all from the same GLOBAL_POSITION_INT."""
-        position = self._telemetry.position()
-        velocity = self._telemetry.velocity_ned()
-        yaw_deg = self._telemetry.heading().heading_deg
-        return Motion(
-            position.latitude_deg,
-            position.longitude_deg,
-            position.absolute_altitude_m,
-            velocity.north_m_s,
-            velocity.east_m_s,
-            velocity.down_m_s,
-            yaw_deg if yaw_deg <= _HEADING_MAX_DEG else nan,
-        )
 
     def battery_remaining(self) -> float:
         """0 to 1, NaN when unknown."""

@@ -7,7 +7,7 @@ set it. Therefore its bytes leave through `Wire`, where setpoints need a permiss
 import asyncio
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from math import degrees, isnan
+from math import degrees, inf, nan
 from pathlib import Path
 from time import monotonic
 from types import MappingProxyType
@@ -23,7 +23,7 @@ from gcs.links.endpoints import Place
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
-from gcs.links.mavlink_frames import Frame, kill_frame
+from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, Frame, kill_frame
 from gcs.links.mavsdk_fleet import COMPONENT_ID, MavsdkVehicle
 from gcs.links.mavsdk_orders import MavsdkHand, Workers
 from gcs.links.mavsdk_shards import MavsdkShards
@@ -42,6 +42,10 @@ log = logging.getLogger(__name__)
 
 _RECEIVE_PERIOD_S: Final = 0.005
 _DISCOVER_S: Final = 0.25
+_POSITION_PERIOD_S: Final = 0.5
+"""So often MAVSDK is shown a position; for the tick the wire reads them all."""
+
+_LOOKS_SHARED: Final = 4
 _SEND_MARGIN_S: Final = 0.02
 """Between asking the deadman and the datagram's leaving, other threads may hold the interpreter."""
 
@@ -118,6 +122,12 @@ class MavsdkLink:
         self._workers: Workers | None = None
         self._met: Mapping[int, MavsdkVehicle] = {}
         self._kills = 0
+        n = len(self._ids)
+        self._passed_s = dict.fromkeys(vehicles.values(), -inf)  # position that MAVSDK was shown last
+        self._looks = 0
+        self._battery = np.full(n, nan)
+        self._landed = [Landed.UNKNOWN] * n
+        self._healthy, self._seen = [False] * n, [False] * n
 
     @property
     def name(self) -> str:
@@ -203,23 +213,14 @@ class MavsdkLink:
                 stop_recording()
 
     def snapshot(self) -> Telemetry:
-        """The newest known of every vehicle, with arrival times. About 20 us per vehicle."""
-        n = len(self._ids)
-        position_time_s = np.full(n, -np.inf)
-        motion = np.full((n, 7), np.nan)
-        battery = np.full(n, np.nan)
-        landed = [Landed.UNKNOWN] * n
-        ready = [False] * n
-        for row, (system_id, heard) in enumerate(zip(self._vehicles.values(), self._heard, strict=True)):
-            vehicle = self._met.get(system_id)
-            if vehicle is None:
-                continue
-            motion[row] = vehicle.motion()
-            if not isnan(motion[row, 0]):  # MAVSDK may not have seen yet what the wire has
-                position_time_s[row] = heard.position_time_s
-            battery[row] = vehicle.battery_remaining()
-            landed[row] = vehicle.landed()
-            ready[row] = heard.prearm_ok and vehicle.healthy()
+        """The newest known of every vehicle, with arrival times: what waits in the sockets is read first."""
+        self._take_in()
+        self._look()
+        is_met = np.array([system_id in self._met for system_id in self._vehicles.values()], np.bool_)
+        motion = np.array([heard.motion for heard in self._heard]).reshape(-1, 7)
+        motion[~is_met] = np.nan  # who cannot be ordered yet
+        position_time_s = np.array([heard.position_time_s for heard in self._heard])
+        position_time_s[~is_met] = -np.inf
         return Telemetry(
             ids=self._ids,
             position_time_s=position_time_s,
@@ -229,16 +230,31 @@ class MavsdkLink:
             altitude_amsl_m=motion[:, 2].copy(),
             velocity_ned_m_s=motion[:, 3:6].copy(),
             yaw_deg=motion[:, 6].copy(),
-            battery_remaining=battery,
+            battery_remaining=self._battery.copy(),
             armed=tuple(heard.armed for heard in self._heard),
             mode=tuple(heard.mode for heard in self._heard),
-            landed=tuple(landed),
-            ready=tuple(ready),
+            landed=tuple(self._landed),
+            ready=tuple(
+                healthy and heard.prearm_ok for healthy, heard in zip(self._healthy, self._heard, strict=True)
+            ),
             horizontal_accuracy_m=np.array([heard.accuracy.horizontal_m for heard in self._heard]),
             vertical_accuracy_m=np.array([heard.accuracy.vertical_m for heard in self._heard]),
             boots=tuple(heard.boots for heard in self._heard),
             position_resets=tuple(heard.position_resets for heard in self._heard),
         )
+
+    def _look(self) -> None:
+        """Ask MAVSDK for what changes slowly: a part of the vehicles each time, and who is new."""
+        self._looks += 1
+        for row, system_id in enumerate(self._vehicles.values()):
+            vehicle = self._met.get(system_id)
+            if vehicle is None:
+                self._battery[row], self._landed[row], self._healthy[row] = nan, Landed.UNKNOWN, False
+                self._seen[row] = False
+            elif not self._seen[row] or (row + self._looks) % _LOOKS_SHARED == 0:
+                self._battery[row] = vehicle.battery_remaining()
+                self._landed[row] = vehicle.landed()
+                self._healthy[row] = self._seen[row] = vehicle.healthy()
 
     def send(self, setpoints: Setpoints) -> None:
         """Hand over one tick's orders. Never blocks.
@@ -324,6 +340,11 @@ class MavsdkLink:
     def _deliver(self, frame: Frame) -> None:
         if self._fleet is None or frame.message_id in NOT_FOR_MAVSDK:
             return  # it has been counted as an arrival, and observers see it
+        if frame.message_id == GLOBAL_POSITION_INT:
+            now_s = self._wire.heard[frame.system_id].position_time_s
+            if now_s - self._passed_s[frame.system_id] < _POSITION_PERIOD_S:
+                return
+            self._passed_s[frame.system_id] = now_s
         if not is_answer(frame):  # MAVSDK knows of no question
             self._fleet.receive(frame)
 
@@ -337,9 +358,14 @@ class MavsdkLink:
         self._kills += 1
         self._wire.send_kill(frame)
 
+    def _take_in(self) -> None:
+        self._wire.receive()
+        if self._fleet is not None:
+            self._fleet.flush()
+
     async def _receive(self) -> None:
         while True:
-            self._wire.receive()
+            self._take_in()
             await asyncio.sleep(_RECEIVE_PERIOD_S)
 
     async def _discover(self, fleet: MavsdkShards) -> None:
