@@ -54,10 +54,11 @@ def test_a_meeting_counts_the_more_the_nearer_the_straight_ways_come_to_each_oth
 @pytest.mark.parametrize("seed", range(4))
 def test_in_a_crowd_everybody_meets_everybody_else_whose_way_it_crosses(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    position, course = rng.uniform(-8.0, 8.0, (10, 3)), rng.normal(0.0, 1.0, (10, 3))
-    lasts, takes_part = rng.uniform(0.0, 10.0, 10), rng.random(10) < 0.8
-    turned = takes_part & (rng.random(10) < 0.4)
+    position, course = rng.uniform(-8.0, 8.0, (20, 3)), rng.normal(0.0, 1.0, (20, 3))
+    lasts, takes_part = rng.uniform(0.0, 10.0, 20), rng.random(20) < 0.8
+    turned = takes_part & (rng.random(20) < 0.4)
     expected = meetings(position, course, lasts, turned, takes_part)
+    assert np.count_nonzero(expected) > 5
     found = count_meetings(np.flatnonzero(takes_part), turned, position, course, lasts, PASSING_M)
     assert np.allclose(found, expected, atol=1e-3)
 

@@ -160,6 +160,16 @@ def test_passing_at_half_the_distance_of_no_concern_counts_three_quarters(aside:
     assert turned[0] @ wanted[0] == pytest.approx(9.0 * np.cos(angle_rad(0.75)))
 
 
+@pytest.mark.parametrize("first_m_s", [0.0, -3.0], ids=["is not turned either", "flies away"])
+def test_whom_it_meets_is_found_after_one_that_it_does_not(first_m_s: float) -> None:
+    # d0 is met head-on by d2, which alone is turned; d1, looked at before, is of no concern to d0
+    position = np.array([[-30.0, 0.0, -20.0], [-50.0, 30.0, -20.0], [30.0, 0.0, -20.0]])
+    goal = np.array([[30.0, 0.0, -20.0], [-90.0, 30.0, -20.0], [-30.0, 0.0, -20.0]])
+    wanted = np.array([[3.0, 0.0, 0.0], [first_m_s, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    turned = to_goals(position, goal, wanted, turned=[False, first_m_s < 0.0, True])
+    assert turned[2] == pytest.approx([-3.0 * np.cos(angle_rad(1.0)), -3.0 * np.sin(angle_rad(1.0)), 0.0])
+
+
 def after_giving_way(
     position: Array,
     goal: Array,
