@@ -26,7 +26,7 @@ from gcs.service import ShowAction
 pytestmark = pytest.mark.xdist_group("e2e")
 
 IDS = ("d1", "d2")
-FLOOD_S = 8.0
+FLOOD_S = 5.0
 LONGEST_GAP_S = 0.3
 CLIENTS = 8
 

@@ -29,9 +29,8 @@ LEFT_ALONE_S = PATIENT_S + 2.0
 """Long enough for the vehicles' own failsafe to hold them."""
 
 
-def config_of(transport: str, port_base: int) -> Config:
+def config_of(port_base: int) -> Config:
     raw = flying_config(len(IDS), port_base, silence_s=20.0).model_dump()  # nobody is lost
-    raw["links"][0]["transport"] = transport
     raw["formation"] = {"radius_m": 6.0, "height_m": 12.0}
     return Config.model_validate(raw)
 
@@ -91,12 +90,9 @@ def reached(client: Client, phase: str) -> Callable[[], bool]:
     return lambda: client.show().phase == phase
 
 
-@pytest.mark.parametrize("transport", ["mavsdk", "direct"])
-def test_vehicles_found_in_the_air_are_taken_over_on_request_only_and_without_a_jump(
-    tmp_path: Path, transport: str
-) -> None:
+def test_vehicles_found_in_the_air_are_taken_over_on_request_only_and_without_a_jump(tmp_path: Path) -> None:
     base = free_ports(len(IDS))
-    config = config_of(transport, base)
+    config = config_of(base)
     with vehicles(len(IDS), base, tmp_path, *proper(config), "--noise", "0"):
         with service(config, tmp_path / "first") as (client, process):
             wait_until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in client.vehicles()))

@@ -66,7 +66,7 @@ def test_the_data_link_failsafe_acts_when_control_is_dead_and_not_before() -> No
                 await do(link, Verb.ARM, "v1")
                 await do(link, Verb.TAKEOFF, "v1", height_m=3.0)
                 await until(lambda: link.snapshot().mode == (Mode.HOLD,))
-                await asyncio.sleep(8.0)
+                await asyncio.sleep(6.5)
                 assert link.snapshot().mode == (Mode.HOLD,), "control lives, and says so"
             await until(lambda: link.snapshot().mode == (Mode.LAND,))
 
