@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Collection
+from functools import cache
 from math import nan
 from threading import Lock
 from typing import Any, Final
@@ -134,10 +135,10 @@ class MavsdkFleet:
 
     def open(self) -> None:
         """Start MAVSDK. Raises: LinkError."""
-        with self._lock:
+        with self._lock, _OPENING:
             if self._destroyed:
                 return
-            log_subscribe(_pass_on)
+            _take_messages()
             configuration: Any = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
             configuration.system_id = self._station_id
             self._mavsdk = Mavsdk(configuration)
@@ -176,6 +177,16 @@ class MavsdkFleet:
                 vehicle.destroy()
             if self._mavsdk is not None:
                 self._mavsdk.destroy()
+
+
+_OPENING = Lock()
+"""Several links open side by side, each on its own thread, and MAVSDK has one log for all of them."""
+
+
+@cache
+def _take_messages() -> None:
+    """Once a process: replacing what takes them frees it under an instance that is just saying something."""
+    log_subscribe(_pass_on)
 
 
 def _pass_on(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
