@@ -240,11 +240,11 @@ class Wire:
         addresses = self._addresses(target)
         if self._signing is None:
             raw = frame.raw
-            left = sum([self._send_to(raw, address, perishable) for address in addresses])
+            left = sum([self._send_to(raw, address, target, perishable) for address in addresses])
         else:
             with self._in_signed_order:  # whoever gets a later signature first refuses the earlier one
                 raw = self._signing.sign(frame.raw) or b""
-                left = sum([self._send_to(raw, address, perishable) for address in addresses if raw])
+                left = sum([self._send_to(raw, address, target, perishable) for address in addresses if raw])
         with self._lock:
             self.counters.sent += left
             self.counters.unroutable += not addresses
@@ -264,9 +264,15 @@ class Wire:
         unheard = [address for endpoint in self._far for address in endpoint.standing]
         return tuple(dict.fromkeys((*self._roster.everybody, *unheard)))
 
-    def _send_to(self, data: bytes, address: Address, perishable: bool) -> bool:
+    def _send_to(self, data: bytes, address: Address, target: int, perishable: bool) -> bool:
+        send = self._endpoints[address.socket_index].send
+        # Asked again right before the call: a thread may lose its turn, and the process be stopped, anywhere.
+        if perishable and not self._deadman.allows(target, self._clock()):
+            with self._lock:
+                self.counters.setpoints_dropped += 1
+            return False
         try:
-            self._endpoints[address.socket_index].send(data, address, perishable=perishable)
+            send(data, address, perishable=perishable)
         except BlockingIOError:  # it is slow: this one is lost, and what comes later may get through
             with self._lock:
                 self.counters.no_room += 1
