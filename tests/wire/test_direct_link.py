@@ -37,10 +37,7 @@ def direct(port: int, *system_ids: int, name: str = "bench") -> DirectLink:
     return DirectLink(name, vehicles, listen, frame, rates_hz=rates_hz)
 
 
-BATCHED = [pytest.param(True, marks=pytest.mark.skipif(not mmsg.available(), reason="no such calls")), False]
-
-
-@pytest.mark.parametrize("batched", BATCHED)
+@pytest.mark.parametrize("batched", sorted({mmsg.available(), False}))
 def test_datagrams_come_and_go_in_batches_with_the_kernels_times(batched: bool) -> None:
     port = free_ports(2)
     packets = Packets("bench", Listen(HOST, port, 2), time.monotonic, batched=batched)

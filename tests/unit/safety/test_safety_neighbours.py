@@ -1,19 +1,16 @@
 """Who is near whom, and how near the nearest."""
 
-import numba
 import numpy as np
 import pytest
 from safety_world import FLOOR, SETTINGS, surroundings
 
 from gcs.safety.filter import filter_velocities
-from gcs.safety.kernels import warm_up
 from gcs.safety.neighbours import FEW, near_pairs, near_pairs_of
 from gcs.safety.separation import (
     minimum_separation,
     pairs_that_count,
     scaled_distance_m,
 )
-from gcs.safety.traffic import count_meetings
 from gcs.state import Array, Mask
 
 
@@ -65,13 +62,6 @@ def test_the_minimum_separation_of_a_crowd_and_of_two_far_apart() -> None:
     far = np.array([[0.0, 0.0, -9.0], [5e4, 0.0, -9.0]])
     assert minimum_separation(far, np.ones(2, bool), FLOOR) == pytest.approx((5e4, 0))
     assert minimum_separation(np.full((2, 3), np.nan), np.ones(2, bool), FLOOR) == (np.inf, 0)
-
-
-@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
-def test_warming_up_runs_every_kernel() -> None:
-    warm_up()
-    assert count_meetings.signatures  # type: ignore[attr-defined]
-    assert near_pairs.signatures  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("seed", range(4))
