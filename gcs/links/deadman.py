@@ -2,6 +2,22 @@
 
 from collections.abc import Iterable, Mapping
 from math import inf
+from typing import Final
+
+from gcs.errors import InvalidError
+
+_SEND_MARGIN_S: Final = 0.02
+"""Between the last look at the clock and the datagram's leaving, other threads may hold the interpreter."""
+
+
+def before_it_leaves_s(deadman_s: float) -> float:
+    """How old a setpoint may be when it is asked for the last time, so as to leave within `deadman_s`.
+
+    Raises: InvalidError when that leaves nothing.
+    """
+    if not deadman_s > _SEND_MARGIN_S:
+        raise InvalidError("deadman_s", deadman_s, f"above {_SEND_MARGIN_S} s")
+    return deadman_s - _SEND_MARGIN_S
 
 
 class Deadman:

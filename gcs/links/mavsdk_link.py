@@ -15,11 +15,12 @@ from typing import Final
 
 import numpy as np
 
-from gcs.errors import InvalidError, OrderError, UnknownError
+from gcs.errors import OrderError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.links.asking import is_answer, keep_asking
-from gcs.links.deadman import Asked, Deadman, Pulse
+from gcs.links.deadman import Asked, Deadman, Pulse, before_it_leaves_s
 from gcs.links.endpoints import Place
+from gcs.links.facts import LinkFacts
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
@@ -31,10 +32,10 @@ from gcs.links.offstage import Offstage
 from gcs.links.orders import Orders
 from gcs.links.rates import NOT_FOR_MAVSDK
 from gcs.links.recorder import Recorder
-from gcs.links.roster import SILENT_AFTER_S, Address
+from gcs.links.roster import SILENT_AFTER_S
 from gcs.links.settings import Forward
-from gcs.links.traffic import Counters, Observer
-from gcs.links.vehicle_ids import check, station_id
+from gcs.links.traffic import Observer
+from gcs.links.vehicle_ids import station_id
 from gcs.links.wire import Wire
 from gcs.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 
@@ -46,11 +47,9 @@ _POSITION_PERIOD_S: Final = 0.5
 """So often MAVSDK is shown a position; for the tick the wire reads them all."""
 
 _LOOKS_SHARED: Final = 4
-_SEND_MARGIN_S: Final = 0.02
-"""Between asking the deadman and the datagram's leaving, other threads may hold the interpreter."""
 
 
-class MavsdkLink:
+class MavsdkLink(LinkFacts):
     """Up to 250 vehicles, each 64 through a MAVSDK instance of their own. A `gcs.links.Link`."""
 
     def __init__(
@@ -86,15 +85,9 @@ class MavsdkLink:
         Raises: InvalidError for a system id out of range or used twice, and for a deadman's time that leaves
             nothing.
         """
-        if not deadman_s > _SEND_MARGIN_S:
-            raise InvalidError("deadman_s", deadman_s, f"above {_SEND_MARGIN_S} s")
-        check(vehicles)
-        self._name = name
-        self._vehicles = MappingProxyType(dict(vehicles))
-        self._ids = tuple(vehicles)
         self._frame = frame
         self._clock = clock
-        self._deadman = Deadman(deadman_s - _SEND_MARGIN_S)
+        self._deadman = Deadman(before_it_leaves_s(deadman_s))
         self._asked = Asked()
         self._pulse = Pulse(heartbeat_hold_s)
         self._latch = KillLatch(vehicles.values())
@@ -114,7 +107,8 @@ class MavsdkLink:
             forward=forward,
         )
         self._rates_hz = dict(rates_hz or {})
-        self._recorder = None if record is None else Recorder(record, name, self._wire.counters, clock)
+        recorder = None if record is None else Recorder(record, name, self._wire.counters, clock)
+        super().__init__(name, vehicles, self._wire, self._wire.counters, recorder)
         self._signing = signing
         self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkShards | None = None
@@ -128,50 +122,6 @@ class MavsdkLink:
         self._battery = np.full(n, nan)
         self._landed = [Landed.UNKNOWN] * n
         self._healthy, self._seen = [False] * n, [False] * n
-
-    @property
-    def name(self) -> str:
-        """As the configuration calls it."""
-        return self._name
-
-    @property
-    def ids(self) -> tuple[VehicleId, ...]:
-        """The vehicles configured on this link, heard or not."""
-        return self._ids
-
-    @property
-    def problems(self) -> Sequence[str]:
-        """See `Link.problems`."""
-        problem = "" if self._recorder is None else self._recorder.problem
-        return (f"link {self._name}: {problem}",) if problem else ()
-
-    @property
-    def conflicts(self) -> Mapping[VehicleId, str]:
-        """Vehicles whose system id was heard lately from two addresses: both named in the text."""
-        texts = self._wire.conflicts()
-        return {
-            vehicle_id: texts[system_id]
-            for vehicle_id, system_id in self._vehicles.items()
-            if system_id in texts
-        }
-
-    @property
-    def setpoints_sent(self) -> int:
-        """How many setpoints have left, in all."""
-        return self._wire.counters.setpoints_sent
-
-    @property
-    def addresses(self) -> Mapping[VehicleId, Address]:
-        """Where each vehicle heard so far spoke from last: all that a kill from outside needs to know."""
-        known = {
-            vehicle_id: self._wire.address(system_id) for vehicle_id, system_id in self._vehicles.items()
-        }
-        return {vehicle_id: address for vehicle_id, address in known.items() if address is not None}
-
-    @property
-    def counters(self) -> Counters:
-        """Totals since the link was made: setpoints sent, dropped by the deadman, and so on."""
-        return self._wire.counters
 
     def observe(self, observer: Observer) -> Callable[[], None]:
         """Show every frame to `observer` from now on; call the result to stop. See `Observer`."""

@@ -9,11 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ground import SOON_S, flying_config, proper, until, vehicles
+from ground import SOON_S, flying_config, proper, served, until, vehicles
 from machine import Witness, free_ports
 
-from api.app import create_app
-from api.server import serve
 from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.config import Config
@@ -21,7 +19,6 @@ from gcs.lifecycle import Phase, ShowPhase
 from gcs.links.direct.link import DirectLink
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.orchestrator import Orchestrator
-from gcs.service import ShowAction
 
 pytestmark = pytest.mark.xdist_group("e2e")
 
@@ -59,27 +56,17 @@ async def fly_and_flood(folder: Path, transport: str) -> tuple[MavsdkLink | Dire
         link = make_link(config.links[0], config)
         assert isinstance(link, MavsdkLink | DirectLink)
         orchestrator = Orchestrator(config, [link])
-        listening: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-        tasks = [
-            asyncio.create_task(orchestrator.run()),
-            asyncio.create_task(serve(create_app(orchestrator), port=0, listening=listening)),
-        ]
-        view = orchestrator.view
-        await until("ready", SOON_S, lambda: all(v.ready for v in view.value.vehicles))
-        orchestrator.command_show(ShowAction.START)
-        flying = {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}
-        await until("flying", SOON_S, lambda: view.value.show in flying)
-        port = await listening
-        flood = [sys.executable, "-c", FLOOD, str(port), str(FLOOD_S), str(CLIENTS)]
-        began_s = time.monotonic()
-        answered = int(await asyncio.to_thread(subprocess.check_output, flood))
-        ended_s = time.monotonic()
-        assert [vehicle.phase for vehicle in view.value.vehicles] == [Phase.FORMATION] * 2
-        with Client(f"http://127.0.0.1:{port}", timeout_s=30.0) as client:
-            assert (await asyncio.to_thread(client.health)).alive
-        for task in tasks:
-            task.cancel()
-        await asyncio.wait(tasks)
+        async with served(orchestrator) as port:
+            view = orchestrator.view
+            flying = {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}
+            await until("flying", SOON_S, lambda: view.value.show in flying)
+            flood = [sys.executable, "-c", FLOOD, str(port), str(FLOOD_S), str(CLIENTS)]
+            began_s = time.monotonic()
+            answered = int(await asyncio.to_thread(subprocess.check_output, flood))
+            ended_s = time.monotonic()
+            assert [vehicle.phase for vehicle in view.value.vehicles] == [Phase.FORMATION] * 2
+            with Client(f"http://127.0.0.1:{port}", timeout_s=30.0) as client:
+                assert (await asyncio.to_thread(client.health)).alive
     return link, began_s, ended_s, answered
 
 
