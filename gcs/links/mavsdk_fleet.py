@@ -1,4 +1,4 @@
-"""MAVSDK, typed: the one place that imports it. One instance on raw bytes, and its vehicles."""
+"""MAVSDK, typed: the one place that imports it. One instance, and its vehicles."""
 
 import logging
 from collections.abc import Callable, Collection
@@ -17,6 +17,7 @@ from mavsdk.plugins.telemetry import Telemetry
 
 from gcs.errors import LinkError, OrderError
 from gcs.links.link import ParameterValue, Verb
+from gcs.links.loopback import Loopback
 from gcs.state import Landed
 
 log = logging.getLogger(__name__)
@@ -124,14 +125,21 @@ class MavsdkFleet:
     its release on another thread when MAVSDK ends, and MAVSDK aborts the process for that.
     """
 
-    def __init__(self, send: Callable[[bytes], None], station_id: int) -> None:
-        """`send` gets what MAVSDK wants sent, on MAVSDK's thread; `station_id` is its own system id."""
-        self._send = send
+    def __init__(self, station_id: int) -> None:
+        """`station_id` is its own system id."""
         self._station_id = station_id
         self._mavsdk: Any = None
+        self._loopback: Loopback | None = None
         self._vehicles: list[MavsdkVehicle] = []
         self._destroyed = False
         self._lock = Lock()
+
+    @property
+    def loopback(self) -> Loopback:
+        """Its bytes, in and out; only between `open` and `destroy`."""
+        if self._loopback is None:
+            raise LinkError("MAVSDK is not open")
+        return self._loopback
 
     def open(self) -> None:
         """Start MAVSDK. Raises: LinkError."""
@@ -139,18 +147,15 @@ class MavsdkFleet:
             if self._destroyed:
                 return
             _take_messages()
+            self._loopback = Loopback("MAVSDK")
             configuration: Any = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
             configuration.system_id = self._station_id
             self._mavsdk = Mavsdk(configuration)
             configuration.destroy()
-            result = self._mavsdk.add_any_connection("raw://")
+            result = self._mavsdk.add_any_connection(self._loopback.url)
             if result != ConnectionResult.SUCCESS:
-                raise LinkError(f"MAVSDK's raw connection: {result.name}")
-            self._mavsdk.subscribe_raw_bytes_to_be_sent(self._send)
-
-    def receive(self, data: bytes) -> None:
-        """Hand over bytes that arrived; only between `open` and `destroy`."""
-        self._mavsdk.pass_received_raw_bytes(data)
+                raise LinkError(f"MAVSDK's connection to {self._loopback.url}: {result.name}")
+            self._loopback.meet()
 
     def discover(self, wanted: Collection[int]) -> dict[int, MavsdkVehicle]:
         """Those of the wanted systems that MAVSDK has met, with fresh plugins."""
@@ -177,6 +182,8 @@ class MavsdkFleet:
                 vehicle.destroy()
             if self._mavsdk is not None:
                 self._mavsdk.destroy()
+            if self._loopback is not None:
+                self._loopback.close()
 
 
 _OPENING = Lock()

@@ -41,12 +41,18 @@ from gcs.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
 
-_RECEIVE_PERIOD_S: Final = 0.005
+_BUSY_S: Final = 0.005
+_IDLE_S: Final = 0.025
+"""Between two looks at the sockets: while somebody waits for an answer, and otherwise. Each tick looks too."""
+
+_BEHIND_TICK_S: Final = (0.0005, 0.001, 0.002)
+"""After a tick what MAVSDK has made of it is passed on at once, and again after these."""
+
 _DISCOVER_S: Final = 0.25
 _POSITION_PERIOD_S: Final = 0.5
 """So often MAVSDK is shown a position; for the tick the wire reads them all."""
 
-_LOOKS_SHARED: Final = 4
+_LOOKS_SHARED: Final = 10
 
 
 class MavsdkLink(LinkFacts):
@@ -116,6 +122,7 @@ class MavsdkLink(LinkFacts):
         self._workers: Workers | None = None
         self._met: Mapping[int, MavsdkVehicle] = {}
         self._kills = 0
+        self._ticked = asyncio.Event()
         n = len(self._ids)
         self._passed_s = dict.fromkeys(vehicles.values(), -inf)  # position that MAVSDK was shown last
         self._looks = 0
@@ -151,7 +158,8 @@ class MavsdkLink(LinkFacts):
             await asyncio.to_thread(offstage.open)
             self._fleet, self._orders, self._workers = fleet, orders, workers
             async with asyncio.TaskGroup() as group:
-                group.create_task(self._receive(), name=f"link/{self._name}/receive")
+                group.create_task(self._receive(orders), name=f"link/{self._name}/receive")
+                group.create_task(self._pass_on_behind_ticks(fleet), name=f"link/{self._name}/pass on")
                 group.create_task(self._discover(fleet), name=f"link/{self._name}/discover")
                 asking = keep_asking(
                     wire.heard, self._rates_hz, self._source[0], self._is_met, wire.send, self._clock
@@ -235,6 +243,9 @@ class MavsdkLink(LinkFacts):
             if self._met[system_id].set_velocity(north_m_s, east_m_s, down_m_s, yaw_deg):
                 agreed.append(system_id)
         self._deadman.refresh(agreed, since_s)
+        self._ticked.set()
+        if self._fleet is not None:
+            self._fleet.pass_on()
 
     async def execute(self, order: Order) -> None:
         """Order, and return when the vehicle is seen to obey. See `Link.execute`.
@@ -312,11 +323,23 @@ class MavsdkLink(LinkFacts):
         self._wire.receive()
         if self._fleet is not None:
             self._fleet.flush()
+            self._fleet.pass_on()
 
-    async def _receive(self) -> None:
+    async def _pass_on_behind_ticks(self, fleet: MavsdkShards) -> None:
+        """MAVSDK's threads write a moment after they are told."""
+        while True:
+            await self._ticked.wait()
+            self._ticked.clear()
+            for wait_s in _BEHIND_TICK_S:
+                fleet.pass_on()
+                await asyncio.sleep(wait_s)
+            fleet.pass_on()
+
+    async def _receive(self, orders: Orders) -> None:
         while True:
             self._take_in()
-            await asyncio.sleep(_RECEIVE_PERIOD_S)
+            is_idle = len(self._met) == len(self._ids) and not orders.awaited
+            await asyncio.sleep(_IDLE_S if is_idle else _BUSY_S)
 
     async def _discover(self, fleet: MavsdkShards) -> None:
         """Look for vehicles that MAVSDK has met since, for ever."""
