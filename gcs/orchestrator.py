@@ -112,11 +112,11 @@ class Orchestrator:
         flight = self._flight
         flight.hear(now_s)
         director.watch()
-        director.advance()
         result = self._decide()
         flight.memory = result.memory
         for link, share in zip(flight.links, self._shares.of(result.setpoints), strict=True):
             link.send(share)
+        director.advance()  # what follows for the show can wait for the next tick: setpoints cannot
         return result
 
     def _decide(self) -> Tick:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from gcs import config as configuration
+from gcs import eventloop
 from gcs.cli import logs, report
 from gcs.cli.serve import running
 from gcs.cli.story import ORBIT_RADIUS_M, Marks, StoppedEarlyError, Story, home_s, shortest_s, whole_s
@@ -73,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
             folder = Path(arguments.truth or temporary)
             folder.mkdir(parents=True, exist_ok=True)
             truth_files = [folder / f"truth-{i + 1}.jsonl" for i in range(_processes(arguments))]
-            figures = asyncio.run(_fly(config, arguments, truth_files))
+            figures = eventloop.run(_fly(config, arguments, truth_files))
     except StoppedEarlyError as stopped:
         print(f"gcs demo: {stopped}; the fleet is down")
         return INTERRUPTED

@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager
 
 from api.app import create_app
 from api.server import serve as serve_api
+from gcs import eventloop
 from gcs.config import Config, LinkSettings
 from gcs.errors import GcsError, RefusedError
 from gcs.lifecycle import AIRBORNE, ShowPhase
@@ -151,7 +152,7 @@ def _anybody_up(view: FleetView) -> bool:
 def run(config: Config, say: Callable[[str], None]) -> int:
     """Serve on a loop of its own. Returns: the exit code."""
     try:
-        asyncio.run(serve(config, say))
+        eventloop.run(serve(config, say))
     except GcsError as error:
         say(str(error))
         return 1

@@ -43,7 +43,7 @@ log = logging.getLogger(__name__)
 
 _BUSY_S: Final = 0.005
 _IDLE_S: Final = 0.025
-"""Between two looks at the sockets: while somebody waits for an answer, and otherwise. Each tick looks too."""
+"""Between two looks at the sockets: while an answer is awaited, and otherwise. Each tick looks too."""
 
 _BEHIND_TICK_S: Final = (0.0005, 0.001, 0.002)
 """After a tick what MAVSDK has made of it is passed on at once, and again after these."""
@@ -116,6 +116,7 @@ class MavsdkLink(LinkFacts):
         recorder = None if record is None else Recorder(record, name, self._wire.counters, clock)
         super().__init__(name, vehicles, self._wire, self._wire.counters, recorder)
         self._signing = signing
+        self._system_ids = tuple(vehicles.values())
         self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkShards | None = None
         self._orders: Orders | None = None
@@ -149,7 +150,7 @@ class MavsdkLink(LinkFacts):
         wire = self._wire
         wire.open()
         self._pulse.beat(self._clock())  # time to begin
-        fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0], wire.send)
+        fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0], wire)
         orders, workers = Orders(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         recorder = self._recorder
         stop_recording = None if recorder is None else self.observe(recorder.record)
@@ -204,12 +205,13 @@ class MavsdkLink(LinkFacts):
     def _look(self) -> None:
         """Ask MAVSDK for what changes slowly: a part of the vehicles each time, and who is new."""
         self._looks += 1
-        for row, system_id in enumerate(self._vehicles.values()):
-            vehicle = self._met.get(system_id)
+        unready = [row for row, seen in enumerate(self._seen) if not seen]
+        for row in (*unready, *range(self._looks % _LOOKS_SHARED, len(self._ids), _LOOKS_SHARED)):
+            vehicle = self._met.get(self._system_ids[row])
             if vehicle is None:
                 self._battery[row], self._landed[row], self._healthy[row] = nan, Landed.UNKNOWN, False
                 self._seen[row] = False
-            elif not self._seen[row] or (row + self._looks) % _LOOKS_SHARED == 0:
+            else:
                 self._battery[row] = vehicle.battery_remaining()
                 self._landed[row] = vehicle.landed()
                 self._healthy[row] = self._seen[row] = vehicle.healthy()
@@ -357,6 +359,7 @@ class MavsdkLink(LinkFacts):
         """Stop, inside out: no setpoints, no calls, no MAVSDK, no sockets."""
         self._deadman.refresh((), self._clock())
         self._fleet, self._orders, self._workers, self._met = None, None, None, {}
+        self._seen = [False] * len(self._ids)
         orders.close()
         workers.close()
 

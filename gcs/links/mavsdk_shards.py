@@ -7,6 +7,7 @@ vehicles only.
 from collections.abc import Collection, Sequence
 from typing import Final, Protocol
 
+from gcs.links import mmsg
 from gcs.links.mavlink_frames import Frame
 from gcs.links.mavsdk_fleet import MavsdkFleet, MavsdkVehicle
 from gcs.links.vehicle_ids import instances
@@ -14,20 +15,29 @@ from gcs.links.vehicle_ids import instances
 _DATAGRAM_BYTES: Final = 1400
 """MAVSDK reads 2048 bytes of one."""
 
+_ROOM: Final = 256
+_LONGEST_BYTES: Final = 300
+"""Of a frame: 280."""
 
-class Send(Protocol):
-    """How frames leave; see `Wire.send`."""
 
-    def __call__(self, data: bytes, *, to_everybody: bool = True) -> None:
-        """Send."""
+class Sender(Protocol):
+    """How frames leave; see `Wire`."""
+
+    def send(self, data: bytes, *, to_everybody: bool = True) -> None:
+        """Send one datagram."""
+        ...
+
+    def send_batch(self, written: mmsg.Batch, count: int, *, to_everybody: bool = True) -> None:
+        """Send many."""
         ...
 
 
 class MavsdkShards:
     """The instances of one link. `open`, `discover` and `destroy` block, see `MavsdkFleet`; all else belongs
-    on the loop's thread, between `open` and `destroy`."""
+    on the loop's thread, between `open` and `destroy`.
+    """
 
-    def __init__(self, system_ids: Sequence[int], station_id: int, send: Send) -> None:
+    def __init__(self, system_ids: Sequence[int], station_id: int, sender: Sender) -> None:
         """As many instances as need be, alike in size. Of them all the first alone speaks to everybody."""
         count = instances(len(system_ids))
         self._fleets = tuple(MavsdkFleet(station_id) for _ in range(count))
@@ -36,7 +46,8 @@ class MavsdkShards:
         self._of = {
             system_id: fleet for fleet, ids in zip(self._fleets, self._ids, strict=True) for system_id in ids
         }
-        self._send = send
+        self._sender = sender
+        self._room = mmsg.Batch(_ROOM, _LONGEST_BYTES)
 
     def open(self) -> None:
         """Start them. Raises: LinkError."""
@@ -47,8 +58,11 @@ class MavsdkShards:
         """Pass on what they have written until now. Never blocks."""
         for fleet in self._fleets:
             is_first = fleet is self._fleets[0]
-            for data in fleet.loopback.take():
-                self._send(data, to_everybody=is_first)
+            if not mmsg.available():
+                for data in fleet.loopback.take():
+                    self._sender.send(data, to_everybody=is_first)
+            while count := fleet.loopback.take_batch(self._room) if mmsg.available() else 0:
+                self._sender.send_batch(self._room, count, to_everybody=is_first)
 
     def receive(self, frame: Frame) -> None:
         """Keep a frame of a configured vehicle until `flush`."""

@@ -14,8 +14,7 @@ from pymavlink.dialects.v20 import common as dialect
 
 from gcs.errors import LinkError
 from gcs.frames import ShowFrame
-from gcs.links import Verb
-from gcs.links.direct import mmsg
+from gcs.links import Verb, mmsg
 from gcs.links.direct.link import DirectLink
 from gcs.links.direct.packets import Datagrams, Packets, host_of, port_of, socket_of
 from gcs.links.endpoints import Listen

@@ -63,7 +63,7 @@ def open_side_by_side_often() -> None:
     """In a process of its own, four at a time."""
 
     def one() -> None:
-        fleet = MavsdkFleet(lambda _: None, 245)
+        fleet = MavsdkFleet(245)
         fleet.open()
         fleet.destroy()
 

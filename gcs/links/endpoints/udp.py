@@ -12,6 +12,7 @@ from typing import Final
 from gcs.errors import LinkError
 from gcs.links.endpoints.endpoint import Arrival
 from gcs.links.mavlink_frames import split
+from gcs.links.mmsg import Batch
 from gcs.links.roster import Address
 
 _DATAGRAM_MAX_BYTES: Final = 65535
@@ -80,6 +81,16 @@ class Udp:
         if opened is None:
             raise OSError(errno.ENOTCONN, "closed")
         opened.sendto(data, (address.host, address.port))
+
+    def send_batch(self, batch: Batch, first: int, end: int) -> int:
+        """Send rows `first` to `end` - 1 of a batch, in order. Returns: how many of them left.
+
+        Raises: OSError when the first of them could not.
+        """
+        opened = self._socket
+        if opened is None:
+            raise OSError(errno.ENOTCONN, "closed")
+        return batch.send(opened.fileno(), first, end)
 
     def _read(self, now_s: float) -> Iterator[Arrival]:
         """Empty the socket."""
