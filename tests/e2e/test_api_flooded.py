@@ -20,8 +20,6 @@ from gcs.links.direct.link import DirectLink
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.orchestrator import Orchestrator
 
-pytestmark = pytest.mark.xdist_group("e2e")
-
 IDS = ("d1", "d2")
 FLOOD_S = 5.0
 LONGEST_GAP_S = 0.3

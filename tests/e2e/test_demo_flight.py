@@ -11,7 +11,6 @@ from ground import SOON_S, last_truths
 from machine import free_ports
 
 
-@pytest.mark.xdist_group("demo")
 def test_the_demo_flies_its_story_and_nothing_touches() -> None:
     command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "8", "--seconds", "240", "--json"]
     command += ["--api-port", "0", "--port-base", str(free_ports(8))]
@@ -47,7 +46,6 @@ def test_a_demo_that_cannot_be_flown_is_refused_in_words(arguments: list[str], s
     assert says in done.stderr
 
 
-@pytest.mark.xdist_group("e2e")
 def test_ctrl_c_brings_the_fleet_home(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "2", "--truth", str(tmp_path)]
     command += ["--api-port", "0", "--port-base", str(free_ports(2))]

@@ -11,13 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
-import pytest
 from ground import ORIGIN, PATIENT_S, SOON_S, last_truths, wait_until
 from machine import free_ports
 
 from gcs import config as configuration
-
-pytestmark = pytest.mark.xdist_group("e2e")
 
 README = Path(__file__).parents[2] / "README.md"
 

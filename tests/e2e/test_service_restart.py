@@ -20,8 +20,6 @@ from gcs.client import Client
 from gcs.config import Config
 from gcs.errors import RefusedError
 
-pytestmark = pytest.mark.xdist_group("e2e")
-
 IDS = ("d1", "d2", "d3")
 AT_REST_M_S = 0.3
 IN_PLACE_M = 0.5

@@ -21,8 +21,6 @@ from gcs.links.mavsdk_link import MavsdkLink
 from gcs.orchestrator import Orchestrator
 from gcs.service import FleetView
 
-pytestmark = pytest.mark.xdist_group("e2e")
-
 SURVIVORS = ("d1", "d2", "d3", "d4", "d6", "d7", "d8")
 
 STEADY_S = 5.0

@@ -16,8 +16,6 @@ from machine import free_ports
 from gcs.links.mavsdk_fleet import MavsdkFleet
 from gcs.links.mavsdk_link import MavsdkLink
 
-pytestmark = pytest.mark.xdist_group("wire")
-
 VEHICLES = 6
 ROUNDS = 12
 """Each aborted one time in three while vehicles were left to the collector."""

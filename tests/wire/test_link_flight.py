@@ -14,7 +14,7 @@ from machine import free_ports
 from gcs.links import Verb
 from gcs.state import Landed, Mode
 
-pytestmark = [pytest.mark.xdist_group("wire"), pytest.mark.usefixtures("transport")]
+pytestmark = pytest.mark.usefixtures("transport")
 
 
 @contextmanager

@@ -17,8 +17,6 @@ from wire_bench import Bench, beat, bench
 from gcs.links.endpoints import Listen, TcpIn
 from gcs.links.settings import Forward
 
-pytestmark = pytest.mark.xdist_group("wire")
-
 TOTAL_BYTES = 1_000_000
 GROWTH_MAX_BYTES = 3 << 20
 

@@ -13,7 +13,7 @@ from machine import free_ports
 
 from gcs.errors import OrderError, UnknownError
 
-pytestmark = [pytest.mark.xdist_group("wire"), pytest.mark.usefixtures("transport")]
+pytestmark = pytest.mark.usefixtures("transport")
 
 
 @contextmanager

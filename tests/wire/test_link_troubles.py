@@ -19,8 +19,6 @@ from pymavlink import mavutil
 from gcs.links.mavlink_frames import SET_POSITION_TARGET_LOCAL_NED, split
 from gcs.links.traffic import Direction
 
-pytestmark = pytest.mark.xdist_group("wire")
-
 DEADMAN_S = 0.2
 ON_ITS_WAY_S = 0.02
 """From a station that stands, what had left it still arrives."""
