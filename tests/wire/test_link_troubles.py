@@ -115,7 +115,7 @@ def test_mavsdk_thread_stuck() -> None:
         is_setpoint = split(raw).frames[0].message_id == SET_POSITION_TARGET_LOCAL_NED
         if direction is Direction.SENT and is_setpoint and len(stuck_s) > len(frees_s):
             assert current_thread().name != "MainThread"
-            time.sleep(1.0)
+            time.sleep(0.5)
             frees_s.append(time.monotonic())
 
     async def main(peer: Peer) -> None:
@@ -140,7 +140,7 @@ def test_mavsdk_thread_stuck() -> None:
 def test_disk_full(tmp_path: Path, transport: str) -> None:
     with (
         Peer(port := free_ports(), 1) as peer,
-        a_station(port, transport, tmp_path, file_max_bytes=30_000),
+        a_station(port, transport, tmp_path, file_max_bytes=8_000),
         Witness() as machine,
     ):
         end_s = time.monotonic() + SOON_S
