@@ -9,6 +9,7 @@ REAL_TIME = (HERE / "e2e", HERE / "wire")
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "computes: not a real-time test, whatever its folder")
     config.addinivalue_line(
         "markers", "realtime: flies on the real clock; not to share the machine with what computes"
     )
@@ -16,7 +17,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if any(folder in item.path.parents for folder in REAL_TIME):
+        in_real_time = any(folder in item.path.parents for folder in REAL_TIME)
+        if in_real_time and item.get_closest_marker("computes") is None:
             item.add_marker(pytest.mark.realtime)
 
 

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 
 from api.app import create_app
 from api.server import serve as serve_api
-from gcs import eventloop
+from gcs.cli import eventloop
 from gcs.config import Config, LinkSettings
 from gcs.errors import GcsError, RefusedError
 from gcs.lifecycle import AIRBORNE, ShowPhase

@@ -33,8 +33,10 @@ class Sender(Protocol):
 
 
 class MavsdkShards:
-    """The instances of one link. `open`, `discover` and `destroy` block, see `MavsdkFleet`; all else belongs
-    on the loop's thread, between `open` and `destroy`.
+    """The instances of one link.
+
+    `open`, `discover` and `destroy` block, see `MavsdkFleet`; all else belongs on the loop's thread, between
+    `open` and `destroy`.
     """
 
     def __init__(self, system_ids: Sequence[int], station_id: int, sender: Sender) -> None:

@@ -1,13 +1,13 @@
-"""The velocity setpoints of a tick on their way out over UDP: each judged, all sent with a few system calls."""
+"""Velocity setpoints on their way out over UDP: each judged, a tick's all sent with a few system calls."""
 
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.links.deadman import Asked, Deadman
-from gcs.links.direct.codec import HEADER_LENGTH, layout
-from gcs.links.direct.kernels import Whole
+from gcs.links.direct.codec import HEADER_LENGTH, Records, layout
 from gcs.links.endpoints import Endpoint
 from gcs.links.endpoints.udp import Udp
 from gcs.links.killlatch import KillLatch
@@ -15,6 +15,7 @@ from gcs.links.mavlink_frames import SET_POSITION_TARGET_LOCAL_NED
 from gcs.links.mmsg import Batch
 from gcs.links.roster import Address
 from gcs.links.traffic import Counters, Direction, Observer
+from gcs.state import Array, Mask
 
 _ROOM: Final = 256
 _MAGIC: Final = 0xFD
@@ -103,7 +104,8 @@ class SetpointGate:
             endpoint = self._endpoints[index]
             if isinstance(endpoint, Udp):
                 for first in range(0, len(way.rows), _ROOM):
-                    part = _Way(*(each[first : first + _ROOM] for each in way))
+                    end = first + _ROOM
+                    part = _Way(way.rows[first:end], way.targets[first:end], way.addresses[first:end])
                     self._send(endpoint, written, part, left, observers)
         return sorted(others)
 
@@ -138,23 +140,24 @@ class SetpointGate:
             self._counters.sent += count
             first += count
 
-    def _is_newest(self, target: int, velocity_m_s: Whole) -> bool:
+    def _is_newest(self, target: int, velocity_m_s: Array) -> bool:
         return self._asked is None or self._asked.is_newest(target, velocity_m_s.tobytes())
 
 
-def _frames(written: Batch, rows: Whole) -> np.ndarray:
+def _frames(written: Batch, rows: NDArray[np.intp]) -> Records:
     """(k,) of _FRAME."""
     return written.data[rows, : _FRAME.itemsize].copy().view(_FRAME)[:, 0]
 
 
-def _are_setpoints(written: Batch, count: int) -> np.ndarray:
+def _are_setpoints(written: Batch, count: int) -> Mask:
     """(count,) whether each datagram is one unsigned velocity setpoint, whole."""
     frames = _frames(written, np.arange(count))
     number = frames["message_id"] @ np.array([1, 1 << 8, 1 << 16])
-    return (
+    are: Mask = (
         (written.length[:count] == _FRAME.itemsize)
         & (frames["magic"] == _MAGIC)
         & (frames["length"] == _FRAME.itemsize - HEADER_LENGTH)
         & (frames["incompatible"] == 0)
         & (number == SET_POSITION_TARGET_LOCAL_NED)
     )
+    return are

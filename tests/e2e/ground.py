@@ -52,9 +52,12 @@ def flying_config(
 def vehicles(
     count: int, port_base: int, truth: Path, *options: str
 ) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """One fake vehicle a process, true states in `truth`/0.jsonl and so on; ended with the block."""
+    """One fake vehicle a process, true states in `truth`/0.jsonl and so on; ended with the block.
+
+    They can be armed at once: PX4's few seconds until then are the demo's and the README session's.
+    """
     command = [sys.executable, "-m", "sim", "--count", "1", "--port-base", str(port_base)]
-    command += ["--origin", ORIGIN, "--grid-columns", "3", *options]
+    command += ["--origin", ORIGIN, "--grid-columns", "3", "--quirk", "late-ready=off", *options]
     children = [
         subprocess.Popen(
             [*command, "--first", str(i), "--truth", str(truth / f"{i}.jsonl")], stdout=subprocess.DEVNULL

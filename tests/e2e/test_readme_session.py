@@ -11,13 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
-import pytest
 from ground import ORIGIN, PATIENT_S, SOON_S, last_truths, wait_until
 from machine import free_ports
 
 from gcs import config as configuration
-
-pytestmark = pytest.mark.xdist_group("e2e")
 
 README = Path(__file__).parents[2] / "README.md"
 
@@ -44,6 +41,7 @@ def station(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     base = free_ports(10)
     text = configuration.find("px4-sitl").read_text(encoding="utf-8").replace("14540", str(base))
     text = text.replace("operation:\n", f"operation:\n  setpoint_loss_s: {PATIENT_S}\n")
+    text = text.replace("takeoff_stagger_s: 2.0", "takeoff_stagger_s: 0.5")
     config = folder / "sitl.yaml"
     config.write_text(text, encoding="utf-8")
     sim = [sys.executable, "-m", "sim", "--count", "4", "--port-base", str(base), "--origin", ORIGIN]

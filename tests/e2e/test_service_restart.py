@@ -20,8 +20,6 @@ from gcs.client import Client
 from gcs.config import Config
 from gcs.errors import RefusedError
 
-pytestmark = pytest.mark.xdist_group("e2e")
-
 IDS = ("d1", "d2", "d3")
 AT_REST_M_S = 0.3
 IN_PLACE_M = 0.5
@@ -68,10 +66,10 @@ def places_m(folder: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return np.array([[float(str(truth[name])) for name in names] for truth in truths(folder)])
 
 
-def in_turn(client: Client, action: str) -> None:
-    """Order each, and wait until it has done so."""
-    for name in IDS:
-        order = client.wait_for(client.command(name, action).id, SOON_S)
+def each(client: Client, action: str) -> None:
+    """Order all of them, and wait until they have done so."""
+    for given in [client.command(name, action) for name in IDS]:
+        order = client.wait_for(given.id, SOON_S)
         assert order.outcome == "done", order
 
 
@@ -102,11 +100,11 @@ def test_vehicles_found_in_the_air_are_taken_over_on_request_only_and_without_a_
             process.wait()
         with service(config, tmp_path / "second") as (client, process):
             found_and_left_alone(client, tmp_path)
-            in_turn(client, "hand-back")
+            each(client, "hand-back")
             assert phases(client) == ["hold"] * 3
             wait_until("paused", SOON_S, reached(client, "paused"))
             at_rest_m = places_m(tmp_path)
-            in_turn(client, "join")
+            each(client, "join")
             assert phases(client) == ["formation"] * 3
             sleep(3.0)
             assert np.abs(places_m(tmp_path) - at_rest_m).max() < IN_PLACE_M, (

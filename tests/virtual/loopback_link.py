@@ -16,9 +16,10 @@ from pymavlink.dialects.v20 import common
 
 from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.frames import ShowFrame
-from gcs.links import Order, ParameterValue, Verb
+from gcs.links import Order, ParameterValue, Verb, rates
 from gcs.links.heard import Heard
 from gcs.links.mavlink_frames import Frame, kill_frame, split
+from gcs.links.settings import StreamSettings
 from gcs.state import Array, Landed, Mode, Setpoints, Telemetry, VehicleId
 from sim.autopilot import Autopilot
 from sim.fleet import STEP_S, Fleet
@@ -26,13 +27,13 @@ from sim.modes import Mode as PilotMode
 
 STATION = (245, 190)
 VELOCITY_AND_YAW = 0x9C7
-BATTERY_STATUS, EXTENDED_SYS_STATE, COMMAND_LONG, PARAM_VALUE, ODOMETRY = 147, 245, 76, 22, 331
+BATTERY_STATUS, EXTENDED_SYS_STATE, COMMAND_LONG, PARAM_VALUE = 147, 245, 76, 22
 HEARTBEAT_PERIOD_S = 1.0
 CONFIRM_S = 3.2
 KILL_REPEAT_S = 0.1
 PARAMETER_S, PARAMETER_REPEAT_S = 3.0, 0.5
 INT32, REAL32 = 6, 9
-UNREAD = (30, 31, 32, 36, 74, 83, 85, 105, 111, 132, 141, 2, 4, 42)  # not asked of the vehicles
+UNREAD = (2, 4, 42, 83, 85)  # not asked of the vehicles
 
 MODE_NUMBERS = {
     Verb.HOLD: (4, 3),
@@ -302,11 +303,12 @@ class LoopbackLink:
         self._post(vehicle_id, common.MAVLink_command_long_message(target, 1, command, 0, *filled))
 
     def _ask_for_less(self) -> None:
-        """SET_MESSAGE_INTERVAL: stop what nobody here reads; reset counters once a second are enough."""
+        """SET_MESSAGE_INTERVAL: what the production links ask for, and nothing that nobody here reads."""
+        rates_hz = {**rates.wanted(StreamSettings()), **dict.fromkeys(UNREAD, 0.0)}
         for vehicle_id in self._system_ids:
-            for message_id in UNREAD:
-                self._post_long(vehicle_id, common.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, -1)
-            self._post_long(vehicle_id, common.MAV_CMD_SET_MESSAGE_INTERVAL, ODOMETRY, 1e6)
+            for message_id, rate_hz in rates_hz.items():
+                interval_us = 1e6 / rate_hz if rate_hz else -1
+                self._post_long(vehicle_id, common.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, interval_us)
 
     def _send_setpoint(self, vehicle_id: VehicleId, velocity: Array, yaw_rad: float, now_s: float) -> None:
         north_m_s, east_m_s, down_m_s = velocity.tolist()

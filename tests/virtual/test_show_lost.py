@@ -14,8 +14,6 @@ from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.state import Mode, VehicleId
 from sim.modes import Mode as PilotMode
 
-pytestmark = pytest.mark.xdist_group("show-lost")
-
 OTHERS = ("d1", "d3", "d4")
 
 
@@ -532,6 +530,7 @@ async def confirmed_down_while_silent(show: Show) -> tuple[list[Phase], OrderRec
     confirmed = await show.order("d2", VehicleAction.CONFIRM_DOWN)
     show.link.restore("d2")
     await show.phase("d2", Phase.STANDBY)
+    await show.wait(0.1)
     return show.track.between(began_s).phases("d2"), confirmed
 
 

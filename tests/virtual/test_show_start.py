@@ -12,8 +12,6 @@ from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Formation, Obstacle
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 
-pytestmark = pytest.mark.xdist_group("show-start")
-
 
 def start_of(*names: str) -> Callable[[Show], Callable[[], OrderRecord]]:
     """A request to start with these vehicles, or with all."""

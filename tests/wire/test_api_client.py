@@ -21,8 +21,6 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 
 from api_fake_service import FakeService
 
-pytestmark = pytest.mark.xdist_group("wire")
-
 BOX: dict[str, Any] = {
     "x_m": 50.0,
     "y_m": 0.0,

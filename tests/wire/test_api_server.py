@@ -26,8 +26,6 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 from api_fake_service import FakeService
 from machine import Witness
 
-pytestmark = pytest.mark.xdist_group("wire")
-
 
 @asynccontextmanager
 async def served(service: FakeService) -> AsyncIterator[int]:

@@ -23,8 +23,6 @@ from gcs.links.settings import StreamSettings
 from gcs.links.traffic import Direction
 from gcs.state import Setpoints
 
-pytestmark = pytest.mark.xdist_group("wire")
-
 HOST = "127.0.0.1"
 
 

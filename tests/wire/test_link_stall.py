@@ -14,7 +14,7 @@ from gcs.links import Verb
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.state import Mode, Setpoints
 
-pytestmark = [pytest.mark.xdist_group("wire"), pytest.mark.usefixtures("transport")]
+pytestmark = pytest.mark.usefixtures("transport")
 
 DEADMAN_S = 0.2
 
