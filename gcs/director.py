@@ -151,15 +151,14 @@ class Director:
     def advance(self) -> None:
         """Let the show go on: all up, assembled, all down."""
         flight = self._flight
-        busy = any(self._errands.running(vehicle) for vehicle in (*flight.airborne, *self.waiting))
+        busy = [vehicle for vehicle in (*flight.airborne, *self.waiting) if self._errands.running(vehicle)]
         if flight.show in {ShowPhase.IDLE, ShowPhase.LANDED} and flight.airborne:
             names = ", ".join(vehicle.id for vehicle in flight.airborne)
             self._move_show(ShowEvent.TAKEN_ON, f"in the air and ours, waiting for orders: {names}")
-        if flight.show is ShowPhase.ARMING and not busy:
-            if not flight.airborne:
-                self._move_show(ShowEvent.ALL_DOWN, "nobody took off")
-            elif flight.in_phase(Phase.FORMATION):
-                self._move_show(ShowEvent.ALL_UP, "everybody who flies is up")
+        if flight.show is ShowPhase.ARMING:
+            # who comes down again does not keep the others waiting
+            if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
+                self._all_have_taken_off()
         elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
             self._move_show(ShowEvent.ASSEMBLED, "the sphere stands")
         flying = flight.show in IN_THE_AIR | {ShowPhase.ABORTING} and flight.show is not ShowPhase.ARMING
@@ -169,6 +168,17 @@ class Director:
             others = [vehicle.id for vehicle in flight.in_phase(Phase.LOST, Phase.PILOT)]
             named = f"; not ours to land: {', '.join(others)}" if others else ""
             self._move_show(ShowEvent.ALL_DOWN, f"everybody we answer for is down{named}")
+
+    def _all_have_taken_off(self) -> None:
+        """Go on with those who are up, if there are any."""
+        flight = self._flight
+        holding = ", ".join(f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.in_phase(Phase.HOLD))
+        if flight.in_phase(Phase.FORMATION):
+            self._move_show(ShowEvent.ALL_UP, "everybody who flies is up")
+        elif holding:
+            self._move_show(ShowEvent.TAKEN_ON, f"nobody flies in formation; waiting for orders: {holding}")
+        elif not flight.airborne:
+            self._move_show(ShowEvent.ALL_DOWN, "nobody took off")
 
     def _move_show(self, event: ShowEvent, reason: str) -> None:
         flight = self._flight

@@ -140,21 +140,36 @@ class Errands:
                 await self._order(vehicle, Verb.DISARM)
                 raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
             vehicle.apply(Event.TAKE_OFF, "climbs straight up")
-            await self._order(vehicle, Verb.TAKEOFF, self._settings.takeoff_height_m)
-            try:
-                async with asyncio.timeout(self._settings.takeoff_timeout_s):
-                    await self._until(vehicle, lambda: self._is_up(vehicle), frozenset({Phase.TAKEOFF}))
-            except TimeoutError:
-                raise OrderError(
-                    f"{vehicle.id} did not reach {self._settings.takeoff_height_m:g} m"
-                    f" within {self._settings.takeoff_timeout_s:g} s"
-                ) from None
-            await self._order(vehicle, Verb.HOLD)
+            await self._climb(vehicle)
             vehicle.apply(Event.HOLD, "up, waits for the others")
             await self._until(vehicle, self._all_up, frozenset({Phase.HOLD}))
-            await self.join(vehicle)
+            try:
+                await self.join(vehicle)
+            except OrderError as error:
+                vehicle.reason = f"up, but cannot join: {error}"
+                raise
 
         return errand
+
+    async def _climb(self, vehicle: Vehicle) -> None:
+        """Straight up, to hold there; where that fails it is landed. Raises: OrderError, saying why."""
+        height_m, timeout_s = self._settings.takeoff_height_m, self._settings.takeoff_timeout_s
+        try:
+            await self._order(vehicle, Verb.TAKEOFF, height_m)
+            async with asyncio.timeout(timeout_s):
+                await self._until(vehicle, lambda: self._is_up(vehicle), frozenset({Phase.TAKEOFF}))
+            await self._order(vehicle, Verb.HOLD)
+        except TimeoutError:
+            reason = f"{vehicle.id} did not reach {height_m:g} m within {timeout_s:g} s"
+        except OrderError as error:
+            reason = str(error)
+        else:
+            return
+        log.warning("takeoff_failed", extra={"vehicle": vehicle.id, "reason": reason})
+        if vehicle.phase is Phase.TAKEOFF:
+            vehicle.apply(Event.DESCEND, f"its take-off failed, its autopilot lands it: {reason}")
+            await self.autopilot_land(vehicle)
+        raise OrderError(reason)
 
     async def join(self, vehicle: Vehicle) -> None:
         """From HOLD under the service's control, at first in place."""
@@ -235,14 +250,13 @@ class Errands:
         return float(place_m[2] - self._position_m(vehicle)[2])
 
     def _all_up(self) -> bool:
-        """Whether nobody climbs any more, nor waits on the ground for its turn."""
+        """Whether nobody is led up any more, nor waits on the ground for its turn."""
         fleet = self._around.fleet
         if self._up is None or self._up[0] is not fleet:  # asked by everybody who waits, in every tick
             self._up = (
                 fleet,
                 not any(
-                    vehicle.phase is Phase.TAKEOFF
-                    or (vehicle.phase is Phase.STANDBY and self.running(vehicle))
+                    vehicle.phase in {Phase.STANDBY, Phase.TAKEOFF} and self.running(vehicle)
                     for vehicle in self._around.vehicles.values()
                 ),
             )
