@@ -6,6 +6,7 @@ waited for generously, and a flight that is not about the loss of setpoints is f
 
 import asyncio
 import json
+import re
 import subprocess
 import sys
 import time
@@ -13,9 +14,12 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
+import yaml
+
 from api.app import create_app
 from api.server import serve
 from gcs import config as configuration
+from gcs.client import Client
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
 from gcs.service import ShowAction
@@ -68,6 +72,26 @@ def vehicles(
             child.terminate()
         for child in children:
             child.wait(60)
+
+
+@contextmanager
+def service(config: configuration.Config, folder: Path) -> Iterator[tuple[Client, subprocess.Popen[str]]]:
+    """`gcs serve` in a process of its own; its recording and its log lie in `folder`."""
+    folder.mkdir()
+    raw = config.model_dump(mode="json") | {"record": {"folder": str(folder)}}
+    (folder / "config.yaml").write_text(yaml.safe_dump(raw), encoding="utf-8")
+    command = [sys.executable, "-m", "gcs", "serve", "--config", str(folder / "config.yaml"), "--quiet"]
+    with (folder / "log").open("w") as log:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+    try:
+        assert process.stdout is not None
+        address = re.search(r"http://\S+:\d+", process.stdout.readline())
+        assert address is not None, (folder / "log").read_text()
+        with Client(address[0], timeout_s=30.0) as client:
+            yield client, process
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def last_truths(path: Path) -> list[dict[str, object]]:
