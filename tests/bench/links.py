@@ -236,11 +236,13 @@ def main(wanted: list[str]) -> int:
         text = told(row).removeprefix(heads() + "\n")
         print(text, end="", flush=True)
         if row.what in OURS and "must:" not in text:
-            failed.append(row.title)
+            failed.append(row)
         if "MISS" in text:
-            missed.append(row.title)
-    for title in missed:
-        print(f"not reached: {title.strip()}")
+            missed.append(row)
+    for row in missed:
+        print(f"not reached: {row.what} {row.transport} {row.count} {row.rate_hz:g}")
+    for row in failed:
+        print(f"not measured: {row.what} {row.transport} {row.count} {row.rate_hz:g}")
     return 1 if failed else 0
 
 
