@@ -120,7 +120,7 @@ class ShowEvent(StrEnum):
     STOP = "stop"
     ABORT = "abort"
     ALL_DOWN = "all down"
-    TAKEN_ON = "taken on"  # a vehicle in the air became ours while no show flew
+    TAKEN_ON = "taken on"  # a vehicle in the air is ours while no show flies
 
 
 IN_THE_AIR: Final = frozenset(
@@ -138,6 +138,7 @@ SHOW_NEXT: Final[dict[tuple[ShowPhase, ShowEvent], ShowPhase]] = {
     (ShowPhase.ASSEMBLING, ShowEvent.PAUSE): ShowPhase.PAUSED,
     (ShowPhase.RUNNING, ShowEvent.PAUSE): ShowPhase.PAUSED,
     (ShowPhase.PAUSED, ShowEvent.RESUME): ShowPhase.ASSEMBLING,
+    (ShowPhase.ARMING, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,  # up, but nobody could join
     (ShowPhase.IDLE, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
     (ShowPhase.LANDED, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
     **{(phase, ShowEvent.STOP): ShowPhase.RETURNING for phase in IN_THE_AIR | {ShowPhase.ABORTING}},

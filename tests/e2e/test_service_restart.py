@@ -1,18 +1,14 @@
 """The service is killed while it flies, and started again: it finds its vehicles, and waits to be asked."""
 
 import json
-import re
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from time import monotonic, sleep
 
 import numpy as np
 import pytest
-import yaml
-from ground import PATIENT_S, SOON_S, flying_config, last_truths, proper, vehicles, wait_until
+from ground import PATIENT_S, SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
 from machine import free_ports
 from pymavlink import mavutil
 
@@ -31,26 +27,6 @@ def config_of(port_base: int) -> Config:
     raw = flying_config(len(IDS), port_base, silence_s=20.0).model_dump()  # nobody is lost
     raw["formation"] = {"radius_m": 6.0, "height_m": 12.0}
     return Config.model_validate(raw)
-
-
-@contextmanager
-def service(config: Config, folder: Path) -> Iterator[tuple[Client, subprocess.Popen[str]]]:
-    """`gcs serve` in a process of its own; its recording and its log lie in `folder`."""
-    folder.mkdir()
-    raw = config.model_dump(mode="json") | {"record": {"folder": str(folder)}}
-    (folder / "config.yaml").write_text(yaml.safe_dump(raw), encoding="utf-8")
-    command = [sys.executable, "-m", "gcs", "serve", "--config", str(folder / "config.yaml"), "--quiet"]
-    with (folder / "log").open("w") as log:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
-    try:
-        assert process.stdout is not None
-        address = re.search(r"http://\S+:\d+", process.stdout.readline())
-        assert address is not None, (folder / "log").read_text()
-        with Client(address[0], timeout_s=30.0) as client:
-            yield client, process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def phases(client: Client) -> list[str]:
