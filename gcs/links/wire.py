@@ -45,8 +45,10 @@ _STRANGERS_LOGGED_MAX: Final = 64
 _TEND_PERIOD_S: Final = 0.02
 _TURN_S: Final = 0.02
 _READ_LEAST_S: Final = 0.001
+_GARBAGE_S: Final = 0.004
 """Who floods its port keeps neither the loop nor the other ports waiting: a turn's time is shared out among
-the ports that have something, and what is left then waits for the next turn, with the date of its arrival."""
+the ports that have something, and what is left then waits for the next turn, with the date of its arrival.
+On garbage a port may spend `_GARBAGE_S`: who jams one that is shared must not silence the others."""
 
 
 class Wire:
@@ -305,10 +307,14 @@ class Wire:
         """Take in what these ports have, each for its share of a turn."""
         share_s = max(_TURN_S / max(len(ready), 1), _READ_LEAST_S)
         for key, _ in ready:
-            until_s = self._clock() + share_s
+            read_s = self._clock()
+            until_s, garbage_s = read_s + share_s, 0.0
             for arrival in key.data(now_s):
                 self._receive(arrival)
-                if self._clock() > until_s:
+                before_s, read_s = read_s, self._clock()
+                if arrival.parts.garbage_bytes or arrival.parts.unknown_bytes:
+                    garbage_s += read_s - before_s
+                if read_s > until_s or garbage_s > _GARBAGE_S:
                     break
 
     def _receive(self, arrival: Arrival) -> None:

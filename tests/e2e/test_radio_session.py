@@ -2,12 +2,9 @@
 
 from pathlib import Path
 
-import pytest
 from ground import SOON_S, last_truths, session_of, wait_until
 
 from gcs.client import Client
-
-pytestmark = pytest.mark.xdist_group("e2e")
 
 COUNT = 20
 

@@ -5,14 +5,11 @@ import subprocess
 from contextlib import closing
 from pathlib import Path
 
-import pytest
 from ground import SOON_S, flying_config, proper, service, vehicles, wait_until
 from machine import free_ports
 from pymavlink import mavutil
 
 from gcs.client import Client
-
-pytestmark = pytest.mark.xdist_group("e2e")
 
 IDS = ("d1", "d2")
 

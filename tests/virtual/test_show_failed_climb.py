@@ -12,8 +12,6 @@ from gcs.links import Verb
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.state import Mode, VehicleId
 
-pytestmark = pytest.mark.xdist_group("show-failed-climb")
-
 TIMEOUT_S = 8.0
 
 

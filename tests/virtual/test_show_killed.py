@@ -10,8 +10,6 @@ from gcs.errors import RefusedError
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 
-pytestmark = pytest.mark.xdist_group("show-killed")
-
 
 class Killed(NamedTuple):
     track: Track

@@ -12,8 +12,6 @@ from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.state import Mode, VehicleId
 from sim.modes import Mode as PilotMode
 
-pytestmark = pytest.mark.xdist_group("show-pilot")
-
 
 class TakenOver(NamedTuple):
     track: Track
