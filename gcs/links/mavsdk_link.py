@@ -7,7 +7,7 @@ set it. Therefore its bytes leave through `Wire`, where setpoints need a permiss
 import asyncio
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from math import degrees, inf, nan
+from math import degrees, inf
 from pathlib import Path
 from time import monotonic
 from types import MappingProxyType
@@ -37,7 +37,7 @@ from gcs.links.settings import Forward
 from gcs.links.traffic import Observer
 from gcs.links.vehicle_ids import station_id
 from gcs.links.wire import Wire
-from gcs.state import Landed, Mode, Setpoints, Telemetry, VehicleId
+from gcs.state import Mode, Setpoints, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
 
@@ -52,7 +52,7 @@ _DISCOVER_S: Final = 0.25
 _POSITION_PERIOD_S: Final = 0.5
 """So often MAVSDK is shown a position; for the tick the wire reads them all."""
 
-_LOOKS_SHARED: Final = 10
+_LOOKS_SHARED: Final = 20
 
 
 class MavsdkLink(LinkFacts):
@@ -127,9 +127,7 @@ class MavsdkLink(LinkFacts):
         n = len(self._ids)
         self._passed_s = dict.fromkeys(vehicles.values(), -inf)  # position that MAVSDK was shown last
         self._looks = 0
-        self._battery = np.full(n, nan)
-        self._landed = [Landed.UNKNOWN] * n
-        self._healthy, self._seen = [False] * n, [False] * n
+        self._healthy = [False] * n
 
     def observe(self, observer: Observer) -> Callable[[], None]:
         """Show every frame to `observer` from now on; call the result to stop. See `Observer`."""
@@ -189,10 +187,10 @@ class MavsdkLink(LinkFacts):
             altitude_amsl_m=motion[:, 2].copy(),
             velocity_ned_m_s=motion[:, 3:6].copy(),
             yaw_deg=motion[:, 6].copy(),
-            battery_remaining=self._battery.copy(),
+            battery_remaining=np.array([heard.battery_remaining for heard in self._heard]),
             armed=tuple(heard.armed for heard in self._heard),
             mode=tuple(heard.mode for heard in self._heard),
-            landed=tuple(self._landed),
+            landed=tuple(heard.landed for heard in self._heard),
             ready=tuple(
                 healthy and heard.prearm_ok for healthy, heard in zip(self._healthy, self._heard, strict=True)
             ),
@@ -203,18 +201,12 @@ class MavsdkLink(LinkFacts):
         )
 
     def _look(self) -> None:
-        """Ask MAVSDK for what changes slowly: a part of the vehicles each time, and who is new."""
+        """Ask MAVSDK who is healthy: a part of the vehicles each time, and who was not."""
         self._looks += 1
-        unready = [row for row, seen in enumerate(self._seen) if not seen]
-        for row in (*unready, *range(self._looks % _LOOKS_SHARED, len(self._ids), _LOOKS_SHARED)):
+        unhealthy = [row for row, healthy in enumerate(self._healthy) if not healthy]
+        for row in (*unhealthy, *range(self._looks % _LOOKS_SHARED, len(self._ids), _LOOKS_SHARED)):
             vehicle = self._met.get(self._system_ids[row])
-            if vehicle is None:
-                self._battery[row], self._landed[row], self._healthy[row] = nan, Landed.UNKNOWN, False
-                self._seen[row] = False
-            else:
-                self._battery[row] = vehicle.battery_remaining()
-                self._landed[row] = vehicle.landed()
-                self._healthy[row] = self._seen[row] = vehicle.healthy()
+            self._healthy[row] = vehicle is not None and vehicle.healthy()
 
     def send(self, setpoints: Setpoints) -> None:
         """Hand over one tick's orders. Never blocks.
@@ -292,7 +284,7 @@ class MavsdkLink(LinkFacts):
         vehicle = self._met.get(self._vehicles[vehicle_id])
         if vehicle is None or self._workers is None:
             raise OrderError(f"{vehicle_id}: {otherwise}: never heard on link {self._name}")
-        return self._workers.hand(vehicle_id, vehicle)
+        return self._workers.hand(vehicle_id, vehicle, self._wire.heard[self._vehicles[vehicle_id]])
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
         return now_s - self._wire.heard[system_id].heartbeat_time_s <= SILENT_AFTER_S
@@ -359,7 +351,7 @@ class MavsdkLink(LinkFacts):
         """Stop, inside out: no setpoints, no calls, no MAVSDK, no sockets."""
         self._deadman.refresh((), self._clock())
         self._fleet, self._orders, self._workers, self._met = None, None, None, {}
-        self._seen = [False] * len(self._ids)
+        self._healthy = [False] * len(self._ids)
         orders.close()
         workers.close()
 

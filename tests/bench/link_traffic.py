@@ -22,8 +22,15 @@ from gcs.links.direct.commands import COMMAND_ACK
 from gcs.links.direct.kernels import DATAGRAM, MESSAGE, Bytes, Whole
 from gcs.links.direct.messages import SETPOINT
 from gcs.links.direct.packets import Datagrams, Packets, source_of
-from gcs.links.mavlink_frames import COMMAND_LONG, GLOBAL_POSITION_INT, HEARTBEAT, PREARM_CHECK, SYS_STATUS
-from gcs.links.rates import BATTERY_STATUS, EXTENDED_SYS_STATE
+from gcs.links.mavlink_frames import (
+    BATTERY_STATUS,
+    COMMAND_LONG,
+    EXTENDED_SYS_STATE,
+    GLOBAL_POSITION_INT,
+    HEARTBEAT,
+    PREARM_CHECK,
+    SYS_STATUS,
+)
 from gcs.links.wire import Listen
 from gcs.state import Array
 
