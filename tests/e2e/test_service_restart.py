@@ -77,7 +77,7 @@ def in_turn(client: Client, action: str) -> None:
 
 def first_setpoints_m_s(folder: Path) -> dict[int, float]:
     """By system id: how fast the first setpoint of this service would have it fly."""
-    (path,) = folder.glob("*.tlog")
+    (path,) = folder.glob("*/*.tlog")
     found: dict[int, float] = {}
     with closing(mavutil.mavlink_connection(str(path))) as log:
         while (message := log.recv_match(type="SET_POSITION_TARGET_LOCAL_NED")) is not None:

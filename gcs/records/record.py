@@ -1,0 +1,93 @@
+"""The record of one session: its folder, its audit, its flight data, and what the log says meanwhile."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final, Self
+
+from gcs.links import Link
+from gcs.records.audit import Audit
+from gcs.records.journal import Journal
+from gcs.records.known import AUDIT
+from gcs.records.moment import Moment
+from gcs.state import VehicleId
+
+WHEREABOUTS_S: Final = 1.0
+_PLAIN: Final = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "vehicle"}
+
+
+class Record:
+    """Everything of one session. Used on the event loop; what touches the disk has threads of its own."""
+
+    def __init__(self, root: Path, config_json: str, vehicles: Mapping[VehicleId, tuple[int, str]]) -> None:
+        """Nothing is written before it is entered.
+
+        Args:
+            root: holds the audit of all sessions, and a folder for the flight data of each.
+            config_json: the whole configuration.
+            vehicles: system id and link of each.
+        """
+        self.session, self.folder = _new_folder(root)
+        self._config_json = config_json
+        self._journal = Journal(root / AUDIT)
+        self.audit = Audit(self._journal, self.session, vehicles)
+        self._heard = _Heard(self.audit)
+        self._whereabouts_due_s = 0.0
+
+    def __enter__(self) -> Self:
+        """Begin to write, as soon as the disk allows."""
+        self._journal.open()
+        self.audit.begin(self.folder, self._config_json)
+        logging.getLogger("gcs").addHandler(self._heard)
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """Write what is left, and note that the session has ended. Blocks for some milliseconds."""
+        logging.getLogger("gcs").removeHandler(self._heard)
+        self.audit.end()
+        self._journal.close()
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is not being recorded, in words; empty while all is."""
+        return tuple(f"record: {problem}" for problem in (self._journal.problem,) if problem)
+
+    def note(self, moment: Moment, links: Sequence[Link]) -> None:
+        """Take in one tick, and where the vehicles of the links speak from."""
+        self.audit.watch(moment)
+        if moment.fleet.time_s >= self._whereabouts_due_s:
+            self._whereabouts_due_s = moment.fleet.time_s + WHEREABOUTS_S
+            for link in links:
+                self.audit.whereabouts(link.addresses)
+
+
+class _Heard(logging.Handler):
+    """What the service's own loggers say, as events: the log and the record tell the same."""
+
+    def __init__(self, audit: Audit) -> None:
+        super().__init__(logging.INFO)
+        self._audit = audit
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Note one line of the log. On any thread."""
+        said = {key: value for key, value in vars(record).items() if key not in _PLAIN}
+        vehicle = getattr(record, "vehicle", None)
+        name = None if vehicle is None else str(vehicle)
+        self._audit.event(record.created, record.levelname.lower(), record.getMessage(), name, said)
+
+
+def _new_folder(root: Path) -> tuple[str, Path]:
+    """A name that no session has, and its folder, which is made where the disk lets us."""
+    began = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")[:-3]
+    for turn in range(1, 1000):
+        name = began if turn == 1 else f"{began}-{turn}"
+        try:
+            (root / name).mkdir(parents=True)
+        except FileExistsError:
+            if (root / name).is_dir():
+                continue
+        except OSError:
+            pass  # full or read-only: whoever writes there says so, and tries again
+        return name, root / name
+    return began, root / began
