@@ -9,4 +9,4 @@ def make_record(config: Config) -> Record | None:
     if config.record is None:
         return None
     vehicles = {each.id: (each.system_id, link.name) for link in config.links for each in link.fleet}
-    return Record(config.record.folder, config.model_dump_json(), vehicles)
+    return Record(config.record.folder, config.model_dump_json(), vehicles, flight=config.record.flight)
