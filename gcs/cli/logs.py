@@ -29,7 +29,7 @@ OURS = ("gcs", "api", "sim")
 
 
 def set_up(level: int) -> None:
-    """Log our own packages from `level`, everybody else's warnings. The record hears what is not shown."""
+    """Log our own packages from `level`, everybody else's warnings. A record may hear more."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonLines())
     handler.addFilter(lambda record: record.levelno >= level or record.name.split(".")[0] not in OURS)
@@ -37,4 +37,4 @@ def set_up(level: int) -> None:
     root.handlers[:] = [handler]
     root.setLevel(logging.WARNING)
     for name in OURS:
-        logging.getLogger(name).setLevel(min(level, logging.INFO))
+        logging.getLogger(name).setLevel(level)

@@ -45,6 +45,8 @@ class Record:
         about = layout.about(self.session, config_json, vehicles)
         self._flight = FlightFile(self.folder, about) if flight else None
         self._heard = _Heard(self.audit, self._flight)
+        self._logger = logging.getLogger("gcs")
+        self._level = self._logger.level
         self._whereabouts_due_s = 0.0
 
     def __enter__(self) -> Self:
@@ -53,12 +55,15 @@ class Record:
         self.audit.begin(self.folder, self._config_json)
         if self._flight is not None:
             self._flight.open()
-        logging.getLogger("gcs").addHandler(self._heard)
+        self._logger.addHandler(self._heard)
+        if self._logger.getEffectiveLevel() > logging.INFO:
+            self._logger.setLevel(logging.INFO)  # what is shown is the other handlers' business
         return self
 
     def __exit__(self, *_error: object) -> None:
         """Write what is left, and note that the session has ended. Blocks for some milliseconds."""
-        logging.getLogger("gcs").removeHandler(self._heard)
+        self._logger.removeHandler(self._heard)
+        self._logger.setLevel(self._level)
         if self._flight is not None:
             self._flight.close()
         self.audit.end()

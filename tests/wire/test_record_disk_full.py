@@ -1,4 +1,4 @@
-"""The disk is full, really: what was kept is whole, the operator is told, and it goes on once there is room."""
+"""The disk is full, really: what was kept is whole, the operator is told, and it goes on once it can."""
 
 import asyncio
 import multiprocessing
