@@ -81,16 +81,23 @@ def _pairs(certificate: Certificate) -> str:
 
 def _plots(certificate: Certificate) -> str:
     with mpl.rc_context({"svg.hashsalt": "gcs", "svg.fonttype": "none", "font.size": 9}):
-        figure = Figure(figsize=(11.0, 7.4), layout="constrained")
-        above, separation, height, speed = figure.subplots(2, 2).ravel()
-        _from_above(above, certificate)
-        _separation(separation, certificate)
-        _heights(height, certificate)
-        _speeds(speed, certificate)
         text = StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
+        figure(certificate).savefig(text, format="svg", metadata={"Date": None})
     svg = text.getvalue()
     return svg[svg.index("<svg") :]
+
+
+def figure(certificate: Certificate) -> Figure:
+    """Paths from above, least distance, heights and speeds."""
+    drawn = Figure(figsize=(11.0, 7.4), layout="constrained")
+    above, separation, height, speed = drawn.subplots(2, 2).ravel()
+    _from_above(above, certificate)
+    _separation(separation, certificate)
+    _heights(height, certificate)
+    _speeds(speed, certificate)
+    for axes in (separation, height, speed):
+        axes.set_xlim(0.0, certificate.duration_s)
+    return drawn
 
 
 def _shown(certificate: Certificate) -> tuple[np.ndarray, np.ndarray]:
@@ -107,11 +114,13 @@ def _from_above(axes: Axes, certificate: Certificate) -> None:
     for row, colour in zip(rows, colours, strict=True):
         place_m = np.where(tracks.airborne[samples, row, None], tracks.position_m[samples, row], np.nan)
         axes.plot(place_m[:, 1], place_m[:, 0], color=colour, linewidth=0.7)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.apply_aspect()
     box = axes.get_xlim(), axes.get_ylim()
     axes.add_patch(Circle((0, 0), fence.distance_max_m, fill=False, color="#b3140c", linestyle="--"))
+    axes.set_aspect("equal", adjustable="box")
     axes.set_xlim(box[0])
     axes.set_ylim(box[1])
-    axes.set_aspect("equal", adjustable="datalim")
     axes.set(title="Paths from above (dashed: fence)", xlabel="y, m", ylabel="x, m")
 
 
@@ -129,7 +138,7 @@ def _separation(axes: Axes, certificate: Certificate) -> None:
     axes.axhline(floor.vertical_m, color="#b3140c", linestyle=":", linewidth=0.9)
     axes.set_ylim(bottom=0.0)
     axes.set(
-        title="Least distance of all pairs (red: floor sideways; dotted: above each other)",
+        title="Least distance of all pairs (red: floor; dotted: above)",
         xlabel="s",
         ylabel="m",
     )

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -91,7 +92,7 @@ def replay(*arguments: str) -> Iterator[str]:
     assert process.returncode == 0
 
 
-async def watched(address: str, count: int) -> list[dict[str, object]]:
+async def watched(address: str, count: int) -> list[dict[str, Any]]:
     async with connect(f"{address.replace('http', 'ws')}/api/v1/stream?rate_hz=20") as stream:
         return [json.loads(await stream.recv()) for _ in range(count)]
 
@@ -117,9 +118,9 @@ def test_the_stream_shows_the_flight_in_its_time_and_orders_are_refused(recorded
         live_s = float(str(seen[-1]["time_s"])) - float(str(seen[0]["time_s"]))
         assert 0.5 * SPEED < passed_s / live_s < 1.5 * SPEED or "has ended" in str(seen[-1]["notices"])
         for state in seen:  # what moves is where it was then
-            (box,) = state["obstacles"]  # type: ignore[misc]
+            (box,) = state["obstacles"]
             flown_s = float(str(state["unix_time_s"])) - 1.7e9
-            assert box["x_m"] == pytest.approx(5.0 + flown_s, abs=0.1)  # type: ignore[index]
+            assert box["x_m"] == pytest.approx(5.0 + flown_s, abs=0.1)
 
 
 def test_what_is_no_flight_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

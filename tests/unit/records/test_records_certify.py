@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,14 +61,14 @@ def truth(file: Path, *paths: Path3, seconds: float = 4.0, frame: ShowFrame = FR
     return file
 
 
-def judged(*arguments: object) -> tuple[int, dict[str, object]]:
+def judged(*arguments: object) -> tuple[int, dict[str, Any]]:
     report = Path(str(arguments[0])).parent / "report.json"
     code = main(["certify", *map(str, arguments), "--report", str(report)])
     return code, json.loads(report.read_text())
 
 
-def check(report: dict[str, object], name: str) -> dict[str, object]:
-    (found,) = [each for each in report["checks"] if each["name"].startswith(name)]  # type: ignore[attr-defined]
+def check(report: dict[str, Any], name: str) -> dict[str, Any]:
+    (found,) = [each for each in report["checks"] if each["name"].startswith(name)]
     return dict(found)
 
 
@@ -89,7 +90,7 @@ def test_two_that_meet_between_two_samples_are_found(tmp_path: Path) -> None:
     paths = moves(-9.8, 0, -20, (8.0, 0.0, 0.0)), moves(9.8 + 0.4 / 2, 0, -20, (-8.0, 0.0, 0.0))
     code, report = judged(truth(tmp_path / "truth-1.jsonl", *paths), "--config", "demo")
     assert (code, report["verdict"]) == (1, "broken")
-    (pair,) = report["nearest_pairs"]  # type: ignore[misc]
+    (pair,) = report["nearest_pairs"]
     assert (pair["vehicles"], pair["distance_m"]) == (["1", "2"], pytest.approx(0.0, abs=0.01))
     assert pair["at_s"] == pytest.approx(1.2, abs=0.1)
     assert not check(report, "separation")["kept"]
@@ -123,7 +124,7 @@ def test_low_over_their_pads_vehicles_may_stand_close(tmp_path: Path) -> None:
 def test_what_is_broken_is_named_with_vehicle_and_time(tmp_path: Path, path: Path3, name: str) -> None:
     file = truth(tmp_path / "truth-1.jsonl", stands(0, 50, -20), path)
     code, report = judged(file, "--config", "demo")
-    broken = [each["name"] for each in report["checks"] if not each["kept"]]  # type: ignore[attr-defined]
+    broken = [each["name"] for each in report["checks"] if not each["kept"]]
     assert (code, broken) == (1, [name])
     assert check(report, name)["vehicle"] == "2"
 
@@ -162,7 +163,7 @@ def test_estimates_are_judged_too_and_their_uncertainty_is_told(tmp_path: Path) 
     code, report = judged(flight(tmp_path, apart_m=3.0))
     assert (code, report["based_on"]) == (0, "estimated positions")
     assert "up to 0.35 m sideways" in str(report["uncertainty"])
-    (pair,) = report["nearest_pairs"]  # type: ignore[misc]
+    (pair,) = report["nearest_pairs"]
     assert (pair["vehicles"], pair["floor_ratio"]) == (["d1", "d2"], pytest.approx(1.5, abs=0.01))
     assert pair["floor_ratio_if_off"] == pytest.approx(1.5 - 0.7 * 2.0 / 3.0, abs=0.01)
     assert check(report, "setpoint sideways")["worst"] == pytest.approx(1.0)
@@ -174,7 +175,7 @@ def test_truth_beside_a_record_is_believed_before_it_and_takes_its_names(tmp_pat
     truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20), stands(1, 0, -20))
     code, report = judged(tmp_path / "flight.mcap", tmp_path / "truth-1.jsonl")
     assert (code, report["based_on"]) == (1, "true positions")
-    assert report["nearest_pairs"][0]["vehicles"] == ["d1", "d2"]  # type: ignore[index]
+    assert report["nearest_pairs"][0]["vehicles"] == ["d1", "d2"]
     code, report = judged(tmp_path / "flight.mcap", tmp_path / "truth-1.jsonl", "--positions", "estimated")
     assert (code, report["based_on"]) == (0, "estimated positions")
 
@@ -240,8 +241,8 @@ def test_what_cannot_be_judged_says_what_is_missing(
 
 def test_the_nearest_pairs_are_those_of_all_pairs(tmp_path: Path) -> None:
     rng, n = np.random.default_rng(4), 40
-    starts_m = rng.uniform(-40, 40, (n, 3)) - [0, 0, 60]
-    paths = [moves(*start_m, tuple(rng.uniform(-3, 3, 3))) for start_m in starts_m]
+    starts_m = np.hstack([rng.uniform(-40, 40, (n, 3)) - [0, 0, 60], rng.uniform(-3, 3, (n, 3))])
+    paths = [moves(x, y, z, (u, v, w)) for x, y, z, u, v, w in starts_m.tolist()]
     tracks = true([truth(tmp_path / "a.jsonl", *paths, seconds=2.0)], FRAME, None, ())
     floor = Floor()
     pairs, least_m = nearest_approaches(tracks, floor)
