@@ -7,10 +7,10 @@ from pathlib import Path
 
 from gcs import config as configuration
 from gcs.cli.certify_page import page
+from gcs.cli.record import session_folder
 from gcs.errors import GcsError
 from gcs.records.certify import Certificate, Standard, certify
 from gcs.records.flown import FlightData
-from gcs.records.known import last_known
 from gcs.records.tracks import Tracks, estimated, true
 
 FLIGHT = "flight*.mcap"
@@ -86,7 +86,7 @@ def _found(paths: list[Path]) -> tuple[list[Path], list[Path]]:
     truths: list[Path] = []
     for path in paths:
         if path.is_dir():
-            folder = _session_of(path)
+            folder = session_folder(path)
             inside = sorted(folder.glob(FLIGHT)), sorted({*path.glob(TRUTH), *folder.glob(TRUTH)})
             if not any(inside):
                 raise GcsError(f"{path}: there is no {FLIGHT} and no {TRUTH} in it")
@@ -99,14 +99,6 @@ def _found(paths: list[Path]) -> tuple[list[Path], list[Path]]:
         else:
             raise GcsError(f"{path}: there is no such file")
     return flights, truths
-
-
-def _session_of(folder: Path) -> Path:
-    """The newest session's folder of a record, else the folder itself."""
-    if not (folder / "audit.sqlite").is_file():
-        return folder
-    session = last_known(folder).session
-    return folder if session is None else folder / session.id
 
 
 def _write(path: Path, text: str) -> None:

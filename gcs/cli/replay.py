@@ -10,6 +10,7 @@ from pathlib import Path
 from api.app import create_app
 from api.server import serve as serve_api
 from gcs.cli import logs
+from gcs.cli.record import session_folder
 from gcs.errors import GcsError
 from gcs.records.flown import FlightData
 from gcs.records.replay import Replay
@@ -19,7 +20,7 @@ SPEED_MAX = 100.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `gcs replay`."""
-    parser.add_argument("file", metavar="FILE", help="flight.mcap, or the folder that it lies in")
+    parser.add_argument("file", metavar="FILE", help="flight.mcap, or a folder that holds it")
     parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="times as fast as flown; 1")
     parser.add_argument("--host", default="127.0.0.1", help="where the API listens; 127.0.0.1")
     parser.add_argument("--port", type=int, default=8000, help="of the API; 8000, 0: any that is free")
@@ -40,8 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def flight_file(path: Path) -> Path:
-    """The file itself, or the first one in a folder."""
-    return path / "flight.mcap" if path.is_dir() else path
+    """The file itself, or the first one in a folder; of a record's folder that of the newest session."""
+    return session_folder(path) / "flight.mcap" if path.is_dir() else path
 
 
 async def _replay(data: FlightData, arguments: argparse.Namespace) -> None:
