@@ -143,7 +143,7 @@ def everybody_stands_in_the_record(folder: Path, port_base: int) -> None:
     assert (start.action, start.who, set(start.outcomes)) == ("start", "local", set(IDS))
     data = FlightData(known.session.folder / "flight.mcap")
     ticks = list(data.ticks())
-    assert ticks[-1].status["show"] == "running"
+    assert ticks[-1].status["show"] in {"assembling", "running"}  # the last second is not there
     assert "cut off" in data.cut
 
 
