@@ -11,6 +11,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from api import docs, routes, stream, wire
+from api.audit import Audited
 from api.desk import Desk
 from api.guard import Guard
 from api.problems import echo, error_response, from_pydantic, invalid_response
@@ -30,7 +31,8 @@ Fly a formation: start and stop the show; change formation, target, orbit and ob
 Lengths are metres, positions are in the show frame (x along the show's heading, y to its right, heights
 positive up) or latitude and longitude; headings are degrees clockwise from north. Commands answer 202 with an
 order, whose outcome per vehicle is at `/api/v1/orders/{id}`. `/api/v1/stream?rate_hz=10` is a WebSocket that
-sends what `/api/v1/fleet` answers, the newest state each time.
+sends what `/api/v1/fleet` answers, the newest state each time. Where orders are recorded, an answer leaves
+when the record has the order; with the header `X-Recorded: no` it does not, and `notices` say why.
 """
 
 
@@ -57,6 +59,7 @@ def create_app(service: Service, *, host_names: Sequence[str] = ("localhost",)) 
     app.include_router(routes.api, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")
     app.add_middleware(Guard, names=host_names)
+    app.add_middleware(Audited, audit=service.audit)  # the last added is the outermost
     _install(app)
     return app
 

@@ -120,8 +120,8 @@ class Flight:
         parts = self.telemetry.parts
         wide_m = uncertainty_m(
             self.config.control.safety.floor.uncertainty_m,
-            np.concatenate([part.horizontal_accuracy_m for part in parts])[self._order],
-            np.concatenate([part.vertical_accuracy_m for part in parts])[self._order],
+            self.in_rows([part.horizontal_accuracy_m for part in parts]),
+            self.in_rows([part.vertical_accuracy_m for part in parts]),
             now_s - self._table.reset_time_s,
             self.config.positioning,
         )
@@ -140,15 +140,20 @@ class Flight:
         """What everybody said last."""
         parts = self.telemetry.parts
         return Columns(
-            np.concatenate([part.heartbeat_time_s for part in parts])[self._order],
-            np.concatenate([part.position_time_s for part in parts])[self._order],
-            self._ordered([part.mode for part in parts]),
-            self._ordered([part.armed for part in parts]),
-            self._ordered([part.landed for part in parts]),
-            self._ordered([part.boots for part in parts]),
+            self.in_rows([part.heartbeat_time_s for part in parts]),
+            self.in_rows([part.position_time_s for part in parts]),
+            self.ordered([part.mode for part in parts]),
+            self.ordered([part.armed for part in parts]),
+            self.ordered([part.landed for part in parts]),
+            self.ordered([part.boots for part in parts]),
         )
 
-    def _ordered(self, parts: Sequence[Sequence[T]]) -> Sequence[T]:
+    def in_rows(self, parts: Sequence[Array]) -> Array:
+        """(n,) of (k,) arrays, one for each link: rows as in FleetState."""
+        joined: Array = np.concatenate(parts)[self._order]
+        return joined
+
+    def ordered(self, parts: Sequence[Sequence[T]]) -> Sequence[T]:
         """What all links' vehicles say, rows as in FleetState."""
         joined = list(chain.from_iterable(parts))
         return joined if self._in_order else [joined[place] for place in self._order]

@@ -27,11 +27,13 @@ from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Link
 from gcs.orders import OrderBook
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
-from gcs.service import FleetView, Latest, OrderRecord, ShowAction, VehicleAction
+from gcs.records.record import Record
+from gcs.service import Audit, FleetView, Latest, NoAudit, OrderRecord, ShowAction, VehicleAction
 from gcs.state import Setpoints, VehicleId
 from gcs.timing import TickClock, ticks
 from gcs.vehicle import Vehicle
 from gcs.views import fleet_view
+from gcs.witness import moment_of
 
 log = logging.getLogger(__name__)
 
@@ -69,18 +71,21 @@ class Shares:
 class Orchestrator:
     """Flies the fleet of one configuration. A `gcs.service.Service`."""
 
-    def __init__(self, config: Config, links: Sequence[Link]) -> None:
+    def __init__(self, config: Config, links: Sequence[Link], record: Record | None = None) -> None:
         """Nothing moves before `run`; must be made on the running event loop.
 
         Args:
             config: checked.
             links: one for each of the configuration's, with its vehicles.
+            record: where orders, events and every tick are noted; opened and closed by whoever made it.
         """
         warm_up()
         now_s = asyncio.get_running_loop().time()
         self._config = config
         self._flight = Flight(config, links, now_s)
-        self._book = OrderBook()
+        self._record = record
+        self._audit: Audit = NoAudit() if record is None else record.audit
+        self._book = OrderBook(None if record is None else record.audit)
         self._clock = TickClock(config.tick_rate_hz)
         self._director: Director | None = None
         self._shares = Shares(links)
@@ -105,6 +110,7 @@ class Orchestrator:
             result = self._tick(now_s, director)
             self._clock.note(began_s, loop.time() - began_s, began_s - due_s, missed)
             self._view.promise(self._promised_view(result))
+            self._note(result)
             self._flight.wake()
 
     def _tick(self, now_s: float, director: Director) -> Tick:
@@ -125,6 +131,29 @@ class Orchestrator:
             flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, self._config.control
         )
 
+    @property
+    def _control_alive(self) -> bool:
+        return self._clock.gap_s <= self._config.deadman_s
+
+    @property
+    def _problems(self) -> list[str]:
+        """Of links and record: what does not end the flight, but an operator should know."""
+        recorded = () if self._record is None else self._record.problems
+        return [*(problem for link in self._flight.links for problem in link.problems), *recorded]
+
+    def _note(self, result: Tick) -> None:
+        """Leave this tick to the record."""
+        if self._record is not None:
+            moment = moment_of(
+                self._flight,
+                result,
+                timing=self._clock.summary(),
+                control_alive=self._control_alive,
+                problems=self._problems,
+                unix_time_s=time.time(),
+            )
+            self._record.note(moment, self._flight.links)
+
     def _promised_view(self, result: Tick) -> Callable[[], FleetView]:
         """Puts the view of this tick together: for a thousand vehicles that is work, and seldom looked at."""
         flight = self._flight
@@ -140,9 +169,9 @@ class Orchestrator:
             reason=flight.reason,
             plan=flight.plan,
             timing=self._clock.summary(),
-            control_alive=self._clock.gap_s <= self._config.deadman_s,
+            control_alive=self._control_alive,
             setpoints_sent=sum(link.setpoints_sent for link in flight.links),
-            problems=[problem for link in flight.links for problem in link.problems],
+            problems=self._problems,
             unix_time_s=time.time(),
         )
 
@@ -157,6 +186,11 @@ class Orchestrator:
     def frame(self) -> ShowFrame:
         """Where the show's origin lies."""
         return self._config.frame
+
+    @property
+    def audit(self) -> Audit:
+        """Where calls are noted, and what an answer waits for."""
+        return self._audit
 
     def order(self, order_id: str) -> OrderRecord:
         """An accepted order. Raises: UnknownError."""

@@ -3,18 +3,32 @@
 import time
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping
+from typing import Protocol
 
 from gcs.errors import UnknownError
-from gcs.service import OrderRecord, Outcome, VehicleOutcome
+from gcs.service import WHO, OrderRecord, Outcome, VehicleOutcome
 from gcs.state import VehicleId
 
 KEPT = 1000
 
 
+class Listener(Protocol):
+    """Who is told of every order and outcome; never raises, never waits."""
+
+    def opened(self, record: OrderRecord, who: str) -> None:
+        """An order was accepted."""
+        ...
+
+    def closed(self, order_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:
+        """One vehicle's part of it has ended."""
+        ...
+
+
 class OrderBook:
     """The last orders, oldest forgotten first."""
 
-    def __init__(self) -> None:
+    def __init__(self, listener: Listener | None = None) -> None:
+        self._listener = listener
         self._records: OrderedDict[str, OrderRecord] = OrderedDict()
         self._next = 1
 
@@ -29,6 +43,8 @@ class OrderBook:
         self._records[record.id] = record
         while len(self._records) > KEPT:
             self._records.popitem(last=False)
+        if self._listener is not None:
+            self._listener.opened(record, WHO.get())
         return record
 
     def close(self, order_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str = "") -> None:
@@ -37,6 +53,8 @@ class OrderBook:
         if record is not None and record.outcomes[vehicle_id].outcome is Outcome.PENDING:
             changed = record.outcomes | {vehicle_id: VehicleOutcome(outcome, reason)}
             self._records[order_id] = OrderRecord(record.id, record.action, record.accepted_time_s, changed)
+            if self._listener is not None:
+                self._listener.closed(order_id, vehicle_id, outcome, reason)
 
     def get(self, order_id: str) -> OrderRecord:
         """The record as it stands. Raises: UnknownError."""

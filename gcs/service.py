@@ -6,9 +6,10 @@ a process of its own without a change on their side.
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Generic, Protocol, TypeVar
+from typing import Final, Generic, Protocol, TypeVar
 
 from gcs.frames import ShowFrame
 from gcs.lifecycle import Phase, ShowPhase
@@ -16,6 +17,9 @@ from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.state import Landed, Mode, VehicleId
 
 T = TypeVar("T")
+
+WHO: Final[ContextVar[str]] = ContextVar("who", default="local")
+"""Who orders, in this task: whoever lets callers in sets it, and the audit names them."""
 
 
 class ShowAction(StrEnum):
@@ -174,6 +178,43 @@ class Latest(Generic[T]):
             await changed.wait()
 
 
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A call of the API and how it was answered."""
+
+    who: str
+    method: str
+    path: str
+    body: str
+    status: int
+
+
+class Audit(Protocol):
+    """Where everything ordered is noted. Nothing here raises, and nothing but `kept` waits."""
+
+    def call(self, call: Call) -> None:
+        """Note a call that may change something, or was denied."""
+        ...
+
+    async def kept(self) -> bool:
+        """Return once everything noted and ordered so far is on the disk.
+
+        False, soon, when it is not (no record, a full disk): the view's notices say so.
+        """
+        ...
+
+
+class NoAudit:
+    """Where nothing is recorded, and nothing was promised."""
+
+    def call(self, call: Call) -> None:
+        """Nothing."""
+
+    async def kept(self) -> bool:
+        """At once: nobody asked for a record."""
+        return True
+
+
 class Service(Protocol):
     """What the API may do.
 
@@ -189,6 +230,11 @@ class Service(Protocol):
     @property
     def frame(self) -> ShowFrame:
         """Where the show's origin lies."""
+        ...
+
+    @property
+    def audit(self) -> Audit:
+        """Where calls are noted, and what an answer waits for."""
         ...
 
     def command_show(self, action: ShowAction, vehicles: Sequence[VehicleId] | None = None) -> OrderRecord:

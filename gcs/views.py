@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from gcs.control import Tick
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.lifecycle import ShowPhase, not_ours
 from gcs.plan import Plan
 from gcs.service import FleetView, TickView, VehicleView
 from gcs.state import Array, FleetState, Telemetry, Traits, VehicleId
@@ -67,18 +67,8 @@ def fleet_view(
         tick=timing,
         control_alive=control_alive,
         setpoints_sent=setpoints_sent,
-        notices=(*_not_ours(vehicles), *problems),
+        notices=(*not_ours((vehicle.id, vehicle.phase) for vehicle in vehicles), *problems),
     )
-
-
-def _not_ours(vehicles: Sequence[Vehicle]) -> list[str]:
-    """Who is in the air, or may be, and is not commanded."""
-    advice = {
-        Phase.LOST: "lost: in the air when last heard, and sent nothing",
-        Phase.PILOT: "in the air, but not ours: hand-back takes over, in hold",
-    }
-    named = {phase: [vehicle.id for vehicle in vehicles if vehicle.phase is phase] for phase in advice}
-    return [f"{', '.join(ids)}: {advice[phase]}" for phase, ids in named.items() if ids]
 
 
 def _vehicle_view(

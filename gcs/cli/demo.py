@@ -59,6 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--api-port", type=int, metavar="P", help="8000; 0: any that is free")
     parser.add_argument("--port-base", type=int, default=14540, metavar="P", help="UDP port of the first")
     parser.add_argument("--truth", metavar="DIR", help="keep the vehicles' true states there")
+    parser.add_argument(
+        "--record", metavar="DIR", help="keep the record of the flight there; gcs certify DIR"
+    )
     parser.add_argument("--verbose", action="store_true", help="log every change of state, on stderr")
 
 
@@ -70,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     warm_up()
     try:
         with tempfile.TemporaryDirectory(prefix="gcs-demo-") as temporary:
-            folder = Path(arguments.truth or temporary)
+            folder = Path(arguments.truth or arguments.record or temporary)
             folder.mkdir(parents=True, exist_ok=True)
             figures = eventloop.run(_fly(config, arguments, folder / "truth.jsonl"))
     except StoppedEarlyError as stopped:
@@ -100,6 +103,8 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
         link = raw["links"][0]
         link["listen"] = f"udpin://127.0.0.1:{arguments.port_base}"
         link["ports"] = link["vehicles"]["count"] = count
+    if arguments.record is not None:
+        raw["record"] = {"folder": arguments.record}
     if arguments.api_port is not None:
         raw["api"]["port"] = arguments.api_port
     base = configuration.Config.model_validate(raw)

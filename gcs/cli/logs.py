@@ -25,12 +25,16 @@ class JsonLines(logging.Formatter):
         return json.dumps(line, default=str)
 
 
+OURS = ("gcs", "api", "sim")
+
+
 def set_up(level: int) -> None:
-    """Log our own packages from `level`, everybody else's warnings."""
+    """Log our own packages from `level`, everybody else's warnings. A record may hear more."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonLines())
+    handler.addFilter(lambda record: record.levelno >= level or record.name.split(".")[0] not in OURS)
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(logging.WARNING)
-    for name in ("gcs", "api", "sim"):
+    for name in OURS:
         logging.getLogger(name).setLevel(level)

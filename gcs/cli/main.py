@@ -6,8 +6,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import gcs.cli.certify as certify_command
 import gcs.cli.demo as demo_command
 import gcs.cli.params as params_command
+import gcs.cli.replay as replay_command
 import gcs.cli.serve as serve_command
 import gcs.cli.simulation.command as simulate_command
 import sim.cli
@@ -18,7 +20,7 @@ from gcs.links.keys import create_key
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """`gcs demo`, `gcs serve`, `gcs params`, `gcs simulate`, `gcs key`, `gcs sim`."""
+    """Every command of `gcs`, and what it takes."""
     parser = argparse.ArgumentParser(prog="gcs", description="Fly a self-organising formation of drones.")
     commands = parser.add_subparsers(dest="command", required=True)
 
@@ -42,6 +44,14 @@ def build_parser() -> argparse.ArgumentParser:
     simulate_parser = commands.add_parser("simulate", help="fly scenarios in virtual time and judge them")
     simulate_command.add_arguments(simulate_parser)
     simulate_parser.set_defaults(run=simulate_command.run)
+
+    replay_parser = commands.add_parser("replay", help="show a recorded flight through the API, as if live")
+    replay_command.add_arguments(replay_parser)
+    replay_parser.set_defaults(run=replay_command.run)
+
+    certify_parser = commands.add_parser("certify", help="judge a recorded flight: separation, fence, limits")
+    certify_command.add_arguments(certify_parser)
+    certify_parser.set_defaults(run=certify_command.run)
 
     key_parser = commands.add_parser("key", help="keys for MAVLink signatures")
     key_commands = key_parser.add_subparsers(dest="key_command", required=True)

@@ -5,11 +5,13 @@ import contextlib
 import logging
 import signal
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
+from pathlib import Path
 
 from api.app import create_app
 from api.server import serve as serve_api
 from gcs.cli import eventloop
+from gcs.cli.record import make_record
 from gcs.config import Config, LinkSettings
 from gcs.errors import GcsError, RefusedError
 from gcs.lifecycle import AIRBORNE, ShowPhase
@@ -26,10 +28,12 @@ log = logging.getLogger(__name__)
 API_RETRY_S = 1.0
 
 
-def make_link(settings: LinkSettings, config: Config) -> Link:
-    """The transport that a link's settings name. Raises: ConfigError for a signing key that is none."""
+def make_link(settings: LinkSettings, config: Config, record: Path | None = None) -> Link:
+    """The transport that a link's settings name, recording into a folder.
+
+    Raises: ConfigError for a signing key that is none.
+    """
     vehicles = {vehicle.id: vehicle.system_id for vehicle in settings.fleet}
-    record = None if config.record is None else config.record.folder
     if settings.transport == "direct":
         return DirectLink(
             settings.name,
@@ -65,7 +69,18 @@ async def running(config: Config) -> AsyncIterator[tuple[Orchestrator, int]]:
 
     Raises: LinkError when the API's port cannot be had at the start.
     """
-    orchestrator = Orchestrator(config, [make_link(link, config) for link in config.links])
+    record = make_record(config)
+    keeps_frames = config.record is not None and config.record.frames
+    folder = record.folder if record is not None and keeps_frames else None
+    orchestrator = Orchestrator(config, [make_link(link, config, folder) for link in config.links], record)
+    with nullcontext() if record is None else record:
+        async with _flying(orchestrator, config) as port:
+            yield orchestrator, port
+
+
+@asynccontextmanager
+async def _flying(orchestrator: Orchestrator, config: Config) -> AsyncIterator[int]:
+    """Control and API until the block ends. Yields the API's port."""
     listening: asyncio.Future[int] = asyncio.get_running_loop().create_future()
     api = asyncio.create_task(_keep_api(orchestrator, config, listening), name="api")
     try:
@@ -76,7 +91,7 @@ async def running(config: Config) -> AsyncIterator[tuple[Orchestrator, int]]:
             await api  # raises what kept it from listening
         async with asyncio.TaskGroup() as group:
             control = group.create_task(orchestrator.run(), name="service")
-            yield orchestrator, listening.result()
+            yield listening.result()
             control.cancel()
     finally:
         api.cancel()

@@ -10,10 +10,13 @@ import pytest
 from ground import SOON_S, last_truths
 from machine import free_ports
 
+from gcs.cli.main import main
+from gcs.records.known import orders
 
-def test_the_demo_flies_its_story_and_nothing_touches() -> None:
+
+def test_the_demo_flies_its_story_nothing_touches_and_its_record_proves_it(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "8", "--seconds", "170", "--json"]
-    command += ["--api-port", "0", "--port-base", str(free_ports(8))]
+    command += ["--api-port", "0", "--port-base", str(free_ports(8)), "--record", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     figures = json.loads(done.stdout.splitlines()[-1])
@@ -29,6 +32,14 @@ def test_the_demo_flies_its_story_and_nothing_touches() -> None:
     assert figures["target_moved_m"] > 40.0
     assert figures["setpoints_sent"] > 8 * 20 * 100
     assert figures["tick_p99_ms"] < 50.0  # within its period
+    for positions in ("true", "estimated"):
+        report = tmp_path / f"{positions}.json"
+        assert main(["certify", str(tmp_path), "--positions", positions, "--report", str(report)]) == 0
+        judged = json.loads(report.read_text())
+        assert (judged["verdict"], judged["flew"], judged["remarks"]) == ("kept", 8, [])
+        assert judged["based_on"] == f"{positions} positions"
+    assert [order.action for order in orders(tmp_path)] == ["start", "stop"]
+    assert {outcome for order in orders(tmp_path) for outcome, _ in order.outcomes.values()} == {"done"}
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ from pymavlink import mavutil
 from gcs.client import Client
 from gcs.config import Config
 from gcs.errors import RefusedError
+from gcs.records.flown import FlightData
+from gcs.records.known import last_known, orders
 
 IDS = ("d1", "d2", "d3")
 AT_REST_M_S = 0.3
@@ -51,7 +53,7 @@ def each(client: Client, action: str) -> None:
 
 def first_setpoints_m_s(folder: Path) -> dict[int, float]:
     """By system id: how fast the first setpoint of this service would have it fly."""
-    (path,) = folder.glob("*.tlog")
+    (path,) = folder.glob("*/*.tlog")
     found: dict[int, float] = {}
     with closing(mavutil.mavlink_connection(str(path))) as log:
         while (message := log.recv_match(type="SET_POSITION_TARGET_LOCAL_NED")) is not None:
@@ -74,6 +76,7 @@ def test_vehicles_found_in_the_air_are_taken_over_on_request_only_and_without_a_
             wait_until("running", SOON_S, reached(client, "running"))
             process.kill()
             process.wait()
+        everybody_stands_in_the_record(tmp_path / "first", base)
         with service(config, tmp_path / "second") as (client, process):
             found_and_left_alone(client, tmp_path)
             each(client, "hand-back")
@@ -95,6 +98,27 @@ def test_vehicles_found_in_the_air_are_taken_over_on_request_only_and_without_a_
     setpoints_m_s = first_setpoints_m_s(tmp_path / "second")
     assert sorted(setpoints_m_s) == [1, 2, 3]
     assert max(setpoints_m_s.values()) < AT_REST_M_S
+
+
+def everybody_stands_in_the_record(folder: Path, port_base: int) -> None:
+    """What a restart, or a kill without the service, needs to know of a flight that was cut off."""
+    known = last_known(folder)
+    assert known.session is not None
+    assert known.session.ended_unix_s is None
+    assert known.show is not None
+    assert known.show.phase == "running"
+    assert {(name, vehicle.phase, vehicle.armed) for name, vehicle in known.vehicles.items()} == {
+        (name, "formation", True) for name in IDS
+    }
+    assert {vehicle.host for vehicle in known.vehicles.values()} == {"127.0.0.1"}
+    assert len({vehicle.port for vehicle in known.vehicles.values()} - {None, port_base}) == len(IDS)
+    assert all(vehicle.home_m is not None for vehicle in known.vehicles.values())
+    (start,) = orders(folder)
+    assert (start.action, start.who, set(start.outcomes)) == ("start", "local", set(IDS))
+    data = FlightData(known.session.folder / "flight.mcap")
+    ticks = list(data.ticks())
+    assert ticks[-1].status["show"] in {"assembling", "running"}  # the last second is not there
+    assert "cut off" in data.cut
 
 
 def found_and_left_alone(client: Client, folder: Path) -> None:

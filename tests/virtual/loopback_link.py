@@ -19,6 +19,7 @@ from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.links import Order, ParameterValue, Verb, rates
 from gcs.links.mavlink_frames import kill_frame, split
+from gcs.links.roster import Address
 from gcs.links.settings import StreamSettings
 from gcs.state import Array, Setpoints, Telemetry, VehicleId
 from sim.autopilot import Autopilot
@@ -63,7 +64,7 @@ class LoopbackLink:
         sent, orders: what left for each vehicle, oldest first.
         failures: `run` raises the first of them, at once or while it runs, and forgets it.
         runs: how often `run` was called.
-        conflicts, problems: what the properties of the same names say.
+        addresses, conflicts, problems: what the properties of the same names say.
     """
 
     def __init__(
@@ -96,6 +97,7 @@ class LoopbackLink:
         self.parameter_reads: list[tuple[float, VehicleId]] = []  # when parameters were asked for, of whom
         self.runs = 0
         self.conflicts: dict[VehicleId, str] = {}
+        self.addresses: dict[VehicleId, Address] = {}
         self.problems: tuple[str, ...] = ()
 
     # the link

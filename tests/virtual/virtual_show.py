@@ -17,6 +17,7 @@ from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Link
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
+from gcs.records.record import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleView
 from gcs.state import Array, VehicleId
@@ -283,6 +284,7 @@ def fly(
     config: Config | None = None,
     *,
     failures: Sequence[LinkError] = (),
+    record: Record | None = None,
     **fleet_settings: Any,
 ) -> T:
     """Play `story` with a running service; control's own errors end it.
@@ -291,6 +293,7 @@ def fly(
         story: what happens, in virtual time.
         config: four vehicles without one.
         failures: of the link, before it first runs.
+        record: where the flight is recorded, entered.
         fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
     """
     plan = show_config(4) if config is None else config
@@ -305,7 +308,7 @@ def fly(
         link = LoopbackLink("loop", system_ids(plan.ids), fleet, plan.frame, deadman_s=plan.deadman_s)
         link.failures.extend(failures)
         links: list[Link] = [link]
-        show = Show(plan, fleet, link, Orchestrator(plan, links))
+        show = Show(plan, fleet, link, Orchestrator(plan, links, record))
         services = {
             asyncio.create_task(show.service.run(), name="service"),
             asyncio.create_task(show.record(), name="record"),

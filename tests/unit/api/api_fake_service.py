@@ -13,8 +13,10 @@ from gcs.frames import ShowFrame
 from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.service import (
+    Audit,
     FleetView,
     Latest,
+    NoAudit,
     OrderRecord,
     Outcome,
     ShowAction,
@@ -48,6 +50,7 @@ class FakeService:
         self.orders: dict[str, OrderRecord] = {}
         self.ticks = 0
         self.control_alive = True
+        self.audit: Audit = NoAudit()
         self._begin(count)
         self._view = Latest(self._look())
 
