@@ -12,6 +12,7 @@ from starlette.responses import Response
 
 from api import docs, routes, stream, wire
 from api.desk import Desk
+from api.door import Door
 from api.guard import Guard
 from api.problems import echo, error_response, from_pydantic, invalid_response
 from gcs.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
@@ -34,13 +35,17 @@ sends what `/api/v1/fleet` answers, the newest state each time.
 """
 
 
-def create_app(service: Service, *, host_names: Sequence[str] = ("localhost",)) -> FastAPI:
+def create_app(
+    service: Service, *, host_names: Sequence[str] = ("localhost",), door: Door | None = None
+) -> FastAPI:
     """The REST API and the stream over one service.
 
     Args:
         service: the control side.
         host_names: by which a browser may call this service, besides its IP addresses.
+        door: who may call; None: everybody on this machine, as often as they like.
     """
+    door = door or Door()
     app = FastAPI(
         title="Formation ground station",
         version="1",
@@ -49,14 +54,14 @@ def create_app(service: Service, *, host_names: Sequence[str] = ("localhost",)) 
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
-        responses=routes.errors(403, 500),
+        responses=routes.errors(401, 403, 429, 500),
     )
-    app.state.desk = Desk(service)
+    app.state.desk = Desk(service, door)
     app.include_router(docs.router)
     app.include_router(routes.health)
     app.include_router(routes.api, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")
-    app.add_middleware(Guard, names=host_names)
+    app.add_middleware(Guard, names=host_names, door=door)
     _install(app)
     return app
 

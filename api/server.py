@@ -7,14 +7,16 @@ it; it then closes every connection, viewers included, within `SHUTDOWN_S`.
 import asyncio
 import errno
 import socket
+import ssl
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
 import uvicorn
-from fastapi import FastAPI
+from starlette.types import ASGIApp
 
-from gcs.errors import LinkError
+from gcs.access import TlsSettings
+from gcs.errors import ConfigError, LinkError
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 8000
@@ -24,6 +26,12 @@ SHUTDOWN_S: Final = 2
 
 SEND_BUFFER_BYTES: Final = 64 * 1024
 """Of the kernel, per connection: what a slow viewer has not read yet is old, so little of it is kept."""
+
+CONNECTIONS_MAX: Final = 256
+"""Of each listener; one more is answered 503 and closed."""
+
+BACKLOG: Final = 64
+"""Connections that wait to be taken in: all of them are, at once, in one turn of the loop."""
 
 STALLED_MS: Final = 20_000
 """A connection whose peer takes nothing for so long is cut."""
@@ -54,18 +62,25 @@ class _Server(uvicorn.Server):
 
 
 async def serve(
-    app: FastAPI, host: str = HOST, port: int = PORT, *, listening: asyncio.Future[int] | None = None
+    app: ASGIApp,
+    host: str = HOST,
+    port: int = PORT,
+    *,
+    listening: asyncio.Future[int] | None = None,
+    tls: TlsSettings | None = None,
 ) -> None:
     """Serve until cancelled.
 
     Args:
-        app: from `create_app`.
+        app: from `create_app`, or an `EmergencyLane` of it.
         host: name or address of the interface.
         port: 0: any that is free.
         listening: is given the port as soon as requests are answered.
+        tls: serve https and wss alone.
 
-    Raises: LinkError when the address cannot be had.
+    Raises: LinkError when the address cannot be had, ConfigError when certificate or key cannot be used.
     """
+    _check_tls(tls)
     listener = await _listen(host, port)
     config = uvicorn.Config(
         app,
@@ -77,6 +92,10 @@ async def serve(
         ws_max_size=4096,  # viewers have nothing to say
         ws_per_message_deflate=False,  # compression would take time from the control loop beside us
         timeout_graceful_shutdown=SHUTDOWN_S,
+        limit_concurrency=CONNECTIONS_MAX,
+        backlog=BACKLOG,
+        ssl_certfile=None if tls is None else tls.certificate_file,
+        ssl_keyfile=None if tls is None else str(tls.key_file),
     )
     server = _Server(config, listening)
     running = asyncio.create_task(server.serve(sockets=[listener]), name="api/http")
@@ -89,6 +108,21 @@ async def serve(
         finally:
             server.cut()
             listener.close()
+
+
+def _check_tls(tls: TlsSettings | None) -> None:
+    if tls is None:
+        return
+    for path in (tls.certificate_file, tls.key_file):
+        if not path.is_file():
+            raise ConfigError(f"access.tls: {path}: there is no such file")
+    try:
+        ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(
+            tls.certificate_file, tls.key_file
+        )
+    except OSError as error:  # SSLError is one
+        files = f"{tls.certificate_file}, {tls.key_file}"
+        raise ConfigError(f"access.tls: {files}: no PEM certificate and its key: {error}") from None
 
 
 async def _listen(host: str, port: int) -> socket.socket:
@@ -109,7 +143,7 @@ async def _listen(host: str, port: int) -> socket.socket:
         if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
             listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, STALLED_MS)
         listener.bind(address)
-        listener.listen()
+        listener.listen(BACKLOG)
         listener.setblocking(False)
     except OSError as error:
         listener.close()

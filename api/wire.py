@@ -212,6 +212,17 @@ class Health(Outward):
     alive: bool
     view_age_s: float = Field(description="Since the newest state was made.")
     tick_rate_hz: Measured
+    access: str = Field(description="Whether tokens are asked for, in words.", examples=["tokens"])
+    emergency_port: int | None = Field(description="Answers emergency calls alone; null: there is none.")
+
+
+class Readiness(Outward):
+    """Somebody can be ordered to do something."""
+
+    ready: bool
+    vehicles_ready: int = Field(description="Could be started now.")
+    vehicles_airborne: int
+    vehicles: int = Field(description="Configured.")
 
 
 class Position(Outward):
@@ -278,6 +289,7 @@ class Order(Outward):
 
     id: str
     action: str
+    by: str = Field(description="Whose token; `local` without any, `service` when nobody called.")
     accepted_unix_time_s: float
     outcome: Outcome = Field(description="pending while any vehicle is, then failed if any has, else done.")
     vehicles: dict[str, OrderPart]
@@ -378,5 +390,6 @@ class Fleet(Outward):
     minimum_separation_m: Measured
     setpoints_sent: int
     notices: list[str] = Field(description="What an operator should know now, in words.")
+    access: str = Field(description="Whether tokens are asked for, in words.")
     tick: Tick
     vehicles: list[Vehicle]

@@ -162,6 +162,10 @@ class Orchestrator:
         """An accepted order. Raises: UnknownError."""
         return self._book.get(order_id)
 
+    def orders(self) -> Sequence[OrderRecord]:
+        """The last orders, the newest first."""
+        return self._book.newest()
+
     def command_show(self, action: ShowAction, vehicles: Sequence[VehicleId] | None = None) -> OrderRecord:
         """Order the whole show."""
         return self._running().command_show(action, vehicles)

@@ -65,6 +65,7 @@ class OrderRecord:
     action: str
     accepted_time_s: float  # Unix time
     outcomes: dict[VehicleId, VehicleOutcome]
+    by: str  # see `gcs.access.CALLER`
 
     @property
     def outcome(self) -> Outcome:
@@ -201,6 +202,10 @@ class Service(Protocol):
 
     def order(self, order_id: str) -> OrderRecord:
         """An accepted order, with its newest outcomes."""
+        ...
+
+    def orders(self) -> Sequence[OrderRecord]:
+        """The last orders, the newest first."""
         ...
 
     def set_formation(self, formation: Formation) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import sqrt
 
+from gcs.access import CALLER
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
@@ -45,7 +46,7 @@ class FakeService:
     def __init__(self, count: int = 3, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._clock_s = clock_s
         self.phases: dict[str, Phase] = {}
-        self.orders: dict[str, OrderRecord] = {}
+        self.orders_by_id: dict[str, OrderRecord] = {}
         self.ticks = 0
         self.control_alive = True
         self._begin(count)
@@ -68,7 +69,7 @@ class FakeService:
         self.phases = {f"d{index + 1}": Phase.STANDBY for index in range(count)}
         self.show = ShowPhase.IDLE
         self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
-        self.orders = {}
+        self.orders_by_id = {}
 
     def tick(self) -> None:
         """Make a new state."""
@@ -77,8 +78,8 @@ class FakeService:
 
     def finish(self, order_id: str, outcome: Outcome = Outcome.DONE, reason: str = "") -> None:
         """Let an order come to its end with every vehicle."""
-        record = self.orders[order_id]
-        self.orders[order_id] = replace(
+        record = self.orders_by_id[order_id]
+        self.orders_by_id[order_id] = replace(
             record, outcomes={name: VehicleOutcome(outcome, reason) for name in record.outcomes}
         )
 
@@ -100,9 +101,12 @@ class FakeService:
         return self._accept(f"{action} {vehicle_id}", (vehicle_id,))
 
     def order(self, order_id: str) -> OrderRecord:
-        if order_id not in self.orders:
+        if order_id not in self.orders_by_id:
             raise UnknownError(f"there is no order {order_id!r}")
-        return self.orders[order_id]
+        return self.orders_by_id[order_id]
+
+    def orders(self) -> Sequence[OrderRecord]:
+        return tuple(reversed(self.orders_by_id.values()))
 
     def set_formation(self, formation: Formation) -> None:
         smallest_m = 3.0 * sqrt(len(self.phases))
@@ -157,10 +161,12 @@ class FakeService:
                 raise RefusedError(f"obstacle {box.id!r} would stand on {name}, which is in the air")
 
     def _accept(self, action: str, vehicles: Sequence[str]) -> OrderRecord:
-        order_id = f"o{len(self.orders) + 1}"
+        order_id = f"o{len(self.orders_by_id) + 1}"
         pending = VehicleOutcome(Outcome.PENDING)
-        self.orders[order_id] = OrderRecord(order_id, action, time.time(), dict.fromkeys(vehicles, pending))
-        return self.orders[order_id]
+        self.orders_by_id[order_id] = OrderRecord(
+            order_id, action, time.time(), dict.fromkeys(vehicles, pending), CALLER.get()
+        )
+        return self.orders_by_id[order_id]
 
     def _look(self) -> FleetView:
         now_s = self._clock_s()

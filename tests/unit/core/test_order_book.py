@@ -61,7 +61,7 @@ def test_an_order_is_pending_while_any_part_is_then_failed_if_any_has_else_done(
     parts: list[Outcome], whole: Outcome
 ) -> None:
     outcomes = {f"d{place}": VehicleOutcome(part) for place, part in enumerate(parts)}
-    assert OrderRecord("o1", "start", 0.0, outcomes).outcome is whole
+    assert OrderRecord("o1", "start", 0.0, outcomes, "crew").outcome is whole
 
 
 def test_only_the_last_orders_are_kept() -> None:
