@@ -4,18 +4,21 @@ Emergency calls are counted apart, so that no number of other calls uses up what
 """
 
 import asyncio
+import logging
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from math import inf
 from typing import Final
 
 from starlette.datastructures import Headers
 
 from api.rates import Bucket
-from gcs.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role, log_denied
+from gcs.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
 from gcs.service import ShowAction, VehicleAction
 from gcs.tokens import Entry, Tokens
+
+log = logging.getLogger(__name__)
 
 PUBLIC: Final = frozenset({"/healthz", "/readyz", "/docs", "/openapi.json"})
 """Tells nothing of the flight but whether the service is well: for probes, which have no secrets."""
@@ -37,6 +40,11 @@ BEARER: Final = "bearer."
 TELL_PER_S: Final = 10.0
 TELL_BURST: Final = 100.0
 """Denied calls told one by one; faster ones are summed up each second, or they would fill the disk."""
+
+
+def log_denied(denied: Denied) -> None:
+    """The audit of a service without records."""
+    log.warning("access_denied", extra=asdict(denied))
 
 
 def is_emergency(method: str, path: str) -> bool:
@@ -137,7 +145,8 @@ class Door:
             return None
         if visitor.name == ANONYMOUS:
             return Refusal(401, "a token is needed: Authorization: Bearer TOKEN; gcs token create makes one")
-        return Refusal(403, f"{visitor.name} may not: this needs a token of a role that may {right}")
+        roles = " or ".join(role for role in Role if right in RIGHTS[role])
+        return Refusal(403, f"{visitor.name} may not: this needs a token of role {roles}")
 
     def turned_away(self, visitor: Visitor, call: Call, refusal: Refusal) -> None:
         """Tell the audit, at a rate that it can bear."""

@@ -1,9 +1,8 @@
 """Who may do what: rights, roles, who is calling now, and how a call that was denied is told."""
 
-import logging
 from collections.abc import Callable
 from contextvars import ContextVar
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import StrEnum
 from ipaddress import ip_address
 from pathlib import Path
@@ -12,8 +11,6 @@ from typing import Final, TypeAlias
 from pydantic import model_validator
 
 from gcs.settings import Positive, Settings
-
-log = logging.getLogger(__name__)
 
 
 class Right(StrEnum):
@@ -64,11 +61,6 @@ class Denied:
 
 Audit: TypeAlias = Callable[[Denied], None]
 """Is handed every denied call. Quick: it runs on the loop."""
-
-
-def log_denied(denied: Denied) -> None:
-    """The audit of a service without records."""
-    log.warning("access_denied", extra=asdict(denied))
 
 
 class TlsSettings(Settings):

@@ -5,11 +5,17 @@
         client.wait_for(order.id, timeout_s=120)
         client.change_formation(radius_m=15)
 
+Where the service asks for a token, give it: `Client(url, token="gcs_...")`. With `emergency_url` the calls
+that pause, stop, land and kill go to the listener which answers nothing else; when nobody answers there, to
+`url`.
+
 Everything that the service refuses is raised as the error that the service raised itself.
 """
 
 import json
+import ssl
 import time
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 from urllib.parse import quote
@@ -18,13 +24,28 @@ import httpx
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from api import wire
-from gcs.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
+from gcs.errors import (
+    AccessError,
+    ConfigError,
+    GcsError,
+    InvalidError,
+    LinkError,
+    OrderError,
+    RefusedError,
+    UnknownError,
+)
 
 M = TypeVar("M", bound=BaseModel)
 
 URL: Final = "http://127.0.0.1:8000"
 
 PENDING: Final = "pending"
+
+CONNECT_S: Final = 2.0
+"""Whoever listens takes a connection at once; so soon an emergency call tries the other way."""
+
+URGENT: Final = frozenset({"hold", "return", "land", "kill"})
+"""What goes to the listener for emergency calls, where there is one."""
 
 ASK_AGAIN_S: Final = 0.2
 """Between two looks at an order: outcomes come with the autopilots' heartbeats, once a second."""
@@ -35,12 +56,39 @@ class Client:
 
     Every call raises LinkError when the service cannot be reached or control is not alive, InvalidError for
     a value that can never be accepted, RefusedError for what is not possible now, UnknownError for what does
-    not exist.
+    not exist, AccessError for what the token may not do, and for too many calls.
     """
 
-    def __init__(self, url: str = URL, *, timeout_s: float = 5.0) -> None:
+    def __init__(
+        self,
+        url: str = URL,
+        *,
+        token: str | None = None,
+        emergency_url: str | None = None,
+        ca_file: Path | None = None,
+        timeout_s: float = 5.0,
+    ) -> None:
+        """Connects with the first call.
+
+        Args:
+            url: of the service, http or https.
+            token: from `gcs token create`.
+            emergency_url: of the same service's listener for emergency calls alone.
+            ca_file: PEM; https is believed when this has signed its certificate. None: who the system trusts.
+            timeout_s: of every call.
+
+        Raises: ConfigError for a certificate file that is none.
+        """
+        headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+        trusted = _trusted(ca_file)
+        timeout = httpx.Timeout(timeout_s, connect=min(timeout_s, CONNECT_S))
         # Proxies of the environment are not for a station on the same machine or field network.
-        self._http = httpx.Client(base_url=url, timeout=timeout_s, trust_env=False)
+        self._http, *rest = (
+            httpx.Client(base_url=each, timeout=timeout, trust_env=False, headers=headers, verify=trusted)
+            for each in (url, emergency_url)
+            if each is not None
+        )
+        self._lane = rest[0] if rest else None
 
     def __enter__(self) -> Self:
         return self
@@ -53,10 +101,16 @@ class Client:
     def close(self) -> None:
         """Close the connection."""
         self._http.close()
+        if self._lane is not None:
+            self._lane.close()
 
     def health(self) -> wire.Health:
         """Raises: LinkError, saying why, when control is not alive."""
         return self._one(wire.Health, "GET", "/healthz")
+
+    def readiness(self) -> wire.Readiness:
+        """Raises: LinkError, saying why, when nobody can be ordered anything."""
+        return self._one(wire.Readiness, "GET", "/readyz")
 
     def fleet(self) -> wire.Fleet:
         """Everything at one instant."""
@@ -72,7 +126,8 @@ class Client:
 
     def command(self, vehicle_id: str, action: str) -> wire.Order:
         """Order one vehicle: hold, join, return, land, kill, hand-back or confirm-down."""
-        return self._one(wire.Order, "POST", f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}")
+        path = f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}"
+        return self._one(wire.Order, "POST", path, urgent=action in URGENT)
 
     def show(self) -> wire.Show:
         """Where the show stands."""
@@ -85,11 +140,11 @@ class Client:
 
     def stop(self) -> wire.Order:
         """Everybody comes home and lands."""
-        return self._one(wire.Order, "POST", "/api/v1/show/stop")
+        return self._one(wire.Order, "POST", "/api/v1/show/stop", urgent=True)
 
     def pause(self) -> wire.Order:
         """Everybody stands still."""
-        return self._one(wire.Order, "POST", "/api/v1/show/pause")
+        return self._one(wire.Order, "POST", "/api/v1/show/pause", urgent=True)
 
     def resume(self) -> wire.Order:
         """Go on after a pause."""
@@ -97,7 +152,11 @@ class Client:
 
     def abort(self) -> wire.Order:
         """Everybody descends to distinct places, now."""
-        return self._one(wire.Order, "POST", "/api/v1/show/abort")
+        return self._one(wire.Order, "POST", "/api/v1/show/abort", urgent=True)
+
+    def orders(self) -> list[wire.Order]:
+        """The last orders, the newest first."""
+        return self._many(wire.Order, "/api/v1/orders")
 
     def order(self, order_id: str) -> wire.Order:
         """How far an order has got."""
@@ -227,9 +286,17 @@ class Client:
         """Forget a box."""
         self._call("DELETE", f"/api/v1/obstacles/{_part(obstacle_id)}")
 
-    def _one(self, model: type[M], method: str, path: str, body: dict[str, Any] | None = None) -> M:
+    def _one(
+        self,
+        model: type[M],
+        method: str,
+        path: str,
+        body: dict[str, Any] | None = None,
+        *,
+        urgent: bool = False,
+    ) -> M:
         try:
-            return model.model_validate_json(self._call(method, path, body))
+            return model.model_validate_json(self._call(method, path, body, urgent=urgent))
         except ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
@@ -239,16 +306,21 @@ class Client:
         except ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
-    def _call(self, method: str, path: str, body: dict[str, Any] | None = None) -> bytes:
+    def _call(
+        self, method: str, path: str, body: dict[str, Any] | None = None, *, urgent: bool = False
+    ) -> bytes:
         # Not httpx's own JSON: it stumbles over NaN, which the service refuses with the field's name.
         content = None if body is None else json.dumps(body).encode()
         headers = {} if body is None else {"Content-Type": "application/json"}
-        try:
-            answer = self._http.request(method, path, content=content, headers=headers)
-        except httpx.HTTPError as error:
-            raise LinkError(
-                f"no answer from {self._http.base_url}: {str(error) or type(error).__name__}"
-            ) from error
+        for http in (self._lane, self._http) if urgent and self._lane is not None else (self._http,):
+            try:
+                answer = http.request(method, path, content=content, headers=headers)
+                break
+            except httpx.HTTPError as error:  # from the lane: then as everything else goes
+                failure = error
+        else:
+            cause = str(failure) or type(failure).__name__
+            raise LinkError(f"no answer from {self._http.base_url}: {cause}") from failure
         if not answer.is_success:
             raise _error(answer)
         return answer.content
@@ -267,11 +339,23 @@ def _error(answer: httpx.Response) -> GcsError:
             invalid.add_note(body.detail)
         return invalid
     kinds = {
+        httpx.codes.UNAUTHORIZED: AccessError,
+        httpx.codes.FORBIDDEN: AccessError,
+        httpx.codes.TOO_MANY_REQUESTS: AccessError,
         httpx.codes.CONFLICT: RefusedError,
         httpx.codes.NOT_FOUND: UnknownError,
         httpx.codes.SERVICE_UNAVAILABLE: LinkError,
     }
     return kinds.get(httpx.codes(answer.status_code), GcsError)(body.detail)
+
+
+def _trusted(ca_file: Path | None) -> ssl.SSLContext | bool:
+    if ca_file is None:
+        return True
+    try:
+        return ssl.create_default_context(cafile=str(ca_file))
+    except OSError as error:  # SSLError is one
+        raise ConfigError(f"{ca_file}: no PEM certificate: {error}") from None
 
 
 def _part(name: str) -> str:

@@ -72,6 +72,7 @@ async def running(config: Config) -> AsyncIterator[tuple[Orchestrator, int]]:
     """
     orchestrator = Orchestrator(config, [make_link(link, config) for link in config.links])
     app = create_app(orchestrator, host_names=("localhost", config.api.host), door=make_door(config))
+    app.openapi()  # takes a quarter of a second: now, not when somebody asks while vehicles fly
     async with (
         _listening(app, config, "api", config.api.port) as port,
         _listening(EmergencyLane(app), config, "api/emergency", config.api.lane_port) as lane_port,
