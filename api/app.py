@@ -10,7 +10,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 
-from api import docs, routes, stream, wire
+from api import docs, metrics, routes, stream, wire
 from api.desk import Desk
 from api.door import Door
 from api.guard import Guard
@@ -59,6 +59,7 @@ def create_app(
     app.state.desk = Desk(service, door)
     app.include_router(docs.router)
     app.include_router(routes.health)
+    app.include_router(metrics.router)
     app.include_router(routes.api, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")
     app.add_middleware(Guard, names=host_names, door=door)

@@ -99,6 +99,7 @@ def vehicle(view: VehicleView, frame: ShowFrame) -> wire.Vehicle:
         position_uncertainty_m=view.position_uncertainty_m,
         heartbeat_age_s=view.heartbeat_age_s,
         setpoint=_velocity(view.setpoint_m_s),
+        link_quality=view.link_quality,
         restrained_by=view.restrained_by,
     )
 
@@ -223,6 +224,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
         obstacles=[obstacle(box, view.time_s) for box in view.plan.obstacles],
         minimum_separation_m=view.minimum_separation_m,
         setpoints_sent=view.setpoints_sent,
+        filter_interventions=view.interventions,
         notices=list(view.notices),
         access=access,
         tick=wire.Tick(

@@ -265,6 +265,7 @@ class Vehicle(Outward):
         description="How far off it may be, sideways: as configured, wider for a poor fix or after a jump."
     )
     heartbeat_age_s: Measured
+    link_quality: float = Field(description="Share of the positions asked for that arrive, 0 to 1.")
     setpoint: VelocityOut | None = Field(description="Sent in the last tick; null: not commanded.")
     restrained_by: str = Field(description="What the safety filter held it back for, empty when it did not.")
 
@@ -389,6 +390,7 @@ class Fleet(Outward):
     obstacles: list[Obstacle]
     minimum_separation_m: Measured
     setpoints_sent: int
+    filter_interventions: int = Field(description="Each vehicle in each tick that safety changed, in all.")
     notices: list[str] = Field(description="What an operator should know now, in words.")
     access: str = Field(description="Whether tokens are asked for, in words.")
     tick: Tick

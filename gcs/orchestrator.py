@@ -82,6 +82,7 @@ class Orchestrator:
         self._flight = Flight(config, links, now_s)
         self._book = OrderBook()
         self._clock = TickClock(config.tick_rate_hz)
+        self._interventions = 0
         self._director: Director | None = None
         self._shares = Shares(links)
         self._view = Latest(self._promised_view(self._decide())())
@@ -115,6 +116,7 @@ class Orchestrator:
         director.advance()
         result = self._decide()
         flight.memory = result.memory
+        self._interventions += sum(reason != "" for reason in result.restrained_by)
         for link, share in zip(flight.links, self._shares.of(result.setpoints), strict=True):
             link.send(share)
         return result
@@ -141,6 +143,8 @@ class Orchestrator:
             plan=flight.plan,
             timing=self._clock.summary(),
             control_alive=self._clock.gap_s <= self._config.deadman_s,
+            interventions=self._interventions,
+            link_quality=flight.link_quality.share,
             setpoints_sent=sum(link.setpoints_sent for link in flight.links),
             problems=[problem for link in flight.links for problem in link.problems],
             unix_time_s=time.time(),

@@ -15,6 +15,7 @@ from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance,
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.service import (
     FleetView,
+    Histogram,
     Latest,
     OrderRecord,
     Outcome,
@@ -183,9 +184,19 @@ class FakeService:
             radius_m=9.0 if flying else None,
             target_m=self.plan.target.position_m(now_s),
             minimum_separation_m=5.0 if flying else None,
-            tick=TickView(20.0, self.ticks, 0, float("nan"), float("nan"), float("nan")),
+            tick=TickView(
+                rate_hz=20.0,
+                count=self.ticks,
+                missed=0,
+                duration_p50_ms=float("nan"),
+                duration_p99_ms=float("nan"),
+                lateness_p99_ms=float("nan"),
+                durations=Histogram((0.01, 0.1), (3, 2, 1), 0.5),
+                latenesses=Histogram((0.01, 0.1), (6, 0, 0), 0.01),
+            ),
             control_alive=self.control_alive,
             setpoints_sent=self.ticks * len(self.phases),
+            interventions=7,
         )
 
     def _vehicle(self, index: int) -> VehicleView:
@@ -213,5 +224,6 @@ class FakeService:
             position_age_s=0.05,
             heartbeat_age_s=float("inf"),
             setpoint_m_s=(1.0, 0.0, -1.0) if phase is Phase.FORMATION else None,
-            restrained_by="",
+            link_quality=0.75,
+            restrained_by="separation from d9" if phase is Phase.FORMATION and index == 0 else "",
         )
