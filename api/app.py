@@ -9,6 +9,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.routing import Match, Route
 
 from api import docs, metrics, routes, stream, wire
 from api.desk import Desk
@@ -93,7 +94,20 @@ async def _on_http_error(request: Request, error: Exception) -> Response:
     }
     response = error_response(error.status_code, details.get(HTTPStatus(error.status_code), error.detail))
     response.headers.update(error.headers or {})
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        response.headers["Allow"] = ", ".join(sorted(_methods(request)))
     return response
+
+
+def _methods(request: Request) -> set[str]:
+    """All that is possible where a request went: the framework names those of one route alone."""
+    routes = (route for route in request.app.routes if isinstance(route, Route))
+    return {
+        method
+        for route in routes
+        if route.matches(request.scope)[0] is not Match.NONE
+        for method in route.methods or ()
+    }
 
 
 async def _on_bug(_request: Request, _error: Exception) -> Response:

@@ -41,6 +41,12 @@ def _without_defaults(schema: dict[str, Any]) -> None:
         field.pop("default", None)
 
 
+def _at_least_one(schema: dict[str, Any]) -> None:
+    """And a change without any is refused."""
+    _without_defaults(schema)
+    schema["minProperties"] = 1
+
+
 ABSENT: Final[Any] = None
 """Placeholder of fields that may be left out; never read, for only what was given counts."""
 
@@ -64,7 +70,7 @@ class Inward(BaseModel):
 class Change(Inward):
     """Fields to change; those absent stay as they are."""
 
-    model_config = ConfigDict(json_schema_extra=_without_defaults)
+    model_config = ConfigDict(json_schema_extra=_at_least_one)
 
     _something = model_validator(mode="before")(_whole_change)
 
