@@ -12,19 +12,17 @@ that pause, stop, land and kill go to the listener which answers nothing else; w
 Everything that the service refuses is raised as the error that the service raised itself.
 """
 
-import json
-import ssl
 import time
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 from urllib.parse import quote
 
-import httpx
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from api import wire
-from gcs.errors import (
+from gcs.errors import LinkError, OrderError
+from gcs.exchange import Exchange
     AccessError,
     ConfigError,
     GcsError,
@@ -40,9 +38,6 @@ M = TypeVar("M", bound=BaseModel)
 URL: Final = "http://127.0.0.1:8000"
 
 PENDING: Final = "pending"
-
-CONNECT_S: Final = 2.0
-"""Whoever listens takes a connection at once; so soon an emergency call tries the other way."""
 
 URGENT: Final = frozenset({"hold", "return", "land", "kill"})
 """What goes to the listener for emergency calls, where there is one."""
@@ -79,16 +74,7 @@ class Client:
 
         Raises: ConfigError for a certificate file that is none.
         """
-        headers = {} if token is None else {"Authorization": f"Bearer {token}"}
-        trusted = _trusted(ca_file)
-        timeout = httpx.Timeout(timeout_s, connect=min(timeout_s, CONNECT_S))
-        # Proxies of the environment are not for a station on the same machine or field network.
-        self._http, *rest = (
-            httpx.Client(base_url=each, timeout=timeout, trust_env=False, headers=headers, verify=trusted)
-            for each in (url, emergency_url)
-            if each is not None
-        )
-        self._lane = rest[0] if rest else None
+        self._exchange = Exchange(url, token, emergency_url, ca_file, timeout_s)
 
     def __enter__(self) -> Self:
         return self
@@ -100,9 +86,7 @@ class Client:
 
     def close(self) -> None:
         """Close the connection."""
-        self._http.close()
-        if self._lane is not None:
-            self._lane.close()
+        self._exchange.close()
 
     def health(self) -> wire.Health:
         """Raises: LinkError, saying why, when control is not alive."""
@@ -111,6 +95,10 @@ class Client:
     def readiness(self) -> wire.Readiness:
         """Raises: LinkError, saying why, when nobody can be ordered anything."""
         return self._one(wire.Readiness, "GET", "/readyz")
+
+    def metrics(self) -> str:
+        """Every metric, in Prometheus' text format."""
+        return self._exchange.call("GET", "/metrics").decode()
 
     def fleet(self) -> wire.Fleet:
         """Everything at one instant."""
@@ -284,7 +272,7 @@ class Client:
 
     def remove_obstacle(self, obstacle_id: str) -> None:
         """Forget a box."""
-        self._call("DELETE", f"/api/v1/obstacles/{_part(obstacle_id)}")
+        self._exchange.call("DELETE", f"/api/v1/obstacles/{_part(obstacle_id)}")
 
     def _one(
         self,
@@ -296,66 +284,15 @@ class Client:
         urgent: bool = False,
     ) -> M:
         try:
-            return model.model_validate_json(self._call(method, path, body, urgent=urgent))
+            return model.model_validate_json(self._exchange.call(method, path, body, urgent=urgent))
         except ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
     def _many(self, model: type[M], path: str) -> list[M]:
         try:
-            return TypeAdapter(list[model]).validate_json(self._call("GET", path))  # type: ignore[valid-type]
+            return TypeAdapter(list[model]).validate_json(self._exchange.call("GET", path))  # type: ignore[valid-type]
         except ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
-
-    def _call(
-        self, method: str, path: str, body: dict[str, Any] | None = None, *, urgent: bool = False
-    ) -> bytes:
-        # Not httpx's own JSON: it stumbles over NaN, which the service refuses with the field's name.
-        content = None if body is None else json.dumps(body).encode()
-        headers = {} if body is None else {"Content-Type": "application/json"}
-        for http in (self._lane, self._http) if urgent and self._lane is not None else (self._http,):
-            try:
-                answer = http.request(method, path, content=content, headers=headers)
-                break
-            except httpx.HTTPError as error:  # from the lane: then as everything else goes
-                failure = error
-        else:
-            cause = str(failure) or type(failure).__name__
-            raise LinkError(f"no answer from {self._http.base_url}: {cause}") from failure
-        if not answer.is_success:
-            raise _error(answer)
-        return answer.content
-
-
-def _error(answer: httpx.Response) -> GcsError:
-    """The error that the service raised."""
-    try:
-        body = wire.ErrorBody.model_validate_json(answer.content)
-    except ValidationError:
-        return LinkError(f"{answer.url} answered {answer.status_code}, and not as this service does")
-    if answer.status_code == httpx.codes.UNPROCESSABLE_ENTITY and body.problems:
-        first = body.problems[0]
-        invalid = InvalidError(first.field, first.value, first.allowed)
-        if len(body.problems) > 1:
-            invalid.add_note(body.detail)
-        return invalid
-    kinds = {
-        httpx.codes.UNAUTHORIZED: AccessError,
-        httpx.codes.FORBIDDEN: AccessError,
-        httpx.codes.TOO_MANY_REQUESTS: AccessError,
-        httpx.codes.CONFLICT: RefusedError,
-        httpx.codes.NOT_FOUND: UnknownError,
-        httpx.codes.SERVICE_UNAVAILABLE: LinkError,
-    }
-    return kinds.get(httpx.codes(answer.status_code), GcsError)(body.detail)
-
-
-def _trusted(ca_file: Path | None) -> ssl.SSLContext | bool:
-    if ca_file is None:
-        return True
-    try:
-        return ssl.create_default_context(cafile=str(ca_file))
-    except OSError as error:  # SSLError is one
-        raise ConfigError(f"{ca_file}: no PEM certificate: {error}") from None
 
 
 def _part(name: str) -> str:

@@ -10,8 +10,10 @@ from pydantic import ValidationError
 
 import gcs.cli.demo as demo_command
 import gcs.cli.params as params_command
+import gcs.cli.remote as remote_commands
 import gcs.cli.serve as serve_command
 import gcs.cli.simulation.command as simulate_command
+import gcs.cli.status as status_command
 import gcs.cli.token as token_command
 import sim.cli
 from gcs import config as configuration
@@ -21,7 +23,7 @@ from gcs.links.keys import create_key
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """`gcs demo`, `gcs serve`, `gcs params`, `gcs simulate`, `gcs key`, `gcs sim`."""
+    """Every command: those named here, and one for each call of the REST API."""
     parser = argparse.ArgumentParser(prog="gcs", description="Fly a self-organising formation of drones.")
     commands = parser.add_subparsers(dest="command", required=True)
 
@@ -54,6 +56,11 @@ def build_parser() -> argparse.ArgumentParser:
 
     token_parser = commands.add_parser("token", help="tokens that the API asks for")
     token_command.add_arguments(token_parser)
+
+    status_parser = commands.add_parser("status", help="the fleet of a running service, as a live table")
+    status_command.add_arguments(status_parser)
+    status_parser.set_defaults(run=status_command.run)
+    remote_commands.add_commands(commands)
 
     sim_parser = commands.add_parser("sim", help="run a fake fleet alone, as python -m sim does")
     sim.cli.add_arguments(sim_parser)

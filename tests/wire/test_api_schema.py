@@ -5,7 +5,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 import schemathesis
@@ -101,5 +101,5 @@ proper.expected_statuses = [*proper.expected_statuses, "422"]
     phases=(Phase.explicit, Phase.generate),
     suppress_health_check=list(HealthCheck),
 )
-def test_every_operation_does_what_its_description_says(case: Case, served: Served) -> None:
+def test_every_operation_does_what_its_description_says(case: Case[Any], served: Served) -> None:
     case.call_and_validate(base_url=served.url, headers=served.headers)
