@@ -23,15 +23,6 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from api import wire
 from gcs.errors import LinkError, OrderError
 from gcs.exchange import Exchange
-    AccessError,
-    ConfigError,
-    GcsError,
-    InvalidError,
-    LinkError,
-    OrderError,
-    RefusedError,
-    UnknownError,
-)
 
 M = TypeVar("M", bound=BaseModel)
 
