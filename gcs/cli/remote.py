@@ -1,7 +1,7 @@
-"""Every call of the REST API as a command: a table of `gcs.client.Client`'s methods, whose signatures are the arguments.
+"""Every call of the REST API as a command: a table of `gcs.client.Client`'s methods.
 
-Exit codes: 0 done; 1 refused, or failed with a vehicle; 2 a value that can never be right; 3 nobody answers, or
-control is not alive; 4 the token may not.
+Their signatures are the arguments. Exit codes: 0 done; 1 refused, or failed with a vehicle; 2 a value that
+can never be right; 3 nobody answers, or control is not alive; 4 the token may not.
 """
 
 import argparse
@@ -21,16 +21,22 @@ from pydantic import BaseModel
 
 from api import wire
 from gcs.client import URL, Client
-from gcs.errors import AccessError, GcsError, InvalidError, LinkError, OrderError
+from gcs.errors import AccessError, ConfigError, GcsError, InvalidError, LinkError, OrderError
 from gcs.service import Outcome, VehicleAction
 
-EXIT_CODES: Final[dict[type[GcsError], int]] = {AccessError: 4, OrderError: 1, LinkError: 3, InvalidError: 2}
+EXIT_CODES: Final[dict[type[GcsError], int]] = {
+    AccessError: 4,
+    ConfigError: 2,
+    InvalidError: 2,
+    OrderError: 1,
+    LinkError: 3,
+}
 REFUSED: Final = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """One command. Parameters that the method knows by keyword alone are options, except those `asked` for."""
+    """One command. Parameters that the method knows by keyword alone are options, but for those `asked`."""
 
     name: str
     method: Callable[..., Any]
@@ -54,28 +60,39 @@ CALLS: Final = (
     Call("formation", Client.formation),
     Call("radius", Client.change_formation, ("radius_m",), "Change the formation's radius"),
     Call("height", Client.change_formation, ("height_m",), "Change the height of the formation's centre"),
-    Call("target", Client.target),
-    Call("target-set", Client.set_target),
-    Call("target-set-geodetic", Client.set_target_geodetic),
-    Call("orbit", Client.orbit),
-    Call("orbit-set", Client.change_orbit),
-    Call("yaw", Client.yaw),
-    Call("yaw-set", Client.change_yaw),
-    Call("obstacles", Client.obstacles),
-    Call("obstacle", Client.obstacle),
-    Call("obstacle-add", Client.add_obstacle, BOX),
-    Call("obstacle-change", Client.change_obstacle, BOX),
-    Call("obstacle-remove", Client.remove_obstacle),
-    Call("orders", Client.orders),
-    Call("order", Client.order),
+    Call("target show", Client.target),
+    Call("target set", Client.set_target),
+    Call("target set-geodetic", Client.set_target_geodetic),
+    Call("orbit show", Client.orbit),
+    Call("orbit set", Client.change_orbit),
+    Call("yaw show", Client.yaw),
+    Call("yaw set", Client.change_yaw),
+    Call("obstacle list", Client.obstacles),
+    Call("obstacle show", Client.obstacle),
+    Call("obstacle add", Client.add_obstacle, BOX),
+    Call("obstacle change", Client.change_obstacle, BOX),
+    Call("obstacle remove", Client.remove_obstacle),
+    Call("order list", Client.orders),
+    Call("order show", Client.order),
     Call("state", Client.fleet),
-    Call("show-state", Client.show),
-    Call("vehicles", Client.vehicles),
-    Call("vehicle", Client.vehicle),
-    Call("health", Client.health),
-    Call("ready", Client.readiness),
+    Call("phase", Client.show),
+    Call("vehicle list", Client.vehicles),
+    Call("vehicle show", Client.vehicle),
+    Call("health", Client.health, text="Whether control is alive; exit code 3 when it is not"),
+    Call(
+        "ready", Client.readiness, text="Whether anybody can be ordered anything; exit code 3 when nobody can"
+    ),
     Call("metrics", Client.metrics),
 )
+
+GROUPS: Final = {
+    "target": "where the target is",
+    "orbit": "how the formation circles it",
+    "yaw": "where the vehicles look",
+    "obstacle": "what the fleet keeps clear of",
+    "order": "what was ordered, and what became of it",
+    "vehicle": "what is known of each vehicle",
+}
 
 VEHICLE_HELP: Final = {
     VehicleAction.HOLD: "Vehicles leave the formation and hold position",
@@ -90,8 +107,13 @@ VEHICLE_HELP: Final = {
 
 def add_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """A command for every call."""
+    groups = {"": commands}
     for call in CALLS:
-        parser = commands.add_parser(call.name, help=call.help, description=call.help)
+        group, _, name = call.name.rpartition(" ")
+        if group not in groups:
+            parent = commands.add_parser(group, help=GROUPS[group])
+            groups[group] = parent.add_subparsers(dest=f"{group}_command", required=True)
+        parser = groups[group].add_parser(name, help=call.help, description=call.help)
         names = _add_parameters(parser, call)
         returns = typing.get_type_hints(call.method).get("return")
         _add_common(parser, is_order=returns is wire.Order)
@@ -107,23 +129,12 @@ def add_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def add_connection(parser: argparse.ArgumentParser) -> None:
     """Where the service is, and how to be let in."""
     environment = os.environ
-    parser.add_argument(
-        "--url", default=environment.get("GCS_URL", URL), help=f"of the service ({URL}; GCS_URL)"
-    )
-    parser.add_argument(
-        "--token", default=environment.get("GCS_TOKEN"), help="from gcs token create (GCS_TOKEN)"
-    )
-    parser.add_argument(
-        "--emergency-url",
-        default=environment.get("GCS_EMERGENCY_URL"),
-        help="of its listener for emergency calls alone (GCS_EMERGENCY_URL)",
-    )
-    parser.add_argument(
-        "--ca-file",
-        type=Path,
-        default=environment.get("GCS_CA_FILE"),
-        help="PEM that has signed its certificate (GCS_CA_FILE)",
-    )
+    url, token = environment.get("GCS_URL", URL), environment.get("GCS_TOKEN")
+    lane, ca_file = environment.get("GCS_EMERGENCY_URL"), environment.get("GCS_CA_FILE")
+    parser.add_argument("--url", default=url, help=f"of the service ({URL}; GCS_URL)")
+    parser.add_argument("--token", default=token, help="from gcs token create (GCS_TOKEN)")
+    parser.add_argument("--emergency-url", default=lane, help="of its emergency listener (GCS_EMERGENCY_URL)")
+    parser.add_argument("--ca-file", default=ca_file, help="PEM that signed its certificate (GCS_CA_FILE)")
 
 
 def connected(arguments: argparse.Namespace) -> Client:
@@ -169,17 +180,11 @@ def _add_parameters(parser: argparse.ArgumentParser, call: Call) -> tuple[str, .
 
 def _kind(hint: Any) -> tuple[type, bool]:
     """What an argument is read as, and whether there may be several."""
-    inner = (
-        [each for each in typing.get_args(hint) if each is not types.NoneType] if _is_union(hint) else [hint]
-    )
-    only = inner[0]
+    is_union = typing.get_origin(hint) in {typing.Union, types.UnionType}  # with None: it may be left out
+    only = next(each for each in typing.get_args(hint) if each is not types.NoneType) if is_union else hint
     if typing.get_origin(only) is list:
         return typing.get_args(only)[0], True
     return only, False
-
-
-def _is_union(hint: Any) -> bool:
-    return typing.get_origin(hint) in {typing.Union, types.UnionType}
 
 
 def _run(method: Callable[..., Any], names: Sequence[str], arguments: argparse.Namespace) -> int:

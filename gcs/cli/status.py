@@ -54,13 +54,13 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             with Live(console=console, screen=True, auto_refresh=False) as live:
                 while True:
-                    live.update(_newest(client), refresh=True)
+                    live.update(newest(client), refresh=True)
                     time.sleep(PERIOD_S)
         except KeyboardInterrupt:
             return 0
 
 
-def _newest(client: Client) -> RenderableType:
+def newest(client: Client) -> RenderableType:
     """The fleet, or why it cannot be seen: whoever watches must not take an old state for now."""
     try:
         return board(client.fleet())
@@ -115,11 +115,8 @@ def _vehicles(fleet: wire.Fleet) -> RenderableType:
             each.mode.name.lower(),
             _number(each.position.height_m),
             _number(speed_m_s),
-            _warned(
-                "?" if battery is None else f"{battery:.0%}",
-                bad=battery is not None and battery < LOW_BATTERY,
-            ),
-            _warned(f"{each.link_quality:.0%}", bad=each.link_quality < POOR_LINK),
+            _warned(_percent(battery), bad=battery is not None and battery < LOW_BATTERY),
+            _warned(_percent(each.link_quality), bad=each.link_quality < POOR_LINK),
             _warned(_number(age_s), bad=age_s is None or age_s > OLD_S),
             escape(each.restrained_by or each.reason),
         )
@@ -132,3 +129,7 @@ def _warned(text: str, *, bad: bool) -> Text:
 
 def _number(value: float | None) -> str:
     return "?" if value is None else f"{value:.1f}"
+
+
+def _percent(share: float | None) -> str:
+    return "?" if share is None else f"{share:.0%}"
