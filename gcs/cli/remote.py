@@ -79,9 +79,7 @@ CALLS: Final = (
     Call("vehicle list", Client.vehicles),
     Call("vehicle show", Client.vehicle),
     Call("health", Client.health, text="Whether control is alive; exit code 3 when it is not"),
-    Call(
-        "ready", Client.readiness, text="Whether anybody can be ordered anything; exit code 3 when nobody can"
-    ),
+    Call("ready", Client.readiness, text="Whether anybody can be ordered anything; else exit code 3"),
     Call("metrics", Client.metrics),
 )
 
