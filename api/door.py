@@ -23,6 +23,11 @@ log = logging.getLogger(__name__)
 PUBLIC: Final = frozenset({"/healthz", "/readyz", "/docs", "/openapi.json"})
 """Tells nothing of the flight but whether the service is well: for probes, which have no secrets."""
 
+PROBES: Final = frozenset({"/healthz", "/readyz"})
+"""Never too many: a flood of other calls must not make a probe believe that the service is ill, and have it
+restarted while vehicles fly. An answer costs no more than a refusal.
+"""
+
 READING: Final = frozenset({"GET", "HEAD", "WEBSOCKET"})
 
 EMERGENCIES: Final = frozenset(
@@ -138,7 +143,8 @@ class Door:
         """Why this call is turned away; None when it may pass."""
         right = needed(call.method, call.path)
         in_lane = right is Right.EMERGENCY and right in visitor.rights
-        if not self._bucket(visitor.name, in_lane=in_lane).take(self._clock_s()):
+        is_probe = call.path in PROBES and call.method in READING
+        if not is_probe and not self._bucket(visitor.name, in_lane=in_lane).take(self._clock_s()):
             self.shed += 1
             return Refusal(429, f"too many calls: {self._calls_per_s:g} a second may come")
         if right is None or right in visitor.rights:

@@ -6,6 +6,7 @@ service by an IP address or a known name, and one that comes from a page must co
 service.
 """
 
+import asyncio
 from collections.abc import Sequence
 from ipaddress import ip_address
 from typing import Final
@@ -22,6 +23,9 @@ from gcs.access import CALLER
 
 BODY_MAX_BYTES: Final = 64 * 1024
 """The largest proper request, a start with thousands of names, fits."""
+
+BODY_S: Final = 10.0
+"""Half a request that stays half holds another caller's place."""
 
 DRAIN_MAX_BYTES: Final = 1024 * 1024
 """Read and thrown away, so that whoever sends too much still hears why, and is not just cut off."""
@@ -59,7 +63,11 @@ class Guard:
             await self._app(scope, receive, send)
             return
         try:
-            body = await _read(receive)
+            async with asyncio.timeout(BODY_S):
+                body = await _read(receive)
+        except TimeoutError:
+            await error_response(408, f"the body did not come within {BODY_S:g} s")(scope, receive, send)
+            return
         except ClientDisconnect:  # half a request is none, and nobody will read the answer
             return
         if body is None:

@@ -21,6 +21,7 @@ MEANING: Final = {
     401: "No token, or one that is not known.",
     403: "A token whose role may not do this, a foreign web page, or a host name that is not this service's.",
     404: "No such thing.",
+    408: "The body did not come in time.",
     409: "Proper, but not now; `detail` says why and what to do.",
     413: "The body is too large.",
     429: "Too many calls; `Retry-After` says when to come again.",
@@ -44,7 +45,7 @@ async def _no_body(request: Request) -> None:
 
 NO_BODY: Final = [Depends(_no_body)]
 READ: Final = errors(422)
-WRITE: Final = errors(400, 413, 422)
+WRITE: Final = errors(400, 408, 413, 422)
 COMMAND: Final = WRITE | errors(409, 503)
 
 health = APIRouter(tags=["health"])

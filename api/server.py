@@ -30,6 +30,12 @@ SEND_BUFFER_BYTES: Final = 64 * 1024
 CONNECTIONS_MAX: Final = 256
 """Of each listener; one more is answered 503 and closed."""
 
+SILENT_S: Final = 10.0
+CROWDED_S: Final = 0.5
+"""A connection that asks nothing for so long, or sends half a request, is cut: it holds another's place.
+Sooner when half of the places are taken, so that no number of silent ones keeps a caller out.
+"""
+
 BACKLOG: Final = 64
 """Connections that wait to be taken in: all of them are, at once, in one turn of the loop."""
 
@@ -43,6 +49,7 @@ class _Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, listening: asyncio.Future[int] | None) -> None:
         super().__init__(config)
         self._listening = listening
+        self._silent: dict[object, tuple[object, float]] = {}  # their last request, and silent since when
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -54,6 +61,25 @@ class _Server(uvicorn.Server):
         await super().startup(sockets=sockets)
         if sockets and self._listening is not None and not self._listening.done():
             self._listening.set_result(sockets[0].getsockname()[1])
+
+    async def on_tick(self, counter: int) -> bool:
+        """Ten times a second: cut who is silent."""
+        now_s = asyncio.get_running_loop().time()
+        connections = list(self.server_state.connections)
+        patience_s = CROWDED_S if len(connections) > CONNECTIONS_MAX // 2 else SILENT_S
+        before, self._silent = self._silent, {}
+        for connection in connections:
+            request = getattr(connection, "cycle", connection)  # a WebSocket has none, and may be silent
+            if request is connection or not (request is None or request.response_complete):
+                continue
+            asked, since_s = before.get(connection, (request, now_s))
+            if asked is not request:
+                since_s = now_s
+            if now_s - since_s > patience_s:
+                connection.transport.abort()
+            else:
+                self._silent[connection] = (request, since_s)
+        return await super().on_tick(counter)
 
     def cut(self) -> None:
         """Drop the connections that did not close in time: their peers read nothing."""

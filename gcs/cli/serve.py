@@ -10,10 +10,10 @@ from contextlib import asynccontextmanager
 from starlette.types import ASGIApp
 
 from api.app import create_app
-from api.door import Door
+from api.door import Door, log_denied
 from api.guard import EmergencyLane
 from api.server import serve as serve_api
-from gcs.access import is_loopback
+from gcs.access import Audit, is_loopback
 from gcs.config import Config, LinkSettings
 from gcs.errors import GcsError, RefusedError
 from gcs.lifecycle import AIRBORNE, ShowPhase
@@ -84,11 +84,11 @@ async def running(config: Config) -> AsyncIterator[tuple[Orchestrator, int]]:
             control.cancel()
 
 
-def make_door(config: Config) -> Door:
-    """Who may call. Raises: ConfigError when the token file is none."""
+def make_door(config: Config, audit: Audit = log_denied) -> Door:
+    """Who may call; `audit` is handed every denied call. Raises: ConfigError when the token file is none."""
     access = config.access
     tokens = None if access.tokens_file is None else Tokens(access.tokens_file)
-    door = Door(tokens, calls_per_s=access.calls_per_s, burst=access.burst)
+    door = Door(tokens, calls_per_s=access.calls_per_s, burst=access.burst, audit=audit)
     if tokens is None:
         log.warning("access_off", extra={"host": config.api.host, "means": door.text})
     elif access.tls is None and not is_loopback(config.api.host):

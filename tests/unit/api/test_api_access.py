@@ -177,6 +177,13 @@ def test_junk_with_emergency_paths_uses_up_nothing_of_the_emergency_lane(tmp_pat
     assert station("emergency", "POST", "/api/v1/show/stop").status_code == 202
 
 
+def test_probes_are_answered_through_any_flood(tmp_path: Path) -> None:
+    station = Station(tmp_path, calls_per_s=1.0, burst=2.0)
+    assert [station("", "GET", "/openapi.json").status_code for _ in range(3)] == [200, 200, 429]
+    assert [station("", "GET", path).status_code for path in ("/healthz", "/readyz") * 5] == [200] * 10
+    assert station("", "POST", "/healthz").status_code == 429
+
+
 def test_a_flood_of_denied_calls_is_summed_up(station: Station) -> None:
     async def flood(count: int) -> None:
         for _ in range(count):
