@@ -1,6 +1,8 @@
 """What `/metrics` tells Prometheus, read from the newest state when it is asked for. Nothing is kept here."""
 
+import asyncio
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 from fastapi import APIRouter
@@ -15,7 +17,7 @@ from prometheus_client.core import (
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_1_0_0, generate_latest
 from starlette.responses import Response
 
-from api.desk import Desk, DeskDep
+from api.desk import DeskDep
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.service import FleetView, Histogram, VehicleView
 
@@ -47,22 +49,26 @@ def _of_vehicle(each: VehicleView) -> Row:
     return dict(zip(VEHICLE_GAUGES, values, strict=True))
 
 
+@dataclass(frozen=True, slots=True)
 class FleetCollector:
-    """Makes every metric anew from what the desk sees."""
+    """Makes every metric from one state."""
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    view: FleetView
+    is_alive: bool
+    age_s: float
+    access: str
+    denied: int
+    shed: int
 
     def collect(self) -> Iterator[Metric]:
         """All of them."""
-        view = self._desk.view
-        yield from self._service(view)
-        yield from _vehicles(view)
+        yield from self._service()
+        yield from _vehicles(self.view)
 
-    def _service(self, view: FleetView) -> Iterator[Metric]:
-        desk, tick = self._desk, view.tick
-        yield _gauge("gcs_control_alive", "1 while ticks come.", float(not desk.health_problem()))
-        yield _gauge("gcs_state_age_seconds", "Since the newest state was made.", max(0.0, desk.age_s()))
+    def _service(self) -> Iterator[Metric]:
+        view, tick = self.view, self.view.tick
+        yield _gauge("gcs_control_alive", "1 while ticks come.", float(self.is_alive))
+        yield _gauge("gcs_state_age_seconds", "Since the newest state was made.", self.age_s)
         yield _counter("gcs_ticks", "Ticks of the control loop.", tick.count)
         yield _counter("gcs_ticks_missed", "Ticks that were dropped, being too late.", tick.missed)
         yield _histogram("gcs_tick_duration_seconds", "How long a tick took.", tick.durations)
@@ -75,9 +81,9 @@ class FleetCollector:
             view.minimum_separation_m,
         )
         yield _one_of("gcs_show_phase", "1 for the phase that the show is in.", ShowPhase, view.show)
-        yield _counter("gcs_calls_denied", "Calls that were turned away.", desk.door.denied)
-        yield _counter("gcs_calls_shed", "Those of them that were too many.", desk.door.shed)
-        yield InfoMetricFamily("gcs_access", "Whether tokens are asked for.", {"access": desk.door.text})
+        yield _counter("gcs_calls_denied", "Calls that were turned away.", self.denied)
+        yield _counter("gcs_calls_shed", "Those of them that were too many.", self.shed)
+        yield InfoMetricFamily("gcs_access", "Whether tokens are asked for.", {"access": self.access})
 
 
 def _vehicles(view: FleetView) -> Iterator[Metric]:
@@ -132,6 +138,15 @@ def _histogram(name: str, text: str, seen: Histogram) -> Metric:
 )
 async def metrics(desk: DeskDep) -> Response:
     """Every metric in Prometheus' text format."""
+    door = desk.door
+    problem, age_s = desk.health_problem(), max(0.0, desk.age_s())
+    collector = FleetCollector(desk.view, not problem, age_s, door.text, door.denied, door.shed)
+    # in a thread: of a thousand vehicles it is thousands of lines, and the loop has ticks to keep
+    text = await asyncio.to_thread(_text, collector)
+    return Response(text, media_type=CONTENT_TYPE_PLAIN_1_0_0)
+
+
+def _text(collector: FleetCollector) -> bytes:
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(FleetCollector(desk))
-    return Response(generate_latest(registry), media_type=CONTENT_TYPE_PLAIN_1_0_0)
+    registry.register(collector)
+    return generate_latest(registry)
