@@ -15,7 +15,7 @@ from api.guard import EmergencyLane
 from api.server import serve as serve_api
 from gcs.access import Audit, is_loopback
 from gcs.config import Config, LinkSettings
-from gcs.errors import GcsError, RefusedError
+from gcs.errors import GcsError, LinkError, RefusedError
 from gcs.lifecycle import AIRBORNE, ShowPhase
 from gcs.links import Link
 from gcs.links.direct.link import DirectLink
@@ -74,8 +74,8 @@ async def running(config: Config) -> AsyncIterator[tuple[Orchestrator, int]]:
     app = create_app(orchestrator, host_names=("localhost", config.api.host), door=make_door(config))
     app.openapi()  # takes a quarter of a second: now, not when somebody asks while vehicles fly
     async with (
-        _listening(app, config, "api", config.api.port) as port,
-        _listening(EmergencyLane(app), config, "api/emergency", config.api.lane_port) as lane_port,
+        _listening(app, config, "api.port", config.api.port) as port,
+        _listening(EmergencyLane(app), config, "api.emergency_port", config.api.lane_port) as lane_port,
     ):
         app.state.desk.emergency_port = lane_port
         async with asyncio.TaskGroup() as group:
@@ -135,6 +135,8 @@ async def _keep_api(
             server.cancel()
             await asyncio.wait((server,))
         cause = None if server.cancelled() else server.exception()
+        if isinstance(cause, LinkError) and not listening.done():
+            raise LinkError(f"{name}: {cause}")
         if cause is not None and not listening.done():
             raise cause
         log.error("api_failed", extra={"listener": name, "cause": str(cause)})

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import socket
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import websockets
+import yaml
 from starlette.types import ASGIApp
 from websockets.asyncio.client import connect
 from websockets.typing import Subprotocol
@@ -17,7 +19,9 @@ from api.app import create_app
 from api.door import Door
 from api.guard import EmergencyLane
 from api.server import serve
+from gcs import config as configuration
 from gcs.access import Role, TlsSettings
+from gcs.cli.main import main
 from gcs.client import Client
 from gcs.errors import AccessError, ConfigError, LinkError
 from gcs.lifecycle import ShowPhase
@@ -172,3 +176,35 @@ def test_a_certificate_that_is_none_is_told_before_anybody_listens(
 def test_a_file_of_trusted_certificates_that_is_none_is_told(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no PEM certificate"):
         Client(ca_file=tmp_path / "none.pem")
+
+
+@pytest.mark.usefixtures("logging_restored")
+@pytest.mark.parametrize("taken", ["port", "emergency_port"])
+def test_serve_names_the_port_that_is_taken(
+    taken: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        ports = {"port": 0, "emergency_port": 0, taken: other.getsockname()[1]}
+        raw = yaml.safe_load(configuration.find("demo").read_text()) | {"api": ports}
+        file = tmp_path / "config.yaml"
+        file.write_text(yaml.safe_dump(raw))
+        assert main(["serve", "--config", str(file), "--quiet"]) == 1
+    assert f"api.{taken}: port {ports[taken]} is in use on 127.0.0.1" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("logging_restored")
+@pytest.mark.parametrize(
+    ("access", "said"),
+    [
+        ({"tokens_file": "none.json"}, "none.json: the tokens cannot be read"),
+        ({"tls": {"certificate_file": "none.pem", "key_file": "none.pem"}}, "access.tls: none.pem"),
+    ],
+)
+def test_serve_names_the_file_that_is_missing(
+    access: dict[str, object], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    raw = yaml.safe_load(configuration.find("demo").read_text()) | {"access": access, "api": {"port": 0}}
+    file = tmp_path / "config.yaml"
+    file.write_text(yaml.safe_dump(raw))
+    assert main(["serve", "--config", str(file), "--quiet"]) == 1
+    assert said in capsys.readouterr().out

@@ -158,6 +158,7 @@ def test_the_emergency_port_is_another_one(api: dict[str, int], said: str) -> No
         config_with(api=api)
 
 
+@pytest.mark.usefixtures("logging_restored")
 def test_what_serve_is_told_on_the_command_line_is_checked_as_the_file_is(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
