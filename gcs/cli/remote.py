@@ -42,6 +42,7 @@ class Call:
     method: Callable[..., Any]
     asked: tuple[str, ...] = ()
     text: str = ""  # absent: the method's own
+    alone: bool = False  # what is asked for, and no option
 
     @property
     def help(self) -> str:
@@ -58,8 +59,14 @@ CALLS: Final = (
     Call("resume", Client.resume),
     Call("abort", Client.abort),
     Call("formation", Client.formation),
-    Call("radius", Client.change_formation, ("radius_m",), "Change the formation's radius"),
-    Call("height", Client.change_formation, ("height_m",), "Change the height of the formation's centre"),
+    Call("radius", Client.change_formation, ("radius_m",), "Change the formation's radius", alone=True),
+    Call(
+        "height",
+        Client.change_formation,
+        ("height_m",),
+        "Change the height of the formation's centre",
+        alone=True,
+    ),
     Call("target show", Client.target),
     Call("target set", Client.set_target),
     Call("target set-geodetic", Client.set_target_geodetic),
@@ -162,7 +169,7 @@ def _add_parameters(parser: argparse.ArgumentParser, call: Call) -> tuple[str, .
     """Arguments and options for the parameters of a method. Returns: their names."""
     hints = typing.get_type_hints(call.method)
     parameters = [each for name, each in inspect.signature(call.method).parameters.items() if name != "self"]
-    if call.asked and call.asked is not BOX:  # a change of these alone
+    if call.alone:
         parameters = [each for each in parameters if each.name in call.asked]
     for parameter in parameters:
         kind, is_list = _kind(hints[parameter.name])
