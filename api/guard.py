@@ -19,7 +19,10 @@ from starlette.websockets import WebSocket
 
 from api.door import Call, Door, Refusal, Visitor, is_emergency
 from api.problems import error_response
-from gcs.access import CALLER
+from gcs.service import WHO
+
+WHO_KEY: Final = "gcs.who"
+"""In the scope: who calls, for what stands around this."""
 
 BODY_MAX_BYTES: Final = 64 * 1024
 """The largest proper request, a start with thousands of names, fits."""
@@ -45,17 +48,18 @@ class Guard:
             await self._app(scope, receive, send)
             return
         call, visitor = _call(scope), self._door.visitor(Headers(scope=scope))
+        scope[WHO_KEY] = visitor.name
         foreign = self._foreign(call.headers)
         refusal = Refusal(403, foreign) if foreign else self._door.refusal(visitor, call)
         if refusal is not None:
             self._door.turned_away(visitor, call, refusal)
             await _turn_away(refusal, scope, receive, send)
             return
-        who = CALLER.set(visitor.name)
+        who = WHO.set(visitor.name)
         try:
             await self._enter(scope, receive, send, visitor)
         finally:
-            CALLER.reset(who)
+            WHO.reset(who)
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send, visitor: Visitor) -> None:
         if scope["type"] == "websocket":

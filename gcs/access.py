@@ -1,7 +1,6 @@
-"""Who may do what: rights, roles, who is calling now, and how a call that was denied is told."""
+"""Who may do what: rights, roles, and how a call that was denied is told."""
 
 from collections.abc import Callable
-from contextvars import ContextVar
 from dataclasses import dataclass
 from enum import StrEnum
 from ipaddress import ip_address
@@ -40,9 +39,6 @@ LOCAL: Final = "local"
 
 ANONYMOUS: Final = "anonymous"
 """Who calls without a token, where tokens are asked for."""
-
-CALLER: Final[ContextVar[str]] = ContextVar("caller", default="service")
-"""By whom the order that is given now is given: a token's name; `service` when nobody called from outside."""
 
 
 @dataclass(frozen=True, slots=True)

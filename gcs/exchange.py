@@ -54,15 +54,18 @@ class Exchange:
             self._lane.close()
 
     def call(
-        self, method: str, path: str, body: dict[str, Any] | None = None, *, urgent: bool = False
+        self, method: str, path: str, body: dict[str, Any] | bytes | None = None, *, urgent: bool = False
     ) -> bytes:
         """The body of the answer. What is `urgent` goes by the emergency lane first.
+
+        `body` is sent as JSON, or as the YAML file that its bytes are.
 
         Raises: LinkError when nobody answers; else what the service raised.
         """
         # Not httpx's own JSON: it stumbles over NaN, which the service refuses with the field's name.
-        content = None if body is None else json.dumps(body).encode()
-        headers = {} if body is None else {"Content-Type": "application/json"}
+        content = json.dumps(body).encode() if isinstance(body, dict) else body
+        kind = "application/json" if isinstance(body, dict) else "application/yaml"
+        headers = {} if body is None else {"Content-Type": kind}
         for http in (self._lane, self._http) if urgent and self._lane is not None else (self._http,):
             try:
                 answer = http.request(method, path, content=content, headers=headers)

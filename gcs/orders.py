@@ -5,9 +5,8 @@ from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from gcs.access import CALLER
 from gcs.errors import UnknownError
-from gcs.service import OrderRecord, Outcome, VehicleOutcome
+from gcs.service import WHO, OrderRecord, Outcome, VehicleOutcome
 from gcs.state import VehicleId
 
 KEPT = 1000
@@ -26,7 +25,7 @@ class OrderBook:
         """Note an order: pending for `vehicles`, not including those `left_out` for the reasons given."""
         outcomes = {vehicle_id: VehicleOutcome(Outcome.PENDING) for vehicle_id in vehicles}
         outcomes |= {name: VehicleOutcome(Outcome.NOT_INCLUDED, why) for name, why in left_out.items()}
-        record = OrderRecord(f"o{self._next}", action, time.time(), outcomes, CALLER.get())
+        record = OrderRecord(f"o{self._next}", action, time.time(), outcomes, WHO.get())
         self._next += 1
         self._records[record.id] = record
         while len(self._records) > KEPT:

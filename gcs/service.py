@@ -6,9 +6,10 @@ a process of its own without a change on their side.
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Generic, Protocol, TypeVar
+from typing import Final, Generic, Protocol, TypeVar
 
 from gcs.frames import ShowFrame
 from gcs.lifecycle import Phase, ShowPhase
@@ -16,6 +17,9 @@ from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.state import Landed, Mode, VehicleId
 
 T = TypeVar("T")
+
+WHO: Final[ContextVar[str]] = ContextVar("who", default="service")
+"""Who orders, in this task: a token's name, `local` without tokens, `service` when nobody has called."""
 
 
 class ShowAction(StrEnum):
@@ -65,7 +69,7 @@ class OrderRecord:
     action: str
     accepted_time_s: float  # Unix time
     outcomes: dict[VehicleId, VehicleOutcome]
-    by: str  # see `gcs.access.CALLER`
+    by: str  # see WHO
 
     @property
     def outcome(self) -> Outcome:

@@ -136,7 +136,14 @@ def test_there_is_a_command_for_every_operation_and_it_does_it(
 
 def test_every_method_of_the_client_is_a_command() -> None:
     methods = {name for name in vars(Client) if not name.startswith("_")}
-    assert methods - {call.method.__name__ for call in CALLS} == {"close", "wait_for", "command"}
+    assert methods - {call.method.__name__ for call in CALLS} == {
+        "close",
+        "wait_for",
+        "command",
+        "one",
+        "many",
+        "call",
+    }
 
 
 def test_an_order_is_told_with_who_takes_part_and_what_is_read_is_json(

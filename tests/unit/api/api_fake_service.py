@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import sqrt
 
-from gcs.access import CALLER
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.service import (
+    WHO,
     FleetView,
     Histogram,
     Latest,
@@ -165,7 +165,7 @@ class FakeService:
         order_id = f"o{len(self.orders_by_id) + 1}"
         pending = VehicleOutcome(Outcome.PENDING)
         self.orders_by_id[order_id] = OrderRecord(
-            order_id, action, time.time(), dict.fromkeys(vehicles, pending), CALLER.get()
+            order_id, action, time.time(), dict.fromkeys(vehicles, pending), WHO.get()
         )
         return self.orders_by_id[order_id]
 

@@ -4,10 +4,9 @@ import time
 
 import pytest
 
-from gcs.access import CALLER
 from gcs.errors import UnknownError
 from gcs.orders import KEPT, OrderBook
-from gcs.service import OrderRecord, Outcome, VehicleOutcome
+from gcs.service import WHO, OrderRecord, Outcome, VehicleOutcome
 
 
 def test_an_order_begins_pending_for_those_it_is_for_and_says_why_others_are_left_out() -> None:
@@ -25,11 +24,11 @@ def test_an_order_begins_pending_for_those_it_is_for_and_says_why_others_are_lef
 def test_an_order_says_who_gave_it_to_its_end() -> None:
     book = OrderBook()
     by_itself = book.open("stop", ["d1"], {})
-    who = CALLER.set("anna")
+    who = WHO.set("anna")
     try:
         record = book.open("hold", ["d1"], {})
     finally:
-        CALLER.reset(who)
+        WHO.reset(who)
     book.close(record.id, "d1", Outcome.DONE)
     assert (by_itself.by, book.get(record.id).by) == ("service", "anna")
     assert [each.id for each in book.newest()] == [record.id, by_itself.id]
