@@ -10,7 +10,7 @@ import socket
 import ssl
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
 import uvicorn
 from starlette.types import ASGIApp
@@ -69,7 +69,7 @@ class _Server(uvicorn.Server):
         patience_s = CROWDED_S if len(connections) > CONNECTIONS_MAX // 2 else SILENT_S
         before, self._silent = self._silent, {}
         for connection in connections:
-            request = getattr(connection, "cycle", connection)  # a WebSocket has none, and may be silent
+            request: Any = getattr(connection, "cycle", connection)  # a WebSocket has none, and may be silent
             if request is connection or not (request is None or request.response_complete):
                 continue
             asked, since_s = before.get(connection, (request, now_s))

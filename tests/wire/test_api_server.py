@@ -324,7 +324,7 @@ def test_a_page_from_elsewhere_may_not_watch() -> None:
 
 
 def test_callers_that_say_nothing_or_half_of_it_keep_nobody_out() -> None:
-    async def main(_: FakeService, port: int) -> None:
+    async def main(service: FakeService, port: int) -> None:
         silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(CONNECTIONS_MAX)]
         for _, writer in silent[::2]:
             writer.write(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\n")
@@ -332,7 +332,8 @@ def test_callers_that_say_nothing_or_half_of_it_keep_nobody_out() -> None:
             with suppress(ConnectionError):
                 assert await asyncio.wait_for(reader.read(), timeout=5.0) == b""
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http:
-            assert (await http.get("/api/v1/show")).status_code == 200
+            answer = await http.get("/api/v1/show")
+            assert (answer.status_code, answer.json()["phase"]) == (200, service.show)
         for _, writer in silent:
             writer.close()
 
