@@ -9,10 +9,12 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.routing import Match, Route
 
-from api import docs, routes, stream, wire
+from api import docs, metrics, routes, stream, wire
 from api.audit import Audited
 from api.desk import Desk
+from api.door import Door
 from api.guard import Guard
 from api.problems import echo, error_response, from_pydantic, invalid_response
 from gcs.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
@@ -36,13 +38,17 @@ when the record has the order; with the header `X-Recorded: no` it does not, and
 """
 
 
-def create_app(service: Service, *, host_names: Sequence[str] = ("localhost",)) -> FastAPI:
+def create_app(
+    service: Service, *, host_names: Sequence[str] = ("localhost",), door: Door | None = None
+) -> FastAPI:
     """The REST API and the stream over one service.
 
     Args:
         service: the control side.
         host_names: by which a browser may call this service, besides its IP addresses.
+        door: who may call; None: everybody on this machine, as often as they like.
     """
+    door = door or Door()
     app = FastAPI(
         title="Formation ground station",
         version="1",
@@ -51,14 +57,15 @@ def create_app(service: Service, *, host_names: Sequence[str] = ("localhost",)) 
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
-        responses=routes.errors(403, 500),
+        responses=routes.errors(401, 403, 429, 500),
     )
-    app.state.desk = Desk(service)
+    app.state.desk = Desk(service, door)
     app.include_router(docs.router)
     app.include_router(routes.health)
+    app.include_router(metrics.router)
     app.include_router(routes.api, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")
-    app.add_middleware(Guard, names=host_names)
+    app.add_middleware(Guard, names=host_names, door=door)
     app.add_middleware(Audited, audit=service.audit)  # the last added is the outermost
     _install(app)
     return app
@@ -90,7 +97,20 @@ async def _on_http_error(request: Request, error: Exception) -> Response:
     }
     response = error_response(error.status_code, details.get(HTTPStatus(error.status_code), error.detail))
     response.headers.update(error.headers or {})
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        response.headers["Allow"] = ", ".join(sorted(_methods(request)))
     return response
+
+
+def _methods(request: Request) -> set[str]:
+    """All that is possible where a request went: the framework names those of one route alone."""
+    routes = (route for route in request.app.routes if isinstance(route, Route))
+    return {
+        method
+        for route in routes
+        if route.matches(request.scope)[0] is not Match.NONE
+        for method in route.methods or ()
+    }
 
 
 async def _on_bug(_request: Request, _error: Exception) -> Response:

@@ -6,6 +6,7 @@ from http import HTTPStatus
 from typing import Any, Final
 
 from fastapi import APIRouter, Depends, Response
+from fastapi.security import HTTPBearer
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 
@@ -17,10 +18,13 @@ from gcs.service import ShowAction, VehicleAction
 
 MEANING: Final = {
     400: "The body cannot be read.",
-    403: "A foreign web page, or a host name that is not this service's.",
+    401: "No token, or one that is not known.",
+    403: "A token whose role may not do this, a foreign web page, or a host name that is not this service's.",
     404: "No such thing.",
+    408: "The body did not come in time.",
     409: "Proper, but not now; `detail` says why and what to do.",
     413: "The body is too large.",
+    429: "Too many calls; `Retry-After` says when to come again.",
     422: "Bad input; `problems` names each field, its value and what is allowed.",
     500: "A bug of this service.",
     503: "Control is not alive; `detail` says why.",
@@ -41,11 +45,11 @@ async def _no_body(request: Request) -> None:
 
 NO_BODY: Final = [Depends(_no_body)]
 READ: Final = errors(422)
-WRITE: Final = errors(400, 413, 422)
+WRITE: Final = errors(400, 408, 413, 422)
 COMMAND: Final = WRITE | errors(409, 503)
 
 health = APIRouter(tags=["health"])
-api = APIRouter()
+api = APIRouter(dependencies=[Depends(HTTPBearer(auto_error=False, description="See `gcs token create`."))])
 
 
 @health.get("/healthz", summary="Is control alive?", responses=errors(503))
@@ -54,7 +58,22 @@ async def healthz(desk: DeskDep) -> wire.Health:
     problem = desk.health_problem()
     if problem:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, problem)
-    return wire.Health(alive=True, view_age_s=max(0.0, desk.age_s()), tick_rate_hz=desk.view.tick.rate_hz)
+    return wire.Health(
+        alive=True,
+        view_age_s=max(0.0, desk.age_s()),
+        tick_rate_hz=desk.view.tick.rate_hz,
+        access=desk.door.text,
+        emergency_port=desk.emergency_port,
+    )
+
+
+@health.get("/readyz", summary="Can anybody be ordered anything?", responses=errors(503))
+async def readyz(desk: DeskDep) -> wire.Readiness:
+    """200 only while control is alive and a vehicle is ready to start, or flies."""
+    problem = convert.readiness_problem(desk.view, desk.now_s())
+    if problem:
+        raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, problem)
+    return convert.readiness(desk.view)
 
 
 # Fleet
@@ -169,6 +188,12 @@ for _show_action, _summary in SHOW_SUMMARY.items():
         dependencies=NO_BODY,
         responses=COMMAND,
     )
+
+
+@api.get("/orders", tags=["show"], summary="The last orders")
+async def list_orders(desk: DeskDep) -> list[wire.Order]:
+    """The newest first, as many as are remembered."""
+    return [convert.order(record) for record in desk.service.orders()]
 
 
 @api.get("/orders/{order_id}", tags=["show"], summary="An order's outcome", responses=READ | errors(404))

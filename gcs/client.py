@@ -5,26 +5,33 @@
         client.wait_for(order.id, timeout_s=120)
         client.change_formation(radius_m=15)
 
+Where the service asks for a token, give it: `Client(url, token="gcs_...")`. With `emergency_url` the calls
+that pause, stop, land and kill go to the listener which answers nothing else; when nobody answers there, to
+`url`.
+
 Everything that the service refuses is raised as the error that the service raised itself.
 """
 
-import json
 import time
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 from urllib.parse import quote
 
-import httpx
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from api import wire
-from gcs.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
+from gcs.errors import LinkError, OrderError
+from gcs.exchange import Exchange
 
 M = TypeVar("M", bound=BaseModel)
 
 URL: Final = "http://127.0.0.1:8000"
 
 PENDING: Final = "pending"
+
+URGENT: Final = frozenset({"hold", "return", "land", "kill"})
+"""What goes to the listener for emergency calls, where there is one."""
 
 ASK_AGAIN_S: Final = 0.2
 """Between two looks at an order: outcomes come with the autopilots' heartbeats, once a second."""
@@ -35,12 +42,30 @@ class Client:
 
     Every call raises LinkError when the service cannot be reached or control is not alive, InvalidError for
     a value that can never be accepted, RefusedError for what is not possible now, UnknownError for what does
-    not exist.
+    not exist, AccessError for what the token may not do, and for too many calls.
     """
 
-    def __init__(self, url: str = URL, *, timeout_s: float = 5.0) -> None:
-        # Proxies of the environment are not for a station on the same machine or field network.
-        self._http = httpx.Client(base_url=url, timeout=timeout_s, trust_env=False)
+    def __init__(
+        self,
+        url: str = URL,
+        *,
+        token: str | None = None,
+        emergency_url: str | None = None,
+        ca_file: Path | None = None,
+        timeout_s: float = 5.0,
+    ) -> None:
+        """Connects with the first call.
+
+        Args:
+            url: of the service, http or https.
+            token: from `gcs token create`.
+            emergency_url: of the same service's listener for emergency calls alone.
+            ca_file: PEM; https is believed when this has signed its certificate. None: who the system trusts.
+            timeout_s: of every call.
+
+        Raises: ConfigError for a certificate file that is none.
+        """
+        self._exchange = Exchange(url, token, emergency_url, ca_file, timeout_s)
 
     def __enter__(self) -> Self:
         return self
@@ -52,56 +77,69 @@ class Client:
 
     def close(self) -> None:
         """Close the connection."""
-        self._http.close()
+        self._exchange.close()
 
     def health(self) -> wire.Health:
         """Raises: LinkError, saying why, when control is not alive."""
-        return self._one(wire.Health, "GET", "/healthz")
+        return self.one(wire.Health, "GET", "/healthz")
+
+    def readiness(self) -> wire.Readiness:
+        """Raises: LinkError, saying why, when nobody can be ordered anything."""
+        return self.one(wire.Readiness, "GET", "/readyz")
+
+    def metrics(self) -> str:
+        """Every metric, in Prometheus' text format."""
+        return self.call("GET", "/metrics").decode()
 
     def fleet(self) -> wire.Fleet:
         """Everything at one instant."""
-        return self._one(wire.Fleet, "GET", "/api/v1/fleet")
+        return self.one(wire.Fleet, "GET", "/api/v1/fleet")
 
     def vehicles(self) -> list[wire.Vehicle]:
         """Every vehicle."""
-        return self._many(wire.Vehicle, "/api/v1/vehicles")
+        return self.many(wire.Vehicle, "/api/v1/vehicles")
 
     def vehicle(self, vehicle_id: str) -> wire.Vehicle:
         """One vehicle."""
-        return self._one(wire.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
+        return self.one(wire.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
 
     def command(self, vehicle_id: str, action: str) -> wire.Order:
         """Order one vehicle: hold, join, return, land, kill, hand-back or confirm-down."""
-        return self._one(wire.Order, "POST", f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}")
+        path = f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}"
+        return self.one(wire.Order, "POST", path, urgent=action in URGENT)
 
     def show(self) -> wire.Show:
         """Where the show stands."""
-        return self._one(wire.Show, "GET", "/api/v1/show")
+        return self.one(wire.Show, "GET", "/api/v1/show")
 
     def start(self, vehicles: list[str] | None = None) -> wire.Order:
         """Start the show with `vehicles`, or with all that are online."""
         body = None if vehicles is None else {"vehicles": vehicles}
-        return self._one(wire.Order, "POST", "/api/v1/show/start", body)
+        return self.one(wire.Order, "POST", "/api/v1/show/start", body)
 
     def stop(self) -> wire.Order:
         """Everybody comes home and lands."""
-        return self._one(wire.Order, "POST", "/api/v1/show/stop")
+        return self.one(wire.Order, "POST", "/api/v1/show/stop", urgent=True)
 
     def pause(self) -> wire.Order:
         """Everybody stands still."""
-        return self._one(wire.Order, "POST", "/api/v1/show/pause")
+        return self.one(wire.Order, "POST", "/api/v1/show/pause", urgent=True)
 
     def resume(self) -> wire.Order:
         """Go on after a pause."""
-        return self._one(wire.Order, "POST", "/api/v1/show/resume")
+        return self.one(wire.Order, "POST", "/api/v1/show/resume")
 
     def abort(self) -> wire.Order:
         """Everybody descends to distinct places, now."""
-        return self._one(wire.Order, "POST", "/api/v1/show/abort")
+        return self.one(wire.Order, "POST", "/api/v1/show/abort", urgent=True)
+
+    def orders(self) -> list[wire.Order]:
+        """The last orders, the newest first."""
+        return self.many(wire.Order, "/api/v1/orders")
 
     def order(self, order_id: str) -> wire.Order:
         """How far an order has got."""
-        return self._one(wire.Order, "GET", f"/api/v1/orders/{_part(order_id)}")
+        return self.one(wire.Order, "GET", f"/api/v1/orders/{_part(order_id)}")
 
     def wait_for(self, order_id: str, timeout_s: float) -> wire.Order:
         """The order once it is done or has failed, which its `outcome` says.
@@ -121,25 +159,25 @@ class Client:
 
     def formation(self) -> wire.Formation:
         """Radius and height, wanted and now."""
-        return self._one(wire.Formation, "GET", "/api/v1/formation")
+        return self.one(wire.Formation, "GET", "/api/v1/formation")
 
     def change_formation(
         self, *, radius_m: float | None = None, height_m: float | None = None
     ) -> wire.Formation:
         """Change what is given."""
         body = _given(radius_m=radius_m, height_m=height_m)
-        return self._one(wire.Formation, "PATCH", "/api/v1/formation", body)
+        return self.one(wire.Formation, "PATCH", "/api/v1/formation", body)
 
     def target(self) -> wire.Target:
         """Where the target is now."""
-        return self._one(wire.Target, "GET", "/api/v1/target")
+        return self.one(wire.Target, "GET", "/api/v1/target")
 
     def set_target(
         self, x_m: float, y_m: float, *, velocity_x_m_s: float = 0.0, velocity_y_m_s: float = 0.0
     ) -> wire.Target:
         """Say where the target is, in the show frame."""
         body = {"x_m": x_m, "y_m": y_m, "velocity_x_m_s": velocity_x_m_s, "velocity_y_m_s": velocity_y_m_s}
-        return self._one(wire.Target, "PUT", "/api/v1/target", body)
+        return self.one(wire.Target, "PUT", "/api/v1/target", body)
 
     def set_target_geodetic(
         self,
@@ -156,11 +194,11 @@ class Client:
             "velocity_north_m_s": velocity_north_m_s,
             "velocity_east_m_s": velocity_east_m_s,
         }
-        return self._one(wire.Target, "PUT", "/api/v1/target", body)
+        return self.one(wire.Target, "PUT", "/api/v1/target", body)
 
     def orbit(self) -> wire.Orbit:
         """How the formation circles the target."""
-        return self._one(wire.Orbit, "GET", "/api/v1/orbit")
+        return self.one(wire.Orbit, "GET", "/api/v1/orbit")
 
     def change_orbit(
         self,
@@ -171,23 +209,23 @@ class Client:
     ) -> wire.Orbit:
         """Change what is given."""
         body = _given(radius_m=radius_m, speed_m_s=speed_m_s, direction=direction)
-        return self._one(wire.Orbit, "PATCH", "/api/v1/orbit", body)
+        return self.one(wire.Orbit, "PATCH", "/api/v1/orbit", body)
 
     def yaw(self) -> wire.Yaw:
         """Where the vehicles look."""
-        return self._one(wire.Yaw, "GET", "/api/v1/yaw")
+        return self.one(wire.Yaw, "GET", "/api/v1/yaw")
 
     def change_yaw(self, *, policy: str | None = None, heading_deg: float | None = None) -> wire.Yaw:
         """Change what is given."""
-        return self._one(wire.Yaw, "PATCH", "/api/v1/yaw", _given(policy=policy, heading_deg=heading_deg))
+        return self.one(wire.Yaw, "PATCH", "/api/v1/yaw", _given(policy=policy, heading_deg=heading_deg))
 
     def obstacles(self) -> list[wire.Obstacle]:
         """Every obstacle."""
-        return self._many(wire.Obstacle, "/api/v1/obstacles")
+        return self.many(wire.Obstacle, "/api/v1/obstacles")
 
     def obstacle(self, obstacle_id: str) -> wire.Obstacle:
         """One obstacle."""
-        return self._one(wire.Obstacle, "GET", f"/api/v1/obstacles/{_part(obstacle_id)}")
+        return self.one(wire.Obstacle, "GET", f"/api/v1/obstacles/{_part(obstacle_id)}")
 
     def add_obstacle(
         self,
@@ -204,7 +242,7 @@ class Client:
         """Add a box; without an id it is given one."""
         box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
         body = box | _moving(velocity_x_m_s, velocity_y_m_s) | _given(id=obstacle_id)
-        return self._one(wire.Obstacle, "POST", "/api/v1/obstacles", body)
+        return self.one(wire.Obstacle, "POST", "/api/v1/obstacles", body)
 
     def change_obstacle(
         self,
@@ -221,57 +259,39 @@ class Client:
         """Replace the box of this id."""
         box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
         body = box | _moving(velocity_x_m_s, velocity_y_m_s)
-        return self._one(wire.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
+        return self.one(wire.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
 
     def remove_obstacle(self, obstacle_id: str) -> None:
         """Forget a box."""
-        self._call("DELETE", f"/api/v1/obstacles/{_part(obstacle_id)}")
+        self.call("DELETE", f"/api/v1/obstacles/{_part(obstacle_id)}")
 
-    def _one(self, model: type[M], method: str, path: str, body: dict[str, Any] | None = None) -> M:
+    def one(
+        self,
+        model: type[M],
+        method: str,
+        path: str,
+        body: dict[str, Any] | bytes | None = None,
+        *,
+        urgent: bool = False,
+    ) -> M:
+        """One thing that a path answers."""
         try:
-            return model.model_validate_json(self._call(method, path, body))
+            return model.model_validate_json(self.call(method, path, body, urgent=urgent))
         except ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
-    def _many(self, model: type[M], path: str) -> list[M]:
+    def many(self, model: type[M], path: str) -> list[M]:
+        """A list of things that a path answers."""
         try:
-            return TypeAdapter(list[model]).validate_json(self._call("GET", path))  # type: ignore[valid-type]
+            return TypeAdapter(list[model]).validate_json(self.call("GET", path))  # type: ignore[valid-type]
         except ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
-    def _call(self, method: str, path: str, body: dict[str, Any] | None = None) -> bytes:
-        # Not httpx's own JSON: it stumbles over NaN, which the service refuses with the field's name.
-        content = None if body is None else json.dumps(body).encode()
-        headers = {} if body is None else {"Content-Type": "application/json"}
-        try:
-            answer = self._http.request(method, path, content=content, headers=headers)
-        except httpx.HTTPError as error:
-            raise LinkError(
-                f"no answer from {self._http.base_url}: {str(error) or type(error).__name__}"
-            ) from error
-        if not answer.is_success:
-            raise _error(answer)
-        return answer.content
-
-
-def _error(answer: httpx.Response) -> GcsError:
-    """The error that the service raised."""
-    try:
-        body = wire.ErrorBody.model_validate_json(answer.content)
-    except ValidationError:
-        return LinkError(f"{answer.url} answered {answer.status_code}, and not as this service does")
-    if answer.status_code == httpx.codes.UNPROCESSABLE_ENTITY and body.problems:
-        first = body.problems[0]
-        invalid = InvalidError(first.field, first.value, first.allowed)
-        if len(body.problems) > 1:
-            invalid.add_note(body.detail)
-        return invalid
-    kinds = {
-        httpx.codes.CONFLICT: RefusedError,
-        httpx.codes.NOT_FOUND: UnknownError,
-        httpx.codes.SERVICE_UNAVAILABLE: LinkError,
-    }
-    return kinds.get(httpx.codes(answer.status_code), GcsError)(body.detail)
+    def call(
+        self, method: str, path: str, body: dict[str, Any] | bytes | None = None, *, urgent: bool = False
+    ) -> bytes:
+        """What a path answers; a body is JSON, or a show file as it is."""
+        return self._exchange.call(method, path, body, urgent=urgent)
 
 
 def _part(name: str) -> str:

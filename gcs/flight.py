@@ -17,6 +17,7 @@ from gcs.control import Memory, Tasks
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.landing import STOP_S, swept_segments_m
 from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.link_quality import LinkQuality
 from gcs.links import Link, Order, ParameterValue
 from gcs.plan import Plan
 from gcs.state import Array, FleetState, Landed, Mode, Telemetry, Traits, VehicleId
@@ -104,6 +105,9 @@ class Flight:
         self._in_order = self._order == list(range(len(heard_in)))
         self._may_sink: tuple[FleetState, float] | None = None  # of a tick: see `may_sink`
         self._table = Table(config.ids, config.frame)
+        looks_hz = config.tick_rate_hz
+        asked_hz = [min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet]
+        self.link_quality = LinkQuality(np.array(asked_hz))
         self._ticked = asyncio.Event()
         self.fleet = self.hear(now_s)
 
@@ -113,6 +117,8 @@ class Flight:
         self.telemetry = Newest(parts, self.telemetry.places)
         self.fleet = self._table.state(parts, now_s)
         self._widen(now_s)
+        arrival_s = np.concatenate([part.position_time_s for part in parts])[self._order]
+        self.link_quality.note(arrival_s, now_s)
         return self.fleet
 
     def _widen(self, now_s: float) -> None:

@@ -87,6 +87,7 @@ class Orchestrator:
         self._audit: Audit = NoAudit() if record is None else record.audit
         self._book = OrderBook(None if record is None else record.audit)
         self._clock = TickClock(config.tick_rate_hz)
+        self._interventions = 0
         self._director: Director | None = None
         self._shares = Shares(links)
         self._view = Latest(self._promised_view(self._decide())())
@@ -120,6 +121,7 @@ class Orchestrator:
         director.watch()
         result = self._decide()
         flight.memory = result.memory
+        self._interventions += sum(reason != "" for reason in result.restrained_by)
         for link, share in zip(flight.links, self._shares.of(result.setpoints), strict=True):
             link.send(share)
         director.advance()  # what follows for the show can wait for the next tick: setpoints cannot
@@ -170,6 +172,8 @@ class Orchestrator:
             plan=flight.plan,
             timing=self._clock.summary(),
             control_alive=self._control_alive,
+            interventions=self._interventions,
+            link_quality=flight.link_quality.share,
             setpoints_sent=sum(link.setpoints_sent for link in flight.links),
             problems=self._problems,
             unix_time_s=time.time(),
@@ -195,6 +199,10 @@ class Orchestrator:
     def order(self, order_id: str) -> OrderRecord:
         """An accepted order. Raises: UnknownError."""
         return self._book.get(order_id)
+
+    def orders(self) -> Sequence[OrderRecord]:
+        """The last orders, the newest first."""
+        return self._book.newest()
 
     def command_show(self, action: ShowAction, vehicles: Sequence[VehicleId] | None = None) -> OrderRecord:
         """Order the whole show."""

@@ -2,7 +2,8 @@
 
 import time
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from gcs.errors import UnknownError
@@ -38,7 +39,7 @@ class OrderBook:
         """Note an order: pending for `vehicles`, not including those `left_out` for the reasons given."""
         outcomes = {vehicle_id: VehicleOutcome(Outcome.PENDING) for vehicle_id in vehicles}
         outcomes |= {name: VehicleOutcome(Outcome.NOT_INCLUDED, why) for name, why in left_out.items()}
-        record = OrderRecord(f"o{self._next}", action, time.time(), outcomes)
+        record = OrderRecord(f"o{self._next}", action, time.time(), outcomes, WHO.get())
         self._next += 1
         self._records[record.id] = record
         while len(self._records) > KEPT:
@@ -52,9 +53,13 @@ class OrderBook:
         record = self._records.get(order_id)
         if record is not None and record.outcomes[vehicle_id].outcome is Outcome.PENDING:
             changed = record.outcomes | {vehicle_id: VehicleOutcome(outcome, reason)}
-            self._records[order_id] = OrderRecord(record.id, record.action, record.accepted_time_s, changed)
+            self._records[order_id] = replace(record, outcomes=changed)
             if self._listener is not None:
                 self._listener.closed(order_id, vehicle_id, outcome, reason)
+
+    def newest(self) -> Sequence[OrderRecord]:
+        """All that are kept, the newest first."""
+        return tuple(reversed(self._records.values()))
 
     def get(self, order_id: str) -> OrderRecord:
         """The record as it stands. Raises: UnknownError."""

@@ -18,8 +18,8 @@ from gcs.state import Landed, Mode, VehicleId
 
 T = TypeVar("T")
 
-WHO: Final[ContextVar[str]] = ContextVar("who", default="local")
-"""Who orders, in this task: whoever lets callers in sets it, and the audit names them."""
+WHO: Final[ContextVar[str]] = ContextVar("who", default="service")
+"""Who orders, in this task: a token's name, `local` without tokens, `service` when nobody has called."""
 
 
 class ShowAction(StrEnum):
@@ -69,6 +69,7 @@ class OrderRecord:
     action: str
     accepted_time_s: float  # Unix time
     outcomes: dict[VehicleId, VehicleOutcome]
+    by: str  # see WHO
 
     @property
     def outcome(self) -> Outcome:
@@ -104,7 +105,17 @@ class VehicleView:
     position_uncertainty_m: float  # the margin that its reported accuracy, or a jump, gives it; sideways
     heartbeat_age_s: float | None
     setpoint_m_s: tuple[float, float, float] | None  # sent in the last tick; None: not commanded
+    link_quality: float | None  # share of the positions asked for that arrive, 0 to 1
     restrained_by: str  # what the safety filter held it back for, "" when it did not
+
+
+@dataclass(frozen=True, slots=True)
+class Histogram:
+    """How often something took how long, since the beginning."""
+
+    bounds_s: tuple[float, ...]  # upper, rising
+    counts: tuple[int, ...]  # of each bound alone, and at last of what was above all of them
+    sum_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +128,8 @@ class TickView:
     duration_p50_ms: float
     duration_p99_ms: float
     lateness_p99_ms: float
+    durations: Histogram
+    latenesses: Histogram
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +150,7 @@ class FleetView:
     tick: TickView
     control_alive: bool  # this tick came within the deadman's time of the one before; its age says the rest
     setpoints_sent: int
+    interventions: int  # of the safety filter, since the beginning: for each vehicle and tick that it changed
     notices: tuple[str, ...] = ()  # what an operator should know now, in words: the most urgent first
 
 
@@ -247,6 +261,10 @@ class Service(Protocol):
 
     def order(self, order_id: str) -> OrderRecord:
         """An accepted order, with its newest outcomes."""
+        ...
+
+    def orders(self) -> Sequence[OrderRecord]:
+        """The last orders, the newest first."""
         ...
 
     def set_formation(self, formation: Formation) -> None:

@@ -32,6 +32,8 @@ def fleet_view(
     timing: TickView,
     control_alive: bool,
     setpoints_sent: int,
+    interventions: int,
+    link_quality: Array,
     problems: Sequence[str],
     unix_time_s: float,
 ) -> FleetView:
@@ -55,6 +57,7 @@ def fleet_view(
                 sent.get(vehicle.id),
                 is_known=vehicle.id in known,
                 uncertainty_m=float(traits.uncertainty_m[vehicle.row]),
+                link_quality=float(link_quality[vehicle.row]),
             )
             for vehicle in vehicles
         ),
@@ -67,6 +70,7 @@ def fleet_view(
         tick=timing,
         control_alive=control_alive,
         setpoints_sent=setpoints_sent,
+        interventions=interventions,
         notices=(*not_ours((vehicle.id, vehicle.phase) for vehicle in vehicles), *problems),
     )
 
@@ -80,6 +84,7 @@ def _vehicle_view(
     *,
     is_known: bool,
     uncertainty_m: float,
+    link_quality: float,
 ) -> VehicleView:
     telemetry, at = heard
     row = vehicle.row
@@ -104,5 +109,6 @@ def _vehicle_view(
         position_uncertainty_m=uncertainty_m,
         heartbeat_age_s=finite(fleet.time_s - telemetry.heartbeat_time_s[at]),
         setpoint_m_s=None if setpoint_m_s is None else tuple3(setpoint_m_s),
+        link_quality=link_quality,
         restrained_by=tick.restrained_by[row],
     )

@@ -24,6 +24,9 @@ VERSION: Final = 1
 PROFILE: Final = "formation-gcs"
 SHOW, MAP = "show", "map"
 
+TIMING: Final = ("rate_hz", "count", "missed", "duration_p50_ms", "duration_p99_ms", "lateness_p99_ms")
+"""What is kept of a `TickView`; what is counted for metrics is not."""
+
 PHASES: Final = tuple(Phase)
 MODES: Final = tuple(Mode)
 _PHASE_NUMBER: Final = {phase: number for number, phase in enumerate(PHASES)}
@@ -140,7 +143,7 @@ def tick_message(moment: Moment) -> bytes:
             "minimum_separation_m": moment.minimum_separation_m,
             "control_alive": moment.control_alive,
             "setpoints_sent": moment.setpoints_sent,
-            "timing": {name: known(value) for name, value in asdict(moment.timing).items()},
+            "timing": {name: known(getattr(moment.timing, name)) for name in TIMING},
             "restrained_by": moment.restrained_by,
         }
     )

@@ -16,6 +16,7 @@ from gcs.records.flown import FlightData, Flown
 from gcs.service import (
     Audit,
     FleetView,
+    Histogram,
     Latest,
     NoAudit,
     OrderRecord,
@@ -28,6 +29,9 @@ from gcs.state import Landed, VehicleId
 
 REPEAT_S: Final = 0.5
 """The last state is shown again that often, so that a viewer knows that somebody is there."""
+
+NOTHING_COUNTED: Final = Histogram((), (0,), 0.0)
+"""What is counted for metrics is not recorded."""
 
 Triple = tuple[float, float, float]
 
@@ -102,9 +106,10 @@ class Replay:
             radius_m=tick["radius_m"],
             target_m=(tick["target_m"][0], tick["target_m"][1]),
             minimum_separation_m=tick["minimum_separation_m"],
-            tick=TickView(**timing),
+            tick=TickView(**timing, durations=NOTHING_COUNTED, latenesses=NOTHING_COUNTED),
             control_alive=alive and tick["control_alive"],
             setpoints_sent=tick["setpoints_sent"],
+            interventions=0,
             notices=(
                 self._notice(flown, alive=alive),
                 *not_ours((v.id, v.phase) for v in vehicles),
@@ -149,6 +154,7 @@ class Replay:
                 heartbeat_age_s=_known(columns["heartbeat_age_s"][row]),
                 setpoint_m_s=_triple(setpoint_m_s[row].tolist()),
                 restrained_by=restrained_by.get(name, ""),
+                link_quality=None,
             )
             for row, name in enumerate(about.ids)
         )
@@ -169,6 +175,10 @@ class Replay:
     def audit(self) -> Audit:
         """Nothing is recorded of a replay."""
         return self._audit
+
+    def orders(self) -> Sequence[OrderRecord]:
+        """None: they stand in the audit beside the flight data."""
+        return ()
 
     def _refuse(self) -> NoReturn:
         raise RefusedError(f"this is a replay of {self._data.path}: nothing can be ordered or changed")

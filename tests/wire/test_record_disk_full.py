@@ -17,6 +17,7 @@ from gcs.records.flown import FlightData
 from gcs.records.known import last_known, orders
 from gcs.records.moment import Moment
 from gcs.records.record import Record
+from gcs.records.replay import NOTHING_COUNTED
 from gcs.service import TickView
 from gcs.state import FleetState, Landed, Mode, Setpoints
 
@@ -50,7 +51,7 @@ def moment(tick: int) -> Moment:
         center_velocity_m_s=None,
         radius_m=None,
         minimum_separation_m=None,
-        timing=TickView(20.0, tick, 0, 0.0, 0.0, 0.0),
+        timing=TickView(20.0, tick, 0, 0.0, 0.0, 0.0, NOTHING_COUNTED, NOTHING_COUNTED),
         control_alive=True,
         setpoints_sent=0,
         problems=(),

@@ -23,6 +23,7 @@ from gcs.plan import Formation, Obstacle, Plan
 from gcs.records import layout
 from gcs.records.flightfile import FlightFile
 from gcs.records.moment import Moment
+from gcs.records.replay import NOTHING_COUNTED
 from gcs.service import TickView
 from gcs.state import FleetState, Landed, Mode, Setpoints
 
@@ -55,7 +56,7 @@ def moment(at_s: float) -> Moment:
         center_velocity_m_s=(0.0, 0.0, 0.0),
         radius_m=10.0,
         minimum_separation_m=9.0,
-        timing=TickView(20.0, round(at_s * 20), 0, 1.0, 2.0, 3.0),
+        timing=TickView(20.0, round(at_s * 20), 0, 1.0, 2.0, 3.0, NOTHING_COUNTED, NOTHING_COUNTED),
         control_alive=True,
         setpoints_sent=7,
         problems=(),

@@ -7,6 +7,7 @@ import numpy as np
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Formation, Plan
 from gcs.records.moment import Moment
+from gcs.records.replay import NOTHING_COUNTED
 from gcs.service import TickView
 from gcs.state import Array, FleetState, Landed, Mode, Setpoints
 
@@ -59,7 +60,7 @@ def moment(
         center_velocity_m_s=(1.0, 0.0, 0.0),
         radius_m=10.0,
         minimum_separation_m=9.5,
-        timing=TickView(20.0, 7, 0, 1.0, 2.0, 3.0),
+        timing=TickView(20.0, 7, 0, 1.0, 2.0, 3.0, NOTHING_COUNTED, NOTHING_COUNTED),
         control_alive=True,
         setpoints_sent=42,
         problems=("record: the disk is full",),

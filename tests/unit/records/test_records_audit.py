@@ -54,7 +54,7 @@ def test_an_order_is_read_back_with_who_gave_it_and_its_outcome_per_vehicle(tmp_
         book.close(order.id, "d2", Outcome.FAILED, "it did not answer")
         assert asyncio.run(record.audit.kept())
     first, second = orders(tmp_path)
-    assert (first.who, first.action, first.session) == ("local", "start", record.session)
+    assert (first.who, first.action, first.session) == ("service", "start", record.session)
     assert first.outcomes["d3"] == ("not-included", "offline: not heard yet")
     assert (second.who, second.action) == ("anna", "pause")
     assert second.accepted_unix_s == order.accepted_time_s
