@@ -22,8 +22,6 @@ from api.door import Call, Door, Refusal, Visitor, is_emergency
 from api.problems import error_response
 from gcs.service import WHO
 
-"""In the scope: who calls, for what stands around this."""
-
 BODY_MAX_BYTES: Final = 64 * 1024
 """The largest proper request, a start with thousands of names, fits."""
 
