@@ -1,4 +1,4 @@
-"""The link over MAVSDK 4.1: its protocol knowledge, our bytes.
+"""The link over MAVSDK 4.1 and the wire: serial ports, TCP, signatures, further stations.
 
 MAVSDK repeats the last setpoint at 20 Hz for ever, from its own thread, whatever becomes of the program that
 set it. Therefore its bytes leave through `Wire`, where setpoints need a permission that every tick renews.

@@ -1,6 +1,6 @@
 """What MAVSDK writes, on its way to the vehicles: setpoints judged and sent together, all else one by one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -69,9 +69,14 @@ class MavsdkOutlet:
         """Send on the first `count` datagrams, those that may leave. Never blocks, never raises."""
         is_setpoint = are_setpoints(written, count)
         self._take_setpoints(written, np.flatnonzero(is_setpoint))
-        for at in np.flatnonzero(~is_setpoint).tolist():
-            for frame in split(written.data[at, : written.length[at]].tobytes(), checked=False).frames:
-                self._take_other(frame)
+        others = [
+            (frame, int(self._row_of[target_system(frame)]))
+            for at in np.flatnonzero(~is_setpoint).tolist()
+            for frame in split(written.data[at, : written.length[at]].tobytes(), checked=False).frames
+            if self._may_leave(frame)
+        ]
+        if others:
+            self._pass_on([frame.raw for frame, _ in others], np.array([row for _, row in others]))
 
     def _take_setpoints(self, written: Batch, places: Whole) -> None:
         said = frames_of(written, places)["said"]
@@ -91,21 +96,27 @@ class MavsdkOutlet:
         if left_s > self._until_s:
             self._counters.setpoints_dropped += int((~left).sum())
 
-    def _take_other(self, frame: Frame) -> None:
-        """Commands and parameters; our heartbeat is the link's, and nothing else is for everybody."""
+    def _may_leave(self, frame: Frame) -> bool:
+        """Of commands and parameters; our heartbeat is the link's, and nothing else is for everybody."""
         target = target_system(frame)
-        row = int(self._row_of[target])
         if target == 0:
-            return
-        if row == _NOBODY:
+            return False
+        if self._row_of[target] == _NOBODY:
             self._counters.unroutable += 1
         elif frame.message_id in SETPOINT_MESSAGES:
             self._counters.setpoints_dropped += 1
         elif self._latch.is_shut(target) and moves(frame):
             self._counters.commands_dropped += 1
         else:
-            data = np.frombuffer(frame.raw, np.uint8)[None]
-            self._outbox.send(Frames(data, np.array([data.size])), np.array([row]), self._clock())
+            return True
+        return False
+
+    def _pass_on(self, raws: Sequence[bytes], rows: Whole) -> None:
+        length = np.array([len(raw) for raw in raws])
+        data = np.zeros((len(raws), length.max()), np.uint8)
+        for at, raw in enumerate(raws):
+            data[at, : len(raw)] = np.frombuffer(raw, np.uint8)
+        self._outbox.send(Frames(data, length), rows, self._clock())
 
 
 def _on_the_wire(velocity_m_s: Array) -> NDArray[np.uint32]:

@@ -38,8 +38,8 @@ _LOOKS_S: Final = (0.0005, 0.001, 0.002, 0.004, 0.008)
 """MAVSDK's threads write a moment after they are told. So long after each other we look, until they have."""
 
 _DISCOVER_S: Final = 0.25
-_HEALTH_SHARES: Final = 20
-"""Of the vehicles that are healthy one in so many is asked each tick; all the others always are."""
+_HEALTH_SHARES: Final = 5
+"""Of the vehicles one in so many is asked about its health at a time."""
 
 _ROOM: Final = 1024
 _LONGEST_BYTES: Final = 300
@@ -108,16 +108,14 @@ class MavsdkUdpLink(UdpLink):
     def snapshot(self) -> Telemetry:
         """See `UdpLink`; whom MAVSDK has not met has no position, for it cannot be ordered yet."""
         self._receive()
-        self._poll_health()
         return self._heard.telemetry(may_be_ready=self._healthy, met=self._is_met)
 
     def _poll_health(self) -> None:
-        """Ask MAVSDK who is healthy: a part of the vehicles each time, and who was not."""
+        """Ask MAVSDK who is healthy: a part of the vehicles each time."""
         self._polls += 1
-        due = ~self._healthy
-        due[self._polls % _HEALTH_SHARES :: _HEALTH_SHARES] = True
-        for row in np.flatnonzero(due & self._is_met).tolist():
-            self._healthy[row] = self._met[row].healthy()
+        for row in range(self._polls % _HEALTH_SHARES, len(self._ids), _HEALTH_SHARES):
+            vehicle = self._met.get(row)
+            self._healthy[row] = vehicle is not None and vehicle.healthy()
 
     def _tell_setpoints(self, wanted: Wanted) -> None:
         # Forbidden first is what was asked before; what MAVSDK will not take is awaited in vain.
@@ -127,7 +125,9 @@ class MavsdkUdpLink(UdpLink):
             wanted.rows.tolist(), np.hstack([wanted.velocity_ned_m_s, yaw_deg]).tolist(), strict=True
         ):
             self._met[row].set_velocity(*values)
-        self._pass_on()
+        self._move_bytes()
+        if self._outlet.awaits:  # MAVSDK's threads were not through; a moment has passed
+            self._pass_on()
         if self._outlet.awaits:
             self._ticked.set()
 
@@ -146,19 +146,20 @@ class MavsdkUdpLink(UdpLink):
     def _is_awaiting(self) -> bool:
         return (self._orders is not None and self._orders.awaited) or len(self._met) < len(self._ids)
 
-    def _watch_streams(self, now_s: float) -> None:
+    def _watch(self, now_s: float) -> None:
         """MAVSDK sets a rate itself when it meets a vehicle; ours come after."""
+        self._poll_health()
         anew = self._is_met & ((self._heard.lives != self._lives) | (self._since_s == inf))
         self._since_s[anew] = now_s
         self._lives = self._heard.lives.copy()
         may_be_asked = self._connected(now_s) & (now_s - self._since_s >= SETTLE_S)
         self._streams.watch(may_be_asked, self._heard.lives, self._heard.positions, now_s)
 
-    def _receive(self) -> None:
-        super()._receive()
+    def _move_bytes(self) -> None:
+        """Send what MAVSDK has written, and give it what came: behind setpoints, which do not wait for it."""
+        self._pass_on()
         if self._fleet is not None:
             self._fleet.flush()
-            self._pass_on()
 
     def _show(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
         """Keep for MAVSDK what concerns it of what came."""

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from gcs.frames import ShowFrame
 from gcs.links import Order, Verb
@@ -36,6 +37,9 @@ KINDS: dict[str, type[MavsdkLink] | type[MavsdkUdpLink] | type[DirectLink]] = {
     "wire": MavsdkLink,
     "direct": DirectLink,
 }
+
+EVERY = pytest.mark.parametrize("transport", list(KINDS), indirect=True)
+"""The test holds for MAVSDK over the wire, too, which serial ports and the like need."""
 
 chosen = "mavsdk"
 """What `a_link` makes; the fixture `transport` sets it for tests that hold for both."""

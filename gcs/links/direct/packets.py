@@ -30,8 +30,8 @@ _ROOM: Final = 512
 _LONGEST: Final = 2048
 """Bytes of a datagram that are read; an Ethernet carries 1500."""
 
-_BATCH: Final = 64
-_ROUNDS: Final = 64
+_BATCH: Final = 256
+_ROUNDS: Final = 16
 """Batches a socket may fill in one go, so that it cannot keep us busy for ever."""
 
 _ERRORS: Final = 16

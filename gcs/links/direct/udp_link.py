@@ -146,6 +146,9 @@ class UdpLink(LinkFacts, ABC):
     def _is_awaiting(self) -> bool:
         """Whether an answer may come at any moment."""
 
+    def _move_bytes(self) -> None:
+        """Look after what the transport has of its own, between ticks too."""
+
     # the link
 
     def observe(self, observer: Observer) -> Callable[[], None]:
@@ -283,12 +286,14 @@ class UdpLink(LinkFacts, ABC):
             now_s = self._clock()
             if busy or now_s - self._received_s >= _IDLE_S:
                 self._receive()
+            self._move_bytes()
             if now_s - watched_s >= _WATCH_S:
                 watched_s = now_s
-                self._watch_streams(now_s)
+                self._watch(now_s)
             await asyncio.sleep(_BUSY_S if busy else _IDLE_S / 2)
 
-    def _watch_streams(self, now_s: float) -> None:
+    def _watch(self, now_s: float) -> None:
+        """Look after what changes slowly."""
         may_be_asked = self._connected(now_s) & self._orderable()
         self._streams.watch(may_be_asked, self._heard.lives, self._heard.positions, now_s)
 
