@@ -22,8 +22,10 @@ from gcs.errors import GcsError, LinkError, RefusedError
 from gcs.lifecycle import AIRBORNE, ShowPhase
 from gcs.links import Link
 from gcs.links.direct.link import DirectLink
+from gcs.links.endpoints import Listen
 from gcs.links.keys import Signing
 from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.mavsdk_udp_link import MavsdkUdpLink
 from gcs.links.rates import wanted
 from gcs.orchestrator import Orchestrator
 from gcs.service import FleetView, ShowAction
@@ -52,6 +54,18 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
             record=record,
         )
     signing = settings.signing
+    places = [place for place in settings.places if isinstance(place, Listen)]
+    if len(places) == len(settings.places) and signing is None and not settings.forward:
+        return MavsdkUdpLink(
+            settings.name,
+            vehicles,
+            places,
+            config.frame,
+            deadman_s=config.deadman_s,
+            heartbeat_hold_s=settings.heartbeat_hold_s,
+            rates_hz=wanted(settings.streams),
+            record=record,
+        )
     return MavsdkLink(
         settings.name,
         vehicles,

@@ -9,18 +9,16 @@ from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.heard import Heard
 from gcs.links.mavlink_frames import COMMAND_ACK, SET_MESSAGE_INTERVAL, Frame, acknowledged_component
-from gcs.links.rates import Rates
+from gcs.links.rates import ASKING_COMPONENT, Rates
 
 _PERIOD_S: Final = 0.05
 _VEHICLES_AT_ONCE_MAX: Final = 4  # about a millisecond of the loop's
 _OFF: Final = -1.0
-_COMPONENT_ID: Final = 191
-"""Not MAVSDK's own, which would wonder about answers to what it did not ask."""
 
 
 def interval_frame(target: int, message_id: int, rate_hz: float, station_id: int) -> bytes:
     """COMMAND_LONG 511; with rate 0 the stream ends."""
-    packer = dialect.MAVLink(None, srcSystem=station_id, srcComponent=_COMPONENT_ID)
+    packer = dialect.MAVLink(None, srcSystem=station_id, srcComponent=ASKING_COMPONENT)
     interval_us = 1e6 / rate_hz if rate_hz else _OFF
     message = packer.command_long_encode(
         target, 1, SET_MESSAGE_INTERVAL, 0, message_id, interval_us, 0, 0, 0, 0, 0
@@ -30,7 +28,7 @@ def interval_frame(target: int, message_id: int, rate_hz: float, station_id: int
 
 def is_answer(frame: Frame) -> bool:
     """Whether a frame acknowledges what this module asks for."""
-    return frame.message_id == COMMAND_ACK and acknowledged_component(frame) == _COMPONENT_ID
+    return frame.message_id == COMMAND_ACK and acknowledged_component(frame) == ASKING_COMPONENT
 
 
 async def keep_asking(

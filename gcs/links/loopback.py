@@ -1,15 +1,13 @@
 """Our end of one MAVSDK instance's connection: a UDP port on this machine, which nobody else may speak to."""
 
 import socket
-from collections.abc import Iterator
 from typing import Final
 
 from gcs.errors import LinkError
-from gcs.links.mmsg import Batch
+from gcs.links import mmsg
 
 _HOST: Final = "127.0.0.1"
 _LONGEST_BYTES: Final = 2048
-_READS_PER_CALL: Final = 4096
 _BUFFER_BYTES: Final = 4 << 20
 _GREETING_S: Final = 5.0
 _ERRORS: Final = 16
@@ -28,6 +26,11 @@ class Loopback:
         except OSError as error:
             self._socket.close()
             raise LinkError(f"{name}: a UDP port on {_HOST}: {error}") from error
+
+    @property
+    def fd(self) -> int:
+        """Of the socket, to wait for."""
+        return self._socket.fileno()
 
     @property
     def url(self) -> str:
@@ -52,27 +55,31 @@ class Loopback:
             return False
         return True
 
-    def take_batch(self, room: Batch) -> int:
-        """Fill `room` with what MAVSDK has written since. Returns: how many datagrams. Never blocks."""
+    def take(self, room: mmsg.Batch, first: int = 0) -> int:
+        """Fill `room` from row `first` on with what MAVSDK has written since. Never blocks.
+
+        Returns: how many datagrams.
+        """
+        most = len(room.length) - first
         for _ in range(_ERRORS):
             try:
-                return room.receive(self._socket.fileno(), 0, len(room.length))
+                if mmsg.available():
+                    return room.receive(self._socket.fileno(), first, most)
+                return self._take_singly(room, first, most)
             except BlockingIOError:
                 return 0
             except OSError:  # of an earlier send: it was just not there
                 continue
         return 0
 
-    def take(self) -> Iterator[bytes]:
-        """The same where the platform has no batches, one by one."""
-        receive = self._socket.recv
-        for _ in range(_READS_PER_CALL):
+    def _take_singly(self, room: mmsg.Batch, first: int, most: int) -> int:
+        """Where the platform has no batches."""
+        for row in range(first, first + most):
             try:
-                yield receive(_LONGEST_BYTES)
+                room.length[row] = self._socket.recv_into(memoryview(room.data[row]))
             except BlockingIOError:
-                return
-            except OSError:  # of an earlier send: it was just not there
-                continue
+                return row - first
+        return most
 
     def close(self) -> None:
         """Release the port."""

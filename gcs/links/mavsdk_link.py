@@ -1,4 +1,4 @@
-"""The link over MAVSDK 4.1: its protocol knowledge, our bytes.
+"""The link over MAVSDK 4.1 and the wire: serial ports, TCP, signatures, further stations.
 
 MAVSDK repeats the last setpoint at 20 Hz for ever, from its own thread, whatever becomes of the program that
 set it. Therefore its bytes leave through `Wire`, where setpoints need a permission that every tick renews.
@@ -148,7 +148,7 @@ class MavsdkLink(LinkFacts):
         wire = self._wire
         wire.open()
         self._pulse.beat(self._clock())  # time to begin
-        fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0], wire)
+        fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0])
         orders, workers = Orders(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         recorder = self._recorder
         stop_recording = None if recorder is None else self.observe(recorder.record)
@@ -239,7 +239,7 @@ class MavsdkLink(LinkFacts):
         self._deadman.refresh(agreed, since_s)
         self._ticked.set()
         if self._fleet is not None:
-            self._fleet.pass_on()
+            self._fleet.pass_on(self._wire)
 
     async def execute(self, order: Order) -> None:
         """Order, and return when the vehicle is seen to obey. See `Link.execute`.
@@ -301,7 +301,7 @@ class MavsdkLink(LinkFacts):
                 return
             self._passed_s[frame.system_id] = now_s
         if not is_answer(frame):  # MAVSDK knows of no question
-            self._fleet.receive(frame)
+            self._fleet.receive(frame.system_id, frame.raw)
 
     def _send_kill(self, system_id: int) -> None:
         frame = kill_frame(
@@ -317,7 +317,7 @@ class MavsdkLink(LinkFacts):
         self._wire.receive()
         if self._fleet is not None:
             self._fleet.flush()
-            self._fleet.pass_on()
+            self._fleet.pass_on(self._wire)
 
     async def _pass_on_behind_ticks(self, fleet: MavsdkShards) -> None:
         """MAVSDK's threads write a moment after they are told."""
@@ -325,9 +325,9 @@ class MavsdkLink(LinkFacts):
             await self._ticked.wait()
             self._ticked.clear()
             for wait_s in _BEHIND_TICK_S:
-                fleet.pass_on()
+                fleet.pass_on(self._wire)
                 await asyncio.sleep(wait_s)
-            fleet.pass_on()
+            fleet.pass_on(self._wire)
 
     async def _receive(self, orders: Orders) -> None:
         while True:

@@ -4,10 +4,9 @@ import asyncio
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Final, TypeVar
+from typing import Final, Protocol, TypeVar
 
 from gcs.errors import OrderError
-from gcs.links.heard import Heard
 from gcs.links.link import Order, ParameterValue, Verb
 from gcs.links.mavsdk_fleet import MavsdkVehicle
 from gcs.links.orders import CLOSED
@@ -17,6 +16,15 @@ T = TypeVar("T")
 
 _OFFBOARD_TRIES: Final = 3
 _OFFBOARD_RETRY_S: Final = 0.1
+
+
+class Heard(Protocol):
+    """What a vehicle's own frames said."""
+
+    @property
+    def landed(self) -> Landed:
+        """As it said last."""
+        ...
 
 
 class Workers:

@@ -4,11 +4,11 @@ Each knows at most 64 vehicles, since its chatter grows with the square, and is 
 vehicles only.
 """
 
+import selectors
 from collections.abc import Collection, Sequence
 from typing import Final, Protocol
 
 from gcs.links import mmsg
-from gcs.links.mavlink_frames import Frame
 from gcs.links.mavsdk_fleet import MavsdkFleet, MavsdkVehicle
 from gcs.links.vehicle_ids import instances
 
@@ -23,12 +23,8 @@ _LONGEST_BYTES: Final = 300
 class Sender(Protocol):
     """How frames leave; see `Wire`."""
 
-    def send(self, data: bytes, *, to_everybody: bool = True) -> None:
-        """Send one datagram."""
-        ...
-
     def send_batch(self, written: mmsg.Batch, count: int, *, to_everybody: bool = True) -> None:
-        """Send many."""
+        """Send the first `count` datagrams."""
         ...
 
 
@@ -39,7 +35,7 @@ class MavsdkShards:
     `open` and `destroy`.
     """
 
-    def __init__(self, system_ids: Sequence[int], station_id: int, sender: Sender) -> None:
+    def __init__(self, system_ids: Sequence[int], station_id: int) -> None:
         """As many instances as need be, alike in size. Of them all the first alone speaks to everybody."""
         count = instances(len(system_ids))
         self._fleets = tuple(MavsdkFleet(station_id) for _ in range(count))
@@ -48,27 +44,34 @@ class MavsdkShards:
         self._of = {
             system_id: fleet for fleet, ids in zip(self._fleets, self._ids, strict=True) for system_id in ids
         }
-        self._sender = sender
         self._room = mmsg.Batch(_ROOM, _LONGEST_BYTES)
+        self._written = selectors.DefaultSelector()
 
     def open(self) -> None:
         """Start them. Raises: LinkError."""
         for fleet in self._fleets:
             fleet.open()
+            self._written.register(fleet.loopback.fd, selectors.EVENT_READ, fleet)
 
-    def pass_on(self) -> None:
+    def pass_on(self, sender: Sender) -> None:
         """Pass on what they have written until now. Never blocks."""
-        for fleet in self._fleets:
-            is_first = fleet is self._fleets[0]
-            if not mmsg.available():
-                for data in fleet.loopback.take():
-                    self._sender.send(data, to_everybody=is_first)
-            while count := fleet.loopback.take_batch(self._room) if mmsg.available() else 0:
-                self._sender.send_batch(self._room, count, to_everybody=is_first)
+        for key, _ in self._written.select(0):
+            fleet: MavsdkFleet = key.data
+            count = _ROOM
+            while count == _ROOM:
+                count = fleet.loopback.take(self._room)
+                sender.send_batch(self._room, count, to_everybody=fleet is self._fleets[0])
 
-    def receive(self, frame: Frame) -> None:
+    def take(self, room: mmsg.Batch) -> int:
+        """Fill `room` with what they have written, each's in order. Returns: how many. Never blocks."""
+        count = 0
+        for key, _ in self._written.select(0):
+            count += key.data.loopback.take(room, count)
+        return count
+
+    def receive(self, system_id: int, raw: bytes) -> None:
         """Keep a frame of a configured vehicle until `flush`."""
-        self._waiting[self._of[frame.system_id]].append(frame.raw)
+        self._waiting[self._of[system_id]].append(raw)
 
     def flush(self) -> None:
         """Hand over what is kept, many frames to a datagram. What finds no room is lost, as on any wire."""
@@ -95,5 +98,6 @@ class MavsdkShards:
 
     def destroy(self) -> None:
         """End them all; no plugin may be used afterwards."""
+        self._written.close()
         for fleet in self._fleets:
             fleet.destroy()

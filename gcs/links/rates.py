@@ -26,7 +26,10 @@ altitude, the estimator, vibration."""
 NOT_FOR_MAVSDK: Final = _NOT_NEEDED | {ODOMETRY}
 """What MAVSDK is not shown. Of ODOMETRY the wire itself reads the reset counter."""
 
-_SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it meets a vehicle; ours come after
+ASKING_COMPONENT: Final = 191
+"""Ours that asks. Not MAVSDK's own, which would wonder about answers to what it did not ask."""
+
+SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it meets a vehicle; ours come after
 _WINDOW_S: Final = 4.0
 _PAUSE_MAX_S: Final = 60.0
 _FRAMES_MIN: Final = 4  # in a window; rarer streams are not judged
@@ -72,7 +75,7 @@ class Rates:
             return
         if asked.lives != heard.lives:
             asked.lives, asked.pause_s = heard.lives, _WINDOW_S
-            asked.all_due, asked.look_s = True, now_s + _SETTLE_S
+            asked.all_due, asked.look_s = True, now_s + SETTLE_S
         elif now_s < asked.look_s:
             return
         elif asked.all_due:

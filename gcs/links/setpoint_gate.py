@@ -19,7 +19,7 @@ from gcs.state import Array, Mask
 
 _ROOM: Final = 256
 _MAGIC: Final = 0xFD
-_FRAME: Final = np.dtype(
+FRAME: Final = np.dtype(
     [
         ("magic", "u1"),
         ("length", "u1"),
@@ -65,7 +65,7 @@ class SetpointGate:
         self._counters = counters
         self._clock = clock
         self._failed = failed
-        self._out = Batch(_ROOM, _FRAME.itemsize)
+        self._out = Batch(_ROOM, FRAME.itemsize)
 
     def send(
         self, written: Batch, count: int, left: Callable[[int], None], observers: Sequence[Observer]
@@ -80,10 +80,10 @@ class SetpointGate:
 
         Returns: the rows that are anything else, or whose way is not UDP, in order.
         """
-        is_setpoint = _are_setpoints(written, count)
+        is_setpoint = are_setpoints(written, count)
         others: list[int] = np.flatnonzero(~is_setpoint).tolist()
         rows = np.flatnonzero(is_setpoint)
-        said = _frames(written, rows)["said"]
+        said = frames_of(written, rows)["said"]
         velocities = np.stack([said["vx"], said["vy"], said["vz"]], axis=1)
         ways: dict[int, _Way] = {}
         now_s = self._clock()
@@ -118,8 +118,8 @@ class SetpointGate:
         observers: Sequence[Observer],
     ) -> None:
         first, end = 0, len(way.rows)
-        self._out.data[:end] = written.data[way.rows, : _FRAME.itemsize]
-        self._out.length[:end] = _FRAME.itemsize
+        self._out.data[:end] = written.data[way.rows, : FRAME.itemsize]
+        self._out.length[:end] = FRAME.itemsize
         self._out.address([(address.host, address.port) for address in way.addresses])
         while first < end:
             # Asked again right before the call: the process may be stopped anywhere.
@@ -144,19 +144,19 @@ class SetpointGate:
         return self._asked is None or self._asked.is_newest(target, velocity_m_s.tobytes())
 
 
-def _frames(written: Batch, rows: NDArray[np.intp]) -> Records:
-    """(k,) of _FRAME."""
-    return written.data[rows, : _FRAME.itemsize].copy().view(_FRAME)[:, 0]
+def frames_of(written: Batch, rows: NDArray[np.intp]) -> Records:
+    """Datagrams of that length, as (k,) of `FRAME`."""
+    return written.data[rows, : FRAME.itemsize].copy().view(FRAME)[:, 0]
 
 
-def _are_setpoints(written: Batch, count: int) -> Mask:
+def are_setpoints(written: Batch, count: int) -> Mask:
     """(count,) whether each datagram is one unsigned velocity setpoint, whole."""
-    frames = _frames(written, np.arange(count))
+    frames = frames_of(written, np.arange(count))
     number = frames["message_id"] @ np.array([1, 1 << 8, 1 << 16])
     are: Mask = (
-        (written.length[:count] == _FRAME.itemsize)
+        (written.length[:count] == FRAME.itemsize)
         & (frames["magic"] == _MAGIC)
-        & (frames["length"] == _FRAME.itemsize - HEADER_LENGTH)
+        & (frames["length"] == FRAME.itemsize - HEADER_LENGTH)
         & (frames["incompatible"] == 0)
         & (number == SET_POSITION_TARGET_LOCAL_NED)
     )

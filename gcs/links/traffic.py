@@ -27,7 +27,7 @@ class Counters:
     received: int = 0
     sent: int = 0
     setpoints_sent: int = 0
-    setpoints_dropped: int = 0  # by the deadman
+    setpoints_dropped: int = 0  # not permitted: late, old, or repeated by MAVSDK
     heartbeats_withheld: int = 0  # of ours, while control was dead
     commands_dropped: int = 0  # ordered before a kill, and repeated behind it
     unroutable: int = 0  # for a system not heard yet

@@ -17,9 +17,8 @@ import yaml
 from gcs.cli.serve import make_link
 from gcs.config import Config, parse
 from gcs.lifecycle import ShowPhase
-from gcs.links.direct.link import DirectLink
+from gcs.links.direct.udp_link import UdpLink
 from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, SET_POSITION_TARGET_LOCAL_NED
-from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.traffic import Direction
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
@@ -102,7 +101,7 @@ async def reached(what: str, holds: Callable[[], bool]) -> None:
 async def measure(config: Config) -> tuple[Passing, TickView]:
     """Fly, and watch for a while."""
     link = make_link(config.links[0], config)
-    if not isinstance(link, MavsdkLink | DirectLink):
+    if not isinstance(link, UdpLink):
         raise TypeError(link)
     orchestrator = Orchestrator(config, [link])
     view = orchestrator.view

@@ -30,13 +30,9 @@ from gcs.config import Config, parse
 from gcs.control import Memory
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.links.direct.kernels import BEGIN, Bytes, Whole
-from gcs.links.direct.link import DirectLink
-from gcs.links.mavsdk_link import MavsdkLink
-from gcs.links.traffic import Direction
+from gcs.links.direct.udp_link import UdpLink
 from gcs.orchestrator import Orchestrator
 from gcs.state import Array, Mode, Setpoints, Telemetry
-
-AnyLink = DirectLink | MavsdkLink
 
 NUMBER_AT = 4  # of a MAVLink 2 frame: where its number is
 
@@ -69,16 +65,16 @@ def config_of(count: int, rate_hz: float, transport: str = "direct") -> Config:
     return parse(yaml.safe_dump(raw), "bench")
 
 
-def links_of(config: Config) -> list[AnyLink]:
+def links_of(config: Config) -> list[UdpLink]:
     """As the service makes them."""
     made = [make_link(settings, config) for settings in config.links]
-    return [link for link in made if isinstance(link, DirectLink | MavsdkLink)]
+    return [link for link in made if isinstance(link, UdpLink)]
 
 
 class Passage:
     """How long it takes from a position's arrival until a setpoint made with it left; and what is lost."""
 
-    def __init__(self, link: AnyLink) -> None:
+    def __init__(self, link: UdpLink) -> None:
         self.waits_s: list[Array] = []
         self.gaps = Gaps(len(link.ids))
         self._link = link
@@ -87,12 +83,8 @@ class Passage:
         self._open: tuple[float, Array] | None = None
         self._snapshot = link.snapshot
         link.snapshot = self.snapshot  # type: ignore[method-assign]
-        self._numbers: list[tuple[int, int]] = []
-        if isinstance(link, DirectLink):
-            self._take = link._heard.take
-            link._heard.take = self._take_batch  # type: ignore[method-assign]
-        else:
-            link.observe(self._see)
+        self._take = link._heard.take
+        link._heard.take = self._take_batch  # type: ignore[method-assign]
 
     def snapshot(self) -> Telemetry:
         """As the link's. What was read the last time has left by now, or has not left at all."""
@@ -101,19 +93,10 @@ class Passage:
         read_s = time.monotonic()
         telemetry = self._snapshot()
         self._open = read_s, telemetry.position_time_s
-        if self._numbers:
-            system_ids, numbers = np.array(self._numbers).T
-            self._numbers.clear()
-            self.gaps.take(system_ids - 1, numbers)
         return telemetry
 
-    def _see(self, _time_s: float, direction: Direction, raw: bytes, system_id: int) -> None:
-        """An `Observer`."""
-        if direction is Direction.RECEIVED:
-            self._numbers.append((system_id, raw[NUMBER_AT]))
-
     def _take_batch(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
-        """As the direct link's: an observer would be called frame by frame."""
+        """As the link's: an observer would be called frame by frame."""
         self.gaps.take(rows, data[frames[:, BEGIN] + NUMBER_AT].astype(np.int64))
         self._take(data, frames, rows, time_s)
 
@@ -125,11 +108,7 @@ class Passage:
 
     def _left_s(self) -> Array:
         """(n,) when the newest setpoint left, as the link's own records say."""
-        link = self._link
-        if isinstance(link, DirectLink):
-            return link._sent.newest_s.copy()
-        times_s = [record[-1] if record else -np.inf for record in link._wire._sent_s.values()]
-        return np.array(times_s)
+        return self._link._sent.newest_s.copy()
 
     def restart(self) -> None:
         """Forget what was before."""
@@ -140,7 +119,7 @@ class Passage:
 class Measurement:
     """From its making until `cost`."""
 
-    def __init__(self, links: Sequence[AnyLink], passages: Sequence[Passage]) -> None:
+    def __init__(self, links: Sequence[UdpLink], passages: Sequence[Passage]) -> None:
         self._links, self._passages = links, passages
         for passage in passages:
             passage.restart()
@@ -213,14 +192,14 @@ async def ended(tasks: Sequence[asyncio.Task[None]]) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-def with_received(cost: Cost, links: Sequence[AnyLink], fleet: Fleet) -> Cost:
+def with_received(cost: Cost, links: Sequence[UdpLink], fleet: Fleet) -> Cost:
     """The cost, with what the fleet did not receive of all that ever left."""
     fleet.end()
     sent = sum(link.setpoints_sent for link in links)
     return replace(cost, lost_out_percent=100 * (sent - fleet.setpoints) / max(sent, 1))
 
 
-async def met(links: Sequence[AnyLink], count: int) -> frozenset[str]:
+async def met(links: Sequence[UdpLink], count: int) -> frozenset[str]:
     """Until so many fly in OFFBOARD with a position. Returns: who."""
     while True:
         told = [link.snapshot() for link in links]

@@ -15,8 +15,7 @@ from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.config import Config
 from gcs.lifecycle import Phase, ShowPhase
-from gcs.links.direct.link import DirectLink
-from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.direct.udp_link import UdpLink
 from gcs.orchestrator import Orchestrator
 
 IDS = {"mavsdk": "mavsdk1", "direct": "direct2"}
@@ -45,9 +44,6 @@ print(len(answered))
 """
 
 
-AnyLink = MavsdkLink | DirectLink
-
-
 def config_of(base: int) -> Config:
     """Two vehicles, each on a link of its own."""
     raw = flying_config(2, base, silence_s=20.0).model_dump()
@@ -66,15 +62,15 @@ def config_of(base: int) -> Config:
     return Config.model_validate(raw)
 
 
-async def fly_and_flood(folder: Path) -> tuple[dict[str, AnyLink], float, float, int]:
+async def fly_and_flood(folder: Path) -> tuple[dict[str, UdpLink], float, float, int]:
     """In formation. Returns: the links, when the flood began and ended, what was answered."""
     base = free_ports(2)
     config = config_of(base)
-    links: dict[str, AnyLink] = {}
+    links: dict[str, UdpLink] = {}
     with vehicles(2, base, folder, *proper(config)):
         for settings in config.links:
             link = make_link(settings, config)
-            assert isinstance(link, MavsdkLink | DirectLink)
+            assert isinstance(link, UdpLink)
             links[settings.transport] = link
         orchestrator = Orchestrator(config, list(links.values()))
         async with served(orchestrator) as port:

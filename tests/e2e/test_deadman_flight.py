@@ -11,7 +11,7 @@ from machine import Witness, free_ports
 
 from gcs.cli.serve import make_link
 from gcs.lifecycle import Phase, ShowPhase
-from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.mavsdk_udp_link import MavsdkUdpLink
 from gcs.orchestrator import Orchestrator
 from gcs.service import ShowAction
 
@@ -46,7 +46,7 @@ def failsafe_has_begun(truth: dict[str, object]) -> bool:
     return truth["mode"] == "POSITION" and float(str(truth["velocity_down_m_s"])) > 0.5
 
 
-async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkLink, float, list[Phase]]:
+async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkUdpLink, float, list[Phase]]:
     """Fly two vehicles, stop control, wait for the failsafe: link, time of the last tick, phases after."""
     base = free_ports(2)
     config = flying_config(
@@ -59,7 +59,7 @@ async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkLink, float, lis
     )
     with vehicles(2, base, folder, *proper(config)):
         link = make_link(config.links[0], config)
-        assert isinstance(link, MavsdkLink)
+        assert isinstance(link, MavsdkUdpLink)
         orchestrator = Orchestrator(config, [link])
         view = orchestrator.view
         control = asyncio.create_task(orchestrator.run())

@@ -17,7 +17,7 @@ from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.formation.thomson import best_configuration, energy
 from gcs.lifecycle import Phase, ShowPhase
-from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.mavsdk_udp_link import MavsdkUdpLink
 from gcs.orchestrator import Orchestrator
 from gcs.service import FleetView
 
@@ -40,7 +40,7 @@ FORMED = 1.01
 class Seen:
     """What became of the flight."""
 
-    link: MavsdkLink
+    link: MavsdkUdpLink
     killed_s: float
     phases: Mapping[str, str]  # as the API has them
     ratio: float  # of the survivors' shape, once formed or when there was no more waiting
@@ -76,7 +76,7 @@ async def fly_and_kill(folder: Path, machine: Witness) -> Seen:
     config = flying_config(8, base, silence_s=2.0)
     with vehicles(8, base, folder, *proper(config)) as processes:
         link = make_link(config.links[0], config)
-        assert isinstance(link, MavsdkLink)
+        assert isinstance(link, MavsdkUdpLink)
         orchestrator = Orchestrator(config, [link])
         async with served(orchestrator) as port:
             view = orchestrator.view

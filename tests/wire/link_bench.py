@@ -13,12 +13,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from gcs.frames import ShowFrame
 from gcs.links import Order, Verb
 from gcs.links.direct.link import DirectLink
+from gcs.links.direct.udp_link import UdpLink
 from gcs.links.endpoints import Listen
 from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.mavsdk_udp_link import MavsdkUdpLink
 from gcs.state import Setpoints
 
 PERIOD_S = 0.05
@@ -27,9 +30,16 @@ VELOCITY_M_S = (1.0, 0.5, -0.25)
 AGE_S = 1000.0
 """After so long the dates of `DatedTicks` begin again."""
 
-AnyLink = MavsdkLink | DirectLink
+AnyLink = MavsdkLink | UdpLink
 
-KINDS: dict[str, type[MavsdkLink] | type[DirectLink]] = {"mavsdk": MavsdkLink, "direct": DirectLink}
+KINDS: dict[str, type[MavsdkLink] | type[MavsdkUdpLink] | type[DirectLink]] = {
+    "mavsdk": MavsdkUdpLink,
+    "wire": MavsdkLink,
+    "direct": DirectLink,
+}
+
+EVERY = pytest.mark.parametrize("transport", list(KINDS), indirect=True)
+"""The test holds for MAVSDK over the wire, too, which serial ports and the like need."""
 
 chosen = "mavsdk"
 """What `a_link` makes; the fixture `transport` sets it for tests that hold for both."""
@@ -76,7 +86,7 @@ async def until(true: Callable[[], object], timeout_s: float = 30.0) -> None:
 
 async def repeated(link: AnyLink, times: int, *, since: int) -> None:
     """Until MAVSDK has tried in vain to repeat what it was told; the direct transport tries nothing."""
-    if isinstance(link, MavsdkLink):
+    if not isinstance(link, DirectLink):
         await until(lambda: link.counters.setpoints_dropped >= since + times)
     else:
         await asyncio.sleep(times * PERIOD_S)
@@ -85,7 +95,7 @@ async def repeated(link: AnyLink, times: int, *, since: int) -> None:
 
 def is_open(link: AnyLink) -> bool:
     """Whether it can be ordered something."""
-    return (link._orders if isinstance(link, MavsdkLink) else link._open) is not None
+    return link._orders is not None
 
 
 async def ready(link: AnyLink) -> None:

@@ -14,7 +14,7 @@ from link_peer import Peer
 from machine import free_ports
 
 from gcs.links.mavsdk_fleet import MavsdkFleet
-from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.mavsdk_udp_link import MavsdkUdpLink
 
 VEHICLES = 6
 ROUNDS = 12
@@ -27,7 +27,7 @@ OPENINGS = 20
 async def open_and_close(port: int) -> None:
     """Leave the vehicles in a cycle, as a traceback or a callback can, and collect while the link closes."""
     link = a_link(port, range(1, VEHICLES + 1))
-    assert isinstance(link, MavsdkLink)
+    assert isinstance(link, MavsdkUdpLink)
     closed = Event()
 
     def collect() -> None:

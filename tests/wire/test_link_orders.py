@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from link_bench import PERIOD_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until
+from link_bench import EVERY, PERIOD_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until
 from link_peer import Peer
 from machine import STALL_S, Witness, free_ports
 
@@ -111,6 +111,7 @@ def test_orders_that_make_no_sense_are_refused_before_they_leave() -> None:
         asyncio.run(main(peer, a_link(port, [1, 2])))
 
 
+@EVERY
 def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
     async def main(peer: Peer, link: AnyLink, machine: Witness) -> None:
         async with running(link):

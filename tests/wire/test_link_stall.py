@@ -5,13 +5,13 @@ import time
 
 import numpy as np
 import pytest
-from link_bench import VELOCITY_M_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until
+from link_bench import EVERY, VELOCITY_M_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until
 from link_peer import Peer
 from machine import free_ports
 from pymavlink.dialects.v20.common import MAV_TYPE_GCS
 
 from gcs.links import Verb
-from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.direct.link import DirectLink
 from gcs.state import Mode, Setpoints
 
 pytestmark = pytest.mark.usefixtures("transport")
@@ -50,6 +50,7 @@ async def into_offboard(link: AnyLink, ticks: Ticks) -> None:
     assert link.snapshot().mode == (Mode.OFFBOARD,)
 
 
+@EVERY
 def test_setpoints_cease_when_the_event_loop_is_blocked_for_three_seconds() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
@@ -99,6 +100,7 @@ def test_setpoints_cease_when_a_computation_keeps_the_interpreter() -> None:
         asyncio.run(main(peer, a_link(port, [1])))
 
 
+@EVERY
 def test_a_vehicle_that_is_no_longer_listed_gets_nothing_from_that_call_on() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
@@ -118,13 +120,14 @@ def test_a_vehicle_that_is_no_longer_listed_gets_nothing_from_that_call_on() -> 
         asyncio.run(main(peer, a_link(port, [1])))
 
 
+@EVERY
 def test_a_batch_from_a_tick_long_ago_is_not_sent() -> None:
     async def main(link: AnyLink) -> None:
         async with running(link):
             await ready(link)
             old_s = time.monotonic() - 0.25
             link.send(Setpoints(old_s, ("v1",), np.zeros((1, 3)), np.zeros(1)))
-            await until(lambda: link.counters.setpoints_dropped >= (3 if isinstance(link, MavsdkLink) else 1))
+            await until(lambda: link.counters.setpoints_dropped >= (1 if isinstance(link, DirectLink) else 3))
             assert link.setpoint_times_s("v1") == ()
 
     with Peer(port := free_ports(), 1):
@@ -149,6 +152,7 @@ def test_setpoints_are_turned_from_the_show_frame(
         asyncio.run(main(peer, a_link(port, [1], heading_deg=heading_deg)))
 
 
+@EVERY
 def test_our_heartbeat_ends_when_control_is_dead_and_begins_again_with_it() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):

@@ -16,6 +16,7 @@ from machine import Witness, free_ports
 from pymavlink import mavutil
 
 from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.mavsdk_udp_link import MavsdkUdpLink
 
 DEADMAN_S = 0.2
 ON_ITS_WAY_S = 0.02
@@ -104,26 +105,29 @@ def test_control_loop_late() -> None:
             assert machine.awake_s(last_s, between_s[-1]) <= DEADMAN_S
 
 
+@pytest.mark.parametrize("transport", ["mavsdk", "wire"], indirect=True)
+@pytest.mark.usefixtures("transport")
 def test_mavsdk_thread_stuck() -> None:
     """What MAVSDK's thread writes late is old when it comes, whatever the ticks have allowed since."""
 
     async def main(peer: Peer) -> list[float]:
         link = a_link(port, [1])
-        assert isinstance(link, MavsdkLink)
+        assert isinstance(link, MavsdkUdpLink | MavsdkLink)
         frees_s: list[float] = []
         async with running(link):
             await ready(link)
             fleet = link._fleet
             assert fleet is not None
-            pass_on = fleet.pass_on
+            take, pass_on = fleet.take, fleet.pass_on
             async with DatedTicks(link, "v1").running():
                 for _ in range(5):
                     before = len(arrivals_s(peer))
                     await until(lambda before=before: len(arrivals_s(peer)) > before + 10)  # type: ignore[misc]
                     dropped = link.counters.setpoints_dropped
-                    fleet.pass_on = lambda: None  # type: ignore[method-assign]  # nothing comes, and all waits
+                    fleet.take = lambda _room: 0  # type: ignore[method-assign]  # nothing comes, and all waits
+                    fleet.pass_on = lambda _sender: None  # type: ignore[method-assign]
                     await asyncio.sleep(0.5)
-                    fleet.pass_on = pass_on  # type: ignore[method-assign]
+                    fleet.take, fleet.pass_on = take, pass_on  # type: ignore[method-assign]
                     frees_s.append(time.monotonic())
                     await until(lambda dropped=dropped: link.counters.setpoints_dropped > dropped + 5)  # type: ignore[misc]
                 await until(lambda: arrivals_s(peer)[-1] > frees_s[-1])

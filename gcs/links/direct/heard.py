@@ -31,7 +31,7 @@ from gcs.links.mavlink_frames import (
     px4_mode,
 )
 from gcs.links.roster import SILENT_AFTER_S
-from gcs.state import Array, Landed, Mode, Telemetry, VehicleId
+from gcs.state import Array, Landed, Mask, Mode, Telemetry, VehicleId
 
 _AUTOPILOT_COMPONENT: Final = 1
 _ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -136,20 +136,26 @@ class FleetHeard:
         """Whether anybody waits for a heartbeat."""
         return bool(self._waiting)
 
-    def telemetry(self, *, may_be_ready: bool = True) -> Telemetry:
-        """All of it, as it is now; `may_be_ready` False: nobody can be armed, whatever they said."""
+    def telemetry(self, *, may_be_ready: Mask | bool = True, met: Mask | None = None) -> Telemetry:
+        """All of it, as it is now.
+
+        Args:
+            may_be_ready: (n,) who can be armed, if it says so itself.
+            met: (n,) whose position is told; None: everybody's.
+        """
         modes, mode_of = self._mode.tolist(), self._mode_of
+        unmet = np.zeros(len(modes), np.bool_) if met is None else ~met
         complete = np.isfinite(self.heartbeat_time_s) & np.isfinite(self._place[:, 0])
         ready = self.prearm_ok & complete & may_be_ready
         return Telemetry(
             ids=self._ids,
-            position_time_s=self.position_time_s.copy(),
+            position_time_s=np.where(unmet, -np.inf, self.position_time_s),
             heartbeat_time_s=self.heartbeat_time_s.copy(),
-            latitude_deg=self._place[:, 0].copy(),
-            longitude_deg=self._place[:, 1].copy(),
-            altitude_amsl_m=self._place[:, 2].copy(),
-            velocity_ned_m_s=self._velocity_m_s.copy(),
-            yaw_deg=self._yaw_deg.copy(),
+            latitude_deg=np.where(unmet, np.nan, self._place[:, 0]),
+            longitude_deg=np.where(unmet, np.nan, self._place[:, 1]),
+            altitude_amsl_m=np.where(unmet, np.nan, self._place[:, 2]),
+            velocity_ned_m_s=np.where(unmet[:, None], np.nan, self._velocity_m_s),
+            yaw_deg=np.where(unmet, np.nan, self._yaw_deg),
             battery_remaining=self._battery.copy(),
             armed=tuple(self.armed.tolist()),
             mode=tuple(map(mode_of, modes)),

@@ -1,5 +1,7 @@
 """Datagrams from vehicles: taken apart, judged, and given to whom they concern."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from gcs.links.direct import codec
@@ -10,6 +12,7 @@ from gcs.links.direct.kernels import BEGIN, COMPONENT, DATAGRAM, END, MESSAGE, S
 from gcs.links.direct.packets import Datagrams
 from gcs.links.direct.streams import Streams
 from gcs.links.traffic import Counters, Direction, Observer
+from gcs.state import Array
 
 _AUTOPILOT_COMPONENT = 1
 
@@ -20,11 +23,14 @@ class Inbox:
     Attributes:
         observers: whoever wants to see every frame; replace the tuple, do not mutate it.
         commands: who waits for answers; None: nobody.
+        pass_on: who else is to read what was taken: (data, frames, rows, times) as `FleetHeard.take` gets
+            them; None: nobody.
     """
 
     def __init__(self, addresses: Addresses, heard: FleetHeard, streams: Streams, counters: Counters) -> None:
         self.observers: tuple[Observer, ...] = ()
         self.commands: Commands | None = None
+        self.pass_on: Callable[[Bytes, Whole, Whole, Array], None] | None = None
         self._addresses = addresses
         self._heard = heard
         self._streams = streams
@@ -41,6 +47,8 @@ class Inbox:
         self._counters.received += len(frames)
         self._heard.take(arrived.data, frames, rows, time_s)
         self._take_answers(arrived.data, frames, rows)
+        if self.pass_on is not None:
+            self.pass_on(arrived.data, frames, rows, time_s)
         for observer in self.observers:
             for frame, at_s in zip(frames.tolist(), time_s.tolist(), strict=True):
                 raw = arrived.data[frame[BEGIN] : frame[END]].tobytes()

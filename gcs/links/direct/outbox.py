@@ -1,12 +1,13 @@
 """Frames on their way to vehicles: numbered, addressed, held back where a kill or silence forbids them."""
 
+from math import inf
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.links.direct.addresses import Addresses
-from gcs.links.direct.codec import Frames, Records, encode
+from gcs.links.direct.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode
 from gcs.links.direct.kernels import Bytes, Whole
 from gcs.links.direct.packets import Packets
 from gcs.links.traffic import Counters, Direction, Observer
@@ -21,29 +22,47 @@ class Outbox:
         observers: whoever wants to see every frame; replace the tuple, do not mutate it.
     """
 
-    def __init__(self, packets: Packets, addresses: Addresses, counters: Counters, system_ids: Whole) -> None:
+    def __init__(
+        self,
+        packets: Packets,
+        addresses: Addresses,
+        counters: Counters,
+        system_ids: Whole,
+        station_id: int = SYSTEM_ID,
+    ) -> None:
+        """`station_id` is our own system id."""
         self.observers: tuple[Observer, ...] = ()
         self._packets = packets
         self._addresses = addresses
         self._counters = counters
         self._system_ids = system_ids
+        self._station_id = station_id
         self._sequence: Bytes = np.zeros(len(system_ids), np.uint8)
 
-    def encode(self, message_id: int, messages: Records, rows: Whole) -> Frames:
-        """Frames for `rows` (k,), no row twice, each vehicle's numbered in order."""
+    def encode(
+        self, message_id: int, messages: Records, rows: Whole, *, component_id: int = COMPONENT_ID
+    ) -> Frames:
+        """Frames for `rows` (k,), no row twice, each vehicle's numbered in order; `component_id` of ours."""
         sequence = self._sequence[rows]
         self._sequence[rows] = sequence + np.uint8(1)
-        return encode(message_id, messages, sequence)
+        return encode(message_id, messages, sequence, system_id=self._station_id, component_id=component_id)
 
-    def send(self, frames: Frames, rows: Whole, now_s: float, *, to_all: bool = False) -> NDArray[np.bool_]:
+    def send(
+        self, frames: Frames, rows: Whole, now_s: float, *, until_s: float = inf, to_all: bool = False
+    ) -> NDArray[np.bool_]:
         """Send frame i to where row i of `rows` is heard from. Never blocks, never raises.
 
-        `to_all` says what observers are told: that the frames are for everybody behind those addresses.
+        Args:
+            frames: (k,) whole.
+            rows: (k,) whom they are for.
+            now_s: the link's clock.
+            until_s: behind it nothing more leaves.
+            to_all: what observers are told: that the frames are for everybody behind those addresses.
 
         Returns: (k,) whether each left.
         """
         destination = self._addresses.source[rows]
-        left = self._packets.send(frames.data, frames.length, destination)
+        left = self._packets.send(frames.data, frames.length, destination, until_s=until_s)
         self._counters.sent += int(left.sum())
         self._counters.unroutable += int((destination == _NOWHERE).sum())
         self._counters.send_errors = self._packets.send_errors
@@ -55,6 +74,14 @@ class Outbox:
                     observer(now_s, Direction.SENT, raw, target)
         return left
 
-    def tell(self, message_id: int, messages: Records, rows: Whole, now_s: float) -> NDArray[np.bool_]:
+    def tell(
+        self,
+        message_id: int,
+        messages: Records,
+        rows: Whole,
+        now_s: float,
+        *,
+        component_id: int = COMPONENT_ID,
+    ) -> NDArray[np.bool_]:
         """Encode and send."""
-        return self.send(self.encode(message_id, messages, rows), rows, now_s)
+        return self.send(self.encode(message_id, messages, rows, component_id=component_id), rows, now_s)

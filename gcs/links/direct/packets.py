@@ -7,7 +7,8 @@ import logging
 import selectors
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import inf
 from struct import Struct
 from time import time as wall_time_s
 from typing import Final, NamedTuple
@@ -29,8 +30,8 @@ _ROOM: Final = 512
 _LONGEST: Final = 2048
 """Bytes of a datagram that are read; an Ethernet carries 1500."""
 
-_BATCH: Final = 64
-_ROUNDS: Final = 64
+_BATCH: Final = 256
+_ROUNDS: Final = 16
 """Batches a socket may fill in one go, so that it cannot keep us busy for ever."""
 
 _ERRORS: Final = 16
@@ -79,12 +80,21 @@ class Packets:
     """
 
     def __init__(
-        self, name: str, listen: Listen, clock: Callable[[], float], *, batched: bool = mmsg.available()
+        self,
+        name: str,
+        listen: Listen | Sequence[Listen],
+        clock: Callable[[], float],
+        *,
+        batched: bool = mmsg.available(),
     ) -> None:
         """Nothing is opened yet. `batched` False: as on a platform without batches."""
         self.send_errors = 0
         self._name = name
-        self._listen = listen
+        self._places = tuple(
+            (each.host, port)
+            for each in ((listen,) if isinstance(listen, Listen) else listen)
+            for port in range(each.first_port, each.first_port + each.port_count)
+        )
         self._clock = clock
         self._batched = batched
         self._sockets: tuple[socket.socket, ...] = ()
@@ -99,13 +109,13 @@ class Packets:
     def open(self) -> None:
         """Bind every port. Raises: LinkError naming the port."""
         opened: list[socket.socket] = []
-        for port in range(self._listen.first_port, self._listen.first_port + self._listen.port_count):
+        for host, port in self._places:
             try:
-                opened.append(_bound(self._listen.host, port))
+                opened.append(_bound(host, port))
             except (OSError, OverflowError) as error:
                 for other in opened:
                     other.close()
-                raise LinkError(f"{self._name}: UDP port {port} on {self._listen.host}: {error}") from error
+                raise LinkError(f"{self._name}: UDP port {port} on {host}: {error}") from error
         self._sockets = tuple(opened)
         self._drained_s = np.full(len(opened), self._clock())
         self._selector = selectors.DefaultSelector()
@@ -145,13 +155,16 @@ class Packets:
             take(self._datagrams(filled, now_s, wall_s))
         self._drained_s[empty] = now_s
 
-    def send(self, data: Bytes, length: Whole, destination: Whole) -> NDArray[np.bool_]:
+    def send(
+        self, data: Bytes, length: Whole, destination: Whole, *, until_s: float = inf
+    ) -> NDArray[np.bool_]:
         """Send n datagrams. Never blocks, never raises.
 
         Args:
             data: (n, longest).
             length: (n,) bytes of each.
             destination: (n,) sources as they were heard; one below 0 is nowhere.
+            until_s: on our clock; behind it nothing more leaves.
 
         Returns: (n,) whether each left.
         """
@@ -163,7 +176,7 @@ class Packets:
         changes = np.flatnonzero(np.diff(index)) + 1
         for first, end in zip([0, *changes.tolist()], [*changes.tolist(), len(index)], strict=True):
             if 0 <= index[first] < len(self._sockets):
-                self._send_all(outbox, self._sockets[int(index[first])], first, end, left)
+                self._send_all(outbox, self._sockets[int(index[first])], first, end, left, until_s)
         return left
 
     def _filled(self, data: Bytes, length: Whole, destination: Whole) -> mmsg.Batch:
@@ -180,9 +193,16 @@ class Packets:
         return outbox
 
     def _send_all(
-        self, outbox: mmsg.Batch, through: socket.socket, first: int, end: int, left: NDArray[np.bool_]
+        self,
+        outbox: mmsg.Batch,
+        through: socket.socket,
+        first: int,
+        end: int,
+        left: NDArray[np.bool_],
+        until_s: float,
     ) -> None:
-        while first < end:
+        # Asked again right before every call: the process may be stopped anywhere.
+        while first < end and self._clock() <= until_s:
             try:
                 count = (
                     outbox.send(through.fileno(), first, end)

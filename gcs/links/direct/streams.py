@@ -12,11 +12,13 @@ import numpy as np
 from gcs.links.direct.codec import Records, records
 from gcs.links.direct.kernels import Whole
 from gcs.links.mavlink_frames import COMMAND_LONG, GLOBAL_POSITION_INT, SET_MESSAGE_INTERVAL
+from gcs.links.rates import ASKING_COMPONENT
 from gcs.state import Mask
 
 _ANSWER_S: Final = 0.5
 _TRIES: Final = 4
 _AUTOPILOT_COMPONENT: Final = 1
+_ANY_COMPONENT: Final = 0
 
 _CHECK_S: Final = 5.0
 _RATE_SHARE: Final = 0.5
@@ -31,7 +33,13 @@ class Streams:
     def __init__(
         self, system_ids: Whole, rates_hz: Mapping[int, float], tell: Callable[[int, Records, Whole], object]
     ) -> None:
-        """`rates_hz` by message id, 0 for not at all; `tell` sends messages of one kind to rows."""
+        """Nobody is asked yet.
+
+        Args:
+            system_ids: (n,) of the vehicles.
+            rates_hz: by message id, 0 for not at all.
+            tell: sends messages of one kind to rows, from `ASKING_COMPONENT`.
+        """
         n = len(system_ids)
         self._message = np.array(list(rates_hz), np.int64)
         self._interval_us = np.array([1e6 / rate_hz if rate_hz else -1.0 for rate_hz in rates_hz.values()])
@@ -56,7 +64,7 @@ class Streams:
         """Begin with vehicles that have come, or begun anew; ask what is due.
 
         Args:
-            connected: (n,) heard lately.
+            connected: (n,) heard lately, and may be asked.
             lives: (n,) how often each was met, see `FleetHeard`.
             positions: (n,) how many have come, in all.
             now_s: the link's clock.
@@ -69,7 +77,8 @@ class Streams:
 
     def take_acks(self, rows: Whole, said: Records) -> None:
         """Go on with those that answered: (k,) rows and COMMAND_ACKs. Whatever they answered, it is said."""
-        answered = np.unique(rows[said["command"] == SET_MESSAGE_INTERVAL])
+        is_ours = np.isin(said["target_component"], (ASKING_COMPONENT, _ANY_COMPONENT))
+        answered = np.unique(rows[is_ours & (said["command"] == SET_MESSAGE_INTERVAL)])
         answered = answered[np.isfinite(self._asked_s[answered])]
         self._step[answered] += 1
         self._tries[answered] = 0

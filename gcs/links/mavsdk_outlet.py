@@ -1,0 +1,124 @@
+"""What MAVSDK writes, on its way to the vehicles: setpoints judged and sent together, all else one by one."""
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.links.direct.codec import Frames
+from gcs.links.direct.kernels import Whole
+from gcs.links.direct.outbox import Outbox
+from gcs.links.direct.sent import Sent
+from gcs.links.direct.udp_link import Wanted
+from gcs.links.killlatch import KillLatch
+from gcs.links.mavlink_frames import SETPOINT_MESSAGES, Frame, moves, split, target_system
+from gcs.links.mmsg import Batch
+from gcs.links.setpoint_gate import FRAME, are_setpoints, frames_of
+from gcs.links.traffic import Counters
+from gcs.state import Array, Mask
+
+_NOBODY: Final = -1
+
+
+class MavsdkOutlet:
+    """Lets through one setpoint a tick for each vehicle: what the newest tick asked, while it may leave.
+
+    MAVSDK repeats setpoints by itself, and has a queue: what it writes may be said again, or long ago.
+    """
+
+    def __init__(
+        self,
+        outbox: Outbox,
+        system_ids: Whole,
+        latch: KillLatch,
+        sent: Sent,
+        counters: Counters,
+        clock: Callable[[], float],
+    ) -> None:
+        """Nothing is asked of anybody. Rows as on the link."""
+        n = len(system_ids)
+        self._outbox = outbox
+        self._latch = latch
+        self._sent = sent
+        self._counters = counters
+        self._clock = clock
+        self._row_of = np.full(256, _NOBODY, np.int64)
+        self._row_of[system_ids] = np.arange(n)
+        self._awaited: Mask = np.zeros(n, np.bool_)  # whose setpoint of the newest tick is still to leave
+        self._velocity: NDArray[np.uint32] = np.zeros((n, 3), np.uint32)  # as it stands on the wire
+        self._until_s = -np.inf
+
+    @property
+    def awaits(self) -> bool:
+        """Whether anything of the newest tick is still to leave."""
+        return bool(self._awaited.any())
+
+    def ask(self, wanted: Wanted) -> None:
+        """Let these leave, once each, and nothing that was asked before."""
+        self._awaited[:] = False
+        self._awaited[wanted.rows] = True
+        self._velocity[wanted.rows] = _on_the_wire(wanted.velocity_ned_m_s)
+        self._until_s = wanted.until_s
+
+    def forbid(self, rows: Whole | slice) -> None:
+        """Let nothing of the newest tick leave to these any more."""
+        self._awaited[rows] = False
+
+    def take(self, written: Batch, count: int) -> None:
+        """Send on the first `count` datagrams, those that may leave. Never blocks, never raises."""
+        is_setpoint = are_setpoints(written, count)
+        self._take_setpoints(written, np.flatnonzero(is_setpoint))
+        others = [
+            (frame, int(self._row_of[target_system(frame)]))
+            for at in np.flatnonzero(~is_setpoint).tolist()
+            for frame in split(written.data[at, : written.length[at]].tobytes(), checked=False).frames
+            if self._may_leave(frame)
+        ]
+        if others:
+            self._pass_on([frame.raw for frame, _ in others], np.array([row for _, row in others]))
+
+    def _take_setpoints(self, written: Batch, places: Whole) -> None:
+        said = frames_of(written, places)["said"]
+        rows = self._row_of[said["target_system"]]
+        velocity = np.stack([said[axis] for axis in ("vx", "vy", "vz")], axis=1).view(np.uint32)
+        newest = self._awaited[rows] & (rows != _NOBODY) & (velocity == self._velocity[rows]).all(axis=1)
+        # of several that say the same the last
+        leaving, last = np.unique(rows[newest][::-1], return_index=True)
+        at = places[newest][::-1][last]
+        frames = Frames(written.data[at, : FRAME.itemsize], np.full(len(at), FRAME.itemsize))
+        left = self._outbox.send(frames, leaving, self._clock(), until_s=self._until_s)
+        left_s = self._clock()  # after the call: never earlier than the truth
+        self._awaited[leaving] = False
+        self._sent.note(leaving[left], left_s)
+        self._counters.setpoints_sent += int(left.sum())
+        self._counters.setpoints_dropped += len(places) - len(leaving)
+        if left_s > self._until_s:
+            self._counters.setpoints_dropped += int((~left).sum())
+
+    def _may_leave(self, frame: Frame) -> bool:
+        """Of commands and parameters; our heartbeat is the link's, and nothing else is for everybody."""
+        target = target_system(frame)
+        if target == 0:
+            return False
+        if self._row_of[target] == _NOBODY:
+            self._counters.unroutable += 1
+        elif frame.message_id in SETPOINT_MESSAGES:
+            self._counters.setpoints_dropped += 1
+        elif self._latch.is_shut(target) and moves(frame):
+            self._counters.commands_dropped += 1
+        else:
+            return True
+        return False
+
+    def _pass_on(self, raws: Sequence[bytes], rows: Whole) -> None:
+        length = np.array([len(raw) for raw in raws])
+        data = np.zeros((len(raws), length.max()), np.uint8)
+        for at, raw in enumerate(raws):
+            data[at, : len(raw)] = np.frombuffer(raw, np.uint8)
+        self._outbox.send(Frames(data, length), rows, self._clock())
+
+
+def _on_the_wire(velocity_m_s: Array) -> NDArray[np.uint32]:
+    """(k, 3) the bits of single-precision numbers."""
+    return velocity_m_s.astype(np.float32).view(np.uint32)

@@ -1,0 +1,215 @@
+"""The link over MAVSDK where all vehicles are on UDP: its commands and setpoints, our batches.
+
+MAVSDK's bytes leave through `MavsdkOutlet` and no other way: it repeats setpoints for ever, from its own
+threads, whatever becomes of the program that set them. Serial ports, TCP, signatures and further stations are
+`MavsdkLink`'s.
+"""
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
+from math import inf
+from pathlib import Path
+from time import monotonic
+from typing import Final
+
+import numpy as np
+
+from gcs.frames import ShowFrame
+from gcs.links import mmsg
+from gcs.links.direct.kernels import BEGIN, END, Bytes, Whole
+from gcs.links.direct.udp_link import UdpLink, Wanted, Works
+from gcs.links.endpoints import Listen
+from gcs.links.mavsdk_fleet import MavsdkVehicle
+from gcs.links.mavsdk_orders import MavsdkHand, Workers
+from gcs.links.mavsdk_outlet import MavsdkOutlet
+from gcs.links.mavsdk_shards import MavsdkShards
+from gcs.links.mavsdk_shown import Shown
+from gcs.links.offstage import Offstage
+from gcs.links.orders import Orders
+from gcs.links.rates import SETTLE_S
+from gcs.links.vehicle_ids import station_id
+from gcs.state import Array, Mask, Telemetry, VehicleId
+
+log = logging.getLogger(__name__)
+
+_LOOKS_S: Final = (0.0005, 0.001, 0.002, 0.004, 0.008)
+"""MAVSDK's threads write a moment after they are told. So long after each other we look, until they have."""
+
+_DISCOVER_S: Final = 0.25
+_HEALTH_SHARES: Final = 5
+"""Of the vehicles one in so many is asked about its health at a time."""
+
+_ROOM: Final = 1024
+_LONGEST_BYTES: Final = 300
+"""Of a frame: 280."""
+
+
+class MavsdkUdpLink(UdpLink):
+    """Up to 250 vehicles over UDP, each 64 through a MAVSDK instance of their own. A `gcs.links.Link`."""
+
+    def __init__(
+        self,
+        name: str,
+        vehicles: Mapping[VehicleId, int],
+        listen: Listen | Sequence[Listen],
+        frame: ShowFrame,
+        *,
+        deadman_s: float = 0.2,
+        heartbeat_hold_s: float = 3.0,
+        rates_hz: Mapping[int, float] | None = None,
+        record: Path | None = None,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        """See `UdpLink`."""
+        self._station_id = station_id(vehicles.values())
+        super().__init__(
+            name,
+            vehicles,
+            listen,
+            frame,
+            station_id=self._station_id,
+            deadman_s=deadman_s,
+            heartbeat_hold_s=heartbeat_hold_s,
+            rates_hz=rates_hz,
+            record=record,
+            clock=clock,
+        )
+        n = len(self._ids)
+        self._outlet = MavsdkOutlet(
+            self._outbox, self._system_ids, self._latch, self._sent, self._counters, clock
+        )
+        self._room = mmsg.Batch(_ROOM, _LONGEST_BYTES)
+        self._shown = Shown(n)
+        self._inbox.pass_on = self._show
+        self._fleet: MavsdkShards | None = None
+        self._workers: Workers | None = None
+        self._met: Mapping[int, MavsdkVehicle] = {}  # by row
+        self._is_met: Mask = np.zeros(n, np.bool_)
+        self._healthy: Mask = np.zeros(n, np.bool_)
+        self._polls = 0
+        self._ticked = asyncio.Event()
+        self._lives: Whole = np.zeros(n, np.int64)
+        self._since_s: Array = np.full(n, inf)  # when MAVSDK met it, in its newest life
+
+    @asynccontextmanager
+    async def _opened(self) -> AsyncIterator[Works]:
+        fleet = MavsdkShards(tuple(self._system_ids.tolist()), self._station_id)
+        orders, workers = Orders(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
+        offstage = Offstage(fleet, self._recorder, None)
+        try:
+            await asyncio.to_thread(offstage.open)
+            self._fleet, self._orders, self._workers = fleet, orders, workers
+            yield {"pass on": self._pass_on_behind_ticks(), "discover": self._discover(fleet)}
+        finally:
+            await self._shut(offstage, orders, workers)
+
+    def snapshot(self) -> Telemetry:
+        """See `UdpLink`; whom MAVSDK has not met has no position, for it cannot be ordered yet."""
+        self._receive()
+        return self._heard.telemetry(may_be_ready=self._healthy, met=self._is_met)
+
+    def _poll_health(self) -> None:
+        """Ask MAVSDK who is healthy: a part of the vehicles each time."""
+        self._polls += 1
+        for row in range(self._polls % _HEALTH_SHARES, len(self._ids), _HEALTH_SHARES):
+            vehicle = self._met.get(row)
+            self._healthy[row] = vehicle is not None and vehicle.healthy()
+
+    def _tell_setpoints(self, wanted: Wanted) -> None:
+        # Forbidden first is what was asked before; what MAVSDK will not take is awaited in vain.
+        self._outlet.ask(wanted)
+        yaw_deg = np.degrees(wanted.yaw_rad)[:, None]
+        for row, values in zip(
+            wanted.rows.tolist(), np.hstack([wanted.velocity_ned_m_s, yaw_deg]).tolist(), strict=True
+        ):
+            self._met[row].set_velocity(*values)
+        self._move_bytes()
+        if self._outlet.awaits:  # MAVSDK's threads were not through; a moment has passed
+            self._pass_on()
+        if self._outlet.awaits:
+            self._ticked.set()
+
+    def _hand(self, row: int, otherwise: str) -> MavsdkHand:
+        vehicle = self._met.get(row)
+        if vehicle is None or self._workers is None:
+            raise self._never_heard(row, otherwise)
+        return self._workers.hand(self._ids[row], vehicle, self._heard.said(row))
+
+    def _forget_commands(self, row: int) -> None:
+        self._outlet.forbid(np.array([row]))  # and the latch drops what MAVSDK still repeats
+
+    def _orderable(self) -> Mask:
+        return self._is_met
+
+    def _is_awaiting(self) -> bool:
+        return (self._orders is not None and self._orders.awaited) or len(self._met) < len(self._ids)
+
+    def _watch(self, now_s: float) -> None:
+        """MAVSDK sets a rate itself when it meets a vehicle; ours come after."""
+        self._poll_health()
+        anew = self._is_met & ((self._heard.lives != self._lives) | (self._since_s == inf))
+        self._since_s[anew] = now_s
+        self._lives = self._heard.lives.copy()
+        may_be_asked = self._connected(now_s) & (now_s - self._since_s >= SETTLE_S)
+        self._streams.watch(may_be_asked, self._heard.lives, self._heard.positions, now_s)
+
+    def _move_bytes(self) -> None:
+        """Send what MAVSDK has written, and give it what came: behind setpoints, which do not wait for it."""
+        self._pass_on()
+        if self._fleet is not None:
+            self._fleet.flush()
+
+    def _show(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
+        """Keep for MAVSDK what concerns it of what came."""
+        if self._fleet is None:
+            return
+        shown = self._shown.of(data, frames, rows, time_s)
+        for system_id, (begin, end) in zip(
+            self._system_ids[rows[shown]].tolist(), frames[shown][:, [BEGIN, END]].tolist(), strict=True
+        ):
+            self._fleet.receive(system_id, data[begin:end].tobytes())
+
+    def _pass_on(self) -> None:
+        """Send what MAVSDK has written."""
+        if self._fleet is not None:
+            while count := self._fleet.take(self._room):
+                self._outlet.take(self._room, count)
+
+    async def _pass_on_behind_ticks(self) -> None:
+        while True:
+            await self._ticked.wait()
+            self._ticked.clear()
+            for wait_s in _LOOKS_S:
+                await asyncio.sleep(wait_s)
+                self._pass_on()
+                if not self._outlet.awaits:
+                    break
+
+    async def _discover(self, fleet: MavsdkShards) -> None:
+        """Look for vehicles that MAVSDK has met since, for ever."""
+        rows = {system_id: row for row, system_id in enumerate(self._system_ids.tolist())}
+        while True:
+            missing = [system_id for system_id, row in rows.items() if row not in self._met]
+            if missing and np.isfinite(self._heard.heartbeat_time_s).any():
+                found = await asyncio.to_thread(fleet.discover, missing)
+                if found:
+                    self._met = {**self._met, **{rows[system_id]: each for system_id, each in found.items()}}
+                    self._is_met[list(self._met)] = True
+                    log.info("vehicles_met", extra={"link": self._name, "system_ids": tuple(sorted(found))})
+            await asyncio.sleep(_DISCOVER_S)
+
+    async def _shut(self, offstage: Offstage, orders: Orders, workers: Workers) -> None:
+        """Stop, inside out: no setpoints, no calls, no MAVSDK; then the link closes the sockets."""
+        self._outlet.forbid(slice(None))
+        self._fleet, self._orders, self._workers, self._met = None, None, None, {}
+        self._is_met[:], self._healthy[:], self._since_s[:] = False, False, inf
+        orders.close()
+        workers.close()
+
+        def end() -> None:
+            workers.join()
+            offstage.close()
+
+        await asyncio.to_thread(end)
