@@ -370,10 +370,10 @@ def parse_mapping(text: str, source: str, needed: str) -> dict[str, object]:
 
 def explained(error: ValidationError, source: str) -> ConfigError:
     """What a reader of `source` can mend: every key, its value and what would be right."""
-    return ConfigError(f"{source}: " + "; ".join(_plain(problem) for problem in error.errors()))
+    return ConfigError(f"{source}: " + "; ".join(plain(problem) for problem in error.errors()))
 
 
-def _plain(problem: ErrorDetails) -> str:
+def plain(problem: ErrorDetails) -> str:
     """Key, value and what would be right; without the value where it is a whole section."""
     key = ".".join(str(part) for part in problem["loc"])
     value = "" if isinstance(problem["input"], dict) else f" = {problem['input']!r}"

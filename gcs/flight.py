@@ -37,6 +37,17 @@ SPREAD_SHARE = 0.7
 FLIES = AIRBORNE | {Phase.PILOT}
 
 
+def stands(offset_m: Array, radius_m: float, charge: Array) -> bool:
+    """Whether everybody at (n, 3) from the centre, n at least 1, is on the sphere, spread over all of it."""
+    distance_m = np.linalg.norm(offset_m, axis=1)
+    near = np.abs(distance_m - radius_m) < ASSEMBLED_M + ASSEMBLED_SHARE * radius_m
+    if not near.all() or len(offset_m) < 2:
+        return bool(near.all())
+    evenly = NEAREST_FACTOR_FEW.get(len(offset_m), NEAREST_FACTOR) / np.sqrt(len(offset_m))
+    least = SPREAD_SHARE * evenly * np.sqrt(charge.min() / charge.mean())  # small charges settle closer
+    return bool(nearest_m(offset_m / distance_m[:, None]) >= least)
+
+
 class Newest(Mapping[VehicleId, tuple[Telemetry, int]]):
     """For each vehicle, its link's telemetry and its row there. The rows never change, the telemetry does."""
 
@@ -210,15 +221,7 @@ class Flight:
         rows = [vehicle.row for vehicle in self.in_phase(Phase.FORMATION)]
         if center is None or not rows:
             return False
-        offset_m = self.fleet.position_m[rows] - center.position_m
-        distance_m = np.linalg.norm(offset_m, axis=1)
-        near = np.abs(distance_m - radius_m) < ASSEMBLED_M + ASSEMBLED_SHARE * radius_m
-        if not near.all() or len(rows) < 2:
-            return bool(near.all())
-        charge = self.traits.charge[rows]  # those with small ones settle closer together
-        evenly = NEAREST_FACTOR_FEW.get(len(rows), NEAREST_FACTOR) / np.sqrt(len(rows))
-        least = SPREAD_SHARE * evenly * np.sqrt(charge.min() / charge.mean())
-        return bool(nearest_m(offset_m / distance_m[:, None]) >= least)
+        return stands(self.fleet.position_m[rows] - center.position_m, radius_m, self.traits.charge[rows])
 
     def tasks(self) -> Tasks:
         """What everybody is to do in this tick."""

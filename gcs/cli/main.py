@@ -9,6 +9,7 @@ from pathlib import Path
 import gcs.cli.demo as demo_command
 import gcs.cli.params as params_command
 import gcs.cli.serve as serve_command
+import gcs.cli.shows.command as show_command
 import gcs.cli.simulation.command as simulate_command
 import sim.cli
 from gcs import config as configuration
@@ -18,7 +19,7 @@ from gcs.links.keys import create_key
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """`gcs demo`, `gcs serve`, `gcs params`, `gcs simulate`, `gcs key`, `gcs sim`."""
+    """`gcs demo`, `gcs serve`, `gcs show`, `gcs params`, `gcs simulate`, `gcs key`, `gcs sim`."""
     parser = argparse.ArgumentParser(prog="gcs", description="Fly a self-organising formation of drones.")
     commands = parser.add_subparsers(dest="command", required=True)
 
@@ -34,6 +35,10 @@ def build_parser() -> argparse.ArgumentParser:
     serve_parser.add_argument("--port", type=int, help="of the API; 8000 unless told otherwise")
     serve_parser.add_argument("--quiet", action="store_true", help="log warnings only")
     serve_parser.set_defaults(run=_serve)
+
+    show_parser = commands.add_parser("show", help="check, draw or hash a show file")
+    show_command.add_arguments(show_parser)
+    show_parser.set_defaults(run=show_command.run)
 
     params_parser = commands.add_parser("params", help="check or set the parameters that decide what is safe")
     params_command.add_arguments(params_parser)

@@ -138,6 +138,24 @@ class SimulatedFlight:
             self.record.violating.update(pairs)
         return float(distance_m)
 
+    def come_home(self, takeoff_height_m: float, *, begin: bool) -> None:
+        """Lead everybody home and down through the filter; once a tick, `begin` the first time."""
+        pads_m = self.record.start_m * (1.0, 1.0, 0.0)
+        here_m = self.world.heard_m
+        if begin:
+            self.record.changed_s = self.time_s
+            self.task[self.present] = Task.GOAL
+            self.goal_m = pads_m.copy()
+            self.goal_m[:, 2] = np.minimum(here_m[:, 2], -takeoff_height_m)
+            self.record.goal_m = pads_m
+        flown = (self.task == Task.GOAL) & self.present
+        arrived = flown & (np.hypot(*(here_m - pads_m)[:, :2].T) < ABOVE_HOME_M) & ~self.descending
+        self.descending = self.descending | arrived
+        self.goal_m[arrived] = pads_m[arrived]
+        low = flown & self.descending & (-here_m[:, 2] < HANDOVER_HEIGHT_M)
+        self.task[low] = Task.NONE
+        self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
+
     def vanish(self, rows: Mask) -> None:
         """Gone, from one moment to the next."""
         self.present = self.present & ~rows
@@ -249,30 +267,13 @@ class FormationRun(SimulatedFlight):
     def _end(self) -> None:
         """Home and down through the filter, or everybody at once by the autopilot's own means."""
         if self.flight.ending == "return":
-            self._come_home(begin=not self._ended)
+            self.come_home(self.flight.takeoff_height_m, begin=not self._ended)
         elif not self._ended:
             flying = self.present & self.world.in_air
             self.task[:] = Task.NONE
             sinking_m_s = {"descend": DESCEND_M_S, "land": TOUCHDOWN_M_S, "hold": 0.0}[self.flight.ending]
             self.world.leave_to_themselves(flying, sinking_m_s)
         self._ended = True
-
-    def _come_home(self, *, begin: bool) -> None:
-        pads_m = self.record.start_m * (1.0, 1.0, 0.0)
-        here_m = self.world.heard_m
-        if begin:
-            self.record.changed_s = self.time_s
-            self.task[self.present] = Task.GOAL
-            self.goal_m = pads_m.copy()
-            self.goal_m[:, 2] = np.minimum(here_m[:, 2], -self.flight.takeoff_height_m)
-            self.record.goal_m = pads_m
-        flown = (self.task == Task.GOAL) & self.present
-        arrived = flown & (np.hypot(*(here_m - pads_m)[:, :2].T) < ABOVE_HOME_M) & ~self.descending
-        self.descending = self.descending | arrived
-        self.goal_m[arrived] = pads_m[arrived]
-        low = flown & self.descending & (-here_m[:, 2] < HANDOVER_HEIGHT_M)
-        self.task[low] = Task.NONE
-        self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
     def finished(self) -> bool:
         """When all are down; among random boxes some time after the last came nearer to one."""
