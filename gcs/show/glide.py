@@ -48,7 +48,9 @@ class Glide:
     def _share(self, time_s: float) -> float:
         if time_s >= self.to_s:
             return 1.0
-        return max(0.0, (time_s - self.from_s) / (self.to_s - self.from_s))
+        if time_s <= self.from_s:
+            return 0.0
+        return (time_s - self.from_s) / (self.to_s - self.from_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -72,7 +72,7 @@ def parse(text: str, file: str) -> LoadedShow:
     try:
         show = Show.model_validate(raw)
     except ValidationError as error:
-        found = [Flaw(problem["loc"], _plain(problem)) for problem in error.errors()]
+        found = [Flaw(problem["loc"], _plain(problem)) for problem in _own(error.errors())]
         raise ShowError(file, _all_located(found, source, _names(raw))) from None
     found = flaws(show)
     if found:
@@ -83,6 +83,18 @@ def parse(text: str, file: str) -> LoadedShow:
 def located(flaw: Flaw, source: Source, cues: list[str | None]) -> Problem:
     """Its line, and the cue it is about."""
     return Problem(source.line(*flaw.loc), _cue(flaw.loc, cues), flaw.text)
+
+
+def _own(problems: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Without those that only follow from a problem inside them: a list lacks what could not be read."""
+    return [
+        problem
+        for problem in problems
+        if not any(
+            len(other["loc"]) > len(problem["loc"]) and other["loc"][: len(problem["loc"])] == problem["loc"]
+            for other in problems
+        )
+    ]
 
 
 def _plain(problem: ErrorDetails) -> str:

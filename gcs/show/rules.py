@@ -264,16 +264,18 @@ def _paths_begin(timeline: Timeline, tell: Callable[[Loc, str], None]) -> None:
 def _moments(timeline: Timeline) -> list[Flaw]:
     """The plan at every moment, against the limits that orders to a service are held to."""
     found: dict[tuple[int, str], Flaw] = {}
+    began_s: dict[tuple[int, str], float] = {}
     control = timeline.show.control
     for time_s in np.arange(0.0, timeline.duration_s + SAMPLED_S / 2, SAMPLED_S).tolist():
         one = timeline.cue_at(time_s)
         for key, text in _moment(timeline, time_s, control):
             index = _asked_by(timeline, key, one, time_s)
-            if (index, key) not in found:
-                cue = timeline.show.timeline[index]
-                when = "" if time_s - one.at_s < SAMPLED_S else f" (at {time_s:.1f} s of the show)"
-                loc = ("timeline", index, key) if _says(cue, key) else ("timeline", index)
-                found[index, key] = Flaw(loc, f"{text}{when}")
+            if (index, key) in found and key == "target":
+                continue  # a way is told of where it goes wrong, a size or speed of where it ends
+            from_s = began_s.setdefault((index, key), time_s)
+            cue = timeline.show.timeline[index]
+            loc = ("timeline", index, key) if _says(cue, key) else ("timeline", index)
+            found[index, key] = Flaw(loc, f"{text} (from {from_s:.1f} s of the show)")
     return list(found.values())
 
 

@@ -53,7 +53,7 @@ def _show_s(flight: Rehearsal, record: Record) -> Array:
 
 
 def _strokes(flight: Rehearsal, record: Record) -> tuple[Array, Array]:
-    """Pieces of paths (k, 2, 3), show frame, while the timeline runs; and their colours (k, 3) from 0 to 1."""
+    """Pieces of paths (k, 2, 3), show frame, while the timeline runs; their colours (k, 3) from 0 to 1."""
     show_s = _show_s(flight, record)
     ticks = np.flatnonzero((show_s >= 0.0) & (show_s <= flight.timeline.duration_s))[::STRIDE]
     rows = np.unique(np.linspace(0, record.count - 1, min(record.count, DRAWN_PATHS)).astype(int))

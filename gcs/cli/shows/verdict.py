@@ -57,7 +57,7 @@ class Verdict:
     climb_max_m_s: float
     sink_max_m_s: float
     fence_distance_margin_m: float
-    fence_height_margin_m: float  # of the nearer one of least and greatest height, until sent home
+    fence_height_margin_m: float  # of the nearer one of least and greatest height, in the show
     battery_need: float  # share of a full battery, reserve included
     cues: tuple[CueFigures, ...]
 
@@ -162,20 +162,20 @@ class _Judge:
         return abs(hypot(*away_m.tolist()) - plan.orbit.radius_m)
 
     def _fence(self) -> tuple[float, float]:
-        """Least margins to the fence: over the ground for the whole flight, in height until sent home."""
+        """Least margins to the fence: over the ground for the whole flight, in height while the show runs."""
         fence = self._loaded.show.fence
-        until = self._time_s < self._ended_s
+        inside = (self._time_s >= self._began_s) & (self._time_s < self._ended_s)
         margin_m = fence.distance_max_m - np.hypot(*self._position_m[:, :, :2].transpose(2, 0, 1)).max(axis=1)
         height_m = -self._position_m[:, :, 2]
         up_m = np.minimum(fence.height_max_m - height_m, height_m - fence.height_min_m).min(axis=1)
-        for what, least_m in (("distance", margin_m), ("height", np.where(until, up_m, np.inf))):
+        for what, least_m in (("distance", margin_m), ("height", np.where(inside, up_m, np.inf))):
             worst = int(least_m.argmin())
             if least_m[worst] < 0.0:
                 words = (
                     f"a vehicle is {-least_m[worst]:.2f} m beyond the fence ({what}) at {self._when(worst)}"
                 )
                 self._found.append(Flaw(self._loc(worst), words))
-        return float(margin_m.min()), float(up_m[until].min())
+        return float(margin_m.min()), float(up_m[inside].min())
 
     def _home_s(self) -> float | None:
         in_air = np.array([rows.any() for rows in self._record.in_air])
