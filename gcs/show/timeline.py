@@ -211,6 +211,8 @@ class _Writer:
         self._orbits.append((0.0, _orbit(cue.orbit or CueOrbit(radius_m=0.0))))
         self._obstacles.append((0.0, tuple(map(obstacle_of, cue.obstacles.appear))))
         place = cue.target if isinstance(cue.target, Place) else Place(x_m=0.0, y_m=0.0)
+        if isinstance(cue.target, Path) and cue.target.path[0].after_s == 0.0:
+            place = cue.target.path[0]
         place_m = np.array([place.x_m, place.y_m])
         self._legs.append(Glide(0.0, 0.0, place_m, place_m, one.index))
         if isinstance(cue.target, Path) or cue.target == "live":

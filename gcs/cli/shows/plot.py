@@ -119,7 +119,7 @@ def _ground(axes: Axes, flight: Rehearsal, record: Record) -> None:
     tip = 0.82 * fence_m * np.sin(north_rad), 0.82 * fence_m * np.cos(north_rad)
     tail = 0.68 * fence_m * np.sin(north_rad), 0.68 * fence_m * np.cos(north_rad)
     axes.annotate(
-        "N", tip, tail, arrowprops={"arrowstyle": "<-", "color": GREY}, color=GREY, ha="center", va="center"
+        "N", tip, tail, arrowprops={"arrowstyle": "->", "color": GREY}, color=GREY, ha="center", va="center"
     )
     axes.set(
         xlim=(-1.05 * fence_m, 1.05 * fence_m),

@@ -84,6 +84,14 @@ def test_a_path_leads_through_its_points() -> None:
     assert end.speed_m_s == 0.0
 
 
+def test_a_first_cue_may_begin_with_a_path_of_its_own() -> None:
+    path = [{"after_s": 0, "x_m": 6, "y_m": 2}, {"after_s": 20, "x_m": 0, "y_m": 0}]
+    wanted = timeline(timeline=[BEGIN | {"target": {"path": path}}])
+    begin = wanted.plan_at(0.0).target
+    assert (begin.x_m, begin.y_m) == pytest.approx((6.0, 2.0))
+    assert wanted.plan_at(30.0).target.x_m == pytest.approx(0.0)
+
+
 def test_a_live_target_is_the_one_that_is_told_and_stands_until_it_is() -> None:
     wanted = timeline({"cue": "follow", "at_s": 10, "target": "live"})
     told = Target(3.0, 4.0, 0.5, 0.0, 1000.0)
