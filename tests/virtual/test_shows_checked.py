@@ -12,7 +12,7 @@ from gcs.show import load, shipped
 BROKEN = Path(__file__).parents[1] / "data" / "shows"
 
 FLOWN = {
-    "battery-too-small": (8, None, "s in the air and a reserve of 25% need"),
+    "battery-too-small": (7, None, "s in the air and a reserve of 25% need"),
     "orbit-never-reached": (17, "change", "the formation never reaches its orbit or target"),
     "tower-in-the-sphere": (19, "change", "obstacle tower would stand on"),
 }
