@@ -201,6 +201,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str) -> wire.Fleet:
         obstacles=[obstacle(box, view.time_s) for box in view.plan.obstacles],
         minimum_separation_m=view.minimum_separation_m,
         setpoints_sent=view.setpoints_sent,
+        notices=list(view.notices),
         tick=wire.Tick(
             rate_hz=view.tick.rate_hz,
             count=view.tick.count,

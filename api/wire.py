@@ -377,5 +377,6 @@ class Fleet(Outward):
     obstacles: list[Obstacle]
     minimum_separation_m: Measured
     setpoints_sent: int
+    notices: list[str] = Field(description="What an operator should know now, in words.")
     tick: Tick
     vehicles: list[Vehicle]

@@ -41,3 +41,9 @@ def kernel(function: Kernel) -> Kernel:
     """Compile at the first call; dividing by zero gives inf or NaN, as in numpy."""
     compiled: Kernel = numba.njit(cache=True, error_model="numpy")(function)
     return compiled
+
+
+def kernel_in_any_order(function: Kernel) -> Kernel:
+    """As `kernel`; sums may be formed in any order, so that they can be vectorised."""
+    compiled: Kernel = numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz"})(function)
+    return compiled

@@ -98,7 +98,7 @@ class LinkSettings(Settings):
     streams: StreamSettings = StreamSettings()
     forward: Forwards = ()
     signing: SigningSettings | None = None
-    heartbeat_hold_s: Positive = 3.0  # our heartbeats end when control has been dead for this long: direct
+    heartbeat_hold_s: Positive = 3.0  # our heartbeats end when control has been dead for this long
 
     @cached_property
     def fleet(self) -> tuple[VehicleSettings, ...]:

@@ -55,6 +55,7 @@ class Director:
         self._errands = errands
         self._book = book
         self._inspection = inspection
+        self._came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
 
     # once a tick
 
@@ -98,7 +99,8 @@ class Director:
             vehicle.last_m = flight.fleet.position_m[row]
             vehicle.last_velocity_m_s = flight.fleet.velocity_m_s[row]
         heard = Heard(age_s, heard_of.mode[row], heard_of.armed[row], heard_of.landed[row])
-        if vehicle.observe(heard, silence_s):
+        lost_holds = flight.config.operation.setpoint_loss_action == "hold"
+        if vehicle.observe(heard, silence_s, lost_holds=lost_holds):
             if vehicle.phase in {Phase.LOST, Phase.PILOT}:
                 self._errands.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
         elif self._errands.running(vehicle):
@@ -124,8 +126,16 @@ class Director:
         vehicle.freeze(flight.position_m(vehicle), flight.fleet.time_s + positioning.freeze_s, reason)
 
     async def _come_back(self, vehicle: Vehicle) -> None:
-        """From LOST through HOLD; and on, where everybody was ordered home or down meanwhile."""
+        """From LOST through HOLD; and on, where everybody was ordered home or down meanwhile.
+
+        That order stands for who was lost, also when all the others are down and the show is over.
+        """
         await self._errands.hold(vehicle)
+        if self._flight.show is ShowPhase.LANDED and self._came_down_by is not None:
+            reason = f"{vehicle.id}, which was lost, is back, and comes down as was ordered"
+            self._move_show(ShowEvent.TAKEN_ON, reason)
+            goes_on = ShowEvent.STOP if self._came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
+            self._move_show(goes_on, reason)
         show = self._flight.show
         if show is ShowPhase.RETURNING and vehicle.home_m is not None:
             await self._errands.come_home(vehicle)
@@ -143,7 +153,8 @@ class Director:
         flight = self._flight
         busy = any(self._errands.running(vehicle) for vehicle in (*flight.airborne, *self.waiting))
         if flight.show in {ShowPhase.IDLE, ShowPhase.LANDED} and flight.airborne:
-            self._move_show(ShowEvent.TAKEN_ON, "a vehicle in the air has become ours")
+            names = ", ".join(vehicle.id for vehicle in flight.airborne)
+            self._move_show(ShowEvent.TAKEN_ON, f"in the air and ours, waiting for orders: {names}")
         if flight.show is ShowPhase.ARMING and not busy:
             if not flight.airborne:
                 self._move_show(ShowEvent.ALL_DOWN, "nobody took off")
@@ -153,6 +164,8 @@ class Director:
             self._move_show(ShowEvent.ASSEMBLED, "the sphere stands")
         flying = flight.show in IN_THE_AIR | {ShowPhase.ABORTING} and flight.show is not ShowPhase.ARMING
         if flying and not busy and not flight.airborne:
+            was_ordered = flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING}
+            self._came_down_by = flight.show if was_ordered else None
             others = [vehicle.id for vehicle in flight.in_phase(Phase.LOST, Phase.PILOT)]
             named = f"; not ours to land: {', '.join(others)}" if others else ""
             self._move_show(ShowEvent.ALL_DOWN, f"everybody we answer for is down{named}")
@@ -187,6 +200,7 @@ class Director:
         pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
         for obstacle in flight.plan.obstacles:
             check_obstacle(obstacle, flight.config.control.law.avoidance, {}, pads_m)
+        self._came_down_by = None
         self._move_show(ShowEvent.START, "checks every vehicle")
         self._move_show(ShowEvent.CHECKED, f"{len(chosen)} vehicles take off one after the other")
         record = self._book.open("start", chosen, left_out)
@@ -361,6 +375,10 @@ class Director:
         vehicle = self.vehicle(vehicle_id)
         if not (action is VehicleAction.HOLD and vehicle.phase is Phase.HOLD):
             require_phase(vehicle, EVENT_OF[action])
+        if action is VehicleAction.HOLD and vehicle.pilots:
+            raise RefusedError(
+                f"{vehicle_id} was taken over before it fell silent: hand-back, once it is heard"
+            )
         if action is VehicleAction.KILL:
             return self._kill(vehicle)
         if action is VehicleAction.CONFIRM_DOWN:

@@ -30,6 +30,9 @@ MODES_OF = {
 }
 """Modes that an order explains once it is obeyed."""
 
+UP_SHARE, ENDED_SHARE = 0.85, 0.6
+"""Of the height that was ordered: enough in any case, and enough where the autopilot holds already."""
+
 IN_PLACE_M = 0.8
 SETPOINTS_FIRST_S = 0.3
 RETRY_S = 1.0
@@ -246,8 +249,11 @@ class Errands:
         return self._up[1]
 
     def _is_up(self, vehicle: Vehicle) -> bool:
-        home_m = vehicle.home_m
-        return home_m is not None and self._height_m(vehicle, home_m) > 0.85 * self._settings.takeoff_height_m
+        """By its height; or its autopilot has ended the climb itself: their heights are wrong by metres."""
+        if vehicle.home_m is None:
+            return False
+        share = self._height_m(vehicle, vehicle.home_m) / self._settings.takeoff_height_m
+        return share > UP_SHARE or (share > ENDED_SHARE and self._around.mode(vehicle) is Mode.HOLD)
 
     def _above(self, vehicle: Vehicle, place_m: Array) -> bool:
         here_m = self._position_m(vehicle)

@@ -142,6 +142,7 @@ class Orchestrator:
             timing=self._clock.summary(),
             control_alive=self._clock.gap_s <= self._config.deadman_s,
             setpoints_sent=sum(link.setpoints_sent for link in flight.links),
+            problems=[problem for link in flight.links for problem in link.problems],
             unix_time_s=time.time(),
         )
 

@@ -133,6 +133,7 @@ class FleetView:
     tick: TickView
     control_alive: bool  # this tick came within the deadman's time of the one before; its age says the rest
     setpoints_sent: int
+    notices: tuple[str, ...] = ()  # what an operator should know now, in words: the most urgent first
 
 
 class Latest(Generic[T]):

@@ -42,6 +42,7 @@ class Vehicle:
     engaging: bool = False  # in HOLD, setpoints already flow so that OFFBOARD can be accepted
     frozen_until_s: float = -inf  # its position jumped: until then it stands still
     handed_over: bool = False  # in LANDING, the autopilot's own LAND touches down
+    pilots: bool = False  # a person's (or its failsafe's) until handed back, silent or not
     last_velocity_m_s: Array | None = None  # (3,) with last_m
     try_again_s: float = 0.0  # when what the service does by itself may be tried again
     modes: frozenset[Mode] = field(default_factory=frozenset)  # those that an order of ours explains
@@ -55,11 +56,13 @@ class Vehicle:
         """Advance the phase, and log the change. Raises: RefusedError when the table does not allow it."""
         before, self.phase = self.phase, advance(self.phase, event)
         self.reason = reason
+        self.pilots = self.phase is Phase.PILOT or (self.pilots and self.phase in {Phase.LOST, Phase.KILLED})
         if self.phase not in FLOWN:
             self.goal_m = None
         self.engaging = False
         self.handed_over = False
-        log.info(
+        log.log(
+            logging.WARNING if self.phase in {Phase.LOST, Phase.PILOT} else logging.INFO,
             "vehicle_phase",
             extra={"vehicle": self.id, "was": before.value, "phase": self.phase.value, "reason": reason},
         )
@@ -93,24 +96,29 @@ class Vehicle:
             return armed and mode in self.modes and mode is not Mode.HOLD
         return self.phase is Phase.STANDBY and not armed and mode is not Mode.OFFBOARD
 
-    def observe(self, heard: Heard, silence_s: float) -> bool:
+    def observe(self, heard: Heard, silence_s: float, *, lost_holds: bool = True) -> bool:
         """Let the telemetry change the phase. Returns: whether it did.
 
         Nothing that a person or the autopilot decided is undone here: an unordered mode means hands off.
+
+        Args:
+            heard: now.
+            silence_s: without telemetry for longer, it is silent.
+            lost_holds: whether its failsafe has it hold, so that HOLD after a silence needs no pilot.
         """
-        event = self._noticed(heard, silence_s)
+        event = self._noticed(heard, silence_s, lost_holds=lost_holds)
         if event is None:
             return False
         self.apply(*event)
         return True
 
-    def _noticed(self, heard: Heard, silence_s: float) -> tuple[Event, str] | None:
+    def _noticed(self, heard: Heard, silence_s: float, *, lost_holds: bool) -> tuple[Event, str] | None:
         if not heard.age_s <= silence_s:
             return self._silent(heard.age_s)
         if self.phase in AIRBORNE | {Phase.PILOT}:
             return self._heard_in_flight(heard)
         if self.phase is Phase.LOST:
-            return self._heard_again(heard)
+            return self._heard_again(heard, lost_holds=lost_holds)
         flies = heard.armed and heard.landed is not Landed.ON_GROUND  # unknown is not "on the ground"
         if self.phase is Phase.OFFLINE:
             if heard.landed is Landed.UNKNOWN:
@@ -136,11 +144,13 @@ class Vehicle:
             return Event.TAKEN_OVER, f"mode {heard.mode} {why}"
         return None
 
-    def _heard_again(self, heard: Heard) -> tuple[Event, str] | None:
+    def _heard_again(self, heard: Heard, *, lost_holds: bool) -> tuple[Event, str] | None:
         """Back from LOST: only one that still waits for us is taken on (by an order to HOLD)."""
         if not heard.armed:
             return Event.HEARD, "heard again, on the ground, motors off"
-        if heard.mode not in self.modes | {Mode.OFFBOARD, Mode.HOLD}:
+        if self.pilots:
+            return Event.TAKEN_OVER, "heard again; it had been taken over, and nobody has handed it back"
+        if heard.mode not in (self.modes | {Mode.HOLD} if lost_holds else self.modes):
             return Event.TAKEN_OVER, f"heard again in mode {heard.mode}, which nobody here ordered"
         return None
 

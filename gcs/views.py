@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from gcs.control import Tick
-from gcs.lifecycle import ShowPhase
+from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Plan
 from gcs.service import FleetView, TickView, VehicleView
 from gcs.state import Array, FleetState, Telemetry, Traits, VehicleId
@@ -32,11 +32,12 @@ def fleet_view(
     timing: TickView,
     control_alive: bool,
     setpoints_sent: int,
+    problems: Sequence[str],
     unix_time_s: float,
 ) -> FleetView:
     """Put one tick's state together; rows of `fleet` and `vehicles` correspond.
 
-    `known` are those whose parameters have been read: only they are ready.
+    `known` are those whose parameters have been read: only they are ready. `problems` are the links'.
     """
     sent = dict(zip(tick.setpoints.ids, tick.setpoints.velocity_m_s, strict=True))
     center = tick.memory.center
@@ -66,7 +67,18 @@ def fleet_view(
         tick=timing,
         control_alive=control_alive,
         setpoints_sent=setpoints_sent,
+        notices=(*_not_ours(vehicles), *problems),
     )
+
+
+def _not_ours(vehicles: Sequence[Vehicle]) -> list[str]:
+    """Who is in the air, or may be, and is not commanded."""
+    advice = {
+        Phase.LOST: "lost: in the air when last heard, and sent nothing",
+        Phase.PILOT: "in the air, but not ours: hand-back takes over, in hold",
+    }
+    named = {phase: [vehicle.id for vehicle in vehicles if vehicle.phase is phase] for phase in advice}
+    return [f"{', '.join(ids)}: {advice[phase]}" for phase, ids in named.items() if ids]
 
 
 def _vehicle_view(

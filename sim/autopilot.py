@@ -6,7 +6,6 @@ fleet at once (sim.fleet); this is a view of one row of its state.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
@@ -59,7 +58,6 @@ class Autopilot:
         self.commander = Commander(
             shared.state, row, parameters, shared.quirks, self._post_text, self._announce
         )
-        self._gcs_seen_s = -math.inf
         self._text_id = 0
 
     @property
@@ -120,7 +118,7 @@ class Autopilot:
 
     def forget(self) -> None:
         """Boot: nobody has been heard yet, nothing is waiting to be said."""
-        self._gcs_seen_s, self._text_id = -math.inf, 0
+        self._text_id = 0
         self._shared.outbox.forget(self.row)
 
     def available(self, message_id: int) -> bool:
@@ -163,7 +161,7 @@ class Autopilot:
     def _hear_heartbeat(self, message: Message) -> None:
         if message.type == common.MAV_TYPE_GCS:
             regained = not self._gcs_listens()
-            self._gcs_seen_s = self._state.now_s
+            self._state.station_s[self.row] = self._state.now_s
             if regained:
                 self._post_text(INFO, "GCS connection regained\t")
 
@@ -221,7 +219,7 @@ class Autopilot:
         self.reply(self.parameter(name), SECOND_PARAMETER_AFTER_S)
 
     def _gcs_listens(self) -> bool:
-        return self._state.now_s - self._gcs_seen_s <= GCS_SILENT_AFTER_S
+        return bool(self._state.now_s - self._state.station_s[self.row] <= GCS_SILENT_AFTER_S)
 
     def _post_text(self, severity: int, text: str) -> None:
         """Item 8: in chunks of 50, and only where a ground station has been heard of late."""

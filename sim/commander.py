@@ -11,7 +11,7 @@ from enum import Enum, IntEnum
 from typing import TYPE_CHECKING
 
 from sim import battery
-from sim.modes import MODES, NEEDS_PILOT, OFFBOARD_LOSS_MODE, PREVENTS_ARMING, Mode
+from sim.modes import MODES, NEEDS_PILOT, OFFBOARD_LOSS_MODE, PREVENTS_ARMING, STATION_LOSS_MODE, Mode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -199,6 +199,17 @@ class Commander:
             self._changed()
         else:
             self.stop("Disarmed by failsafe")
+
+    def lose_station(self) -> None:
+        """NAV_DLL_ACT; it never ends a landing, nor a return in favour of a hold."""
+        mode = STATION_LOSS_MODE.get(int(self._parameters["NAV_DLL_ACT"]))
+        if self.mode is Mode.LAND or (self.mode is Mode.RETURN and mode is Mode.HOLD):
+            return
+        self._say(CRITICAL, "Failsafe activated")
+        if mode is None:
+            self.stop("Disarmed by failsafe")
+        else:
+            self.intend(mode)
 
     def weaken(self, charge: int) -> None:
         """COM_LOW_BAT_ACT, once per worsening: 2 lands at critical; 3 returns then, lands at emergency."""

@@ -66,3 +66,5 @@ OFFBOARD_LOSS_MODE = {
     4: Mode.LAND,
     5: Mode.HOLD,
 }
+# NAV_DLL_ACT to the mode flown after the last ground station is lost; 5 and 6 stop the motors instead.
+STATION_LOSS_MODE = {1: Mode.HOLD, 2: Mode.RETURN, 3: Mode.LAND}

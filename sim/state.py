@@ -69,6 +69,8 @@ class State:
         self.piloted = _no(count)  # somebody has the sticks
         self.setpoint_seen = _no(count)
         self.setpoint_s = np.full(count, -np.inf)
+        self.station_s = np.full(count, -np.inf)  # when a ground station's heartbeat came last
+        self.station_lost = _no(count)  # which has been acted on
         self.armed_s = np.full(count, -np.inf)
         self.airborne_since_s = np.full(count, -np.inf)
         self.climb_since_s = np.full(count, np.inf)

@@ -1,6 +1,7 @@
 """When a transition of PX4's commander is due, for a whole fleet at once.
 
-Setpoint loss, battery, landing, take-off, disarming. What it does to one vehicle is in sim.commander.
+Loss of setpoints or of the ground station, battery, landing, take-off, disarming. What it does to one vehicle
+is in sim.commander.
 """
 
 from __future__ import annotations
@@ -56,6 +57,7 @@ class Watch:
         armed = awake & state.armed
         if armed.any():
             self._watch_setpoints(armed)
+            self._watch_station(armed)
             weak = awake & state.powered & (charge > state.charge)
             for row in np.flatnonzero(weak).tolist():
                 self._commanders[row].weaken(int(charge[row]))
@@ -99,6 +101,15 @@ class Watch:
             due &= state.failsafe
         for row in np.flatnonzero(due).tolist():
             self._commanders[row].starve_or_feed()
+
+    def _watch_station(self, armed: Mask) -> None:
+        """NAV_DLL_ACT, once, COM_DL_LOSS_T after the last heartbeat of a ground station."""
+        state, p = self._state, self._parameters
+        silent = state.now_s - state.station_s > p["COM_DL_LOSS_T"]
+        due = armed & ~state.landed & silent & ~state.station_lost & (p["NAV_DLL_ACT"] > 0)
+        state.station_lost = silent & (state.station_lost | due)
+        for row in np.flatnonzero(due).tolist():
+            self._commanders[row].lose_station()
 
     def _watch_takeoff(self, waiting: Mask, climb_m_s: Array) -> None:
         state = self._state

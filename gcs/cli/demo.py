@@ -13,29 +13,46 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import ceil, sqrt
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gcs import config as configuration
 from gcs.cli import logs, report
 from gcs.cli.serve import running
-from gcs.cli.story import ORBIT_RADIUS_M, Marks, StoppedEarlyError, Story, shortest_s
+from gcs.cli.story import ORBIT_RADIUS_M, Marks, StoppedEarlyError, Story, home_s, shortest_s, whole_s
 from gcs.client import Client
 from gcs.control import warm_up
 from gcs.errors import ConfigError, GcsError
 from gcs.feasibility import smallest_formation_radius_m
+from gcs.links.vehicle_ids import SYSTEM_ID_MAX
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
 
-VEHICLES_MAX = 50
+VEHICLES_MAX = {"mavsdk": 50, "direct": 1000}
 CHILD_ENDS_S = 5.0
+
+PAD_SPACING_M = 4.0
+"""Of the grid that the fake fleet stands on."""
+
+SPHERE, LARGE_SPHERE = (1.2, 10.0), (1.05, 6.0)
+"""Its radius over the smallest possible, and how high it begins: large ones not higher than need be."""
+
+LARGE_STAGGER_S = 0.02
+"""Between take-offs where there are hundreds: they climb straight up, 4 m apart."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `gcs demo`."""
-    parser.add_argument("--vehicles", type=int, default=8, metavar="N", help="2 to 50; 8")
+    parser.add_argument("--vehicles", type=int, default=8, metavar="N", help="2 to 50, direct: to 1000; 8")
+    parser.add_argument(
+        "--transport",
+        choices=sorted(VEHICLES_MAX),
+        default="mavsdk",
+        help="direct: without MAVSDK, up to 250 vehicles a port; the story is told as far as it fits; mavsdk",
+    )
     parser.add_argument("--seconds", type=float, default=240.0, metavar="S", help="of the whole flight; 240")
     parser.add_argument("--json", action="store_true", help="the last line is one JSON object")
     parser.add_argument("--seed", type=int, default=0, help="of the fake fleet")
@@ -55,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
         with tempfile.TemporaryDirectory(prefix="gcs-demo-") as temporary:
             folder = Path(arguments.truth or temporary)
             folder.mkdir(parents=True, exist_ok=True)
-            truth_files = [folder / f"truth-{i + 1}.jsonl" for i in range(arguments.vehicles)]
+            truth_files = [folder / f"truth-{i + 1}.jsonl" for i in range(_processes(arguments))]
             figures = asyncio.run(_fly(config, arguments, truth_files))
     except StoppedEarlyError as stopped:
         print(f"gcs demo: {stopped}; the fleet is down")
@@ -72,23 +89,72 @@ def run(arguments: argparse.Namespace) -> int:
 
 def make_config(arguments: argparse.Namespace) -> configuration.Config:
     """The shipped demo configuration for that many vehicles. Raises: ConfigError."""
-    count = arguments.vehicles
-    if not 2 <= count <= VEHICLES_MAX:
-        raise ConfigError(f"--vehicles {count}: 2 to {VEHICLES_MAX} is possible")
-    if arguments.seconds < shortest_s(count):
-        raise ConfigError(
-            f"--seconds {arguments.seconds:g}: at least {shortest_s(count):g} for {count} vehicles"
-        )
+    count, most = arguments.vehicles, VEHICLES_MAX[arguments.transport]
+    if not 2 <= count <= most:
+        advice = "" if count < 2 or arguments.transport == "direct" else "; --transport direct bears more"
+        raise ConfigError(f"--vehicles {count}: 2 to {most} is possible{advice}")
     raw = configuration.load(configuration.find("demo")).model_dump()
-    link = raw["links"][0]
-    link["listen"] = f"udpin://127.0.0.1:{arguments.port_base}"
-    link["ports"] = link["vehicles"]["count"] = count
+    large = arguments.transport == "direct"
+    if large:
+        _make_large(raw, arguments)
+    else:
+        link = raw["links"][0]
+        link["listen"] = f"udpin://127.0.0.1:{arguments.port_base}"
+        link["ports"] = link["vehicles"]["count"] = count
     if arguments.api_port is not None:
         raw["api"]["port"] = arguments.api_port
     base = configuration.Config.model_validate(raw)
-    radius_m = max(base.formation.radius_m, smallest_formation_radius_m(count, base.control.safety) * 1.2)
-    raw["formation"] = {"radius_m": radius_m, "height_m": radius_m + 10.0}
-    return configuration.Config.model_validate(raw)
+    spare, lowest_m = LARGE_SPHERE if large else SPHERE
+    radius_m = max(base.formation.radius_m, smallest_formation_radius_m(count, base.control.safety) * spare)
+    raw["formation"] = {"radius_m": radius_m, "height_m": radius_m + lowest_m}
+    fence = raw["control"]["safety"]["fence"]
+    fence["height_max_m"] = max(fence["height_max_m"], 2.0 * radius_m + 30.0)
+    config = configuration.Config.model_validate(raw)
+    stagger_s = config.operation.takeoff_stagger_s
+    needed_s = shortest_s(count, stagger_s, _top_m(config)) if large else whole_s(count)
+    if arguments.seconds < needed_s:
+        raise ConfigError(f"--seconds {arguments.seconds:g}: at least {needed_s:g} for {count} vehicles")
+    return config
+
+
+def _top_m(config: configuration.Config) -> float:
+    """Of the sphere that is flown."""
+    return config.formation.radius_m + config.formation.height_m
+
+
+def _make_large(raw: dict[str, Any], arguments: argparse.Namespace) -> None:
+    """Links of the direct transport, each with the same system ids; the sphere above the field's middle."""
+    counts = _namespaces(arguments.vehicles)
+    raw["links"] = [
+        {
+            "name": name,
+            "transport": "direct",
+            "listen": f"udpin://127.0.0.1:{arguments.port_base + index}",
+            "vehicles": {"count": count, "id_pattern": "{link}{system_id}"},
+            "streams": {"state_hz": 2.0},
+        }
+        for index, (name, count) in enumerate(zip("abcd", counts, strict=False))
+    ]
+    field_m = (_columns(arguments.vehicles) - 1) * PAD_SPACING_M
+    raw["target"] = {"x_m": field_m / 2.0, "y_m": field_m / 2.0}
+    raw["operation"]["pads_within_m"] = max(50.0, 1.5 * field_m)
+    raw["operation"]["takeoff_stagger_s"] = LARGE_STAGGER_S
+
+
+def _columns(count: int) -> int:
+    """Of the grid that the fake fleet stands on."""
+    return ceil(sqrt(count))
+
+
+def _namespaces(count: int) -> list[int]:
+    """How many vehicles there are behind each port: all ports but the last bear the same number."""
+    each = ceil(count / ceil(count / SYSTEM_ID_MAX))
+    return [min(each, count - first) for first in range(0, count, each)]
+
+
+def _processes(arguments: argparse.Namespace) -> int:
+    """Of the fake fleet: a vehicle each, or all in one."""
+    return 1 if arguments.transport == "direct" else int(arguments.vehicles)
 
 
 async def _fly(
@@ -105,7 +171,9 @@ async def _fly(
             say(f"{arguments.vehicles} fake vehicles; API at {url}/docs")
             history = History()
             recorder = asyncio.create_task(history.follow(orchestrator), name="history")
-            marks, failure = await _tell(url, arguments.seconds, say)
+            short = arguments.seconds < whole_s(arguments.vehicles)
+            landing_s = home_s(_top_m(config)) if short else None
+            marks, failure = await _tell(url, arguments.seconds, say, landing_s)
             recorder.cancel()
             tick_p99_ms = orchestrator.view.value.tick.duration_p99_ms
             sent = orchestrator.view.value.setpoints_sent
@@ -115,13 +183,15 @@ async def _fly(
     return figures | {"tick_p99_ms": round(tick_p99_ms, 3), "setpoints_sent": sent}
 
 
-async def _tell(url: str, seconds: float, say: Callable[[str], None]) -> tuple[Marks, GcsError | None]:
+async def _tell(
+    url: str, seconds: float, say: Callable[[str], None], landing_s: float | None
+) -> tuple[Marks, GcsError | None]:
     """Tell the story on a thread of its own; Ctrl-C brings the fleet home.
 
     Returns: what happened when, and what ended the story early, if anything did.
     """
     with Client(url) as client:
-        story = Story(client, seconds, say)
+        story = Story(client, seconds, say, landing_s=landing_s)
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, story.interrupt)
         try:
@@ -154,21 +224,24 @@ class History:
 def fake_fleet(
     config: configuration.Config, arguments: argparse.Namespace, truth_files: list[Path]
 ) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """One process of the fake autopilot for each vehicle, ended with the block."""
+    """The fake autopilots, one in each process or all in one, ended with the block."""
     frame, count = config.show_frame, arguments.vehicles
-    common = [sys.executable, "-m", "sim", "--count", "1", "--port-base", str(arguments.port_base)]
+    common = [sys.executable, "-m", "sim", "--port-base", str(arguments.port_base)]
     common += ["--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"]
-    common += ["--grid-columns", str(ceil(sqrt(count))), "--seed", str(arguments.seed)]
+    common += ["--grid-columns", str(_columns(count)), "--spacing", f"{PAD_SPACING_M:g}"]
+    common += ["--seed", str(arguments.seed)]
+    if arguments.transport == "direct":
+        each = str(_namespaces(count)[0])
+        common += ["--shared-port", "--namespace-size", each, "--telemetry-hz", "10"]
     for name, value in settings_of(requirements(config.operation, config.control)).items():
         common += ["--param", f"{name}={value:g}"]
     children: list[subprocess.Popen[bytes]] = []
     try:
         for i, truth in enumerate(truth_files):
+            own = ["--first", str(i), "--count", str(count // len(truth_files)), "--truth", str(truth)]
             # a session of its own: Ctrl-C brings the fleet home instead of killing it in the air
             child = subprocess.Popen(  # noqa: S603
-                [*common, "--first", str(i), "--truth", str(truth)],
-                stdout=subprocess.DEVNULL,
-                start_new_session=True,
+                [*common, *own], stdout=subprocess.DEVNULL, start_new_session=True
             )
             children.append(child)
         yield children
@@ -190,7 +263,7 @@ def _judge(
     truth = report.read_truth(files, config.frame)
     smallest_m, violations = report.separation(truth, config.control.safety.floor)
     figures: dict[str, object] = {
-        "vehicles": len(files),
+        "vehicles": len(truth.landed_at_end),
         "landed": int(truth.landed_at_end.sum()),
         "min_separation_m": round(smallest_m, 3),
         "separation_violations": violations,

@@ -9,6 +9,8 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequenc
 from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
 
+import numpy as np
+
 from gcs import config as configuration
 from gcs.cli import logs
 from gcs.cli.serve import make_link
@@ -17,7 +19,7 @@ from gcs.errors import ConfigError, LinkError, OrderError
 from gcs.links import Link, ParameterValue
 from gcs.orchestrator import leaves
 from gcs.parameters import Requirement, requirements
-from gcs.state import Mode, VehicleId
+from gcs.state import Mode, Setpoints, VehicleId
 
 HEARD_S = 8.0
 """How long it waits for vehicles to speak up: heartbeats come once a second."""
@@ -115,9 +117,19 @@ async def _with_links(
 async def _running(links: Sequence[Link]) -> AsyncIterator[None]:
     async with asyncio.TaskGroup() as group:
         tasks = [group.create_task(link.run(), name=f"link/{link.name}") for link in links]
+        tasks.append(group.create_task(_keep_alive(links), name="alive"))
         yield
         for task in tasks:
             task.cancel()
+
+
+async def _keep_alive(links: Sequence[Link]) -> None:
+    """Ask for nothing, again and again: without that our heartbeats end, and `udpout` speaks to nobody."""
+    nothing = np.zeros((0, 3)), np.zeros(0)
+    while True:
+        for link in links:
+            link.send(Setpoints(asyncio.get_running_loop().time(), (), *nothing))
+        await asyncio.sleep(POLL_S)
 
 
 async def inspect(

@@ -15,6 +15,9 @@ from gcs.safety.separation import Floor, minimum_separation, pairs_that_count, s
 from gcs.state import Array, Mask
 
 SAMPLE_S = 0.02
+LARGE, LARGE_SAMPLE_S = 100, 0.05
+"""With more vehicles than that flights are looked at as often as the true states are written, not between."""
+
 PENETRATION_M = 1.0
 """A drone this close to a box's walls, or above its top, counts as inside."""
 
@@ -55,7 +58,7 @@ class Commanded:
 
 
 def read_truth(files: Sequence[Path], frame: ShowFrame) -> Truth:
-    """Join the truth files of all vehicles, one vehicle a file.
+    """Join truth files, each with the same vehicles from beginning to end.
 
     Args:
         files: as `python -m sim --truth` writes them, their origin that of the show.
@@ -63,35 +66,52 @@ def read_truth(files: Sequence[Path], frame: ShowFrame) -> Truth:
 
     Raises: GcsError when a file is empty.
     """
-    tracks = [_read_track(path) for path in files]
-    start_s, end_s = max(t[0][0] for t in tracks), min(t[0][-1] for t in tracks)
-    time_s = np.arange(start_s, end_s, SAMPLE_S)
+    tracks = [_read_tracks(path) for path in files]
+    start_s, end_s = max(t.time_s[0] for t in tracks), min(t.time_s[-1] for t in tracks)
+    count = sum(len(track.down) for track in tracks)
+    time_s = np.arange(start_s, end_s, LARGE_SAMPLE_S if count > LARGE else SAMPLE_S)
     position_m, airborne = [], []
-    for at_s, ned_m, flying, _ in tracks:
-        position_m.append(
-            frame.from_ned(np.stack([np.interp(time_s, at_s, ned_m[:, i]) for i in range(3)], axis=1))
-        )
-        airborne.append(np.interp(time_s, at_s, flying.astype(float)) > 0.5)
-    down = np.array([track[3] for track in tracks])
+    for track in tracks:
+        for i in range(track.flying.shape[1]):
+            ned_m = [np.interp(time_s, track.time_s, track.ned_m[:, i, axis]) for axis in range(3)]
+            position_m.append(frame.from_ned(np.stack(ned_m, axis=1)))
+            airborne.append(np.interp(time_s, track.time_s, track.flying[:, i].astype(float)) > 0.5)
+    down = np.concatenate([track.down for track in tracks])
     return Truth(time_s, np.stack(position_m, axis=1), np.stack(airborne, axis=1), down)
 
 
-def _read_track(path: Path) -> tuple[Array, Array, Mask, bool]:
-    """Times, NED positions, whether in the air, and whether it ended on the ground with motors off."""
-    rows = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        try:
-            sample = json.loads(line)
-        except json.JSONDecodeError:
-            continue  # the last line of a process that was killed while writing it
-        one = sample["vehicles"][0]
-        place = (one["north_m"], one["east_m"], one["down_m"])
-        rows.append((sample["time_s"], *place, not one["landed"], one["armed"]))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tracks:
+    """What one file says of its n vehicles, k times."""
+
+    time_s: Array  # (k,)
+    ned_m: Array  # (k, n, 3)
+    flying: Mask  # (k, n)
+    down: Mask  # (n,) it ended on the ground with motors off
+
+
+def _read_tracks(path: Path) -> _Tracks:
+    times_s: list[float] = []
+    rows: list[list[tuple[float, ...]]] = []
+    with path.open(encoding="utf-8") as lines:
+        for line in lines:
+            try:
+                sample = json.loads(line)
+            except json.JSONDecodeError:
+                continue  # the last line of a process that was killed while writing it
+            times_s.append(sample["time_s"])
+            rows.append(
+                [
+                    (one["north_m"], one["east_m"], one["down_m"], not one["landed"], one["armed"])
+                    for one in sample["vehicles"]
+                ]
+            )
     if not rows:
         raise GcsError(f"{path}: no true states were written")
     table = np.array(rows, dtype=np.float64)
-    flying = table[:, 4] > 0.5
-    return table[:, 0], table[:, 1:4], flying, bool(not flying[-1] and table[-1, 5] < 0.5)
+    flying = table[:, :, 3] > 0.5
+    down: Mask = ~flying[-1] & (table[-1, :, 4] < 0.5)
+    return _Tracks(np.array(times_s), table[:, :, :3], flying, down)
 
 
 def separation(truth: Truth, floor: Floor) -> tuple[float, int]:

@@ -47,6 +47,7 @@ def make_link(settings: LinkSettings, config: Config) -> Link:
         settings.places,
         config.frame,
         deadman_s=config.deadman_s,
+        heartbeat_hold_s=settings.heartbeat_hold_s,
         rates_hz=wanted(settings.streams),
         record=record,
         signing=None if signing is None else Signing(signing.key_file, signing.link_id),

@@ -24,6 +24,19 @@ LANDING_S = 75.0
 SETTLE_S = 20.0
 """From assembled or past the obstacle until the shape counts as steady."""
 
+SHORT_SETTLE_S = 5.0
+"""The same in a short flight."""
+
+STEADY_S = 5.0
+"""The least that is flown in the shape."""
+
+READY_FIRST_S, CLIMB_S = 6.0, 8.0
+RISE_M_S, SINK_M_S = 2.0, 1.4
+"""Of those who have farthest to go, on the way to the top of the sphere and down from there."""
+
+TOUCH_DOWN_S = 12.0
+"""From the end of a filtered descent until the motors stop, and for who had to let others pass."""
+
 AWAY_SPEED_M_S = 1.2
 """Of the target after the obstacle; with the orbit's speed still below what the centre may fly."""
 
@@ -48,15 +61,30 @@ class Marks:
     target_to_m: tuple[float, float] | None = None
 
 
-def shortest_s(vehicles: int) -> float:
+def whole_s(vehicles: int) -> float:
     """The shortest flight in which the whole story fits."""
     return ceil((120.0 + 1.5 * vehicles + LANDING_S) / 10.0) * 10.0
+
+
+def home_s(top_m: float) -> float:
+    """Until all are down from a sphere that reaches `top_m` high."""
+    return top_m / SINK_M_S + TOUCH_DOWN_S
+
+
+def shortest_s(vehicles: int, stagger_s: float, top_m: float) -> float:
+    """The shortest flight that can be told of: up, onto a sphere that reaches `top_m` high, and home."""
+    up_s = READY_FIRST_S + stagger_s * vehicles + CLIMB_S + top_m / RISE_M_S
+    return ceil((up_s + SHORT_SETTLE_S + STEADY_S + home_s(top_m)) / 10.0) * 10.0
 
 
 class Story:
     """Tells the story; every step is an API call."""
 
-    def __init__(self, client: Client, seconds: float, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, client: Client, seconds: float, say: Callable[[str], None], *, landing_s: float | None = None
+    ) -> None:
+        """`landing_s`: kept for the way home of a short flight, without moving target and obstacle."""
+        self._landing_s = landing_s
         self._client = client
         self._say = say
         self._end_s = time.monotonic() + seconds
@@ -71,9 +99,12 @@ class Story:
         """The whole flight. Raises: OrderError when vehicles do not connect, start or land in time."""
         try:
             self._take_off()
-            self._orbit()
-            self._obstacle()
-            self._stay()
+            if self._landing_s is None:
+                self._orbit()
+                self._obstacle()
+                self._stay()
+            else:
+                self._circle(self._landing_s)
         finally:
             self._come_home()
 
@@ -91,7 +122,7 @@ class Story:
         self._say("all up; they organise themselves on the sphere")
         self._until("assembly", 60.0, lambda: self._phase() == "running")
         self._say("assembled; the formation settles above the target")
-        self._sleep(SETTLE_S)
+        self._sleep(SETTLE_S if self._landing_s is None else SHORT_SETTLE_S)
 
     def _orbit(self) -> None:
         steady_s = time.monotonic()
@@ -104,6 +135,16 @@ class Story:
         self._client.set_target(target.x_m or 0.0, target.y_m or 0.0, velocity_x_m_s=x, velocity_y_m_s=y)
         self._say(f"the target moves off at ({x:g}, {y:g}) m/s; they follow")
         self._sleep(max(20.0, self._left_s() * 0.14))
+        self.marks.before = (steady_s, time.monotonic() - 0.5)
+
+    def _circle(self, landing_s: float) -> None:
+        """What remains of the story in a short flight."""
+        steady_s = time.monotonic()
+        self._client.change_orbit(radius_m=ORBIT_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
+        self._say(
+            f"no time for target and tower; orbit at {ORBIT_SPEED_M_S:g} m/s until it is time to go home"
+        )
+        self._sleep(max(STEADY_S, self._left_s() - landing_s))
         self.marks.before = (steady_s, time.monotonic() - 0.5)
 
     def _obstacle(self) -> None:

@@ -21,7 +21,7 @@ from gcs.plan import Formation, Orbit, Plan
 from gcs.safety.filter import Surroundings, filter_velocities
 from gcs.safety.kernels import warm_up as safety_warm_up
 from gcs.safety.separation import minimum_separation
-from gcs.safety.traffic import keep_right
+from gcs.safety.traffic import give_way, keep_right
 from gcs.state import Array, FleetState, Setpoints, Traits
 
 
@@ -80,20 +80,25 @@ def tick(
 
 
 def _in_traffic(now: Moment, wanted_m_s: Array) -> Array:
-    """(n, 3) wanted velocities, those on their way to a goal turned to keep right of each other."""
+    """(n, 3) wanted velocities, those on their way to a goal keeping right and giving way."""
     if not now.to_goal.any():
         return wanted_m_s
-    safety = now.settings.safety
-    return keep_right(
+    safety, goal_m = now.settings.safety, now.tasks.goal_m
+    under_way = now.to_goal & ~now.tasks.descending
+    flatness = safety.floor.horizontal_m / safety.floor.vertical_m
+    kept_m_s = keep_right(
         wanted_m_s,
         now.position_m,
         now.velocity_m_s,
-        now.tasks.goal_m,
-        to_goal=now.to_goal & ~now.tasks.descending,
+        goal_m,
+        to_goal=under_way,
         commanded=now.commanded,
         airborne=now.tasks.airborne,
-        flatness=safety.floor.horizontal_m / safety.floor.vertical_m,
+        flatness=flatness,
         settings=safety.traffic,
+    )
+    return give_way(
+        kept_m_s, now.position_m, goal_m, to_goal=under_way, flatness=flatness, settings=safety.traffic
     )
 
 

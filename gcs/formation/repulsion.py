@@ -1,10 +1,12 @@
 """Mutual repulsion, which spreads the drones evenly (article, section 2.2)."""
 
 from math import sqrt
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gcs.compiled import kernel
+from gcs.compiled import kernel, kernel_in_any_order
 from gcs.formation.sphere import TINY
 from gcs.state import Array
 
@@ -29,6 +31,12 @@ PAIRS_PER_TICK = 4_000_000
 
 COINCIDENT = np.float32(1e-9)
 """Added to squared distances, so that two drones in one direction, and a drone and itself, do not push."""
+
+
+MUTUAL_FROM = 2_000
+"""Larger fleets sum both pushes of a pair at once. Up to here that costs more than it spares."""
+
+Flat: TypeAlias = NDArray[np.float32]
 
 
 def repulsion_force(position_m: Array, charge: Array, *, gain: float) -> Array:
@@ -63,26 +71,56 @@ def _set_unit(out: Array, base: Array, step: Array, share: float) -> None:
 def pushes(direction: Array, charge: Array) -> Array:
     """The article's repulsion of every pair, (n, 3), for (n, 3) unit vectors and (n,) charges.
 
-    Single precision: the shape needs no more, and it is several times as fast. The inner loop sums nothing,
-    so that it is vectorised; all pairs of 10,000 cost less than a grid of cells with its bookkeeping.
+    Single precision: the shape needs no more, and it is several times as fast. All pairs of 10,000 cost less
+    than a grid of cells with its bookkeeping.
     """
     n = len(direction)
-    place, push = np.empty((3, n), np.float32), np.zeros((3, n), np.float32)
-    place[:] = direction.T
+    place, push, single = np.empty((3, n), np.float32), np.zeros((3, n), np.float32), np.empty(n, np.float32)
+    place[:], single[:] = direction.T, charge
     for j in range(n):
-        x, y, z, q = place[0, j], place[1, j], place[2, j], np.float32(charge[j])
-        for i in range(n):
-            dx, dy, dz = place[0, i] - x, place[1, i] - y, place[2, i] - z
-            square = dx * dx + dy * dy + dz * dz + COINCIDENT
-            strength = q / (square * np.sqrt(square))
-            push[0, i] += strength * dx
-            push[1, i] += strength * dy
-            push[2, i] += strength * dz
+        if n <= MUTUAL_FROM:
+            _push_all(place, single, j, push)
+        else:
+            _push_mutually(place, single, j, push)
     total = np.empty((n, 3))
     for i in range(n):
         for k in range(3):
             total[i, k] = charge[i] * push[k, i]
     return total
+
+
+@kernel
+def _push_all(place: Flat, charge: Flat, j: int, push: Flat) -> None:
+    """Add to (3, n) what j pushes everybody with. Nothing is summed here, so that it is vectorised."""
+    x, y, z, q = place[0, j], place[1, j], place[2, j], charge[j]
+    for i in range(len(charge)):
+        dx, dy, dz = place[0, i] - x, place[1, i] - y, place[2, i] - z
+        square = dx * dx + dy * dy + dz * dz + COINCIDENT
+        strength = q / (square * np.sqrt(square))
+        push[0, i] += strength * dx
+        push[1, i] += strength * dy
+        push[2, i] += strength * dz
+
+
+@kernel_in_any_order
+def _push_mutually(place: Flat, charge: Flat, j: int, push: Flat) -> None:
+    """Add to (3, n) what j and those before it push each other with: half the roots, and sums besides."""
+    x, y, z, q = place[0, j], place[1, j], place[2, j], charge[j]
+    own_x, own_y, own_z = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for i in range(j):
+        dx, dy, dz = place[0, i] - x, place[1, i] - y, place[2, i] - z
+        square = dx * dx + dy * dy + dz * dz + COINCIDENT
+        inverse = np.float32(1.0) / (square * np.sqrt(square))
+        theirs, ours = q * inverse, charge[i] * inverse
+        push[0, i] += theirs * dx
+        push[1, i] += theirs * dy
+        push[2, i] += theirs * dz
+        own_x += ours * dx
+        own_y += ours * dy
+        own_z += ours * dz
+    push[0, j] -= own_x
+    push[1, j] -= own_y
+    push[2, j] -= own_z
 
 
 @kernel

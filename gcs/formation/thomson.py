@@ -4,7 +4,7 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy  # whose parts are loaded when they are used: 30 MB, for which a flight has no use
 
 from gcs.errors import InvalidError
 from gcs.formation.sphere import TINY
@@ -29,6 +29,10 @@ def nearest_m(position_m: Array) -> float:
     return float(np.linalg.norm(position_m[first] - position_m[second], axis=1).min())
 
 
+MANY: Final = 100
+"""With more, the shapes of all descents are alike to a ten-thousandth: one, from a spiral, will do."""
+
+
 def best_configuration(count: int, *, starts: int = 20, seed: int = 0) -> Array:
     """The best of several descents from random starts: (count, 3) unit vectors.
 
@@ -38,14 +42,32 @@ def best_configuration(count: int, *, starts: int = 20, seed: int = 0) -> Array:
     """
     if count < 2:
         raise InvalidError("count", count, "at least 2")
+    if count > MANY:
+        result = scipy.optimize.minimize(
+            _descent, _spiral(count).ravel(), jac=True, method="L-BFGS-B", options={"ftol": 1e-9}
+        )
+        return _normalised(result.x.reshape(count, 3))
     rng = np.random.default_rng(seed)
     found = [
-        minimize(_descent, rng.normal(size=3 * count), jac=True, method="L-BFGS-B", options={"ftol": 1e-14})
+        scipy.optimize.minimize(
+            _descent, rng.normal(size=3 * count), jac=True, method="L-BFGS-B", options={"ftol": 1e-14}
+        )
         for _ in range(starts)
     ]
-    points = min(found, key=lambda result: float(result.fun)).x.reshape(count, 3)
+    return _normalised(min(found, key=lambda result: float(result.fun)).x.reshape(count, 3))
+
+
+def _normalised(points: Array) -> Array:
     unit: Array = points / np.linalg.norm(points, axis=1, keepdims=True)
     return unit
+
+
+def _spiral(count: int) -> Array:
+    """(count, 3) unit vectors, one golden angle after the other from pole to pole."""
+    index = np.arange(count) + 0.5
+    z, angle = 1.0 - 2.0 * index / count, np.pi * (3.0 - 5.0**0.5) * index
+    ring = np.sqrt(1.0 - z * z)
+    return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
 
 
 def _descent(flat: Array) -> tuple[float, Array]:

@@ -1,7 +1,23 @@
-"""Which vehicles may be sent setpoints right now; the answer expires by itself."""
+"""What may be sent right now; every answer expires by itself."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import inf
+from typing import Final
+
+from gcs.errors import InvalidError
+
+_SEND_MARGIN_S: Final = 0.02
+"""Between the last look at the clock and the datagram's leaving, other threads may hold the interpreter."""
+
+
+def before_it_leaves_s(deadman_s: float) -> float:
+    """How old a setpoint may be when it is asked for the last time, so as to leave within `deadman_s`.
+
+    Raises: InvalidError when that leaves nothing.
+    """
+    if not deadman_s > _SEND_MARGIN_S:
+        raise InvalidError("deadman_s", deadman_s, f"above {_SEND_MARGIN_S} s")
+    return deadman_s - _SEND_MARGIN_S
 
 
 class Deadman:
@@ -26,3 +42,40 @@ class Deadman:
         """Whether a setpoint to this system may leave at `now_s`."""
         system_ids, until_s = self._permission
         return now_s <= until_s and system_id in system_ids
+
+
+class Asked:
+    """What the newest tick asked of each vehicle: a setpoint that says anything else is an old one.
+
+    MAVSDK has a queue and threads of its own. One that was stuck goes on with what waited there, and finds
+    the permission that a tick has renewed meanwhile. One thread replaces, any thread asks.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is asked of anybody."""
+        self._orders: Mapping[int, bytes] = {}
+
+    def replace(self, orders: Mapping[int, bytes]) -> None:
+        """By system id, as it stands on the wire; never to be changed afterwards."""
+        self._orders = orders
+
+    def is_newest(self, system_id: int, order: bytes) -> bool:
+        """Whether that is what was asked last."""
+        return self._orders.get(system_id) == order
+
+
+class Pulse:
+    """Whether control lives: our heartbeats say so to the vehicles, whose failsafe waits for their end."""
+
+    def __init__(self, hold_s: float) -> None:
+        """Dead before the first beat; `hold_s` is how long each one lasts."""
+        self._hold_s = hold_s
+        self._until_s = -inf
+
+    def beat(self, now_s: float) -> None:
+        """Control has just done something."""
+        self._until_s = now_s + self._hold_s
+
+    def is_alive(self, now_s: float) -> bool:
+        """Whether that is not too long ago."""
+        return now_s <= self._until_s

@@ -6,18 +6,22 @@ from math import inf, nan
 from typing import Final
 
 from gcs.links.mavlink_frames import (
+    ATTITUDE,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
     HEARTBEAT,
+    LOCAL_POSITION_NED,
     ODOMETRY,
     STATUSTEXT,
     SYS_STATUS,
     Accuracy,
     Frame,
+    Motion,
     TextChunk,
     boot_time_ms,
     gps_accuracy,
     heartbeat,
+    motion,
     prearm_ok,
     reset_counter,
     status_text,
@@ -27,6 +31,9 @@ from gcs.state import Mode
 
 _AUTOPILOT_COMPONENT = 1
 _TEXT_CHUNKS_MAX = 8
+_CLOCKS: Final = frozenset({ATTITUDE, LOCAL_POSITION_NED})
+"""Not asked for, but sent by an autopilot that has just restarted, seconds before its first position."""
+
 _REORDERED_MS: Final = 1000
 """A boot clock that goes back by less is that of a late datagram."""
 
@@ -36,6 +43,7 @@ class Heard:
 
     Attributes:
         time_s: arrival of any frame; `heartbeat_time_s` and `position_time_s` of their own, -inf before.
+        motion: of the newest position.
         armed, mode: from the autopilot's heartbeat, which alone is believed.
         prearm_ok: SYS_STATUS says that the autopilot's own checks before arming pass.
         accuracy: of the newest GPS_RAW_INT.
@@ -52,6 +60,7 @@ class Heard:
         self.time_s = -inf
         self.heartbeat_time_s = -inf
         self.position_time_s = -inf
+        self.motion = Motion(nan, nan, nan, nan, nan, nan, nan)
         self.armed = False
         self.mode = Mode.UNKNOWN
         self.prearm_ok = False
@@ -75,10 +84,12 @@ class Heard:
         message_id = frame.message_id
         self.counts[message_id] += 1
         if message_id == GLOBAL_POSITION_INT:
-            self.position_time_s = time_s
+            self.position_time_s, self.motion = time_s, motion(frame)
             self._take_boot_clock(boot_time_ms(frame))
         elif message_id == HEARTBEAT:
             self._take_heartbeat(frame, time_s)
+        elif message_id in _CLOCKS:
+            self._take_boot_clock(boot_time_ms(frame))
         elif message_id == SYS_STATUS:
             self.prearm_ok = prearm_ok(frame)
         elif message_id == GPS_RAW_INT:
@@ -95,6 +106,7 @@ class Heard:
             self.boots += 1
             self.lives += 1
             self._reset_counter = None  # of a new life
+            self.prearm_ok = False
             self._boot_time_ms = now_ms
         self._boot_time_ms = max(self._boot_time_ms, now_ms)
 

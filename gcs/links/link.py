@@ -47,6 +47,11 @@ class Link(Protocol):
         ...
 
     @property
+    def problems(self) -> Sequence[str]:
+        """What does not end the flight, but an operator should know: a recording that fails. In words."""
+        ...
+
+    @property
     def conflicts(self) -> Mapping[VehicleId, str]:
         """Vehicles whose system id was heard lately from two addresses: both named in the text."""
         ...

@@ -23,15 +23,18 @@ SYS_STATUS: Final = 1
 PING: Final = 4
 SET_MODE: Final = 11
 GPS_RAW_INT: Final = 24
+ATTITUDE: Final = 30
+LOCAL_POSITION_NED: Final = 32
 GLOBAL_POSITION_INT: Final = 33
 COMMAND_INT: Final = 75
 COMMAND_LONG: Final = 76
 COMMAND_ACK: Final = 77
 RADIO_STATUS: Final = 109
+SET_POSITION_TARGET_LOCAL_NED: Final = 84
 STATUSTEXT: Final = 253
 ODOMETRY: Final = 331
 
-SETPOINT_MESSAGES: Final = frozenset({69, 70, 82, 84, 86, 139})
+SETPOINT_MESSAGES: Final = frozenset({69, 70, 82, SET_POSITION_TARGET_LOCAL_NED, 86, 139})
 """What moves a vehicle for as long as it is repeated: MANUAL_CONTROL, RC_CHANNELS_OVERRIDE,
 SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ACTUATOR_CONTROL_TARGET."""
 
@@ -51,6 +54,7 @@ _MAV_AUTOPILOT_PX4: Final = 12
 _CUSTOM_MODE_ENABLED: Final = 0x01
 _ARMED: Final = 0x80
 _RESET_COUNTER_AT: Final = 230  # in ODOMETRY
+_VELOCITY_AT: Final = slice(16, 28)  # in SET_POSITION_TARGET_LOCAL_NED: vx, vy, vz
 FIX_3D: Final = 3
 UNKNOWN_DILUTION: Final = 0xFFFF
 METRES_PER_DILUTION: Final = (1.3, 1.6)
@@ -89,6 +93,9 @@ class Split(NamedTuple):
     unknown_bytes: int  # of frames that may be right, but of messages whose checksum we cannot know
 
 
+_HEADING_MAX_CDEG: Final = 36000  # above: unknown
+
+
 class Heartbeat(NamedTuple):
     """What a heartbeat says about a vehicle."""
 
@@ -102,6 +109,18 @@ class Accuracy(NamedTuple):
 
     horizontal_m: float
     vertical_m: float
+
+
+class Motion(NamedTuple):
+    """What a GLOBAL_POSITION_INT says; NaN where it does not say."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_amsl_m: float
+    north_m_s: float
+    east_m_s: float
+    down_m_s: float
+    yaw_deg: float
 
 
 class TextChunk(NamedTuple):
@@ -284,6 +303,22 @@ def px4_mode(custom_mode: int) -> Mode:
     return _PX4_MODES.get((custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF), Mode.OTHER)
 
 
+def motion(frame: Frame) -> Motion:
+    """Where a GLOBAL_POSITION_INT says that its vehicle is, and how it moves."""
+    _, latitude, longitude, altitude_mm, _, north, east, down, yaw_cdeg = unpack_from(
+        "<IiiiihhhH", _padded(frame)
+    )
+    return Motion(
+        latitude * 1e-7,
+        longitude * 1e-7,
+        altitude_mm * 1e-3,
+        north * 1e-2,
+        east * 1e-2,
+        down * 1e-2,
+        yaw_cdeg * 1e-2 if yaw_cdeg <= _HEADING_MAX_CDEG else nan,
+    )
+
+
 def heartbeat(frame: Frame) -> Heartbeat:
     """Read a HEARTBEAT; the mode of anything but PX4 is OTHER."""
     custom_mode, _, autopilot, base_mode = unpack_from("<IBBB", _padded(frame))
@@ -293,7 +328,7 @@ def heartbeat(frame: Frame) -> Heartbeat:
 
 
 def boot_time_ms(frame: Frame) -> int:
-    """The boot clock of a GLOBAL_POSITION_INT. It jumps back at a reboot, and when a simulator was paused."""
+    """The boot clock of a message that begins with it. It jumps back at a reboot, and after a pause."""
     return int.from_bytes(frame.payload[:4], "little")
 
 
@@ -320,6 +355,11 @@ def gps_accuracy(frame: Frame) -> Accuracy:
     return Accuracy(
         h_acc_mm / 1000 if h_acc_mm else horizontal_m, v_acc_mm / 1000 if v_acc_mm else vertical_m
     )
+
+
+def asked_velocity(frame: Frame) -> bytes:
+    """The three single-precision numbers of a velocity setpoint; nothing for any other setpoint."""
+    return frame.payload[_VELOCITY_AT] if frame.message_id == SET_POSITION_TARGET_LOCAL_NED else b""
 
 
 def reset_counter(frame: Frame) -> int:

@@ -2,9 +2,10 @@
 
 import logging
 from collections.abc import Callable, Collection
+from functools import cache
 from math import nan
 from threading import Lock
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from mavsdk import ComponentType, Configuration, ConnectionResult, Mavsdk
 from mavsdk.exceptions import MavsdkError
@@ -26,20 +27,6 @@ COMPONENT_ID: Final = 190
 _LOG_LEVELS: Final = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.WARNING}
 """The others are for those who mend MAVSDK. An error is seldom; the last may be why the process ends."""
 
-_HEADING_MAX_DEG: Final = 360.0  # above: unknown on the wire
-
-
-class Motion(NamedTuple):
-    """Where MAVSDK last saw a vehicle; NaN before the first."""
-
-    latitude_deg: float
-    longitude_deg: float
-    altitude_amsl_m: float
-    north_m_s: float
-    east_m_s: float
-    down_m_s: float
-    yaw_deg: float
-
 
 class MavsdkVehicle:
     """One vehicle's plugins. Getters and `set_velocity` take microseconds; `command` blocks for seconds."""
@@ -51,21 +38,6 @@ class MavsdkVehicle:
         self._offboard: Any = Offboard(system)
         self._action: Any = Action(system)
         self._param: Any = Param(system)
-
-    def motion(self) -> Motion:
-        """Position, velocity and heading, all from the same GLOBAL_POSITION_INT."""
-        position = self._telemetry.position()
-        velocity = self._telemetry.velocity_ned()
-        yaw_deg = self._telemetry.heading().heading_deg
-        return Motion(
-            position.latitude_deg,
-            position.longitude_deg,
-            position.absolute_altitude_m,
-            velocity.north_m_s,
-            velocity.east_m_s,
-            velocity.down_m_s,
-            yaw_deg if yaw_deg <= _HEADING_MAX_DEG else nan,
-        )
 
     def battery_remaining(self) -> float:
         """0 to 1, NaN when unknown."""
@@ -163,10 +135,10 @@ class MavsdkFleet:
 
     def open(self) -> None:
         """Start MAVSDK. Raises: LinkError."""
-        with self._lock:
+        with self._lock, _OPENING:
             if self._destroyed:
                 return
-            log_subscribe(_pass_on)
+            _take_messages()
             configuration: Any = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
             configuration.system_id = self._station_id
             self._mavsdk = Mavsdk(configuration)
@@ -205,6 +177,16 @@ class MavsdkFleet:
                 vehicle.destroy()
             if self._mavsdk is not None:
                 self._mavsdk.destroy()
+
+
+_OPENING = Lock()
+"""Several links open side by side, each on its own thread, and MAVSDK has one log for all of them."""
+
+
+@cache
+def _take_messages() -> None:
+    """Once a process: replacing what takes them frees it under an instance that is just saying something."""
+    log_subscribe(_pass_on)
 
 
 def _pass_on(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:

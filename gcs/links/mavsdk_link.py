@@ -7,7 +7,7 @@ set it. Therefore its bytes leave through `Wire`, where setpoints need a permiss
 import asyncio
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from math import degrees, isnan
+from math import degrees, inf, nan
 from pathlib import Path
 from time import monotonic
 from types import MappingProxyType
@@ -15,15 +15,16 @@ from typing import Final
 
 import numpy as np
 
-from gcs.errors import InvalidError, OrderError, UnknownError
+from gcs.errors import OrderError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.links.asking import is_answer, keep_asking
-from gcs.links.deadman import Deadman
+from gcs.links.deadman import Asked, Deadman, Pulse, before_it_leaves_s
 from gcs.links.endpoints import Place
+from gcs.links.facts import LinkFacts
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
-from gcs.links.mavlink_frames import Frame, kill_frame
+from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, Frame, kill_frame
 from gcs.links.mavsdk_fleet import COMPONENT_ID, MavsdkVehicle
 from gcs.links.mavsdk_orders import MavsdkHand, Workers
 from gcs.links.mavsdk_shards import MavsdkShards
@@ -31,10 +32,10 @@ from gcs.links.offstage import Offstage
 from gcs.links.orders import Orders
 from gcs.links.rates import NOT_FOR_MAVSDK
 from gcs.links.recorder import Recorder
-from gcs.links.roster import SILENT_AFTER_S, Address
+from gcs.links.roster import SILENT_AFTER_S
 from gcs.links.settings import Forward
-from gcs.links.traffic import Counters, Observer
-from gcs.links.vehicle_ids import check, station_id
+from gcs.links.traffic import Observer
+from gcs.links.vehicle_ids import station_id
 from gcs.links.wire import Wire
 from gcs.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 
@@ -42,11 +43,13 @@ log = logging.getLogger(__name__)
 
 _RECEIVE_PERIOD_S: Final = 0.005
 _DISCOVER_S: Final = 0.25
-_SEND_MARGIN_S: Final = 0.02
-"""Between asking the deadman and the datagram's leaving, other threads may hold the interpreter."""
+_POSITION_PERIOD_S: Final = 0.5
+"""So often MAVSDK is shown a position; for the tick the wire reads them all."""
+
+_LOOKS_SHARED: Final = 4
 
 
-class MavsdkLink:
+class MavsdkLink(LinkFacts):
     """Up to 250 vehicles, each 64 through a MAVSDK instance of their own. A `gcs.links.Link`."""
 
     def __init__(
@@ -57,6 +60,7 @@ class MavsdkLink:
         frame: ShowFrame,
         *,
         deadman_s: float = 0.2,
+        heartbeat_hold_s: float = 3.0,
         clock: Callable[[], float] = monotonic,
         rates_hz: Mapping[int, float] | None = None,
         record: Path | None = None,
@@ -71,6 +75,7 @@ class MavsdkLink:
             listen: where the vehicles are.
             frame: to turn setpoints from the show frame to NED.
             deadman_s: no setpoint leaves later than this after the time of the tick that asked for it.
+            heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
             clock: the loop's, ``loop.time``.
             rates_hz: how often the vehicles are to send which message; they are not asked when not given.
             record: a folder for recordings of every frame.
@@ -80,15 +85,11 @@ class MavsdkLink:
         Raises: InvalidError for a system id out of range or used twice, and for a deadman's time that leaves
             nothing.
         """
-        if not deadman_s > _SEND_MARGIN_S:
-            raise InvalidError("deadman_s", deadman_s, f"above {_SEND_MARGIN_S} s")
-        check(vehicles)
-        self._name = name
-        self._vehicles = MappingProxyType(dict(vehicles))
-        self._ids = tuple(vehicles)
         self._frame = frame
         self._clock = clock
-        self._deadman = Deadman(deadman_s - _SEND_MARGIN_S)
+        self._deadman = Deadman(before_it_leaves_s(deadman_s))
+        self._asked = Asked()
+        self._pulse = Pulse(heartbeat_hold_s)
         self._latch = KillLatch(vehicles.values())
         self._source = station_id(vehicles.values()), COMPONENT_ID
         self._wire = Wire(
@@ -100,11 +101,14 @@ class MavsdkLink:
             clock=clock,
             deliver=self._deliver,
             station_id=self._source[0],
+            asked=self._asked,
+            pulse=self._pulse,
             signing=signing,
             forward=forward,
         )
         self._rates_hz = dict(rates_hz or {})
-        self._record = record
+        recorder = None if record is None else Recorder(record, name, self._wire.counters, clock)
+        super().__init__(name, vehicles, self._wire, self._wire.counters, recorder)
         self._signing = signing
         self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkShards | None = None
@@ -112,44 +116,12 @@ class MavsdkLink:
         self._workers: Workers | None = None
         self._met: Mapping[int, MavsdkVehicle] = {}
         self._kills = 0
-
-    @property
-    def name(self) -> str:
-        """As the configuration calls it."""
-        return self._name
-
-    @property
-    def ids(self) -> tuple[VehicleId, ...]:
-        """The vehicles configured on this link, heard or not."""
-        return self._ids
-
-    @property
-    def conflicts(self) -> Mapping[VehicleId, str]:
-        """Vehicles whose system id was heard lately from two addresses: both named in the text."""
-        texts = self._wire.conflicts()
-        return {
-            vehicle_id: texts[system_id]
-            for vehicle_id, system_id in self._vehicles.items()
-            if system_id in texts
-        }
-
-    @property
-    def setpoints_sent(self) -> int:
-        """How many setpoints have left, in all."""
-        return self._wire.counters.setpoints_sent
-
-    @property
-    def addresses(self) -> Mapping[VehicleId, Address]:
-        """Where each vehicle heard so far spoke from last: all that a kill from outside needs to know."""
-        known = {
-            vehicle_id: self._wire.address(system_id) for vehicle_id, system_id in self._vehicles.items()
-        }
-        return {vehicle_id: address for vehicle_id, address in known.items() if address is not None}
-
-    @property
-    def counters(self) -> Counters:
-        """Totals since the link was made: setpoints sent, dropped by the deadman, and so on."""
-        return self._wire.counters
+        n = len(self._ids)
+        self._passed_s = dict.fromkeys(vehicles.values(), -inf)  # position that MAVSDK was shown last
+        self._looks = 0
+        self._battery = np.full(n, nan)
+        self._landed = [Landed.UNKNOWN] * n
+        self._healthy, self._seen = [False] * n, [False] * n
 
     def observe(self, observer: Observer) -> Callable[[], None]:
         """Show every frame to `observer` from now on; call the result to stop. See `Observer`."""
@@ -169,13 +141,11 @@ class MavsdkLink:
         """Move bytes until cancelled. Raises: LinkError naming the port that cannot be had."""
         wire = self._wire
         wire.open()
+        self._pulse.beat(self._clock())  # time to begin
         fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0], wire.send)
         orders, workers = Orders(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
-        recorder = None
-        stop_recording: Callable[[], None] = lambda: None  # noqa: E731
-        if self._record is not None:
-            recorder = Recorder(self._record, self._name, wire.counters, self._clock)
-            stop_recording = self.observe(recorder.record)
+        recorder = self._recorder
+        stop_recording = None if recorder is None else self.observe(recorder.record)
         offstage = Offstage(fleet, recorder, self._signing)
         try:
             await asyncio.to_thread(offstage.open)
@@ -189,26 +159,18 @@ class MavsdkLink:
                 group.create_task(asking, name=f"link/{self._name}/ask")
         finally:
             await self._shut(offstage, orders, workers)
-            stop_recording()
+            if stop_recording is not None:
+                stop_recording()
 
     def snapshot(self) -> Telemetry:
-        """The newest known of every vehicle, with arrival times. About 20 us per vehicle."""
-        n = len(self._ids)
-        position_time_s = np.full(n, -np.inf)
-        motion = np.full((n, 7), np.nan)
-        battery = np.full(n, np.nan)
-        landed = [Landed.UNKNOWN] * n
-        ready = [False] * n
-        for row, (system_id, heard) in enumerate(zip(self._vehicles.values(), self._heard, strict=True)):
-            vehicle = self._met.get(system_id)
-            if vehicle is None:
-                continue
-            motion[row] = vehicle.motion()
-            if not isnan(motion[row, 0]):  # MAVSDK may not have seen yet what the wire has
-                position_time_s[row] = heard.position_time_s
-            battery[row] = vehicle.battery_remaining()
-            landed[row] = vehicle.landed()
-            ready[row] = heard.prearm_ok and vehicle.healthy()
+        """The newest known of every vehicle, with arrival times: what waits in the sockets is read first."""
+        self._take_in()
+        self._look()
+        is_met = np.array([system_id in self._met for system_id in self._vehicles.values()], np.bool_)
+        motion = np.array([heard.motion for heard in self._heard]).reshape(-1, 7)
+        motion[~is_met] = np.nan  # who cannot be ordered yet
+        position_time_s = np.array([heard.position_time_s for heard in self._heard])
+        position_time_s[~is_met] = -np.inf
         return Telemetry(
             ids=self._ids,
             position_time_s=position_time_s,
@@ -218,16 +180,31 @@ class MavsdkLink:
             altitude_amsl_m=motion[:, 2].copy(),
             velocity_ned_m_s=motion[:, 3:6].copy(),
             yaw_deg=motion[:, 6].copy(),
-            battery_remaining=battery,
+            battery_remaining=self._battery.copy(),
             armed=tuple(heard.armed for heard in self._heard),
             mode=tuple(heard.mode for heard in self._heard),
-            landed=tuple(landed),
-            ready=tuple(ready),
+            landed=tuple(self._landed),
+            ready=tuple(
+                healthy and heard.prearm_ok for healthy, heard in zip(self._healthy, self._heard, strict=True)
+            ),
             horizontal_accuracy_m=np.array([heard.accuracy.horizontal_m for heard in self._heard]),
             vertical_accuracy_m=np.array([heard.accuracy.vertical_m for heard in self._heard]),
             boots=tuple(heard.boots for heard in self._heard),
             position_resets=tuple(heard.position_resets for heard in self._heard),
         )
+
+    def _look(self) -> None:
+        """Ask MAVSDK for what changes slowly: a part of the vehicles each time, and who is new."""
+        self._looks += 1
+        for row, system_id in enumerate(self._vehicles.values()):
+            vehicle = self._met.get(system_id)
+            if vehicle is None:
+                self._battery[row], self._landed[row], self._healthy[row] = nan, Landed.UNKNOWN, False
+                self._seen[row] = False
+            elif not self._seen[row] or (row + self._looks) % _LOOKS_SHARED == 0:
+                self._battery[row] = vehicle.battery_remaining()
+                self._landed[row] = vehicle.landed()
+                self._healthy[row] = self._seen[row] = vehicle.healthy()
 
     def send(self, setpoints: Setpoints) -> None:
         """Hand over one tick's orders. Never blocks.
@@ -237,6 +214,7 @@ class MavsdkLink:
         a vehicle that is not connected, is left out, as if it were not listed.
         """
         now_s = self._clock()
+        self._pulse.beat(now_s)
         velocity_ned_m_s = self._frame.into_ned(setpoints.velocity_m_s)
         finite = np.isfinite(velocity_ned_m_s).all(axis=1) & np.isfinite(setpoints.yaw_rad)
         rows: dict[int, int] = {}
@@ -244,9 +222,11 @@ class MavsdkLink:
             system_id = self._vehicles.get(vehicle_id, 0)
             if finite[row] and system_id in self._met and self._is_connected(system_id, now_s):
                 rows[system_id] = row
-        # Forbid first what is not listed; then replace what MAVSDK repeats; only then allow. The other way
-        # round it could repeat an old setpoint of a vehicle that is listed again.
+        # Forbid first what is not listed, and what was asked before; then replace what MAVSDK repeats; only
+        # then allow. The other way round it could repeat an old setpoint of a vehicle that is listed again.
         since_s = min(now_s, setpoints.time_s)
+        said = velocity_ned_m_s.astype("<f4")
+        self._asked.replace({system_id: said[row].tobytes() for system_id, row in rows.items()})
         self._deadman.refresh((known for known in rows if self._deadman.allows(known, now_s)), since_s)
         agreed: list[int] = []
         for system_id, row in rows.items():
@@ -310,6 +290,11 @@ class MavsdkLink:
     def _deliver(self, frame: Frame) -> None:
         if self._fleet is None or frame.message_id in NOT_FOR_MAVSDK:
             return  # it has been counted as an arrival, and observers see it
+        if frame.message_id == GLOBAL_POSITION_INT:
+            now_s = self._wire.heard[frame.system_id].position_time_s
+            if now_s - self._passed_s[frame.system_id] < _POSITION_PERIOD_S:
+                return
+            self._passed_s[frame.system_id] = now_s
         if not is_answer(frame):  # MAVSDK knows of no question
             self._fleet.receive(frame)
 
@@ -323,9 +308,14 @@ class MavsdkLink:
         self._kills += 1
         self._wire.send_kill(frame)
 
+    def _take_in(self) -> None:
+        self._wire.receive()
+        if self._fleet is not None:
+            self._fleet.flush()
+
     async def _receive(self) -> None:
         while True:
-            self._wire.receive()
+            self._take_in()
             await asyncio.sleep(_RECEIVE_PERIOD_S)
 
     async def _discover(self, fleet: MavsdkShards) -> None:

@@ -57,8 +57,13 @@ class Recorder:
         self._writer: Thread | None = None
         self._file = -1
         self._whole_bytes = 0
-        self._failed = False
+        self._problem = ""
         self._path: Path | None = None
+
+    @property
+    def problem(self) -> str:
+        """Why nothing is being recorded; empty while it is."""
+        return self._problem
 
     @property
     def path(self) -> Path | None:
@@ -95,7 +100,7 @@ class Recorder:
     def _write(self) -> None:
         """On the thread: until closed, and once more."""
         try:
-            while not self._closed.wait(_RETRY_S if self._failed else _WRITE_PERIOD_S):
+            while not self._closed.wait(_RETRY_S if self._problem else _WRITE_PERIOD_S):
                 self._write_once()
             self._write_once()
         finally:
@@ -113,14 +118,14 @@ class Recorder:
         except OSError as error:
             with self._lock:
                 self._counters.not_recorded += len(batch)
-            if not self._failed:
+            if not self._problem:
                 log.error("recording_failed", extra={"folder": str(self._folder), "cause": str(error)})
-            self._failed = True
+            self._problem = f"recording to {self._folder} fails: {error}"
             return
         self._counters.recorded += len(batch)
-        if self._failed:
+        if self._problem:
             log.warning("recording_goes_on", extra={"file": str(self._path)})
-        self._failed = False
+        self._problem = ""
 
     def _create(self) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)

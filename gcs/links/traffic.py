@@ -28,6 +28,7 @@ class Counters:
     sent: int = 0
     setpoints_sent: int = 0
     setpoints_dropped: int = 0  # by the deadman
+    heartbeats_withheld: int = 0  # of ours, while control was dead
     commands_dropped: int = 0  # ordered before a kill, and repeated behind it
     unroutable: int = 0  # for a system not heard yet
     send_errors: int = 0

@@ -13,14 +13,24 @@ from types import MappingProxyType
 from typing import Final
 
 from gcs.errors import LinkError
-from gcs.links.deadman import Deadman
+from gcs.links.deadman import Asked, Deadman, Pulse
 from gcs.links.endpoints import Arrival, Listen, Place, make
 from gcs.links.endpoints.udp import Udp
 from gcs.links.forward import Forwarder, may_pass
 from gcs.links.heard import Heard
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
-from gcs.links.mavlink_frames import PING, RADIO_STATUS, SETPOINT_MESSAGES, Frame, moves, split, target_system
+from gcs.links.mavlink_frames import (
+    HEARTBEAT,
+    PING,
+    RADIO_STATUS,
+    SETPOINT_MESSAGES,
+    Frame,
+    asked_velocity,
+    moves,
+    split,
+    target_system,
+)
 from gcs.links.roster import TAKEN, Address, Roster, Verdict
 from gcs.links.settings import Forward
 from gcs.links.signing import Judgement
@@ -59,6 +69,8 @@ class Wire:
         clock: Callable[[], float],
         deliver: Callable[[Frame], None],
         station_id: int = 245,
+        asked: Asked | None = None,
+        pulse: Pulse | None = None,
         signing: Signing | None = None,
         forward: Sequence[Forward] = (),
     ) -> None:
@@ -73,6 +85,8 @@ class Wire:
             clock: the loop's.
             deliver: gets every accepted frame, on the thread that receives.
             station_id: our own system id.
+            asked: knows old setpoints from new ones; none is too old without.
+            pulse: permits our heartbeats; they always leave without.
             signing: signs all that leaves and judges all that comes. Whoever gives it opens and closes it.
             forward: further ground stations.
         """
@@ -85,6 +99,8 @@ class Wire:
         self._clock = clock
         self._deliver = deliver
         self._station_id = station_id
+        self._asked = asked
+        self._pulse = pulse
         self._signing = signing
         self._roster = Roster(self.heard)
         self._endpoints = make(name, listen if isinstance(listen, Sequence) else (listen,))
@@ -159,6 +175,8 @@ class Wire:
             target = target_system(frame)
             if target == 0 and (frame.message_id == PING or not to_everybody):
                 continue  # one to everybody for every vehicle known grows with the square of the fleet
+            if frame.message_id == HEARTBEAT and self._is_dead():
+                continue
             if frame.message_id in SETPOINT_MESSAGES:
                 self._send_setpoint(frame, target)
             else:
@@ -184,7 +202,7 @@ class Wire:
     def _send_setpoint(self, frame: Frame, target: int) -> None:
         if self._latch.is_shut(target):
             self._count_latched()
-        elif not self._deadman.allows(target, self._clock()):
+        elif not self._deadman.allows(target, self._clock()) or self._is_old(frame, target):
             with self._lock:
                 self.counters.setpoints_dropped += 1
         elif self._send_frame(frame, target, perishable=True):
@@ -193,6 +211,18 @@ class Wire:
                 record.append(self._clock())  # after the call: never earlier than the truth
             with self._lock:
                 self.counters.setpoints_sent += 1
+
+    def _is_old(self, frame: Frame, target: int) -> bool:
+        """Whether a setpoint is not what the newest tick asked for."""
+        return self._asked is not None and not self._asked.is_newest(target, asked_velocity(frame))
+
+    def _is_dead(self) -> bool:
+        """Whether control has been silent for so long that our heartbeats may not say otherwise."""
+        if self._pulse is None or self._pulse.is_alive(self._clock()):
+            return False
+        with self._lock:
+            self.counters.heartbeats_withheld += 1
+        return True
 
     def _send_unless_killed(self, frame: Frame, target: int) -> bool:
         """Whether it left."""
@@ -210,11 +240,11 @@ class Wire:
         addresses = self._addresses(target)
         if self._signing is None:
             raw = frame.raw
-            left = sum([self._send_to(raw, address, perishable) for address in addresses])
+            left = sum([self._send_to(raw, address, target, perishable) for address in addresses])
         else:
             with self._in_signed_order:  # whoever gets a later signature first refuses the earlier one
                 raw = self._signing.sign(frame.raw) or b""
-                left = sum([self._send_to(raw, address, perishable) for address in addresses if raw])
+                left = sum([self._send_to(raw, address, target, perishable) for address in addresses if raw])
         with self._lock:
             self.counters.sent += left
             self.counters.unroutable += not addresses
@@ -234,9 +264,15 @@ class Wire:
         unheard = [address for endpoint in self._far for address in endpoint.standing]
         return tuple(dict.fromkeys((*self._roster.everybody, *unheard)))
 
-    def _send_to(self, data: bytes, address: Address, perishable: bool) -> bool:
+    def _send_to(self, data: bytes, address: Address, target: int, perishable: bool) -> bool:
+        send = self._endpoints[address.socket_index].send
+        # Asked again right before the call: a thread may lose its turn, and the process be stopped, anywhere.
+        if perishable and not self._deadman.allows(target, self._clock()):
+            with self._lock:
+                self.counters.setpoints_dropped += 1
+            return False
         try:
-            self._endpoints[address.socket_index].send(data, address, perishable=perishable)
+            send(data, address, perishable=perishable)
         except BlockingIOError:  # it is slow: this one is lost, and what comes later may get through
             with self._lock:
                 self.counters.no_room += 1

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import hypot
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.compiled import kernel
 from gcs.formation.obstacles import Ellipse
@@ -236,20 +238,21 @@ def _reasons(
 
     Who broke none was pushed by others: the constraint it came nearest to breaking.
     """
-    reasons = [""] * len(wanted_m_s)
     rows = np.flatnonzero(changed_m_s > NOTICEABLE_M_S)
+    reasons = np.full(len(wanted_m_s), "", dtype=object)
     if len(rows) == 0:
-        return tuple(reasons)
+        return tuple(reasons.tolist())
     which = tightest(wanted_m_s, *joined)[rows]
-    paired = which >= len(walls)
+    paired, walled = which >= len(walls), (which != NOBODY) & (which < len(walls))
     pair = which[paired] - len(walls)
-    other = np.full(len(rows), NOBODY)
-    other[paired] = np.where(pairs.first[pair] == rows[paired], pairs.other[pair], pairs.first[pair])
-    for row, k, neighbour in zip(rows.tolist(), which.tolist(), other.tolist(), strict=True):
-        if k == NOBODY:
-            reasons[row] = "limits"
-        elif neighbour == NOBODY:
-            reasons[row] = walls.reason[k]
-        else:
-            reasons[row] = f"separation from {names[neighbour]}"
-    return tuple(reasons)
+    other = np.where(pairs.first[pair] == rows[paired], pairs.other[pair], pairs.first[pair])
+    reasons[rows] = "limits"
+    reasons[rows[paired]] = _separation_from(tuple(names))[other]
+    reasons[rows[walled]] = [walls.reason[k] for k in which[walled].tolist()]
+    return tuple(reasons.tolist())
+
+
+@lru_cache(maxsize=4)
+def _separation_from(names: tuple[str, ...]) -> NDArray[np.object_]:
+    """(n,) what is said of who was kept away from each."""
+    return np.array([f"separation from {name}" for name in names], dtype=object)

@@ -6,7 +6,7 @@ from gcs.formation.obstacles import Ellipse
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.projection import any_broken
 from gcs.safety.separation import minimum_separation, separation_constraints
-from gcs.safety.traffic import keep_right
+from gcs.safety.traffic import give_way, keep_right
 
 
 def warm_up() -> None:
@@ -38,7 +38,15 @@ def warm_up() -> None:
         flatness=1.0,
         settings=settings.traffic,
     )
-    filter_velocities(turned_m_s, surroundings, settings)
+    given_m_s = give_way(
+        turned_m_s,
+        position_m,
+        position_m + 10.0 * wanted_m_s,
+        to_goal=everybody,
+        flatness=1.0,
+        settings=settings.traffic,
+    )
+    filter_velocities(given_m_s, surroundings, settings)
     pairs = separation_constraints(
         position_m,
         wanted_m_s,

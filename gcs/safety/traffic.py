@@ -1,19 +1,21 @@
-"""Rules of the road for vehicles that fly to places of their own: keep right, the more the fuller the way.
+"""Rules of the road for vehicles that fly to places of their own: keep right; let pass who is nearly there.
 
 A filter that only restrains ends in a jam where many ways cross: everybody is right to brake, and nobody
 moves. Looking ahead along the whole way costs less. Whoever would meet others keeps to the right of its
 straight way, so that opposite traffic parts, and a crowd whose ways all cross in one point goes round that
-point, all the same way round.
+point, all the same way round. And where two meet, who has much farther to go gives way: if both did by
+halves, as the filter has it, one with a few metres to its place would be pushed along by whoever comes by.
 """
 
 from math import radians
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from gcs.compiled import kernel
-from gcs.safety.neighbours import Rows
+from gcs.formation.sphere import TINY
+from gcs.safety.neighbours import Rows, near_pairs
 from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import Array, Mask
 
@@ -24,13 +26,28 @@ STRAIGHT_UP_M = 1e-6
 """A way that leads less far to the side has no right; it takes one by whether it leads up or down."""
 
 
+MUCH_NEARER = 0.5
+"""Who has less than this share of another's time left is let pass. Between equals the filter decides."""
+
+
 class Traffic(Settings):
-    """How far vehicles keep to the right of their straight way."""
+    """How far vehicles keep to the right of their straight way, and from where on they give way."""
 
     angle_max_deg: Annotated[float, Field(ge=0.0, le=60.0)] = 45.0  # 0: always straight on
     passing_m: Positive = 8.0  # closer than this, sideways, is a meeting
     crowd: Positive = 4.0  # so many meetings bring two thirds of the greatest angle
     horizon_s: NotNegative = 10.0  # for how long the others are expected to go on, if they have no goal
+    give_way_m: NotNegative = 10.0  # nearer than this they begin to, at `give_way_fully_m` they do; 0: never
+    give_way_fully_m: NotNegative = 6.0
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if 0.0 < self.give_way_m <= self.give_way_fully_m:
+            fully_m = self.give_way_fully_m
+            raise ValueError(
+                f"give_way_m {self.give_way_m:g} must be more than give_way_fully_m {fully_m:g}, or 0"
+            )
+        return self
 
 
 def keep_right(
@@ -83,6 +100,41 @@ def keep_right(
     return kept
 
 
+def give_way(
+    wanted_m_s: Array, position_m: Array, goal_m: Array, *, to_goal: Mask, flatness: float, settings: Traffic
+) -> Array:
+    """Take from those with far to go what brings them nearer to somebody close by who is nearly there.
+
+    Seen from who is let pass the other no longer comes nearer: it stops, backs off or slides by. Each gives
+    way to one at a time, the one on whom it closes in the most. It needs no memory either.
+
+    Args:
+        wanted_m_s: (n, 3), show frame.
+        position_m: (n, 3), show frame; NaN rows take no part.
+        goal_m: (n, 3); only rows of `to_goal` count.
+        to_goal: (n,) who gives way, and to whom way is given.
+        flatness: how much less a metre up and down counts than one sideways.
+        settings: from where on.
+
+    Returns: (n, 3) in m/s.
+    """
+    if settings.give_way_m == 0.0:
+        return wanted_m_s
+    left_m, speed_m_s = np.linalg.norm(goal_m - position_m, axis=1), np.linalg.norm(wanted_m_s, axis=1)
+    takes_part = to_goal & np.isfinite(left_m) & (speed_m_s > STANDING_M_S)
+    scale = np.array([1.0, 1.0, flatness])
+    given_up_m_s = approach_given_up(
+        wanted_m_s * scale,
+        position_m * scale,
+        left_m / np.maximum(speed_m_s, STANDING_M_S),
+        takes_part,
+        settings.give_way_fully_m,
+        settings.give_way_m,
+    )
+    given: Array = wanted_m_s - given_up_m_s / scale
+    return given
+
+
 def _to_the_right(velocity_m_s: Array, way_m: Array, angle_rad: Array) -> Array:
     """(n, 3) turned by (n,) towards the right-hand side of the ways (n, 3), seen from above."""
     speed_m_s = np.linalg.norm(velocity_m_s, axis=1)
@@ -133,3 +185,42 @@ def count_meetings(
                 meetings[i] += weight
                 meetings[j] += weight
     return meetings
+
+
+@kernel
+def approach_given_up(
+    wanted_m_s: Array, position_m: Array, left_s: Array, takes_part: Mask, fully_m: float, begins_m: float
+) -> Array:
+    """(n, 3) what each has to take from its wanted velocity to give way.
+
+    Args:
+        wanted_m_s: (n, 3), in a metric in which the floor is a sphere.
+        position_m: (n, 3), likewise.
+        left_s: (n,) how long each still has to go.
+        takes_part: (n,) everything else of these is finite.
+        fully_m: from this distance on the approach is given up wholly.
+        begins_m: and from this one on in part.
+    """
+    given_up_m_s = np.zeros_like(wanted_m_s)
+    most_m_s = np.zeros(len(wanted_m_s))
+    first, second = near_pairs(position_m, takes_part, np.full(len(wanted_m_s), 0.5 * begins_m))
+    for k in range(len(first)):
+        i, j = first[k], second[k]
+        if left_s[i] < left_s[j]:
+            i, j = j, i
+        if left_s[j] >= MUCH_NEARER * left_s[i]:
+            continue
+        away_m2, closing_m2_s = 0.0, 0.0
+        for axis in range(3):
+            offset_m = position_m[j, axis] - position_m[i, axis]
+            away_m2 += offset_m * offset_m
+            closing_m2_s += offset_m * (wanted_m_s[i, axis] - wanted_m_s[j, axis])
+        away_m = np.sqrt(away_m2)
+        share = min(1.0, (begins_m - away_m) / (begins_m - fully_m))
+        slower_m_s = share * closing_m2_s / max(away_m, TINY)
+        if slower_m_s > most_m_s[i]:
+            most_m_s[i] = slower_m_s
+            for axis in range(3):
+                offset_m = position_m[j, axis] - position_m[i, axis]
+                given_up_m_s[i, axis] = slower_m_s * offset_m / max(away_m, TINY)
+    return given_up_m_s

@@ -24,6 +24,8 @@ from gcs.state import Array
 STEP_S = 0.01
 LAG_S = 0.3
 OFFBOARD = 6 << 16
+NOISE_BYTES, MAGIC = 280, 0xFD
+"""Of who jams: a full datagram in every step, with what looks like the beginnings of frames."""
 HOST = "127.0.0.1"
 FRAME = ShowFrame(47.397742, 8.545594, 488.0)
 
@@ -48,8 +50,12 @@ def sphere_m(count: int, radius_m: float, height_m: float) -> Array:
 class Namespace:
     """Vehicles 1 to n behind one address, talking to one port."""
 
-    def __init__(self, port: int, position_m: Array) -> None:
+    def __init__(self, port: int, position_m: Array, *, own_ports: bool, silent: int, garbage: int) -> None:
+        """With `own_ports` vehicle i speaks to port + i - 1; the first are silent, the next send garbage."""
         n = len(position_m)
+        self._garbage = np.arange(silent, silent + garbage)
+        self._speaks = np.arange(n) >= silent + garbage
+        self._random = np.random.default_rng(port)
         self.setpoints = 0
         self._system_ids = np.arange(1, n + 1)
         self._position_m = position_m
@@ -57,7 +63,7 @@ class Namespace:
         self._sequence: Bytes = np.zeros(n, np.uint8)
         self._packets = Packets("traffic", Listen(HOST, 0), time.monotonic)
         self._packets.open()
-        self._ground = source_of(int.from_bytes(b"\x7f\0\0\1", "big"), port, 0)
+        self._ground = source_of(int.from_bytes(b"\x7f\0\0\1", "big"), port, 0) + own_ports * np.arange(n)
         phase = np.random.default_rng(port).random(n)
         self._due_s = {message_id: phase / rate_hz for message_id, rate_hz in STREAMS_HZ.items()}
 
@@ -66,8 +72,12 @@ class Namespace:
         self._packets.receive(self._take)
         self._velocity_m_s += (self._wanted_m_s - self._velocity_m_s) * STEP_S / LAG_S
         self._position_m = self._position_m + self._velocity_m_s * STEP_S
+        if len(self._garbage):
+            noise = self._random.integers(0, 256, (len(self._garbage), NOISE_BYTES), np.uint8)
+            noise[:, ::40] = MAGIC
+            self._packets.send(noise, np.full(len(noise), NOISE_BYTES), self._ground[self._garbage])
         for message_id, due_s in self._due_s.items():
-            rows = np.flatnonzero(due_s <= time_s)
+            rows = np.flatnonzero((due_s <= time_s) & self._speaks)
             if len(rows):
                 due_s[rows] += 1.0 / STREAMS_HZ[message_id]
                 self._send(message_id, self._messages(message_id, rows, time_s), rows)
@@ -114,7 +124,7 @@ class Namespace:
             component_id=1,
         )
         self._sequence[rows] += np.uint8(1)
-        self._packets.send(frames.data, frames.length, np.full(len(rows), self._ground))
+        self._packets.send(frames.data, frames.length, self._ground[rows])
 
 
 def main() -> None:
@@ -124,10 +134,19 @@ def main() -> None:
         parser.add_argument(name, type=int)
     for name in ("radius", "height"):
         parser.add_argument(name, type=float)
+    for name in ("silent", "garbage"):
+        parser.add_argument(f"--{name}", type=int, default=0)
+    parser.add_argument("--own-ports", action="store_true")
     given = parser.parse_args()
     place_m = sphere_m(given.namespaces * given.each, given.radius, given.height)
     fleets = [
-        Namespace(given.port + index, place_m[index * given.each : (index + 1) * given.each])
+        Namespace(
+            given.port + index,
+            place_m[index * given.each : (index + 1) * given.each],
+            own_ports=given.own_ports,
+            silent=given.silent,
+            garbage=given.garbage,
+        )
         for index in range(given.namespaces)
     ]
     start_s = time.monotonic()

@@ -9,12 +9,16 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
+from api.app import create_app
+from api.server import serve
 from gcs import config as configuration
+from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
+from gcs.service import ShowAction
 
 ORIGIN = "47.397742,8.545594,488.0"
 
@@ -91,3 +95,25 @@ async def until(what: str, seconds: float, reached: Callable[[], bool]) -> None:
     while not reached():
         assert time.monotonic() < end_s, f"{what}: not within {seconds:g} s"
         await asyncio.sleep(0.05)
+
+
+@asynccontextmanager
+async def served(orchestrator: Orchestrator) -> AsyncIterator[int]:
+    """The service with its API until the block ends, begun, its vehicles ready and ordered to fly.
+
+    Yields the API's port.
+    """
+    listening: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+    tasks = [
+        asyncio.create_task(orchestrator.run()),
+        asyncio.create_task(serve(create_app(orchestrator), port=0, listening=listening)),
+    ]
+    view = orchestrator.view
+    try:
+        await until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in view.value.vehicles))
+        orchestrator.command_show(ShowAction.START)
+        yield await listening
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)

@@ -10,18 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ground import SOON_S, flying_config, proper, until, vehicles
+from ground import SOON_S, flying_config, proper, served, until, vehicles
 from machine import Witness, free_ports
 
-from api.app import create_app
-from api.server import serve
 from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.formation.thomson import best_configuration, energy
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.orchestrator import Orchestrator
-from gcs.service import FleetView, ShowAction
+from gcs.service import FleetView
 
 pytestmark = pytest.mark.xdist_group("e2e")
 
@@ -82,26 +80,17 @@ async def fly_and_kill(folder: Path, machine: Witness) -> Seen:
         link = make_link(config.links[0], config)
         assert isinstance(link, MavsdkLink)
         orchestrator = Orchestrator(config, [link])
-        listening: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-        tasks = [
-            asyncio.create_task(orchestrator.run()),
-            asyncio.create_task(serve(create_app(orchestrator), port=0, listening=listening)),
-        ]
-        view = orchestrator.view
-        await until("ready", SOON_S, lambda: all(v.ready for v in view.value.vehicles))
-        orchestrator.command_show(ShowAction.START)
-        await until("running", SOON_S, lambda: view.value.show is ShowPhase.RUNNING)
-        await asyncio.sleep(STEADY_S)
-        processes[4].kill()
-        killed_s = time.monotonic()
-        await until("lost", SOON_S, lambda: view.value.vehicles[4].phase is Phase.LOST)
-        ratio = await re_formed(orchestrator, best, killed_s, machine)
-        await until("watched", SOON_S, lambda: time.monotonic() > killed_s + WATCHED_S)
-        with Client(f"http://127.0.0.1:{await listening}", timeout_s=30.0) as client:
-            fleet = await asyncio.to_thread(client.fleet)
-        for task in tasks:
-            task.cancel()
-        await asyncio.wait(tasks)
+        async with served(orchestrator) as port:
+            view = orchestrator.view
+            await until("running", SOON_S, lambda: view.value.show is ShowPhase.RUNNING)
+            await asyncio.sleep(STEADY_S)
+            processes[4].kill()
+            killed_s = time.monotonic()
+            await until("lost", SOON_S, lambda: view.value.vehicles[4].phase is Phase.LOST)
+            ratio = await re_formed(orchestrator, best, killed_s, machine)
+            await until("watched", SOON_S, lambda: time.monotonic() > killed_s + WATCHED_S)
+            with Client(f"http://127.0.0.1:{port}", timeout_s=30.0) as client:
+                fleet = await asyncio.to_thread(client.fleet)
     phases = {vehicle.id: vehicle.phase for vehicle in fleet.vehicles}
     return Seen(link, killed_s, phases, ratio, machine)
 

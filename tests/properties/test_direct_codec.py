@@ -112,9 +112,8 @@ def test_what_pymavlink_reads_out_of_a_frame_we_read_too(message: Any, version_1
     for name in theirs.ordered_fieldnames:
         value = getattr(theirs, name)
         if isinstance(value, str):
-            assert codec.text(ours[name]).encode() == value.encode(errors="surrogateescape").split(b"\0")[
-                0
-            ] or ("\ufffd" in codec.text(ours[name]))
+            if value.isascii():  # pymavlink reads nothing else; ours is UTF-8
+                assert codec.text(ours[name]) == value.split("\0")[0]
         else:
             assert np.array_equal(ours[name], np.array(value, ours[name].dtype), equal_nan=True), name
 

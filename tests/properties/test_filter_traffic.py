@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from law_fleets import masks, places, vectors, within
 from safety_fleets import CALM, SAFETY
 
-from gcs.safety.traffic import count_meetings, keep_right
+from gcs.safety.traffic import count_meetings, give_way, keep_right
 from gcs.state import Array, Mask
 
 PASSING_M = SAFETY.traffic.passing_m
@@ -54,10 +54,11 @@ def test_a_meeting_counts_the_more_the_nearer_the_straight_ways_come_to_each_oth
 @pytest.mark.parametrize("seed", range(4))
 def test_in_a_crowd_everybody_meets_everybody_else_whose_way_it_crosses(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    position, course = rng.uniform(-8.0, 8.0, (10, 3)), rng.normal(0.0, 1.0, (10, 3))
-    lasts, takes_part = rng.uniform(0.0, 10.0, 10), rng.random(10) < 0.8
-    turned = takes_part & (rng.random(10) < 0.4)
+    position, course = rng.uniform(-8.0, 8.0, (20, 3)), rng.normal(0.0, 1.0, (20, 3))
+    lasts, takes_part = rng.uniform(0.0, 10.0, 20), rng.random(20) < 0.8
+    turned = takes_part & (rng.random(20) < 0.4)
     expected = meetings(position, course, lasts, turned, takes_part)
+    assert np.count_nonzero(expected) > 5
     found = count_meetings(np.flatnonzero(takes_part), turned, position, course, lasts, PASSING_M)
     assert np.allclose(found, expected, atol=1e-3)
 
@@ -87,3 +88,30 @@ def test_keeping_right_turns_no_way_by_more_than_its_angle_and_never_to_the_left
     sideways, ahead = (turned[:, :2] * right).sum(axis=1), (turned * wanted).sum(axis=1)
     assert (sideways >= -1e-9).all()
     assert (ahead >= 9.0 * np.cos(np.radians(SAFETY.traffic.angle_max_deg)) * (way.any(axis=1)) - 1e-9).all()
+
+
+@CALM
+@given(places(5), vectors(5, 5.0), places(5), masks(5), st.permutations(range(5)))
+def test_giving_way_never_closes_in_faster_and_does_not_depend_on_the_order(
+    position: Array, wanted: Array, goal: Array, to_goal: Mask, order: list[int]
+) -> None:
+    flatness, traffic = 2.0 / 3.0, SAFETY.traffic
+    given_m_s = give_way(wanted, position, goal, to_goal=to_goal, flatness=flatness, settings=traffic)
+    assert given_m_s[~to_goal].tolist() == wanted[~to_goal].tolist()
+    changed = np.flatnonzero((given_m_s != wanted).any(axis=1))
+    for i in changed.tolist():  # it gives up some of its approach to one, and nothing besides
+        step = given_m_s[i] - wanted[i]
+        away = position[i] - position
+        cosine = (away @ step) / np.maximum(np.linalg.norm(away, axis=1) * np.linalg.norm(step), 1e-12)
+        assert cosine.max() > 0.999
+    other = give_way(
+        wanted[order],
+        position[order],
+        goal[order],
+        to_goal=to_goal[order],
+        flatness=flatness,
+        settings=traffic,
+    )
+    scale = (1.0, 1.0, flatness)
+    given_up_m_s = np.linalg.norm((given_m_s - wanted) * scale, axis=1)[order]
+    assert np.allclose(np.linalg.norm((other - wanted[order]) * scale, axis=1), given_up_m_s, atol=1e-6)

@@ -18,7 +18,7 @@ from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.links import Order, ParameterValue, Verb
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, Frame, kill_frame, split
+from gcs.links.mavlink_frames import Frame, kill_frame, split
 from gcs.state import Array, Landed, Mode, Setpoints, Telemetry, VehicleId
 from sim.autopilot import Autopilot
 from sim.fleet import STEP_S, Fleet
@@ -66,7 +66,6 @@ class Ears(Heard):
 
     def __init__(self) -> None:
         super().__init__()
-        self.motion = (nan,) * 7  # latitude, longitude, altitude, velocity NED, yaw (degrees)
         self.battery_remaining = nan
         self.landed = Landed.UNKNOWN
         self.parameters: dict[str, ParameterValue] = {}  # as last announced
@@ -75,13 +74,10 @@ class Ears(Heard):
     def take(self, frame: Frame, time_s: float) -> None:
         """Read one frame of this vehicle."""
         super().take(frame, time_s)
-        if frame.message_id not in {*(GLOBAL_POSITION_INT, EXTENDED_SYS_STATE, BATTERY_STATUS, PARAM_VALUE)}:
+        if frame.message_id not in {EXTENDED_SYS_STATE, BATTERY_STATUS, PARAM_VALUE}:
             return
         said: Any = self._mav.decode(bytearray(frame.raw))
-        if frame.message_id == GLOBAL_POSITION_INT:
-            place = (said.lat * 1e-7, said.lon * 1e-7, said.alt * 1e-3)
-            self.motion = (*place, said.vx * 0.01, said.vy * 0.01, said.vz * 0.01, said.hdg * 0.01)
-        elif frame.message_id == EXTENDED_SYS_STATE:
+        if frame.message_id == EXTENDED_SYS_STATE:
             self.landed = Landed(said.landed_state)
         elif frame.message_id == PARAM_VALUE:
             whole = said.param_type == INT32  # bytewise: the four bytes of an int in the float's place
@@ -98,7 +94,7 @@ class LoopbackLink:
         sent, orders: what left for each vehicle, oldest first.
         failures: `run` raises the first of them, at once or while it runs, and forgets it.
         runs: how often `run` was called.
-        conflicts: what the property of the same name says.
+        conflicts, problems: what the properties of the same names say.
     """
 
     def __init__(
@@ -131,6 +127,7 @@ class LoopbackLink:
         self.parameter_reads: list[tuple[float, VehicleId]] = []  # when parameters were asked for, of whom
         self.runs = 0
         self.conflicts: dict[VehicleId, str] = {}
+        self.problems: tuple[str, ...] = ()
 
     # the link
 

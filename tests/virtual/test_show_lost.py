@@ -220,6 +220,66 @@ def test_a_vehicle_lost_while_all_come_down_is_brought_down_once_it_is_back(
     assert violations == 0
 
 
+async def back_when_all_others_are_down(show: Show, action: ShowAction) -> tuple[Show, float, list[Verb]]:
+    """One is lost; the others are brought down, and the show is over; then it is heard again."""
+    await show.start()
+    show.link.silence("d2")
+    await show.phase("d2", Phase.LOST)
+    await show.settled(show.service.command_show(action), 120.0)
+    await show.reach(ShowPhase.LANDED)
+    assert "not ours to land: d2" in show.view.reason
+    await show.wait(5.0)
+    back_s = show.now_s
+    show.link.restore("d2")
+    await show.phase("d2", Phase.STANDBY, 120.0)
+    await show.reach(ShowPhase.LANDED)
+    return show, back_s, [order.verb for order in show.link.orders["d2"] if order.time_s > back_s]
+
+
+@pytest.mark.parametrize(
+    ("action", "ends", "flown"),
+    [
+        (ShowAction.STOP, ShowPhase.RETURNING, Phase.RETURN),
+        (ShowAction.ABORT, ShowPhase.ABORTING, Phase.LANDING),
+    ],
+)
+def test_the_order_to_come_down_stands_for_a_lost_vehicle_that_is_back_when_all_others_are_down(
+    action: ShowAction, ends: ShowPhase, flown: Phase
+) -> None:
+    config = show_config(3, operation=HOLDS_WHEN_LOST)
+    show, back_s, verbs = fly(lambda show: back_when_all_others_are_down(show, action), config)
+    after = show.track.between(back_s)
+    assert after.show_phases() == [ShowPhase.LANDED, ends, ShowPhase.LANDED]
+    assert after.phases("d2")[:3] == [Phase.LOST, Phase.HOLD, flown]
+    assert verbs[:3] == [Verb.HOLD, Verb.OFFBOARD, Verb.LAND]
+    assert show.floor_violations() == 0
+    if action is ShowAction.STOP:
+        assert np.hypot(*(show.track.true_m[-1] - show.track.true_m[0])[1, :2]) < 1.5
+
+
+async def back_after_each_was_landed(show: Show) -> tuple[ShowPhase, str, Phase]:
+    """Nobody ordered the show to end: the others were landed one by one while d2 was lost."""
+    await show.start()
+    show.link.silence("d2")
+    await show.phase("d2", Phase.LOST)
+    for name in ("d1", "d3"):
+        await show.order(name, VehicleAction.LAND)
+    await show.reach(ShowPhase.LANDED)
+    show.link.restore("d2")
+    await show.phase("d2", Phase.HOLD)
+    await show.wait(30.0)
+    seen = show.view.show, show.view.reason, show.vehicle("d2").phase
+    await show.show(ShowAction.STOP)
+    await show.reach(ShowPhase.LANDED)
+    return seen
+
+
+def test_a_lost_vehicle_that_nobody_ordered_down_holds_until_ordered_and_the_show_is_paused() -> None:
+    show, reason, phase = fly(back_after_each_was_landed, show_config(3, operation=HOLDS_WHEN_LOST))
+    assert (show, phase) == (ShowPhase.PAUSED, Phase.HOLD)
+    assert "d2" in reason
+
+
 class TakenOver(NamedTuple):
     track: Track
     change_s: dict[VehicleId, float]
@@ -333,6 +393,74 @@ def test_a_takeover_ends_what_the_vehicle_was_about_to_do() -> None:
     assert joined.outcome is Outcome.FAILED
     assert "d1 is pilot now: mode return was ordered by nobody here" in joined.outcomes["d1"].reason
     assert verbs == set()
+
+
+class SilentPilot(NamedTuple):
+    track: Track  # from the moment it is heard again
+    sent: int  # setpoints and orders since the takeover
+    hold_while_lost: Refusal
+    reason: str
+    handed_back: OrderRecord
+    after_hand_back: list[Phase]
+
+
+async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> SilentPilot:
+    """A person takes d2, it falls silent, is lost, and is heard again in HOLD, where its pilot left it."""
+    await show.start()
+    show.link.pilot("d2", PilotMode.HOLD)
+    await show.phase("d2", Phase.PILOT)
+    taken_s = show.now_s
+    show.link.silence("d2")
+    await show.phase("d2", Phase.LOST)
+    if action is not None:
+        show.service.command_show(action)
+    hold = await refused(show, lambda: show.service.command_vehicle("d2", VehicleAction.HOLD))
+    await show.wait(2.0)
+    back_s = show.now_s
+    show.link.restore("d2")
+    await show.phase("d2", Phase.PILOT, 5.0)
+    reason = show.vehicle("d2").reason
+    await show.wait(30.0)
+    track = show.track.between(back_s)
+    sent = sum(setpoint.time_s > taken_s for setpoint in show.link.sent["d2"])
+    sent += sum(order.time_s > taken_s for order in show.link.orders["d2"])
+    given_s = show.now_s
+    handed_back = await show.order("d2", VehicleAction.HAND_BACK)
+    await show.wait(5.0)
+    return SilentPilot(track, sent, hold, reason, handed_back, show.track.between(given_s).phases("d2"))
+
+
+@pytest.mark.parametrize("action", [None, ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT])
+def test_a_pilots_vehicle_that_falls_silent_is_the_pilots_still_when_it_is_heard_again_in_hold(
+    action: ShowAction | None,
+) -> None:
+    config = show_config(3, operation=HOLDS_WHEN_LOST)
+    flight = fly(lambda show: silent_while_a_pilot_has_it(show, action), config)
+    assert flight.track.phases("d2") == [Phase.LOST, Phase.PILOT]
+    assert flight.sent == 0
+    assert "nobody has handed it back" in flight.reason
+    assert flight.hold_while_lost.kind is RefusedError
+    assert "taken over before it fell silent" in flight.hold_while_lost.text
+    assert flight.handed_back.outcome is Outcome.DONE
+    assert flight.after_hand_back == [Phase.PILOT, Phase.HOLD], "handed back it waits for orders"
+
+
+async def heard_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
+    """Its own failsafe would have it sink; it is found in HOLD: a person's doing."""
+    await show.start()
+    show.link.silence("d2")
+    await show.phase("d2", Phase.LOST)
+    show.link.pilot("d2", PilotMode.HOLD)
+    back_s = show.now_s
+    show.link.restore("d2")
+    await show.wait(10.0)
+    verbs = [order.verb for order in show.link.orders["d2"] if order.time_s > back_s]
+    return show.track.between(back_s).phases("d2"), verbs
+
+
+def test_hold_after_a_silence_is_a_pilots_where_the_failsafe_is_another() -> None:
+    phases, verbs = fly(heard_again_in_hold, show_config(2))
+    assert (phases, verbs) == ([Phase.LOST, Phase.PILOT], [])
 
 
 class Killed(NamedTuple):

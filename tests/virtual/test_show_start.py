@@ -175,6 +175,21 @@ def test_one_that_does_not_get_up_is_told_to_have_failed_and_the_others_fly(
     assert [seen.phase for seen in start.track.moments[-1].view.vehicles][::2] == [Phase.FORMATION] * 2
 
 
+async def holds_below(show: Show) -> Start:
+    """An autopilot ends its climb below the height that was ordered, by its own, poorer, altimeter."""
+    await show.standby()
+    record = show.service.command_show(ShowAction.START)
+    await show.phase("d2", Phase.TAKEOFF)
+    show.fleet.state.target_m[1, 2] += 1.0
+    await show.reach(ShowPhase.RUNNING)
+    return Start(show.track, show.service.order(record.id), running=True)
+
+
+def test_who_holds_below_the_height_that_was_ordered_is_up() -> None:
+    start = fly(holds_below, show_config(3))
+    assert start.started.outcome is Outcome.DONE
+
+
 async def nobody_gets_up(show: Show) -> Start:
     await show.standby()
     record = show.service.command_show(ShowAction.START)

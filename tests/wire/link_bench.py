@@ -9,6 +9,8 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +24,9 @@ from gcs.state import Setpoints
 PERIOD_S = 0.05
 VELOCITY_M_S = (1.0, 0.5, -0.25)
 
+AGE_S = 1000.0
+"""After so long the dates of `DatedTicks` begin again."""
+
 AnyLink = MavsdkLink | DirectLink
 
 KINDS: dict[str, type[MavsdkLink] | type[DirectLink]] = {"mavsdk": MavsdkLink, "direct": DirectLink}
@@ -31,7 +36,13 @@ chosen = "mavsdk"
 
 
 def a_link(
-    first_port: int, system_ids: Sequence[int], *, port_count: int = 1, heading_deg: float = 0.0
+    first_port: int,
+    system_ids: Sequence[int],
+    *,
+    port_count: int = 1,
+    heading_deg: float = 0.0,
+    heartbeat_hold_s: float = 3.0,
+    record: Path | None = None,
 ) -> AnyLink:
     """Vehicle "v3" has system id 3."""
     return KINDS[chosen](
@@ -39,6 +50,8 @@ def a_link(
         {f"v{system_id}": system_id for system_id in system_ids},
         Listen("127.0.0.1", first_port, port_count),
         ShowFrame(47.4, 8.5, 500.0, heading_deg),
+        heartbeat_hold_s=heartbeat_hold_s,
+        record=record,
     )
 
 
@@ -101,8 +114,12 @@ class Ticks:
     def tick(self) -> None:
         """Ask once."""
         self.last_s = time.monotonic()
-        velocity_m_s = np.tile(np.array(VELOCITY_M_S), (len(self.listed), 1))
+        velocity_m_s = np.tile(np.array(self.velocity_m_s()), (len(self.listed), 1))
         self.link.send(Setpoints(self.last_s, self.listed, velocity_m_s, np.zeros(len(self.listed))))
+
+    def velocity_m_s(self) -> tuple[float, float, float]:
+        """What it asks for."""
+        return VELOCITY_M_S
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -134,3 +151,17 @@ class Ticks:
         while True:
             self.tick()
             await asyncio.sleep(PERIOD_S)
+
+
+class DatedTicks(Ticks):
+    """Asks for velocities that say when they were asked for, so that an old one can be told."""
+
+    def velocity_m_s(self) -> tuple[float, float, float]:
+        """Whole seconds, and the rest: single precision has room for that."""
+        return self.last_s // 1 % AGE_S, self.last_s % 1, 0.0
+
+
+def asked_s(setpoint: Any, near_s: float) -> float:
+    """When a setpoint of `DatedTicks` was asked for, which was less than `AGE_S` / 2 from `near_s`."""
+    ahead_s = (setpoint.vx + setpoint.vy - near_s + AGE_S / 2) % AGE_S - AGE_S / 2
+    return float(near_s + ahead_s)

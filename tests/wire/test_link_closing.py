@@ -1,9 +1,10 @@
-"""A link closes while Python's garbage collector is at work on another thread, and the process lives."""
+"""Links open side by side, and close while Python's garbage collector is at work: the process lives."""
 
 import asyncio
 import gc
 import multiprocessing
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from threading import Event, Thread
 
@@ -12,6 +13,7 @@ from link_bench import a_link, running, until
 from link_peer import Peer
 from machine import free_ports
 
+from gcs.links.mavsdk_fleet import MavsdkFleet
 from gcs.links.mavsdk_link import MavsdkLink
 
 pytestmark = pytest.mark.xdist_group("wire")
@@ -19,6 +21,9 @@ pytestmark = pytest.mark.xdist_group("wire")
 VEHICLES = 6
 ROUNDS = 12
 """Each aborted one time in three while vehicles were left to the collector."""
+
+OPENINGS = 20
+"""They ended in a segmentation fault while each instance took MAVSDK's messages anew."""
 
 
 async def open_and_close(port: int) -> None:
@@ -54,8 +59,25 @@ def open_and_close_often() -> None:
             asyncio.run(open_and_close(port))
 
 
-def test_closing_a_link_never_ends_the_process() -> None:
-    process = multiprocessing.get_context("spawn").Process(target=open_and_close_often)
+def open_side_by_side_often() -> None:
+    """In a process of its own, four at a time."""
+
+    def one() -> None:
+        fleet = MavsdkFleet(lambda _: None, 245)
+        fleet.open()
+        fleet.destroy()
+
+    for _ in range(OPENINGS):
+        threads = [Thread(target=one) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+
+@pytest.mark.parametrize("what", [open_and_close_often, open_side_by_side_often])
+def test_opening_and_closing_links_never_ends_the_process(what: Callable[[], None]) -> None:
+    process = multiprocessing.get_context("spawn").Process(target=what)
     process.start()
     process.join(120.0)
     assert process.exitcode == 0

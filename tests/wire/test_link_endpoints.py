@@ -5,6 +5,7 @@ import os
 import pty
 import socket
 import time
+import tty
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -183,6 +184,7 @@ class Cable:
 
     def plug(self) -> None:
         self.master, near = pty.openpty()
+        tty.setraw(near)  # a terminal would echo what comes before somebody opens the port
         os.set_blocking(self.master, False)
         self.path.symlink_to(os.ttyname(near))
         self._near = near
@@ -257,7 +259,7 @@ def test_a_serial_port_that_is_pulled_out_and_put_back_is_found(tmp_path: Path) 
                         line.write(beat(1))
                         await asyncio.sleep(0.1)
                 made.wire.send(command(1))
-                await said(line, len(command(1)))
+                assert await said(line, len(command(1))) == command(1)
 
     asyncio.run(main())
 

@@ -18,9 +18,10 @@ pytestmark = [pytest.mark.xdist_group("wire"), pytest.mark.usefixtures("transpor
 
 
 @contextmanager
-def simulator(first_port: int, count: int) -> Iterator[None]:
+def simulator(first_port: int, count: int, *parameters: str) -> Iterator[None]:
     options = ["--count", str(count), "--port-base", str(first_port), "--noise", "0"]
     options += ["--param", "COM_OF_LOSS_T=3"]  # they notice the tick's end, not a pause of the machine
+    options += [word for each in parameters for word in ("--param", each)]
     process = subprocess.Popen([sys.executable, "-m", "sim", *options], stdout=subprocess.DEVNULL)
     try:
         yield
@@ -52,3 +53,23 @@ def test_two_vehicles_are_flown_and_fall_back_on_their_failsafe_when_the_tick_en
     port = free_ports(2)
     with simulator(port, 2):
         asyncio.run(main(a_link(port, [1, 2], port_count=2)))
+
+
+def test_the_data_link_failsafe_acts_when_control_is_dead_and_not_before() -> None:
+    """A vehicle that holds gets no setpoints: only our heartbeats tell it that somebody is there."""
+
+    async def main(link: AnyLink) -> None:
+        async with running(link):
+            ticks = Ticks(link)
+            async with ticks.running():
+                await until(lambda: all(link.snapshot().ready))
+                await do(link, Verb.ARM, "v1")
+                await do(link, Verb.TAKEOFF, "v1", height_m=3.0)
+                await until(lambda: link.snapshot().mode == (Mode.HOLD,))
+                await asyncio.sleep(6.5)
+                assert link.snapshot().mode == (Mode.HOLD,), "control lives, and says so"
+            await until(lambda: link.snapshot().mode == (Mode.LAND,))
+
+    port = free_ports()
+    with simulator(port, 1, "NAV_DLL_ACT=3", "COM_DL_LOSS_T=5"):
+        asyncio.run(main(a_link(port, [1], heartbeat_hold_s=1.0)))

@@ -8,6 +8,7 @@ import pytest
 from link_bench import VELOCITY_M_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until
 from link_peer import Peer
 from machine import free_ports
+from pymavlink.dialects.v20.common import MAV_TYPE_GCS
 
 from gcs.links import Verb
 from gcs.links.mavsdk_link import MavsdkLink
@@ -146,3 +147,38 @@ def test_setpoints_are_turned_from_the_show_frame(
 
     with Peer(port := free_ports(), 1) as peer:
         asyncio.run(main(peer, a_link(port, [1], heading_deg=heading_deg)))
+
+
+def test_our_heartbeat_ends_when_control_is_dead_and_begins_again_with_it() -> None:
+    async def main(peer: Peer, link: AnyLink) -> None:
+        async with running(link):
+            await ready(link)
+            ticks = Ticks(link, "v1")
+            async with ticks.running():
+                await until(lambda: len(peer.messages("HEARTBEAT")) >= 2)
+            dead_s = ticks.last_s
+            await asyncio.sleep(3.0)
+            (*_, (last_s, beat)) = peer.messages("HEARTBEAT")
+            assert last_s < dead_s + 1.02
+            assert beat.type == MAV_TYPE_GCS
+            async with ticks.running():
+                await until(lambda: peer.messages("HEARTBEAT")[-1][0] > dead_s + 2.0)
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, [1], heartbeat_hold_s=1.0)))
+
+
+def test_our_heartbeat_ends_when_the_event_loop_is_blocked() -> None:
+    async def main(peer: Peer, link: AnyLink) -> None:
+        async with running(link):
+            await ready(link)
+            ticks = Ticks(link, "v1")
+            async with ticks.running():
+                await until(lambda: len(peer.messages("HEARTBEAT")) >= 2)
+            end_s = ticks.last_s + 3.5
+            while time.monotonic() < end_s:
+                await block()
+            assert peer.messages("HEARTBEAT")[-1][0] < ticks.last_s + 1.02
+
+    with Peer(port := free_ports(), 1) as peer:
+        asyncio.run(main(peer, a_link(port, [1], heartbeat_hold_s=1.0)))

@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from gcs.cli.simulation.judge import energy_and_gradient, energy_and_nearest
 from gcs.state import Array
@@ -26,7 +26,7 @@ def search(charge: Array, starts: int, seed: int = 0) -> Array:
     least, found = np.inf, np.zeros((count, 3))
     for _ in range(starts):
         begin = random.normal(size=3 * count)
-        result = minimize(
+        result = scipy.optimize.minimize(
             energy_and_gradient,
             begin,
             args=(charge,),

@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from gcs.cli.simulation.article import article_figures
 from gcs.cli.simulation.best import best, best_figures
@@ -103,7 +101,8 @@ def straight_line_time_s(start_m: Array, final_m: Array, sideways_m_s: float, li
     low, high = 0, len(levels) - 1
     while low < high:
         middle = (low + high) // 2
-        matched = maximum_bipartite_matching(csr_array(cost_s <= levels[middle]), perm_type="column")
+        within = scipy.sparse.csr_array(cost_s <= levels[middle])
+        matched = scipy.sparse.csgraph.maximum_bipartite_matching(within, perm_type="column")
         low, high = (low, middle) if (matched >= 0).all() else (middle + 1, high)
     return float(levels[low])
 
@@ -148,7 +147,9 @@ def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
         turn = turn * np.sign(np.linalg.det(turn))
         for _ in range(20):
             turned = target @ turn.T
-            order = linear_sum_assignment(((points[:, None] - turned[None]) ** 2).sum(axis=2) + unlike)[1]
+            order = scipy.optimize.linear_sum_assignment(
+                ((points[:, None] - turned[None]) ** 2).sum(axis=2) + unlike
+            )[1]
             better = _rotation(target[order], points)
             if np.abs(better - turn).max() < 1e-6:
                 break

@@ -13,10 +13,12 @@ from gcs.links.direct.codec import Records, decode
 from gcs.links.direct.kernels import COMPONENT, LENGTH, MESSAGE, PAYLOAD, Bytes, Whole
 from gcs.links.heard import Heard
 from gcs.links.mavlink_frames import (
+    ATTITUDE,
     FIX_3D,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
     HEARTBEAT,
+    LOCAL_POSITION_NED,
     METRES_PER_DILUTION,
     ODOMETRY,
     PREARM_CHECK,
@@ -80,6 +82,8 @@ class FleetHeard:
         self._readers: MappingProxyType[int, Callable[[Whole, Records, Array], None]] = MappingProxyType(
             {
                 GLOBAL_POSITION_INT: self._take_positions,
+                ATTITUDE: self._take_clocks,
+                LOCAL_POSITION_NED: self._take_clocks,
                 HEARTBEAT: self._take_heartbeats,
                 SYS_STATUS: self._take_status,
                 EXTENDED_SYS_STATE: self._take_landed,
@@ -164,15 +168,20 @@ class FleetHeard:
                 self._modes[custom_mode] = known
         return known
 
-    def _take_positions(self, rows: Whole, said: Records, time_s: Array) -> None:
+    def _take_clocks(self, rows: Whole, said: Records, _time_s: Array) -> None:
+        """Of messages not asked for, but sent by an autopilot that has just restarted."""
         boot_ms = said["time_boot_ms"].astype(np.int64)
         again = np.unique(rows[boot_ms < self._boot_ms[rows] - _REBOOTED_MS])
         self.boots[again] += 1
         self.lives[again] += 1
         self._reset_counter[again] = -1  # of a new life
+        self.prearm_ok[again] = False
         restarted = np.isin(rows, again)
         self._boot_ms[rows[restarted]] = boot_ms[restarted]
         np.maximum.at(self._boot_ms, rows[~restarted], boot_ms[~restarted])  # late datagrams change nothing
+
+    def _take_positions(self, rows: Whole, said: Records, time_s: Array) -> None:
+        self._take_clocks(rows, said, time_s)
         self.position_time_s[rows] = time_s
         np.add.at(self.positions, rows, 1)
         self._place[rows, 0] = said["lat"] * 1e-7

@@ -9,13 +9,13 @@ from collections.abc import Callable, Mapping, Sequence
 from math import radians
 from pathlib import Path
 from time import monotonic
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 
-from gcs.errors import InvalidError, OrderError, UnknownError
+from gcs.errors import OrderError, UnknownError
 from gcs.frames import ShowFrame, wrap_rad
+from gcs.links.deadman import before_it_leaves_s
 from gcs.links.direct import codec
 from gcs.links.direct.addresses import Addresses
 from gcs.links.direct.commands import Commands
@@ -29,14 +29,14 @@ from gcs.links.direct.packets import Packets
 from gcs.links.direct.sent import Sent
 from gcs.links.direct.streams import Streams
 from gcs.links.endpoints import Listen
+from gcs.links.facts import LinkFacts
 from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
 from gcs.links.mavlink_frames import COMMAND_LONG, HEARTBEAT
 from gcs.links.orders import Orders
 from gcs.links.recorder import Recorder
-from gcs.links.roster import SILENT_AFTER_S, Address
+from gcs.links.roster import SILENT_AFTER_S
 from gcs.links.traffic import Counters, Observer
-from gcs.links.vehicle_ids import check
 from gcs.state import Mask, Setpoints, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
@@ -50,11 +50,8 @@ nobody else need look."""
 _WATCH_S: Final = 0.1
 """Between two looks at who has come, or has forgotten what it was asked."""
 
-_SEND_MARGIN_S: Final = 0.02
-"""Between the last look at the clock and the datagram's leaving, other threads may hold the interpreter."""
 
-
-class DirectLink:
+class DirectLink(LinkFacts):
     """Up to 250 vehicles over UDP, without MAVSDK. A `gcs.links.Link`. Used on the loop's thread only."""
 
     def __init__(
@@ -86,21 +83,17 @@ class DirectLink:
         Raises: InvalidError for a system id out of range or used twice, and for a deadman's time that leaves
             nothing.
         """
-        if not deadman_s > _SEND_MARGIN_S:
-            raise InvalidError("deadman_s", deadman_s, f"above {_SEND_MARGIN_S} s")
-        check(vehicles)
-        self._name = name
-        self._vehicles = MappingProxyType(dict(vehicles))
-        self._ids = tuple(vehicles)
+        counters = Counters()
+        recorder = None if record is None else Recorder(record, name, counters, clock)
+        self._addresses = Addresses(name, tuple(vehicles.values()), counters, clock)
+        super().__init__(name, vehicles, self._addresses, counters, recorder)
         self._row = {vehicle_id: row for row, vehicle_id in enumerate(vehicles)}
         self._system_ids: Whole = np.array(list(vehicles.values()), np.int64)
         self._frame = frame
         self._clock = clock
-        self._hold_s = deadman_s - _SEND_MARGIN_S
+        self._hold_s = before_it_leaves_s(deadman_s)
         self._heartbeat_hold_s = heartbeat_hold_s
-        self._counters = Counters()
         self._packets = Packets(name, listen, clock)
-        self._addresses = Addresses(name, tuple(vehicles.values()), self._counters, clock)
         self._outbox = Outbox(self._packets, self._addresses, self._counters, self._system_ids)
         self._heard = FleetHeard(self._ids)
         self._streams = Streams(self._system_ids, rates_hz or {}, self._tell)
@@ -111,43 +104,8 @@ class DirectLink:
         self._listed: tuple[tuple[VehicleId, ...], Whole, Whole] = ((), np.zeros(0, int), np.zeros(0, int))
         self._ticked_s = -np.inf
         self._received_s = -np.inf
-        self._recorder = None if record is None else Recorder(record, name, self._counters, clock)
         self._open: tuple[Orders, Commands] | None = None
         codec.warm_up()
-
-    @property
-    def name(self) -> str:
-        """As the configuration calls it."""
-        return self._name
-
-    @property
-    def ids(self) -> tuple[VehicleId, ...]:
-        """The vehicles configured on this link, heard or not."""
-        return self._ids
-
-    @property
-    def conflicts(self) -> Mapping[VehicleId, str]:
-        """Vehicles whose system id was heard lately from two addresses: both named in the text."""
-        texts = self._addresses.conflicts()
-        if not texts:
-            return {}
-        return {name: texts[system_id] for name, system_id in self._vehicles.items() if system_id in texts}
-
-    @property
-    def setpoints_sent(self) -> int:
-        """How many setpoints have left, in all."""
-        return self._counters.setpoints_sent
-
-    @property
-    def addresses(self) -> Mapping[VehicleId, Address]:
-        """Where each vehicle heard so far spoke from last: all that a kill from outside needs to know."""
-        known = {name: self._addresses.address(system_id) for name, system_id in self._vehicles.items()}
-        return {name: address for name, address in known.items() if address is not None}
-
-    @property
-    def counters(self) -> Counters:
-        """Totals since the link was made: setpoints sent, refused as too old, and so on."""
-        return self._counters
 
     def observe(self, observer: Observer) -> Callable[[], None]:
         """Show every frame to `observer` from now on; call the result to stop. See `Observer`."""

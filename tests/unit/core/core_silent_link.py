@@ -19,6 +19,7 @@ class SilentLink:
     def __init__(self, ids: tuple[VehicleId, ...]) -> None:
         self.ids = ids
         self.conflicts: dict[VehicleId, str] = {}
+        self.problems: tuple[str, ...] = ()
 
     async def run(self) -> None:
         """Nothing to do."""

@@ -126,22 +126,27 @@ def test_the_predicted_formation_is_spread_over_the_sphere(count: int) -> None:
         assert apart_m.min() > 2.5 * 30.0 / np.sqrt(count)
 
 
-def check(count: int, action: Action, radius_m: float = 15.0, *, orbit_m: float = 0.0) -> None:
-    check_setpoint_loss(
-        tuple(f"d{i + 1}" for i in range(count)),
-        pads(count),
-        Plan(Formation(radius_m, radius_m + 10.0), Orbit(orbit_m, 2.5), Target(6.0, 4.0)),
-        CONTROL,
-        np.full(count, 0.35),
-        action,
-        30.0,
-    )
+def refusal(count: int, action: Action, radius_m: float = 15.0, *, orbit_m: float = 0.0) -> str:
+    """What START is refused with, "" when it is not."""
+    try:
+        check_setpoint_loss(
+            tuple(f"d{i + 1}" for i in range(count)),
+            pads(count),
+            Plan(Formation(radius_m, radius_m + 10.0), Orbit(orbit_m, 2.5), Target(6.0, 4.0)),
+            CONTROL,
+            np.full(count, 0.35),
+            action,
+            30.0,
+        )
+    except RefusedError as refused:
+        return str(refused)
+    return ""
 
 
 @pytest.mark.parametrize("count", [1, 2, 4, 8, 20])
 def test_holding_is_safe_in_any_formation_that_may_be_flown(count: int) -> None:
-    check(count, "hold")
-    check(count, "hold", orbit_m=15.0)
+    assert refusal(count, "hold") == ""
+    assert refusal(count, "hold", orbit_m=15.0) == ""
 
 
 @pytest.mark.parametrize("action", ["descend", "land", "return"])
@@ -149,9 +154,7 @@ def test_holding_is_safe_in_any_formation_that_may_be_flown(count: int) -> None:
 def test_an_action_that_brings_them_together_is_refused_with_the_pairs_and_a_better_one(
     count: int, action: Action
 ) -> None:
-    with pytest.raises(RefusedError) as refused:
-        check(count, action, 40.0 if count == 100 else 15.0, orbit_m=15.0)
-    text = str(refused.value)
+    text = refusal(count, action, 40.0 if count == 100 else 15.0, orbit_m=15.0)
     assert f"'{action}' would bring d" in text
     assert " and d" in text
     assert "'hold' would keep them apart: set operation.setpoint_loss_action to it" in text
@@ -159,10 +162,9 @@ def test_an_action_that_brings_them_together_is_refused_with_the_pairs_and_a_bet
 
 
 def test_a_sphere_too_small_for_any_action_says_so() -> None:
-    with pytest.raises(RefusedError, match="no action would keep them apart: a larger radius is needed"):
-        check(8, "hold", 3.0)
+    assert "no action would keep them apart: a larger radius is needed" in refusal(8, "hold", 3.0)
 
 
-def test_one_vehicle_may_do_as_it_likes() -> None:
-    for action in ACTIONS:
-        check(1, action)
+@pytest.mark.parametrize("action", ACTIONS)
+def test_one_vehicle_may_do_as_it_likes(action: Action) -> None:
+    assert refusal(1, action) == ""

@@ -156,3 +156,16 @@ def test_the_summary_names_every_figure() -> None:
     assert [name for name, _ in lines] == ["violations", "minimum_separation_m", "landed"]
     assert float(lines[1][1]) == pytest.approx(3.1416, abs=2e-3)
     assert lines[2][1] == "8 of 8"
+
+
+def test_files_of_one_vehicle_and_of_several_are_joined(tmp_path: Path) -> None:
+    def line(time_s: float, norths_m: list[float]) -> str:
+        still = {"east_m": 0.0, "down_m": -5.0, "landed": False, "armed": True}
+        return json.dumps({"time_s": time_s, "vehicles": [{"north_m": north} | still for north in norths_m]})
+
+    for name, norths_m in (("one", [1.0]), ("two", [2.0, 3.0])):
+        (tmp_path / name).write_text("\n".join(line(time_s, norths_m) for time_s in (0.0, 1.0)))
+    joined = read_truth([tmp_path / "one", tmp_path / "two"], ShowFrame(47.4, 8.5, 500.0))
+    assert joined.position_m[0, :, 0].tolist() == [1.0, 2.0, 3.0]
+    assert joined.airborne.all()
+    assert not joined.landed_at_end.any()

@@ -259,3 +259,42 @@ def test_from_a_climb_and_once_handed_over_a_vehicle_comes_down_alone(
     subject = vehicle(phase)
     subject.handed_over = handed_over
     assert subject.comes_down_alone is alone
+
+
+@pytest.mark.parametrize("mode", sorted(Mode))
+def test_what_a_pilot_had_before_a_silence_is_the_pilots_behind_it(mode: Mode) -> None:
+    subject = vehicle(Phase.FORMATION)
+    assert subject.observe(heard(mode=Mode.POSITION), SILENCE_S)
+    assert subject.observe(heard(age_s=3.0), SILENCE_S)
+    assert (subject.phase, subject.pilots) == (Phase.LOST, True)
+    assert subject.observe(heard(mode=mode), SILENCE_S)
+    assert (subject.phase, subject.pilots) == (Phase.PILOT, True)
+    assert "nobody has handed it back" in subject.reason
+
+
+@pytest.mark.parametrize("ends", [Event.HANDED_BACK, Event.TOUCHED_DOWN])
+def test_handed_back_or_on_the_ground_it_is_nobodys_but_ours(ends: Event) -> None:
+    subject = vehicle(Phase.FORMATION)
+    subject.apply(Event.TAKEN_OVER, "for a test")
+    subject.apply(ends, "for a test")
+    assert not subject.pilots
+
+
+def test_a_pilots_vehicle_that_comes_down_while_silent_is_on_standby() -> None:
+    subject = vehicle(Phase.PILOT)
+    subject.apply(Event.SILENT, "for a test")
+    assert subject.observe(ON_GROUND, SILENCE_S)
+    assert (subject.phase, subject.pilots) == (Phase.STANDBY, False)
+
+
+def test_a_lost_vehicle_in_hold_is_the_pilots_where_its_failsafe_would_not_hold_it() -> None:
+    for lost_holds, phase in ((True, Phase.LOST), (False, Phase.PILOT)):
+        subject = vehicle(Phase.LOST, modes=frozenset({Mode.OFFBOARD}))
+        subject.observe(heard(mode=Mode.HOLD), SILENCE_S, lost_holds=lost_holds)
+        assert subject.phase is phase
+
+
+def test_a_lost_vehicle_in_offboard_to_which_nobody_ordered_it_is_the_pilots() -> None:
+    subject = vehicle(Phase.LOST, modes=frozenset({Mode.HOLD}))
+    assert subject.observe(heard(mode=Mode.OFFBOARD), SILENCE_S)
+    assert subject.phase is Phase.PILOT

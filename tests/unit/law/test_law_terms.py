@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from gcs.errors import InvalidError
-from gcs.formation.repulsion import CHANGE_MAX_RAD, SWEEP_MAX_RAD, pushes, repulsion_force, sweep, sweeps_for
+from gcs.formation.repulsion import (
+    CHANGE_MAX_RAD,
+    MUTUAL_FROM,
+    SWEEP_MAX_RAD,
+    pushes,
+    repulsion_force,
+    sweep,
+    sweeps_for,
+)
 from gcs.formation.response import compensate, correct_trim, limit_change, scale_to_limits, shrink_relative
 from gcs.formation.sphere import sphere_velocity
 from gcs.formation.thomson import (
@@ -83,10 +91,14 @@ def test_one_sweep_turns_nobody_by_more_than_it_may() -> None:
     assert (np.linalg.norm(change, axis=1) <= CHANGE_MAX_RAD * (1 + 1e-9)).all()
 
 
-def test_the_fast_sum_is_the_articles_force() -> None:
-    direction, charge = random_directions(40, seed=5), np.linspace(0.5, 2.0, 40)
+@pytest.mark.parametrize("count", [0, 1, 2, 40, MUTUAL_FROM + 50])
+def test_the_fast_sum_is_the_articles_force(count: int) -> None:
+    height, angle = np.linspace(-0.99, 0.99, count), np.pi * (3.0 - 5.0**0.5) * np.arange(count)
+    ring = np.sqrt(1.0 - height**2)
+    direction = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+    charge = np.linspace(0.5, 2.0, count)
     exact = repulsion_force(direction, charge, gain=1.0)
-    assert np.abs(pushes(direction, charge) - exact).max() < 1e-5 * np.abs(exact).max()
+    assert np.abs(pushes(direction, charge) - exact).max(initial=0.0) <= 1e-5 * np.abs(exact).max(initial=0.0)
 
 
 def test_drones_in_one_direction_do_not_push_each_other() -> None:

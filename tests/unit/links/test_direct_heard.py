@@ -11,7 +11,7 @@ from gcs.links.direct import codec
 from gcs.links.direct.heard import FleetHeard
 from gcs.links.direct.kernels import SYSTEM
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import split
+from gcs.links.mavlink_frames import PREARM_CHECK, split
 
 IDS = ("a", "b")
 
@@ -32,7 +32,13 @@ def position(clock_ms: int) -> Any:
     return dialect.MAVLink_global_position_int_message(clock_ms, 1, 2, 3, 4, 5, 6, 7, 8)
 
 
+def attitude(clock_ms: int) -> Any:
+    return dialect.MAVLink_attitude_message(clock_ms, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0)
+
+
 BEAT = dialect.MAVLink_heartbeat_message(2, 12, 1, 0, 4, 3)
+
+STATUS = dialect.MAVLink_sys_status_message(*[PREARM_CHECK] * 3, 0, 0, 0, 80, 0, 0, 0, 0, 0, 0)
 
 STORY = (
     (position(5000), odometry(3), gps(900, 1780)),
@@ -41,6 +47,9 @@ STORY = (
     (position(300), odometry(1), gps(900, 1780, fix=1)),
     (position(900_000), odometry(1), odometry(2), gps(900, 0)),
     (BEAT, position(0), position(10), odometry(7), odometry(8)),
+    (position(7000), attitude(7010), STATUS),
+    (BEAT, attitude(150), odometry(9)),  # it has restarted again, and has no position yet
+    (attitude(3990), position(4000), odometry(9)),
 )
 
 
@@ -61,9 +70,10 @@ def test_accuracies_restarts_and_resets_are_read_as_the_wire_reads_them() -> Non
         said = fleet.telemetry()
         assert (said.boots, said.position_resets) == ((0, each.boots), (0, each.position_resets))
         assert fleet.lives.tolist() == [0, each.lives]
+        assert fleet.prearm_ok.tolist() == [False, each.prearm_ok]
         accuracy_m = said.horizontal_accuracy_m[1], said.vertical_accuracy_m[1]
         assert accuracy_m == pytest.approx(tuple(each.accuracy), nan_ok=True)
-    assert (each.boots, each.position_resets, each.lives) == (2, 3, 3)
+    assert (each.boots, each.position_resets, each.lives) == (3, 3, 4)
 
 
 def test_who_is_silent_and_speaks_again_is_met_again() -> None:

@@ -1,6 +1,6 @@
 from math import nan
 
-from gcs.links.deadman import Deadman
+from gcs.links.deadman import Asked, Deadman, Pulse
 
 
 def test_nothing_is_allowed_before_the_first_tick() -> None:
@@ -33,3 +33,30 @@ def test_a_time_that_is_no_number_allows_nothing() -> None:
     deadman = Deadman(0.2)
     deadman.refresh([1], nan)
     assert not deadman.allows(1, 10.0)
+
+
+def test_only_what_was_asked_last_is_new() -> None:
+    asked = Asked()
+    assert not asked.is_newest(1, b"")
+    asked.replace({1: b"north", 2: b"east"})
+    assert asked.is_newest(1, b"north")
+    assert not asked.is_newest(1, b"east")
+    asked.replace({2: b"south"})
+    assert not asked.is_newest(1, b"north")
+    assert not asked.is_newest(2, b"east")
+
+
+def test_a_pulse_lasts_for_its_hold_time_after_each_beat() -> None:
+    pulse = Pulse(3.0)
+    assert not pulse.is_alive(0.0)
+    pulse.beat(10.0)
+    assert pulse.is_alive(13.0)
+    assert not pulse.is_alive(13.001)
+    pulse.beat(20.0)
+    assert pulse.is_alive(20.0)
+
+
+def test_a_pulse_at_a_time_that_is_no_number_is_none() -> None:
+    pulse = Pulse(3.0)
+    pulse.beat(nan)
+    assert not pulse.is_alive(1.0)

@@ -5,7 +5,7 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import split
+from gcs.links.mavlink_frames import PREARM_CHECK, split
 from gcs.state import Mode
 
 
@@ -108,6 +108,20 @@ def test_a_boot_clock_that_goes_back_is_a_reboot_unless_the_datagram_was_late() 
     for clock_ms, boots in ((5000, 0), (6000, 0), (5500, 0), (200, 1), (300, 1), (900_000, 1), (0, 2)):
         take(heard, 1.0, dialect.MAVLink_global_position_int_message(clock_ms, 1, 2, 3, 4, 5, 6, 7, 8))
         assert heard.boots == boots, clock_ms
+
+
+def test_a_reboot_shows_in_what_comes_before_the_first_position() -> None:
+    heard = Heard()
+    ok = PREARM_CHECK
+    take(heard, 0.9, dialect.MAVLink_sys_status_message(ok, ok, ok, 0, 0, 0, 80, 0, 0, 0, 0, 0, 0))
+    assert (heard.boots, heard.prearm_ok) == (0, True)
+    take(heard, 1.0, dialect.MAVLink_global_position_int_message(60_000, 1, 2, 3, 4, 5, 6, 7, 8))
+    take(heard, 1.2, dialect.MAVLink_attitude_message(400, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert (heard.boots, heard.lives, heard.position_time_s) == (1, 1, 1.0)
+    assert (heard.boots, heard.prearm_ok) == (1, False), "what it said before counts no more"
+    take(heard, 1.3, dialect.MAVLink_local_position_ned_message(410, 0, 0, 0, 0, 0, 0))
+    take(heard, 4.0, dialect.MAVLink_global_position_int_message(3100, 1, 2, 3, 4, 5, 6, 7, 8))
+    assert (heard.boots, heard.lives) == (1, 1)
 
 
 def test_a_reset_counter_that_changes_is_a_reset_of_the_position() -> None:

@@ -21,6 +21,13 @@ def test_the_safety_settings_as_delivered_are_those_that_were_derived_and_flown(
         ),
         fence=Fence(height_min_m=3.0, height_max_m=100.0, distance_max_m=300.0),
         braking=Braking(reaction_s=0.8, lead_s=0.6, deceleration_m_s2=2.0, escape_rate_per_s=1.5),
-        traffic=Traffic(angle_max_deg=45.0, passing_m=8.0, crowd=4.0, horizon_s=10.0),
+        traffic=Traffic(
+            angle_max_deg=45.0,
+            passing_m=8.0,
+            crowd=4.0,
+            horizon_s=10.0,
+            give_way_m=10.0,
+            give_way_fully_m=6.0,
+        ),
         link_delay_s=0.0,
     )

@@ -1,18 +1,17 @@
 """Who is near whom, and how near the nearest."""
 
-import numba
 import numpy as np
 import pytest
-from safety_world import FLOOR
+from safety_world import FLOOR, SETTINGS, surroundings
 
-from gcs.safety.kernels import warm_up
+from gcs.safety.filter import filter_velocities
 from gcs.safety.neighbours import FEW, near_pairs, near_pairs_of
 from gcs.safety.separation import (
     minimum_separation,
     pairs_that_count,
     scaled_distance_m,
 )
-from gcs.safety.traffic import count_meetings
+from gcs.state import Array, Mask
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 60, 400])
@@ -65,13 +64,6 @@ def test_the_minimum_separation_of_a_crowd_and_of_two_far_apart() -> None:
     assert minimum_separation(np.full((2, 3), np.nan), np.ones(2, bool), FLOOR) == (np.inf, 0)
 
 
-@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
-def test_warming_up_runs_every_kernel() -> None:
-    warm_up()
-    assert count_meetings.signatures  # type: ignore[attr-defined]
-    assert near_pairs.signatures  # type: ignore[attr-defined]
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_the_minimum_separation_is_that_of_the_pairs_that_count(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -104,3 +96,73 @@ def test_unknown_places_take_no_part_in_a_crowd() -> None:
     first, second = pairs_that_count(crowd, airborne, FLOOR)
     least = np.linalg.norm(crowd[first] - crowd[second], axis=1).min()
     assert minimum_separation(crowd, airborne, FLOOR)[0] == pytest.approx(least)
+
+
+def assert_each_near_pair_once(position: Array, radius: Array, takes_part: Mask) -> None:
+    found = np.sort(np.column_stack(near_pairs(position, takes_part, radius)), axis=1)
+    i, j = np.triu_indices(len(position), 1)
+    near = np.linalg.norm(position[i] - position[j], axis=1) < radius[i] + radius[j]
+    near &= takes_part[i] & takes_part[j]
+    assert near.any()
+    assert sorted(map(tuple, found.tolist())) == list(zip(i[near].tolist(), j[near].tolist(), strict=True))
+
+
+MANY = FEW + 40
+
+
+@pytest.mark.parametrize("look_m", [4.0, 3.0, 2.0], ids=["two cells", "three cells", "four cells"])
+def test_who_looks_across_most_of_the_crowd_is_told_everybody_there_once(look_m: float) -> None:
+    rng = np.random.default_rng(3)
+    radius = rng.uniform(0.9 * look_m, look_m, MANY)
+    assert_each_near_pair_once(rng.uniform(-4.0, 4.0, (MANY, 3)), radius, np.arange(MANY) % 4 == 0)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_stragglers_on_both_sides_of_a_crowd_find_each_other(axis: int) -> None:
+    # so many of them that the outermost cells begin among them
+    rng = np.random.default_rng(axis)
+    position = rng.uniform(-0.5, 0.5, (MANY, 3))
+    position[:, axis] = rng.uniform(-8.0, 8.0, MANY)
+    position[:30, axis] *= 8.0
+    assert_each_near_pair_once(position, rng.uniform(3.0, 4.0, MANY), np.ones(MANY, dtype=bool))
+
+
+def test_two_in_one_place_find_each_other_where_nobody_else_is_known() -> None:
+    position = np.full((MANY, 3), np.nan)
+    position[[7, 90]] = 0.0
+    known = np.isfinite(position[:, 0])
+    first, second = near_pairs(position, known, np.ones(MANY))
+    assert sorted([*first.tolist(), *second.tolist()]) == [7, 90]
+
+
+def test_where_nobody_of_many_is_known_nobody_is_near() -> None:
+    nowhere = np.full((MANY, 3), np.nan)
+    first, second = near_pairs(nowhere, np.zeros(MANY, dtype=bool), np.ones(MANY))
+    assert (len(first), len(second)) == (0, 0)
+    assert minimum_separation(nowhere, np.ones(MANY, dtype=bool), FLOOR) == (np.inf, 0)
+
+
+def test_all_pairs_inside_the_floor_are_counted_not_only_the_nearest() -> None:
+    position = np.array([[0.0, 0.0, -9.0], [0.5, 0.0, -9.0], [50.0, 0.0, -9.0], [50.0, 0.0, -11.9]])
+    assert minimum_separation(position, np.ones(4, dtype=bool), FLOOR) == pytest.approx((0.5, 2))
+
+
+@pytest.mark.parametrize("apart_m", [99.0, 150.0, 195.0, 387.0])
+def test_opposite_corners_are_found_although_the_look_hardly_reaches_across(apart_m: float) -> None:
+    corner = np.full(3, apart_m / np.sqrt(12.0))
+    position = np.array([corner, -corner])
+    assert minimum_separation(position, np.ones(2, dtype=bool), FLOOR)[0] == pytest.approx(apart_m)
+
+
+@pytest.mark.parametrize("heights", [(2.0, 1.0), (1.0, 2.0), (2.0, 2.0)])
+def test_at_the_height_of_the_pads_nobody_is_exempt_any_more(heights: tuple[float, float]) -> None:
+    position = np.array([[0.0, 0.0, -heights[0]], [1.0, 0.0, -heights[1]]])
+    airborne = np.ones(2, dtype=bool)
+    assert minimum_separation(position, airborne, FLOOR)[1] == 1
+    assert len(pairs_that_count(position, airborne, FLOOR)[0]) == 1
+    assert reason_of(position) == "separation from d1"
+
+
+def reason_of(position: Array) -> str:
+    wanted = np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    return filter_velocities(wanted, surroundings(position, descending=True), SETTINGS)[1][0]

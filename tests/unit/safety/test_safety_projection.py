@@ -104,3 +104,36 @@ def test_broken_is_what_is_broken_by_more_than_the_tolerance(speed_m_s: float, b
     wall = half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0)
     rows = (wall.first, wall.second, wall.normal, wall.bound_m_s)
     assert any_broken(np.array([[speed_m_s, 0.0, 0.0]]), *rows) == broken
+
+
+def test_a_wall_that_pushed_farther_than_needed_in_the_end_gives_that_back() -> None:
+    # the wall alone asks for 1 m/s of row 0, coming up with row 1 for 1 m/s of both: not for rest
+    both = Constraints.joined(
+        half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0), half_space(0, 1, (-1.0, 0.0, 0.0), 0.0)
+    )
+    wanted = np.array([[3.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    assert project(wanted, both)[:, 0] == pytest.approx([1.0, 1.0], abs=1e-3)
+
+
+@pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 0)])
+def test_who_flies_across_is_not_shortened_for_the_one_that_comes(first: int, second: int) -> None:
+    # row 0 flies past to the north, row 1 comes from the east with 3 m/s of which 1 is allowed
+    velocity = np.array([[0.0, 4.0, 0.0], [-3.0, 0.0, 0.0]])
+    away = -1.0 if first == 0 else 1.0
+    shrunk = shrink(velocity, half_space(first, second, (away, 0.0, 0.0), -1.0))
+    assert shrunk == pytest.approx(np.array([[0.0, 4.0, 0.0], [-1.0, 0.0, 0.0]]), abs=1e-3)
+
+
+def test_a_wall_shortens_nobody_but_the_one_before_it() -> None:
+    velocity = np.array([[4.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
+    shrunk = shrink(velocity, half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0))
+    assert shrunk[:, 0] == pytest.approx([1.0, 4.0], abs=1e-3)
+
+
+def test_a_push_is_passed_on_by_one_whose_constraints_had_come_to_rest() -> None:
+    # row 0 has to go with 5 m/s and pushes row 1, row 1 pushes row 2; at first they hardly touch
+    resting = half_space(1, 2, (-1.0, 0.0, 0.0), 0.0)
+    pushed = half_space(0, NOBODY, (1.0, 0.0, 0.0), 5.0), half_space(0, 1, (-1.0, 0.0, 0.0), 0.0)
+    wanted = np.array([[0.0, 0.0, 0.0], [-1.5e-6, 0.0, 0.0], [-3e-6, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    found = project(wanted, Constraints.joined(resting, *pushed))
+    assert found[:, 0] == pytest.approx([5.0, 5.0, 5.0, 0.0], abs=1e-2)

@@ -1,11 +1,13 @@
 """How pairs are held apart, against numbers computed by hand."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from safety_world import BRAKING, FLOOR, SETTINGS, filtered, surroundings
 
 from gcs.safety.constraints import Braking
-from gcs.safety.filter import filter_velocities
+from gcs.safety.filter import Limits, filter_velocities
 from gcs.safety.separation import (
     Floor,
     keepout_constraints,
@@ -150,11 +152,17 @@ def test_a_push_that_is_passed_on_from_one_to_the_next_is_followed_to_the_end() 
 
 ROUND = FLOOR.model_copy(update={"horizontal_m": 3.0, "vertical_uncertainty": 1.0})
 FLAT = FLOOR.model_copy(update={"horizontal_m": 3.0, "vertical_m": 2.0, "vertical_uncertainty": 0.5})
+SMALL_TALL = Floor(horizontal_m=0.3, vertical_m=0.9, margin_m=0.0, uncertainty_m=0.0)
+SMALL_FLAT = Floor(horizontal_m=0.6, vertical_m=0.2, margin_m=0.0, uncertainty_m=0.0)
 SLOW = Braking(reaction_s=1.5, lead_s=0.5, deceleration_m_s2=0.8, escape_rate_per_s=0.5)
 
 
 @pytest.mark.parametrize("braking", [BRAKING.model_copy(update={"lead_s": 0.5}), SLOW], ids=["quick", "slow"])
-@pytest.mark.parametrize("floor", [FLOOR, ROUND, FLAT], ids=["tall", "round", "flat"])
+@pytest.mark.parametrize(
+    "floor",
+    [FLOOR, ROUND, FLAT, SMALL_TALL, SMALL_FLAT],
+    ids=["tall", "round", "flat", "small and tall", "small and flat"],
+)
 @pytest.mark.parametrize(
     ("spare_m_s", "closing_m_s", "unsure_m"),
     [
@@ -196,3 +204,53 @@ def test_when_everybody_is_pushed_everybody_is_looked_at_again() -> None:
     allowed, _ = filter_velocities(np.zeros((4, 3)), surroundings(position), hard)
     assert (np.abs(allowed[:, 0]) > 0.5).all()
     assert allowed[1, 0] - allowed[2, 0] <= float(BRAKING.speed_m_s(np.array([2.0]))[0]) + 2e-3
+
+
+WIDE = SETTINGS.fence.model_copy(update={"distance_max_m": 1e5})
+HARD = BRAKING.model_copy(update={"escape_rate_per_s": 2.5})
+
+
+def test_a_column_at_full_speed_stops_behind_the_one_that_stands_in_its_way() -> None:
+    # the first is far too close to a pilot's vehicle and turns back, so must they all, one after the other
+    north = np.array([0.0, -0.4, -4.4, -8.4, -12.4, -16.4])
+    position = np.column_stack([np.zeros(6), north, np.full(6, -20.0)])
+    around = surroundings(position, commanded=[row > 0 for row in range(6)])
+    settings = SETTINGS.model_copy(update={"braking": HARD, "fence": WIDE})
+    allowed, _ = filter_velocities(np.tile([0.0, 8.0, 0.0], (6, 1)), around, settings)
+    assert allowed[1, 1] < -6.0
+    assert (np.diff(allowed[1:, 1]) <= float(BRAKING.speed_m_s(np.array([1.0]))[0]) + 5e-3).all()
+
+
+def test_in_a_large_fleet_one_pushed_away_fast_is_seen_by_who_is_still_far_ahead() -> None:
+    # d1 leaves a pilot's vehicle with 6.5 m/s; before d2, 10 m beyond what is kept, 4.6 m/s can be braked
+    position = np.vstack([[[0.0, 0.0, -20.0], [0.4, 0.0, -20.0], [13.4, 0.0, -20.0]], FAR_APART])
+    around = surroundings(position, commanded=[row > 0 for row in range(len(position))])
+    settings = SETTINGS.model_copy(update={"braking": HARD, "fence": WIDE})
+    allowed, reasons = filter_velocities(np.zeros_like(position), around, settings)
+    assert allowed[1, 0] == pytest.approx(6.5, abs=2e-3)
+    assert allowed[1, 0] - allowed[2, 0] == pytest.approx(
+        float(BRAKING.speed_m_s(np.array([10.0]))[0]), abs=2e-3
+    )
+    assert reasons[2] == "separation from d1"
+
+
+def test_a_push_passed_on_round_a_bend_is_followed_to_the_end() -> None:
+    # each is 4 m from the one before it, 20 degrees further to the left: who pushes the last one is at first
+    # nowhere near it, then not on the way to it, and only at last is pushed there
+    bend_rad = np.radians([45.0, 65.0, 85.0])
+    bend = np.vstack([[0.0, 0.0], np.cumsum(4.0 * np.column_stack([np.cos(bend_rad), np.sin(bend_rad)]), 0)])
+    position = np.column_stack([np.vstack([[-0.4, 0.0], bend]), np.full(5, -20.0)])
+    hard = BRAKING.model_copy(update={"escape_rate_per_s": 4.0})
+    settings = SETTINGS.model_copy(update={"braking": hard, "limits": Limits(horizontal_m_s=12.0)})
+    around = surroundings(position, commanded=[False, True, True, True, True])
+    allowed, _ = filter_velocities(np.zeros((5, 3)), around, settings)
+    for i, j in combinations(range(1, 5), 2):
+        away = position[i] - position[j]
+        apart_m = float(np.linalg.norm(away))
+        closing_m_s = -(allowed[i] - allowed[j]) @ away / apart_m
+        assert closing_m_s <= float(BRAKING.speed_m_s(np.array([apart_m - 3.0]))[0]) + 2e-3
+
+
+def test_where_nobody_flies_there_is_nothing_to_keep_apart() -> None:
+    nobody = np.zeros((0, 3))
+    assert filter_velocities(nobody, surroundings(nobody), SETTINGS)[1] == ()

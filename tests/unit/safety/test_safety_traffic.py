@@ -1,9 +1,12 @@
 """Keeping to the right, by whom and how far."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
-from gcs.safety.traffic import Traffic, keep_right
+from gcs.safety.traffic import Traffic, give_way, keep_right
 from gcs.state import Array
 
 
@@ -155,3 +158,186 @@ def test_passing_at_half_the_distance_of_no_concern_counts_three_quarters(aside:
     wanted = np.array([0.75 * along, -0.75 * along])
     turned = to_goals(position, goal, wanted)
     assert turned[0] @ wanted[0] == pytest.approx(9.0 * np.cos(angle_rad(0.75)))
+
+
+@pytest.mark.parametrize("first_m_s", [0.0, -3.0], ids=["is not turned either", "flies away"])
+def test_whom_it_meets_is_found_after_one_that_it_does_not(first_m_s: float) -> None:
+    # d0 is met head-on by d2, which alone is turned; d1, looked at before, is of no concern to d0
+    position = np.array([[-30.0, 0.0, -20.0], [-50.0, 30.0, -20.0], [30.0, 0.0, -20.0]])
+    goal = np.array([[30.0, 0.0, -20.0], [-90.0, 30.0, -20.0], [-30.0, 0.0, -20.0]])
+    wanted = np.array([[3.0, 0.0, 0.0], [first_m_s, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    turned = to_goals(position, goal, wanted, turned=[False, first_m_s < 0.0, True])
+    assert turned[2] == pytest.approx([-3.0 * np.cos(angle_rad(1.0)), -3.0 * np.sin(angle_rad(1.0)), 0.0])
+
+
+def after_giving_way(
+    position: Array,
+    goal: Array,
+    wanted: Array,
+    *,
+    to_goal: list[bool] | None = None,
+    give_way_m: float = 10.0,
+) -> Array:
+    return give_way(
+        wanted,
+        position,
+        goal,
+        to_goal=np.ones(len(position), dtype=bool) if to_goal is None else np.array(to_goal),
+        flatness=2.0 / 3.0,
+        settings=Traffic(give_way_m=give_way_m),
+    )
+
+
+def head_on(apart_m: float) -> tuple[Array, Array, Array]:
+    """d0 has 60 m to go, d1 has 6 m: towards each other at 3 m/s."""
+    position = np.array([[0.0, 0.0, -20.0], [apart_m, 0.0, -20.0]])
+    goal = np.array([[60.0, 0.0, -20.0], [apart_m - 6.0, 0.0, -20.0]])
+    return position, goal, np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("apart_m", "expected_m_s"), [(12.0, 3.0), (10.0, 3.0), (9.0, 1.5), (8.0, 0.0), (6.0, -3.0), (5.0, -3.0)]
+)
+def test_who_has_far_to_go_gives_up_closing_in_on_who_is_nearly_there(
+    apart_m: float, expected_m_s: float
+) -> None:
+    given = after_giving_way(*head_on(apart_m))
+    assert given[0] == pytest.approx([expected_m_s, 0.0, 0.0])
+    assert given[1].tolist() == [-3.0, 0.0, 0.0]
+
+
+def test_whichever_row_it_is_in() -> None:
+    position, goal, wanted = head_on(5.0)
+    given = after_giving_way(position[::-1], goal[::-1], wanted[::-1])
+    assert given.tolist() == [[-3.0, 0.0, 0.0], pytest.approx([-3.0, 0.0, 0.0])]
+
+
+def test_up_and_down_a_metre_counts_less_and_the_whole_approach_is_given_up_too() -> None:
+    position = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -28.5]])  # 5.67 m in the floor's metric
+    goal = np.array([[0.0, 0.0, -60.0], [0.0, 0.0, -24.5]])
+    given = after_giving_way(position, goal, np.array([[0.0, 0.0, -2.0], [0.0, 0.0, 1.0]]))
+    assert given[0] == pytest.approx([0.0, 0.0, 1.0])
+    assert given[1].tolist() == [0.0, 0.0, 1.0]
+
+
+def test_it_is_the_time_left_that_counts_and_not_the_distance() -> None:
+    # 24 m at 6 m/s are 4 s, 3 m at 1 m/s are 3 s, and at 2 m/s they are 1.5 s
+    position, goal, _ = head_on(5.0)
+    goal[:, 0] = 24.0, 2.0
+    slow = np.array([[6.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    assert after_giving_way(position, goal, slow).tolist() == slow.tolist()
+    faster = np.array([[6.0, 0.0, 0.0], [-2.0, 0.0, 0.0]])
+    assert after_giving_way(position, goal, faster)[0] == pytest.approx([-2.0, 0.0, 0.0])
+
+
+def test_whatever_the_direction_in_which_they_meet() -> None:
+    position, goal, wanted = (array[:, [1, 0, 2]] for array in head_on(9.0))
+    assert after_giving_way(position, goal, wanted)[0] == pytest.approx([0.0, 1.5, 0.0])
+
+
+def test_whom_it_lets_pass_is_found_after_one_that_it_does_not() -> None:
+    position, goal, wanted = head_on(5.0)
+    others = [[0.0, -4.0, -20.0]], [[60.0, -4.0, -20.0]], [[3.0, 0.0, 0.0]]
+    position, goal, wanted = (
+        np.insert(array, 1, other, axis=0)
+        for array, other in zip((position, goal, wanted), others, strict=True)
+    )
+    assert after_giving_way(position, goal, wanted)[0] == pytest.approx([-3.0, 0.0, 0.0])
+
+
+def test_it_is_found_among_hundreds_too() -> None:
+    rng = np.random.default_rng(4)
+    crowd = rng.normal(0.0, 5.0, (210, 3)) - (0.0, 0.0, 20.0)
+    ahead = np.array([60.0, 0.0, 0.0])
+    position, goal, wanted = (
+        np.concatenate([pair, others])
+        for pair, others in zip(
+            head_on(5.9),
+            (crowd, crowd + ahead, np.tile([3.0, 0.0, 0.0], (210, 1))),
+            strict=True,
+        )
+    )
+    assert after_giving_way(position, goal, wanted)[0] == pytest.approx([-3.0, 0.0, 0.0])
+
+
+def test_who_is_beyond_the_distance_is_not_drawn_back_to_whom_it_leaves() -> None:
+    position, goal, wanted = head_on(12.0)
+    wanted[0] = -4.0, 0.0, 0.0
+    assert after_giving_way(position, goal, wanted).tolist() == wanted.tolist()
+
+
+def test_sideways_it_goes_on() -> None:
+    position, goal, wanted = head_on(5.0)
+    wanted[0, 1] = 1.0
+    assert after_giving_way(position, goal, wanted)[0] == pytest.approx([-3.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda position, goal, wanted: goal.__setitem__((0, 0), 11.9),  # less than twice as far to go
+        lambda position, goal, wanted: goal.__setitem__((1, 0), -26.0),  # likewise
+        lambda position, goal, wanted: wanted.__setitem__(0, [-4.0, 0.0, 0.0]),  # moves off already
+        lambda position, goal, wanted: wanted.__setitem__(1, [0.1, 0.0, 0.0]),  # stands
+        lambda position, goal, wanted: position.__setitem__(1, np.nan),
+        lambda position, goal, wanted: goal.__setitem__(1, np.nan),
+    ],
+    ids=["as near", "the other as far", "moves off", "the other stands", "unknown place", "unknown goal"],
+)
+def test_to_others_nobody_gives_way(change: Callable[[Array, Array, Array], None]) -> None:
+    position, goal, wanted = head_on(5.0)
+    change(position, goal, wanted)
+    assert after_giving_way(position, goal, wanted).tolist() == wanted.tolist()
+
+
+def test_nor_to_who_is_on_no_way_and_not_at_all_at_zero() -> None:
+    position, goal, wanted = head_on(5.0)
+    assert after_giving_way(position, goal, wanted, to_goal=[True, False]).tolist() == wanted.tolist()
+    assert after_giving_way(position, goal, wanted, to_goal=[False, True]).tolist() == wanted.tolist()
+    assert after_giving_way(position, goal, wanted, give_way_m=0.0).tolist() == wanted.tolist()
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_of_two_it_gives_way_to_the_one_it_closes_in_on_the_most(reverse: bool) -> None:
+    position = np.array([[0.0, 0.0, -20.0], [5.0, 0.0, -20.0], [0.0, 7.0, -20.0]])
+    goal = np.array([[60.0, 1.0, -20.0], [1.0, 0.0, -20.0], [0.0, 3.0, -20.0]])
+    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0], [0.0, -3.0, 0.0]])
+    rows = [0, 2, 1] if reverse else [0, 1, 2]
+    given = after_giving_way(position[rows], goal[rows], wanted[rows])
+    assert given[0] == pytest.approx([-3.0, 0.0, 0.0])
+
+
+def test_two_in_one_place_have_no_direction_to_give_way_in() -> None:
+    position, goal, wanted = head_on(0.0)
+    assert after_giving_way(position, goal, wanted).tolist() == wanted.tolist()
+
+
+def test_it_may_begin_as_near_as_a_metre() -> None:
+    position, goal, wanted = head_on(0.4)
+    near = Traffic(give_way_m=1.0, give_way_fully_m=0.5)
+    everybody = np.ones(2, dtype=bool)
+    given = give_way(wanted, position, goal, to_goal=everybody, flatness=1.0, settings=near)
+    assert given[0] == pytest.approx([-3.0, 0.0, 0.0])
+
+
+def test_giving_way_begins_before_it_is_complete() -> None:
+    with pytest.raises(ValidationError, match="give_way_m 5 must be more than give_way_fully_m 6, or 0"):
+        Traffic(give_way_m=5.0)
+    for not_enough_m in (6.0, 0.5):
+        with pytest.raises(ValidationError, match="must be more than"):
+            Traffic(give_way_m=not_enough_m)
+    assert Traffic(give_way_m=0.0).give_way_m == 0.0
+
+
+def test_whom_one_is_just_passing_one_does_not_meet_any_more() -> None:
+    abeam = np.array([[0.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
+    wanted = np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    goal = np.array([[30.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
+    assert to_goals(abeam, goal, wanted, turned=[True, False]).tolist() == wanted.tolist()
+
+
+def test_those_who_fly_side_by_side_meet_no_sooner_for_half_a_millimetre_a_second() -> None:
+    position = np.array([[0.0, 0.0, -20.0], [0.0, 5.0, -20.0]])
+    wanted = np.array([[3.0, 0.0, 0.0], [3.0, -5e-4, 0.0]])
+    goal = np.array([[30.0, 0.0, -20.0], [30.0, 5.0, -20.0]])
+    assert to_goals(position, goal, wanted).tolist() == wanted.tolist()

@@ -136,3 +136,15 @@ def test_the_fence_of_a_narrow_field_holds_near_its_middle_too() -> None:
     )
     assert found.reason == ("greatest distance",)
     assert found.normal[0] == pytest.approx([-0.6, -0.8, 0.0])
+
+
+@pytest.mark.parametrize(("allowed_m_s", "sides"), [(3.9, 1), (4.1, 0)])
+def test_a_wall_is_left_out_only_where_twice_the_greatest_speed_could_still_be_braked(
+    allowed_m_s: float, sides: int
+) -> None:
+    gap_m = allowed_m_s * BRAKING.reaction_s + allowed_m_s**2 / (2.0 * BRAKING.deceleration_m_s2)
+    one = np.ones(1, dtype=bool)
+    low, beside = np.array([[0.0, 0.0, -3.0 - gap_m]]), np.array([[5.0 + gap_m, 0.0, -8.0]])
+    fence = fence_constraints(low, one, ~one, FENCE, BRAKING, fastest_m_s=2.0)
+    boxes = obstacle_constraints(beside, one, {"b": BOX}, BRAKING, fastest_m_s=2.0)
+    assert (len(fence), len(boxes)) == (sides, sides)

@@ -207,3 +207,28 @@ def test_a_five_metre_step_through_the_whole_vehicle_answers_as_recorded() -> No
     bench.stream(0.0, 0.0, 0.0)
     begin_m = bench.truth[0]
     assert 3.5 < bench.run(8.0).truth[0] - begin_m < 7.5
+
+
+@pytest.mark.parametrize(("action", "mode"), [(0, HOLD), (1, HOLD), (2, RETURN), (3, LAND)])
+def test_without_a_ground_stations_heartbeat_nav_dll_act_acts_after_com_dl_loss_t(
+    action: int, mode: tuple[int, int]
+) -> None:
+    bench = Bench().take_off()
+    bench.set_parameter("NAV_DLL_ACT", action)
+    bench.set_parameter("COM_DL_LOSS_T", 5)
+    bench.run(2.0)
+    bench.heartbeats = False
+    bench.run(3.5)
+    assert bench.mode == HOLD
+    bench.run(3.0)
+    assert bench.mode == mode
+
+
+def test_a_ground_station_lost_acts_in_offboard_too_and_once_only() -> None:
+    bench = Bench().fly_offboard()
+    bench.set_parameter("NAV_DLL_ACT", 2)
+    bench.set_parameter("COM_DL_LOSS_T", 5)
+    bench.heartbeats = False
+    bench.until(lambda: bench.mode == RETURN, 8.0)
+    bench.set_mode(HOLD)  # whoever takes it out of there is not overruled again
+    assert bench.run(8.0).mode == HOLD

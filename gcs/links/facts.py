@@ -1,0 +1,84 @@
+"""What every transport of ours tells about itself, and how; a transport adds how its bytes move."""
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Protocol
+
+from gcs.links.recorder import Recorder
+from gcs.links.roster import Address
+from gcs.links.traffic import Counters
+from gcs.links.vehicle_ids import check
+from gcs.state import VehicleId
+
+
+class Whereabouts(Protocol):
+    """Who speaks from where."""
+
+    def conflicts(self) -> Mapping[int, str]:
+        """System ids heard lately from two addresses, both named in the text."""
+        ...
+
+    def address(self, system_id: int) -> Address | None:
+        """Where this system spoke from last; None before it was heard."""
+        ...
+
+
+class LinkFacts:
+    """The part of `gcs.links.Link` that only tells. Used on the loop's thread."""
+
+    def __init__(
+        self,
+        name: str,
+        vehicles: Mapping[VehicleId, int],
+        whereabouts: Whereabouts,
+        counters: Counters,
+        recorder: Recorder | None,
+    ) -> None:
+        """Raises: InvalidError for a system id out of range or used twice."""
+        check(vehicles)
+        self._name = name
+        self._vehicles = MappingProxyType(dict(vehicles))
+        self._ids = tuple(vehicles)
+        self._whereabouts = whereabouts
+        self._counters = counters
+        self._recorder = recorder
+
+    @property
+    def name(self) -> str:
+        """As the configuration calls it."""
+        return self._name
+
+    @property
+    def ids(self) -> tuple[VehicleId, ...]:
+        """The vehicles configured on this link, heard or not."""
+        return self._ids
+
+    @property
+    def problems(self) -> Sequence[str]:
+        """See `Link.problems`."""
+        problem = "" if self._recorder is None else self._recorder.problem
+        return (f"link {self._name}: {problem}",) if problem else ()
+
+    @property
+    def conflicts(self) -> Mapping[VehicleId, str]:
+        """Vehicles whose system id was heard lately from two addresses: both named in the text."""
+        texts = self._whereabouts.conflicts()
+        if not texts:
+            return {}
+        return {name: texts[system_id] for name, system_id in self._vehicles.items() if system_id in texts}
+
+    @property
+    def setpoints_sent(self) -> int:
+        """How many setpoints have left, in all."""
+        return self._counters.setpoints_sent
+
+    @property
+    def addresses(self) -> Mapping[VehicleId, Address]:
+        """Where each vehicle heard so far spoke from last: all that a kill from outside needs to know."""
+        known = {name: self._whereabouts.address(system_id) for name, system_id in self._vehicles.items()}
+        return {name: address for name, address in known.items() if address is not None}
+
+    @property
+    def counters(self) -> Counters:
+        """Totals since the link was made: setpoints sent, refused by the deadman, and so on."""
+        return self._counters

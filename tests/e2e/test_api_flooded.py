@@ -1,0 +1,83 @@
+"""Many clients ask the API for more than it can answer, while vehicles fly: nobody in the air notices."""
+
+import asyncio
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ground import SOON_S, flying_config, proper, served, until, vehicles
+from machine import Witness, free_ports
+
+from gcs.cli.serve import make_link
+from gcs.client import Client
+from gcs.config import Config
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.links.direct.link import DirectLink
+from gcs.links.mavsdk_link import MavsdkLink
+from gcs.orchestrator import Orchestrator
+
+pytestmark = pytest.mark.xdist_group("e2e")
+
+IDS = ("d1", "d2")
+FLOOD_S = 5.0
+LONGEST_GAP_S = 0.3
+CLIENTS = 8
+
+FLOOD = """
+import http.client, sys, threading, time
+port, seconds = int(sys.argv[1]), float(sys.argv[2])
+answered = []
+def ask():
+    end_s = time.monotonic() + seconds
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+    while time.monotonic() < end_s:
+        connection.request("GET", "/api/v1/fleet")
+        answered.append(connection.getresponse().read())
+threads = [threading.Thread(target=ask) for _ in range(int(sys.argv[3]))]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(len(answered))
+"""
+
+
+async def fly_and_flood(folder: Path, transport: str) -> tuple[MavsdkLink | DirectLink, float, float, int]:
+    """Two vehicles in formation. Returns: their link, when the flood began and ended, what was answered."""
+    base = free_ports(2)
+    raw = flying_config(2, base, silence_s=20.0).model_dump()
+    raw["links"][0]["transport"] = transport
+    config = Config.model_validate(raw)
+    with vehicles(2, base, folder, *proper(config)):
+        link = make_link(config.links[0], config)
+        assert isinstance(link, MavsdkLink | DirectLink)
+        orchestrator = Orchestrator(config, [link])
+        async with served(orchestrator) as port:
+            view = orchestrator.view
+            flying = {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}
+            await until("flying", SOON_S, lambda: view.value.show in flying)
+            flood = [sys.executable, "-c", FLOOD, str(port), str(FLOOD_S), str(CLIENTS)]
+            began_s = time.monotonic()
+            answered = int(await asyncio.to_thread(subprocess.check_output, flood))
+            ended_s = time.monotonic()
+            assert [vehicle.phase for vehicle in view.value.vehicles] == [Phase.FORMATION] * 2
+            with Client(f"http://127.0.0.1:{port}", timeout_s=30.0) as client:
+                assert (await asyncio.to_thread(client.health)).alive
+    return link, began_s, ended_s, answered
+
+
+@pytest.mark.parametrize("transport", ["mavsdk", "direct"])
+def test_api_flooded(tmp_path: Path, transport: str) -> None:
+    with Witness() as machine:
+        link, began_s, ended_s, answered = asyncio.run(fly_and_flood(tmp_path, transport))
+    assert answered > 10 * FLOOD_S, "it is answered, as far as there is time"
+    for vehicle_id in IDS:
+        times_s = np.array(link.setpoint_times_s(vehicle_id))
+        flooded_s = times_s[(times_s >= began_s) & (times_s <= ended_s)].tolist()
+        assert len(flooded_s) >= 15.0 * machine.awake_s(began_s, ended_s), vehicle_id
+        waits_s = [machine.awake_s(first_s, next_s) for first_s, next_s in pairwise(flooded_s)]
+        assert max(waits_s) < LONGEST_GAP_S, vehicle_id

@@ -1,0 +1,165 @@
+"""Whatever befalls the station: setpoints cease in time or go on correctly, and no old one ever leaves.
+
+Every setpoint says when it was asked for, and the kernel of its vehicle when it came.
+"""
+
+import asyncio
+import time
+from contextlib import closing
+from pathlib import Path
+from threading import current_thread
+
+import pytest
+from link_bench import DatedTicks, a_link, asked_s, ready, running, until
+from link_peer import Peer
+from link_station import a_station, go_on, stop
+from machine import Witness, free_ports
+from pymavlink import mavutil
+
+from gcs.links.mavlink_frames import SET_POSITION_TARGET_LOCAL_NED, split
+from gcs.links.traffic import Direction
+
+pytestmark = pytest.mark.xdist_group("wire")
+
+DEADMAN_S = 0.2
+ON_ITS_WAY_S = 0.02
+"""From a station that stands, what had left it still arrives."""
+
+SOON_S = 60.0
+
+TRANSPORTS = pytest.mark.parametrize("transport", ["mavsdk", "direct"])
+
+
+def arrivals_s(peer: Peer) -> list[float]:
+    return [time_s for time_s, _ in peer.messages("SET_POSITION_TARGET_LOCAL_NED")]
+
+
+def wait_for_more(peer: Peer, count: int) -> None:
+    """Until so many more setpoints have come."""
+    wanted, end_s = len(arrivals_s(peer)) + count, time.monotonic() + SOON_S
+    while len(arrivals_s(peer)) < wanted:
+        assert time.monotonic() < end_s, "no setpoints"
+        time.sleep(0.01)
+
+
+def assert_all_fresh(peer: Peer, machine: Witness) -> None:
+    """Each came within the deadman's time after it was asked for, and later ones were asked for later."""
+    setpoints = peer.messages("SET_POSITION_TARGET_LOCAL_NED")
+    asked = [asked_s(setpoint, arrived_s) for arrived_s, setpoint in setpoints]
+    assert len(asked) > 20
+    assert asked == sorted(asked), "an old one came behind a new one"
+    for (arrived_s, _), since_s in zip(setpoints, asked, strict=True):
+        assert machine.awake_s(since_s, arrived_s) <= DEADMAN_S
+
+
+@TRANSPORTS
+def test_process_stopped_and_continued(transport: str) -> None:
+    with Peer(port := free_ports(), 1) as peer, a_station(port, transport) as process, Witness() as machine:
+        for _ in range(6):
+            wait_for_more(peer, 7)
+            stop(process)
+            stopped_s = time.monotonic()
+            time.sleep(0.6)
+            goes_on_s = time.monotonic()
+            go_on(process)
+            wait_for_more(peer, 1)
+            assert not [t for t in arrivals_s(peer) if stopped_s + ON_ITS_WAY_S < t < goes_on_s]
+        assert_all_fresh(peer, machine)
+
+
+@TRANSPORTS
+def test_process_killed(transport: str) -> None:
+    with Peer(port := free_ports(), 1) as peer, a_station(port, transport) as process, Witness() as machine:
+        wait_for_more(peer, 30)
+        process.kill()
+        process.join()
+        killed_s = time.monotonic()
+        time.sleep(1.0)
+        assert arrivals_s(peer)[-1] < killed_s
+        assert_all_fresh(peer, machine)
+
+
+@pytest.mark.usefixtures("transport")
+def test_control_loop_late() -> None:
+    async def main(peer: Peer) -> list[float]:
+        link = a_link(port, [1])
+        async with running(link):
+            await ready(link)
+            ticks = DatedTicks(link, "v1")
+            late_s = []
+            for late in (0.12, 0.5, 0.3, 1.0, 0.25):
+                for _ in range(10):
+                    ticks.tick()
+                    await asyncio.sleep(0.05)
+                await ticks.last()
+                late_s.append(ticks.last_s)
+                await asyncio.sleep(late)
+            ticks.tick()
+            await until(lambda: arrivals_s(peer)[-1] > ticks.last_s)
+        return late_s
+
+    with Peer(port := free_ports(), 1) as peer, Witness() as machine:
+        late_s = asyncio.run(main(peer))
+        assert_all_fresh(peer, machine)
+        times_s = arrivals_s(peer)
+        for last_s, pause_s in zip(late_s, (0.12, 0.5, 0.3, 1.0, 0.25), strict=True):
+            between_s = [t for t in times_s if last_s < t < last_s + pause_s]
+            assert between_s, "it was sent once more"
+            assert machine.awake_s(last_s, between_s[-1]) <= DEADMAN_S
+
+
+def test_mavsdk_thread_stuck() -> None:
+    """What waited in MAVSDK's queue is old when its thread goes on, whatever the ticks have allowed since."""
+    stuck_s: list[float] = []
+    frees_s: list[float] = []
+
+    def get_stuck(time_s: float, direction: Direction, raw: bytes, _system_id: int) -> None:
+        is_setpoint = split(raw).frames[0].message_id == SET_POSITION_TARGET_LOCAL_NED
+        if direction is Direction.SENT and is_setpoint and len(stuck_s) > len(frees_s):
+            assert current_thread().name != "MainThread"
+            time.sleep(1.0)
+            frees_s.append(time.monotonic())
+
+    async def main(peer: Peer) -> None:
+        link = a_link(port, [1])
+        link.observe(get_stuck)
+        async with running(link):
+            await ready(link)
+            async with DatedTicks(link, "v1").running():
+                for _ in range(5):
+                    before = len(arrivals_s(peer))
+                    await until(lambda before=before: len(arrivals_s(peer)) > before + 10)  # type: ignore[misc]
+                    stuck_s.append(time.monotonic())
+                    await until(lambda: len(frees_s) == len(stuck_s))
+                await until(lambda: arrivals_s(peer)[-1] > frees_s[-1])
+
+    with Peer(port := free_ports(), 1) as peer, Witness() as machine:
+        asyncio.run(main(peer))
+        assert_all_fresh(peer, machine)
+
+
+@TRANSPORTS
+def test_disk_full(tmp_path: Path, transport: str) -> None:
+    with (
+        Peer(port := free_ports(), 1) as peer,
+        a_station(port, transport, tmp_path, file_max_bytes=30_000),
+        Witness() as machine,
+    ):
+        end_s = time.monotonic() + SOON_S
+        while "recording_failed" not in (tmp_path / "log").read_text():
+            assert time.monotonic() < end_s
+            time.sleep(0.1)
+        failed_s = time.monotonic()
+        time.sleep(2.0)
+        wait_for_more(peer, 1)
+        assert_all_fresh(peer, machine)
+        after_s = [t for t in arrivals_s(peer) if t > failed_s]
+        assert len(after_s) > 10.0 * machine.awake_s(failed_s, after_s[-1]), "they keep their rate"
+    assert (tmp_path / "log").read_text().count("recording_failed") == 1
+    (path,) = tmp_path.glob("*.tlog")
+    with closing(mavutil.mavlink_connection(str(path))) as log:
+        kinds = set()
+        while (message := log.recv_match()) is not None:
+            kinds.add(message.get_type())
+    assert "GLOBAL_POSITION_INT" in kinds
+    assert "BAD_DATA" not in kinds
