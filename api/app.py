@@ -10,7 +10,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 
-from api import docs, routes, stream, wire
+from api import docs, problem_docs, routes, show_routes, stream, wire
 from api.desk import Desk
 from api.guard import Guard
 from api.problems import echo, error_response, from_pydantic, invalid_response
@@ -49,12 +49,14 @@ def create_app(service: Service, *, host_names: Sequence[str] = ("localhost",)) 
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
-        responses=routes.errors(403, 500),
+        responses=problem_docs.errors(403, 500),
     )
     app.state.desk = Desk(service)
     app.include_router(docs.router)
     app.include_router(routes.health)
     app.include_router(routes.api, prefix="/api/v1")
+    app.include_router(show_routes.selected, prefix="/api/v1")
+    app.include_router(show_routes.files, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")
     app.add_middleware(Guard, names=host_names)
     _install(app)

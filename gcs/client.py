@@ -4,6 +4,7 @@
         order = client.start()
         client.wait_for(order.id, timeout_s=120)
         client.change_formation(radius_m=15)
+        client.shows.upload("lighthouse", Path("lighthouse.yaml"))
 
 Everything that the service refuses is raised as the error that the service raised itself.
 """
@@ -18,6 +19,7 @@ import httpx
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from api import wire
+from gcs.client_shows import Shows
 from gcs.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
 
 M = TypeVar("M", bound=BaseModel)
@@ -41,6 +43,7 @@ class Client:
     def __init__(self, url: str = URL, *, timeout_s: float = 5.0) -> None:
         # Proxies of the environment are not for a station on the same machine or field network.
         self._http = httpx.Client(base_url=url, timeout=timeout_s, trust_env=False)
+        self.shows = Shows(self)
 
     def __enter__(self) -> Self:
         return self
@@ -56,52 +59,58 @@ class Client:
 
     def health(self) -> wire.Health:
         """Raises: LinkError, saying why, when control is not alive."""
-        return self._one(wire.Health, "GET", "/healthz")
+        return self.one(wire.Health, "GET", "/healthz")
 
     def fleet(self) -> wire.Fleet:
         """Everything at one instant."""
-        return self._one(wire.Fleet, "GET", "/api/v1/fleet")
+        return self.one(wire.Fleet, "GET", "/api/v1/fleet")
 
     def vehicles(self) -> list[wire.Vehicle]:
         """Every vehicle."""
-        return self._many(wire.Vehicle, "/api/v1/vehicles")
+        return self.many(wire.Vehicle, "/api/v1/vehicles")
 
     def vehicle(self, vehicle_id: str) -> wire.Vehicle:
         """One vehicle."""
-        return self._one(wire.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
+        return self.one(wire.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
 
     def command(self, vehicle_id: str, action: str) -> wire.Order:
         """Order one vehicle: hold, join, return, land, kill, hand-back or confirm-down."""
-        return self._one(wire.Order, "POST", f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}")
+        return self.one(wire.Order, "POST", f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}")
 
     def show(self) -> wire.Show:
         """Where the show stands."""
-        return self._one(wire.Show, "GET", "/api/v1/show")
+        return self.one(wire.Show, "GET", "/api/v1/show")
 
-    def start(self, vehicles: list[str] | None = None) -> wire.Order:
-        """Start the show with `vehicles`, or with all that are online."""
-        body = None if vehicles is None else {"vehicles": vehicles}
-        return self._one(wire.Order, "POST", "/api/v1/show/start", body)
+    def start(
+        self,
+        vehicles: list[str] | None = None,
+        *,
+        show_hash: str | None = None,
+        at_unix_time_s: float | None = None,
+    ) -> wire.Order:
+        """Start with `vehicles`, or with all that are online; a selected show by its hash; now, or later."""
+        body = _given(vehicles=vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s)
+        return self.one(wire.Order, "POST", "/api/v1/show/start", body or None)
 
     def stop(self) -> wire.Order:
         """Everybody comes home and lands."""
-        return self._one(wire.Order, "POST", "/api/v1/show/stop")
+        return self.one(wire.Order, "POST", "/api/v1/show/stop")
 
     def pause(self) -> wire.Order:
         """Everybody stands still."""
-        return self._one(wire.Order, "POST", "/api/v1/show/pause")
+        return self.one(wire.Order, "POST", "/api/v1/show/pause")
 
     def resume(self) -> wire.Order:
         """Go on after a pause."""
-        return self._one(wire.Order, "POST", "/api/v1/show/resume")
+        return self.one(wire.Order, "POST", "/api/v1/show/resume")
 
     def abort(self) -> wire.Order:
         """Everybody descends to distinct places, now."""
-        return self._one(wire.Order, "POST", "/api/v1/show/abort")
+        return self.one(wire.Order, "POST", "/api/v1/show/abort")
 
     def order(self, order_id: str) -> wire.Order:
         """How far an order has got."""
-        return self._one(wire.Order, "GET", f"/api/v1/orders/{_part(order_id)}")
+        return self.one(wire.Order, "GET", f"/api/v1/orders/{_part(order_id)}")
 
     def wait_for(self, order_id: str, timeout_s: float) -> wire.Order:
         """The order once it is done or has failed, which its `outcome` says.
@@ -121,25 +130,25 @@ class Client:
 
     def formation(self) -> wire.Formation:
         """Radius and height, wanted and now."""
-        return self._one(wire.Formation, "GET", "/api/v1/formation")
+        return self.one(wire.Formation, "GET", "/api/v1/formation")
 
     def change_formation(
         self, *, radius_m: float | None = None, height_m: float | None = None
     ) -> wire.Formation:
         """Change what is given."""
         body = _given(radius_m=radius_m, height_m=height_m)
-        return self._one(wire.Formation, "PATCH", "/api/v1/formation", body)
+        return self.one(wire.Formation, "PATCH", "/api/v1/formation", body)
 
     def target(self) -> wire.Target:
         """Where the target is now."""
-        return self._one(wire.Target, "GET", "/api/v1/target")
+        return self.one(wire.Target, "GET", "/api/v1/target")
 
     def set_target(
         self, x_m: float, y_m: float, *, velocity_x_m_s: float = 0.0, velocity_y_m_s: float = 0.0
     ) -> wire.Target:
         """Say where the target is, in the show frame."""
         body = {"x_m": x_m, "y_m": y_m, "velocity_x_m_s": velocity_x_m_s, "velocity_y_m_s": velocity_y_m_s}
-        return self._one(wire.Target, "PUT", "/api/v1/target", body)
+        return self.one(wire.Target, "PUT", "/api/v1/target", body)
 
     def set_target_geodetic(
         self,
@@ -156,11 +165,11 @@ class Client:
             "velocity_north_m_s": velocity_north_m_s,
             "velocity_east_m_s": velocity_east_m_s,
         }
-        return self._one(wire.Target, "PUT", "/api/v1/target", body)
+        return self.one(wire.Target, "PUT", "/api/v1/target", body)
 
     def orbit(self) -> wire.Orbit:
         """How the formation circles the target."""
-        return self._one(wire.Orbit, "GET", "/api/v1/orbit")
+        return self.one(wire.Orbit, "GET", "/api/v1/orbit")
 
     def change_orbit(
         self,
@@ -171,23 +180,23 @@ class Client:
     ) -> wire.Orbit:
         """Change what is given."""
         body = _given(radius_m=radius_m, speed_m_s=speed_m_s, direction=direction)
-        return self._one(wire.Orbit, "PATCH", "/api/v1/orbit", body)
+        return self.one(wire.Orbit, "PATCH", "/api/v1/orbit", body)
 
     def yaw(self) -> wire.Yaw:
         """Where the vehicles look."""
-        return self._one(wire.Yaw, "GET", "/api/v1/yaw")
+        return self.one(wire.Yaw, "GET", "/api/v1/yaw")
 
     def change_yaw(self, *, policy: str | None = None, heading_deg: float | None = None) -> wire.Yaw:
         """Change what is given."""
-        return self._one(wire.Yaw, "PATCH", "/api/v1/yaw", _given(policy=policy, heading_deg=heading_deg))
+        return self.one(wire.Yaw, "PATCH", "/api/v1/yaw", _given(policy=policy, heading_deg=heading_deg))
 
     def obstacles(self) -> list[wire.Obstacle]:
         """Every obstacle."""
-        return self._many(wire.Obstacle, "/api/v1/obstacles")
+        return self.many(wire.Obstacle, "/api/v1/obstacles")
 
     def obstacle(self, obstacle_id: str) -> wire.Obstacle:
         """One obstacle."""
-        return self._one(wire.Obstacle, "GET", f"/api/v1/obstacles/{_part(obstacle_id)}")
+        return self.one(wire.Obstacle, "GET", f"/api/v1/obstacles/{_part(obstacle_id)}")
 
     def add_obstacle(
         self,
@@ -204,7 +213,7 @@ class Client:
         """Add a box; without an id it is given one."""
         box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
         body = box | _moving(velocity_x_m_s, velocity_y_m_s) | _given(id=obstacle_id)
-        return self._one(wire.Obstacle, "POST", "/api/v1/obstacles", body)
+        return self.one(wire.Obstacle, "POST", "/api/v1/obstacles", body)
 
     def change_obstacle(
         self,
@@ -221,28 +230,32 @@ class Client:
         """Replace the box of this id."""
         box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
         body = box | _moving(velocity_x_m_s, velocity_y_m_s)
-        return self._one(wire.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
+        return self.one(wire.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
 
     def remove_obstacle(self, obstacle_id: str) -> None:
         """Forget a box."""
-        self._call("DELETE", f"/api/v1/obstacles/{_part(obstacle_id)}")
+        self.call("DELETE", f"/api/v1/obstacles/{_part(obstacle_id)}")
 
-    def _one(self, model: type[M], method: str, path: str, body: dict[str, Any] | None = None) -> M:
+    def one(self, model: type[M], method: str, path: str, body: dict[str, Any] | bytes | None = None) -> M:
+        """One thing that a path answers."""
         try:
-            return model.model_validate_json(self._call(method, path, body))
+            return model.model_validate_json(self.call(method, path, body))
         except ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
-    def _many(self, model: type[M], path: str) -> list[M]:
+    def many(self, model: type[M], path: str) -> list[M]:
+        """A list of things that a path answers."""
         try:
-            return TypeAdapter(list[model]).validate_json(self._call("GET", path))  # type: ignore[valid-type]
+            return TypeAdapter(list[model]).validate_json(self.call("GET", path))  # type: ignore[valid-type]
         except ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
-    def _call(self, method: str, path: str, body: dict[str, Any] | None = None) -> bytes:
+    def call(self, method: str, path: str, body: dict[str, Any] | bytes | None = None) -> bytes:
+        """What a path answers; a body is JSON, or a show file as it is."""
         # Not httpx's own JSON: it stumbles over NaN, which the service refuses with the field's name.
-        content = None if body is None else json.dumps(body).encode()
-        headers = {} if body is None else {"Content-Type": "application/json"}
+        content = json.dumps(body).encode() if isinstance(body, dict) else body
+        kind = "application/json" if isinstance(body, dict) else "application/yaml"
+        headers = {} if body is None else {"Content-Type": kind}
         try:
             answer = self._http.request(method, path, content=content, headers=headers)
         except httpx.HTTPError as error:

@@ -200,6 +200,12 @@ class YawSettings(Settings):
     heading_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 
 
+class ShowsSettings(Settings):
+    """Where the service keeps the shows that it is given."""
+
+    folder: Path
+
+
 class Config(Settings):
     """A whole configuration file."""
 
@@ -211,6 +217,7 @@ class Config(Settings):
     yaw: YawSettings = YawSettings()
     api: ApiSettings = ApiSettings()
     record: RecordSettings | None = None
+    shows: ShowsSettings | None = None  # None: no shows can be uploaded
     operation: OperationSettings = OperationSettings()
     control: ControlSettings = ControlSettings()
     positioning: Positioning = Positioning()

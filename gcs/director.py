@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,11 +14,22 @@ from gcs.flight import Columns, Flight
 from gcs.foresight import check_setpoint_loss
 from gcs.inspection import Inspection
 from gcs.landing import distinct_places_m
-from gcs.lifecycle import AIRBORNE, FLOWN, IN_THE_AIR, Event, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.lifecycle import (
+    AIRBORNE,
+    FLOWN,
+    IN_THE_AIR,
+    ON_THE_GROUND,
+    Event,
+    Phase,
+    ShowEvent,
+    ShowPhase,
+    advance_show,
+)
 from gcs.links import Order, Verb
 from gcs.orders import OrderBook
 from gcs.preflight import check_fleet, told
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.stage import Stage
 from gcs.state import Array, Mask, Mode, VehicleId
 from gcs.vehicle import Heard, Vehicle, require_phase
 
@@ -46,15 +58,42 @@ EVENT_OF = {
 
 Errand = Callable[[Vehicle], Coroutine[None, None, None]]
 
+AHEAD_MAX_S = 24 * 3600.0
+"""Nobody schedules a start for another day."""
+
+LATE_MAX_S = 2.0
+"""A start that this machine missed by more (asleep, or its clock was set) is not made up for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Countdown:
+    """A start that is ordered for a clock time."""
+
+    at_unix_s: float
+    record: OrderRecord
+    chosen: tuple[VehicleId, ...]
+    show_hash: str | None
+
 
 class Director:
     """Turns orders into errands, and lets the show go on by itself where it can."""
 
-    def __init__(self, flight: Flight, errands: Errands, book: OrderBook, inspection: Inspection) -> None:
+    def __init__(
+        self,
+        flight: Flight,
+        errands: Errands,
+        book: OrderBook,
+        inspection: Inspection,
+        stage: Stage,
+        unix_s: Callable[[], float],
+    ) -> None:
         self._flight = flight
         self._errands = errands
         self._book = book
         self._inspection = inspection
+        self._stage = stage
+        self._unix_s = unix_s
+        self.countdown: Countdown | None = None
         self._came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
 
     # once a tick
@@ -152,7 +191,9 @@ class Director:
         """Let the show go on: all up, assembled, all down."""
         flight = self._flight
         busy = any(self._errands.running(vehicle) for vehicle in (*flight.airborne, *self.waiting))
-        if flight.show in {ShowPhase.IDLE, ShowPhase.LANDED} and flight.airborne:
+        if self.countdown is not None:
+            self._count_down(self.countdown)
+        if flight.show in ON_THE_GROUND and flight.airborne:
             names = ", ".join(vehicle.id for vehicle in flight.airborne)
             self._move_show(ShowEvent.TAKEN_ON, f"in the air and ours, waiting for orders: {names}")
         if flight.show is ShowPhase.ARMING and not busy:
@@ -162,6 +203,8 @@ class Director:
                 self._move_show(ShowEvent.ALL_UP, "everybody who flies is up")
         elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
             self._move_show(ShowEvent.ASSEMBLED, "the sphere stands")
+        elif flight.performance is not None and flight.performance.is_over(flight.fleet.time_s):
+            self._stop(f"show {flight.performance.name!r} is over: everybody comes home")
         flying = flight.show in IN_THE_AIR | {ShowPhase.ABORTING} and flight.show is not ShowPhase.ARMING
         if flying and not busy and not flight.airborne:
             was_ordered = flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING}
@@ -174,43 +217,120 @@ class Director:
         flight = self._flight
         before, flight.show = flight.show, advance_show(flight.show, event)
         flight.reason = reason
+        if flight.performance is not None:
+            flight.performance.follow(flight.show, flight.fleet.time_s)
         log.info("show_phase", extra={"was": before.value, "phase": flight.show.value, "reason": reason})
 
     # orders to the show
 
-    def command_show(self, action: ShowAction, vehicles: Sequence[VehicleId] | None) -> OrderRecord:
+    def command_show(
+        self,
+        action: ShowAction,
+        vehicles: Sequence[VehicleId] | None = None,
+        *,
+        show_hash: str | None = None,
+        at_unix_time_s: float | None = None,
+    ) -> OrderRecord:
         """Carry out an order to the whole show. Raises: RefusedError, UnknownError, InvalidError."""
-        if vehicles is not None and action is not ShowAction.START:
-            raise InvalidError("vehicles", list(vehicles), "only with start")
+        given = {"vehicles": vehicles, "show_hash": show_hash, "at_unix_time_s": at_unix_time_s}
+        for field, value in given.items():
+            if value is not None and action is not ShowAction.START:
+                raise InvalidError(field, value, "only with start")
         orders = {
             ShowAction.STOP: self._stop,
             ShowAction.PAUSE: self._pause,
             ShowAction.RESUME: self._resume,
             ShowAction.ABORT: self._abort,
         }
-        return self._start(vehicles) if action is ShowAction.START else orders[action]()
+        if action is ShowAction.START:
+            return self._start(vehicles, show_hash, at_unix_time_s)
+        if self.countdown is not None and action in {ShowAction.STOP, ShowAction.ABORT}:
+            return self._call_off(action)
+        return orders[action]()
 
-    def _start(self, wanted: Sequence[VehicleId] | None) -> OrderRecord:
-        flight = self._flight
-        advance_show(flight.show, ShowEvent.START)
+    def _start(
+        self, wanted: Sequence[VehicleId] | None, show_hash: str | None, at_unix_s: float | None
+    ) -> OrderRecord:
+        """Take off now, or at a clock time: everything is checked now, and then once more."""
+        event = ShowEvent.START if at_unix_s is None else ShowEvent.SCHEDULE
+        advance_show(self._flight.show, event)
+        if at_unix_s is not None:
+            ahead_s = at_unix_s - self._unix_s()
+            if not 0.0 < ahead_s <= AHEAD_MAX_S:
+                allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self._unix_s():.1f} now"
+                raise InvalidError("at_unix_time_s", at_unix_s, allowed)
         chosen, left_out = self._choose(wanted)
+        self._stage.check_start(chosen, show_hash, named=wanted is not None)
+        self._ready(chosen)
+        if at_unix_s is not None:
+            record = self._book.open("start", chosen, left_out)
+            self.countdown = Countdown(at_unix_s, record, tuple(chosen), show_hash)
+            self._move_show(ShowEvent.SCHEDULE, f"{len(chosen)} vehicles take off in {ahead_s:.0f} s")
+            return record
+        if self.countdown is not None:
+            self._end_countdown(self.countdown, "started before its time, by another order")
+        record = self._book.open("start", chosen, left_out)
+        self._take_off(record, chosen)
+        return record
+
+    def _ready(self, chosen: Sequence[VehicleId]) -> None:
+        """Raises: RefusedError, InvalidError when anything speaks against these taking off now."""
+        flight = self._flight
         self._check(chosen)
-        check_formation(flight.plan.formation, len(chosen), flight.config.control.safety)
+        check_formation(flight.plan.formation, len(chosen), flight.control.safety)
         self._check_loss(chosen)
         pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
-        for obstacle in flight.plan.obstacles:
-            check_obstacle(obstacle, flight.config.control.law.avoidance, {}, pads_m)
+        for obstacle in self._stage.obstacles():
+            check_obstacle(obstacle, flight.control.law.avoidance, {}, pads_m)
+
+    def _take_off(self, record: OrderRecord, chosen: Sequence[VehicleId]) -> None:
+        flight = self._flight
         self._came_down_by = None
+        self._stage.begin(chosen)
         self._move_show(ShowEvent.START, "checks every vehicle")
         self._move_show(ShowEvent.CHECKED, f"{len(chosen)} vehicles take off one after the other")
-        record = self._book.open("start", chosen, left_out)
         for turn, name in enumerate(chosen):
             vehicle = flight.vehicles[name]
             vehicle.home_m = flight.position_m(vehicle).copy()
             delay_s = turn * flight.config.operation.takeoff_stagger_s
             errand = self._errands.take_off(delay_s, lambda one: self._check([one.id]))
             self._errands.start(vehicle, errand, self._closer(record, vehicle))
-        return record
+
+    def _count_down(self, countdown: Countdown) -> None:
+        """Take off when it is time, if everybody still may; else say why not."""
+        late_s = self._unix_s() - countdown.at_unix_s
+        if late_s < 0.0 and not self._flight.airborne:
+            return
+        try:
+            self._still_ready(countdown, late_s)
+        except (RefusedError, InvalidError, UnknownError) as error:
+            self._end_countdown(countdown, str(error))
+            self._move_show(ShowEvent.CHECK_FAILED, f"did not start: {error}")
+            return
+        self.countdown = None
+        self._take_off(countdown.record, countdown.chosen)
+
+    def _still_ready(self, countdown: Countdown, late_s: float) -> None:
+        """Raises: RefusedError, InvalidError, UnknownError when they may not take off any more."""
+        if self._flight.airborne:
+            raise RefusedError("a vehicle is in the air already")
+        if late_s > LATE_MAX_S:
+            raise RefusedError(f"its time was missed by {late_s:.1f} s: this machine, or its clock, stood")
+        self._choose(countdown.chosen)
+        self._stage.check_start(countdown.chosen, countdown.show_hash, named=True)
+        self._ready(countdown.chosen)
+
+    def _end_countdown(self, countdown: Countdown, reason: str) -> None:
+        self.countdown = None
+        for name in countdown.chosen:
+            self._book.close(countdown.record.id, name, Outcome.FAILED, reason)
+
+    def _call_off(self, action: ShowAction) -> OrderRecord:
+        """Nobody has left the ground, and nobody will."""
+        if self.countdown is not None:
+            self._end_countdown(self.countdown, "called off")
+        self._move_show(ShowEvent(action.value), "the countdown was called off")
+        return self._book.open(action, [], {})
 
     def _check(self, chosen: Sequence[VehicleId]) -> None:
         """Raises: RefusedError with everything that speaks against their taking off."""
@@ -221,9 +341,9 @@ class Director:
             flight.fleet,
             flight.telemetry,
             {name: text for link in flight.links for name, text in link.conflicts.items()},
-            age_max_s=flight.config.control.telemetry_age_max_s,
-            floor=flight.config.control.safety.floor,
-            fence=flight.config.control.safety.fence,
+            age_max_s=flight.control.telemetry_age_max_s,
+            floor=flight.control.safety.floor,
+            fence=flight.control.safety.fence,
             uncertainty_m=flight.traits.uncertainty_m,
             positioning=flight.config.positioning,
             pads_within_m=operation.pads_within_m if operation.require_parameters else np.inf,
@@ -242,8 +362,8 @@ class Director:
         check_setpoint_loss(
             tuple(chosen),
             flight.fleet.position_m[rows],
-            flight.plan,
-            flight.config.control,
+            self._stage.plans(),
+            flight.control,
             flight.traits.uncertainty_m[rows],
             operation.setpoint_loss_action,
             operation.return_height_m,
@@ -269,10 +389,10 @@ class Director:
             raise RefusedError("no vehicle is online")
         return chosen, left_out
 
-    def _stop(self) -> OrderRecord:
+    def _stop(self, reason: str = "everybody comes home") -> OrderRecord:
         """Everybody home; who has not left the ground stays there."""
         flying, waiting = self._flight.airborne, self.waiting
-        self._move_show(ShowEvent.STOP, "everybody comes home")
+        self._move_show(ShowEvent.STOP, reason)
         record = self._book.open("stop", [v.id for v in (*flying, *waiting)], self._not_ours())
         homeless_m = self._places_m([vehicle for vehicle in flying if vehicle.home_m is None])
         for vehicle in flying:
@@ -299,6 +419,9 @@ class Director:
         return self._done("pause")
 
     def _resume(self) -> OrderRecord:
+        performance = self._flight.performance
+        if performance is not None and not performance.started:
+            raise RefusedError(f"show {performance.name!r} was never started: stop brings home who is up")
         self._move_show(ShowEvent.RESUME, "re-forms, then goes on")
         return self._done("resume")
 
@@ -352,7 +475,7 @@ class Director:
             wanted_m,
             np.array(taken_m).reshape(-1, 2),
             flight.config.operation.place_spacing_m,
-            ellipses_of(flight.plan, flight.config.control, flight.fleet.time_s),
+            ellipses_of(flight.plan, flight.control, flight.fleet.time_s),
         )
         ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
         return {
@@ -411,7 +534,7 @@ class Director:
         others = [other for other in flight.airborne if other is not vehicle]
         formed = [other for other in others if other.engaging or other.phase is Phase.FORMATION]
         try:
-            check_formation(flight.plan.formation, len(formed) + 1, flight.config.control.safety)
+            check_formation(flight.plan.formation, len(formed) + 1, flight.control.safety)
         except InvalidError as error:
             raise RefusedError(f"{vehicle.id} cannot join: {error}") from None
 

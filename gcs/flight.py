@@ -18,6 +18,7 @@ from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.landing import STOP_S, swept_segments_m
 from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.links import Link, Order, ParameterValue
+from gcs.performance import Performance
 from gcs.plan import Plan
 from gcs.state import Array, FleetState, Landed, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
@@ -103,6 +104,8 @@ class Flight:
             np.full(len(config.fleet), config.control.safety.floor.uncertainty_m),
         )
         self.plan: Plan = replace(config.plan, target=replace(config.plan.target, time_s=now_s))
+        self.control = config.control  # narrower while a show is selected
+        self.performance: Performance | None = None
         self.show = ShowPhase.IDLE
         self.reason = "nothing has been started"
         self.memory = Memory.fresh(len(self.vehicles), now_s)
@@ -130,7 +133,7 @@ class Flight:
         """Give every vehicle the margin that its reported accuracy, or a jump, asks for."""
         parts = self.telemetry.parts
         wide_m = uncertainty_m(
-            self.config.control.safety.floor.uncertainty_m,
+            self.control.safety.floor.uncertainty_m,
             np.concatenate([part.horizontal_accuracy_m for part in parts])[self._order],
             np.concatenate([part.vertical_accuracy_m for part in parts])[self._order],
             now_s - self._table.reset_time_s,

@@ -6,6 +6,7 @@ import numpy as np
 
 from gcs.control import Tick
 from gcs.lifecycle import Phase, ShowPhase
+from gcs.performance import Performance
 from gcs.plan import Plan
 from gcs.service import FleetView, TickView, VehicleView
 from gcs.state import Array, FleetState, Telemetry, Traits, VehicleId
@@ -34,11 +35,16 @@ def fleet_view(
     setpoints_sent: int,
     problems: Sequence[str],
     unix_time_s: float,
+    performance: Performance | None = None,
+    waits: Sequence[str] = (),
+    start_unix_s: float | None = None,
 ) -> FleetView:
     """Put one tick's state together; rows of `fleet` and `vehicles` correspond.
 
-    `known` are those whose parameters have been read: only they are ready. `problems` are the links'.
+    `known` are those whose parameters have been read: only they are ready. `problems` are the links', `waits`
+    say which obstacles of the selected show do not stand yet, `start_unix_s` is that of a countdown.
     """
+    lights = {} if performance is None else performance.lights(fleet.ids, fleet.time_s)
     sent = dict(zip(tick.setpoints.ids, tick.setpoints.velocity_m_s, strict=True))
     center = tick.memory.center
     return FleetView(
@@ -55,6 +61,7 @@ def fleet_view(
                 sent.get(vehicle.id),
                 is_known=vehicle.id in known,
                 uncertainty_m=float(traits.uncertainty_m[vehicle.row]),
+                light=lights.get(vehicle.id),
             )
             for vehicle in vehicles
         ),
@@ -67,7 +74,10 @@ def fleet_view(
         tick=timing,
         control_alive=control_alive,
         setpoints_sent=setpoints_sent,
-        notices=(*_not_ours(vehicles), *problems),
+        notices=(*_not_ours(vehicles), *waits, *problems),
+        selected=None if performance is None else performance.view(fleet.time_s),
+        start_unix_time_s=start_unix_s,
+        countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
     )
 
 
@@ -90,6 +100,7 @@ def _vehicle_view(
     *,
     is_known: bool,
     uncertainty_m: float,
+    light: str | None,
 ) -> VehicleView:
     telemetry, at = heard
     row = vehicle.row
@@ -115,4 +126,5 @@ def _vehicle_view(
         heartbeat_age_s=finite(fleet.time_s - telemetry.heartbeat_time_s[at]),
         setpoint_m_s=None if setpoint_m_s is None else tuple3(setpoint_m_s),
         restrained_by=tick.restrained_by[row],
+        light=light,
     )

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Discriminator, Field, StrictInt, StrictStr,
 from gcs.control import ControlSettings
 from gcs.frames import ShowFrame
 from gcs.plan import MAX_OBSTACLES, Direction
-from gcs.safety.filter import Limits, SafetySettings
+from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
 from gcs.settings import Settings
 from gcs.state import Array
@@ -207,35 +207,37 @@ class Show(Settings):
         return control_of(self.limits, self.fence)
 
 
-def control_of(limits: ShowLimits, fence: ShowFence) -> ControlSettings:
-    """Law and safety at their defaults, within these limits and this fence."""
-    usual = ControlSettings()
-    floor = usual.safety.floor
-    scale = limits.separation_min_m / floor.horizontal_m
+def control_of(limits: ShowLimits, fence: ShowFence, usual: ControlSettings | None = None) -> ControlSettings:
+    """Law and safety as `usual`, or at their defaults, within these limits and this fence."""
+    usual = usual or ControlSettings()
+    safety, law = usual.safety, usual.law
+    scale = limits.separation_min_m / safety.floor.horizontal_m
     return usual.model_copy(
         update={
             "radius_rate_m_s": limits.radius_rate_max_m_s,
-            "law": usual.law.model_copy(
+            "law": law.model_copy(
                 update={
-                    "speed_m_s": min(usual.law.speed_m_s, limits.speed_max_m_s),
+                    "speed_m_s": min(law.speed_m_s, limits.speed_max_m_s),
                     "center_speed_max_m_s": limits.formation_speed_max_m_s,
                     "center_acceleration_max_m_s2": limits.formation_acceleration_max_m_s2,
                     "climb_max_m_s": limits.formation_climb_max_m_s,
                 }
             ),
-            "safety": SafetySettings(
-                limits=Limits(
-                    horizontal_m_s=limits.speed_max_m_s,
-                    up_m_s=limits.climb_max_m_s,
-                    down_m_s=limits.sink_max_m_s,
-                ),
-                floor=floor.model_copy(
-                    update={
-                        "horizontal_m": limits.separation_min_m,
-                        "vertical_m": floor.vertical_m * scale,
-                    }
-                ),
-                fence=Fence(**fence.model_dump()),
+            "safety": safety.model_copy(
+                update={
+                    "limits": Limits(
+                        horizontal_m_s=limits.speed_max_m_s,
+                        up_m_s=limits.climb_max_m_s,
+                        down_m_s=limits.sink_max_m_s,
+                    ),
+                    "floor": safety.floor.model_copy(
+                        update={
+                            "horizontal_m": limits.separation_min_m,
+                            "vertical_m": safety.floor.vertical_m * scale,
+                        }
+                    ),
+                    "fence": Fence(**fence.model_dump()),
+                }
             ),
         }
     )

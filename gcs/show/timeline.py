@@ -146,6 +146,24 @@ class Timeline:
             self.obstacles_at(now_s),
         )
 
+    def stages(self) -> tuple[tuple[str, Plan], ...]:
+        """Cue and plan where something begins, is reached or turns, in order, like ones only once."""
+        times_s = {one.at_s for one in self.played}
+        for track in self._formation:
+            times_s |= {glide.to_s for glide in track.glides}
+        for leg in self.legs:
+            knots_s = leg.spline.x + leg.from_s if isinstance(leg, Curve) else [leg.from_s, leg.to_s]
+            times_s |= set(np.asarray(knots_s).tolist())
+        found: list[tuple[str, Plan]] = []
+        seen: set[tuple[Formation, Orbit, float, float]] = set()
+        for time_s in sorted(time_s for time_s in times_s if time_s <= self.duration_s):
+            plan = self.plan_at(time_s)
+            known = (plan.formation, plan.orbit, round(plan.target.x_m), round(plan.target.y_m))
+            if known not in seen:
+                seen.add(known)
+                found.append((self.cue_at(time_s).cue.cue, plan))
+        return tuple(found)
+
     @property
     def _formation(self) -> tuple[Track, Track, Track]:
         return self.radius_m, self.height_m, self.spin_rad_s

@@ -19,6 +19,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _show(check)
     check.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
     check.add_argument("--json", action="store_true", help="one JSON object")
+    check.add_argument(
+        "--model",
+        action="store_true",
+        help="with --json: and everything that is flown, as a service takes it",
+    )
     plot = actions.add_parser("plot", help="draw it: paths, and what happens when")
     _show(plot)
     plot.add_argument("picture", metavar="OUT.png", help="a .png, .svg or .pdf file")
@@ -53,7 +58,8 @@ def _check(arguments: argparse.Namespace) -> int:
             print(error, file=sys.stderr)
         return 1
     verdict = judge(*rehearse(loaded, arguments.seed))
-    print(json.dumps(verdict.told()) if arguments.json else table(verdict))
+    model = {"model": loaded.show.model_dump(mode="json")} if arguments.model else {}
+    print(json.dumps(verdict.told() | model) if arguments.json else table(verdict))
     return 0 if verdict.good else 1
 
 

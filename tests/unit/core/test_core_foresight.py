@@ -132,7 +132,7 @@ def refusal(count: int, action: Action, radius_m: float = 15.0, *, orbit_m: floa
         check_setpoint_loss(
             tuple(f"d{i + 1}" for i in range(count)),
             pads(count),
-            Plan(Formation(radius_m, radius_m + 10.0), Orbit(orbit_m, 2.5), Target(6.0, 4.0)),
+            [("", Plan(Formation(radius_m, radius_m + 10.0), Orbit(orbit_m, 2.5), Target(6.0, 4.0)))],
             CONTROL,
             np.full(count, 0.35),
             action,
