@@ -190,9 +190,9 @@ class Director:
     def advance(self) -> None:
         """Let the show go on: all up, assembled, all down."""
         flight = self._flight
-        busy = any(self._errands.running(vehicle) for vehicle in (*flight.airborne, *self.waiting))
         if self.countdown is not None:
             self._count_down(self.countdown)
+        busy = any(self._errands.running(vehicle) for vehicle in (*flight.airborne, *self.waiting))
         if flight.show in ON_THE_GROUND and flight.airborne:
             names = ", ".join(vehicle.id for vehicle in flight.airborne)
             self._move_show(ShowEvent.TAKEN_ON, f"in the air and ours, waiting for orders: {names}")

@@ -20,7 +20,7 @@ class ShowClock:
 
     def show_s(self, clock_s: float) -> float:
         """The show's time in s."""
-        return self.begins_s if self.since_s is None else self.begins_s + clock_s - self.since_s
+        return self.begins_s if self.since_s is None else self.begins_s + (clock_s - self.since_s)
 
     def run(self, clock_s: float) -> "ShowClock":
         """Go on: the sphere stands, or stands again. No effect while it runs."""
