@@ -1,5 +1,6 @@
 """What is done with the fleet on an order, and what follows by itself."""
 
+import asyncio
 import logging
 from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from gcs.errors import InvalidError, OrderError, RefusedError, UnknownError
 from gcs.feasibility import check_formation, check_obstacle
 from gcs.flight import Columns, Flight
 from gcs.foresight import check_setpoint_loss
+from gcs.homecoming import Homecoming
 from gcs.inspection import Inspection
 from gcs.landing import distinct_places_m
 from gcs.lifecycle import (
@@ -94,6 +96,7 @@ class Director:
         self._stage = stage
         self._unix_s = unix_s
         self.countdown: Countdown | None = None
+        self._homecoming: Homecoming | None = None
         self._came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
 
     # once a tick
@@ -192,6 +195,8 @@ class Director:
         flight = self._flight
         if self.countdown is not None:
             self._count_down(self.countdown)
+        if self._homecoming is not None:
+            self._homecoming.advance()
         busy = any(self._errands.running(vehicle) for vehicle in (*flight.airborne, *self.waiting))
         if flight.show in ON_THE_GROUND and flight.airborne:
             names = ", ".join(vehicle.id for vehicle in flight.airborne)
@@ -395,9 +400,15 @@ class Director:
         self._move_show(ShowEvent.STOP, reason)
         record = self._book.open("stop", [v.id for v in (*flying, *waiting)], self._not_ours())
         homeless_m = self._places_m([vehicle for vehicle in flying if vehicle.home_m is None])
+        together = [v for v in flying if v.home_m is not None and not v.comes_down_alone]
+        self._homecoming = Homecoming(self._flight, together, asyncio.get_running_loop().time)
         for vehicle in flying:
             place_m = homeless_m.get(vehicle.id)  # its start is not known: down where it is
-            errand = self._errands.come_home if place_m is None else self._errands.descend(place_m)
+            errand = (
+                self._errands.come_home_together(self._homecoming, self._stops_m(vehicle))
+                if place_m is None
+                else self._errands.descend(place_m)
+            )
             self._errands.start(vehicle, errand, self._closer(record, vehicle))
         for vehicle in waiting:
             self._errands.start(vehicle, self._errands.stay_down, self._closer(record, vehicle))
@@ -413,10 +424,16 @@ class Director:
         flight = self._flight
         advance_show(flight.show, ShowEvent.PAUSE)
         for vehicle in flight.in_phase(Phase.FORMATION):
-            stop_m = flight.fleet.velocity_m_s[vehicle.row] * STOPS_WITHIN_S
-            vehicle.hold_m = flight.position_m(vehicle) + stop_m
+            vehicle.hold_m = self._stops_m(vehicle)
         self._move_show(ShowEvent.PAUSE, "everybody holds in place")
         return self._done("pause")
+
+    def _stops_m(self, vehicle: Vehicle) -> Array:
+        """(3,) where it can stand soon."""
+        place_m: Array = (
+            self._flight.position_m(vehicle) + self._flight.fleet.velocity_m_s[vehicle.row] * STOPS_WITHIN_S
+        )
+        return place_m
 
     def _resume(self) -> OrderRecord:
         performance = self._flight.performance

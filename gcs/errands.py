@@ -41,6 +41,10 @@ NO_PROGRESS_S = 30.0
 """A way home or down that takes longer than this is worth a word to the operator."""
 
 
+WAY_S = 90.0
+"""Likewise, for ways on which some wait for others."""
+
+
 Done = Callable[[Outcome, str], None]
 
 
@@ -71,6 +75,35 @@ class Surroundings(Protocol):
 
     def may_sink(self, vehicle: Vehicle) -> bool:
         """Whether everybody lower has come to its column, so that this one may come down."""
+        ...
+
+
+class Homecoming(Protocol):
+    """What errands need of a collective return, see `gcs.homecoming`."""
+
+    @property
+    def is_planned(self) -> bool:
+        """Whether the ways are found."""
+        ...
+
+    def stopping(self, vehicle: Vehicle) -> None:
+        """It is under control, and stops."""
+        ...
+
+    def takes_part(self, vehicle: Vehicle) -> bool:
+        """Whether it is, or may still be, part of the plan."""
+        ...
+
+    def goal_m(self, vehicle: Vehicle) -> Array | None:
+        """(3,) where it shall be now."""
+        ...
+
+    def has_way(self, vehicle: Vehicle) -> bool:
+        """Whether a way was found for it that meets nobody."""
+        ...
+
+    def is_over(self, vehicle: Vehicle) -> bool:
+        """Whether its way has led it above its start."""
         ...
 
 
@@ -180,6 +213,38 @@ class Errands:
         vehicle.apply(Event.DESCEND, "above its start, comes down")
         await self._sink(vehicle, home_m)
 
+    def come_home_together(
+        self, homecoming: Homecoming, stops_m: Array
+    ) -> Callable[[Vehicle], Coroutine[None, None, None]]:
+        """Stop at `stops_m` (3,), then fly the way that is found for everybody, and land."""
+
+        async def errand(vehicle: Vehicle) -> None:
+            home_m = vehicle.home_m
+            if vehicle.comes_down_alone or home_m is None:
+                await self.autopilot_land(vehicle)
+                return
+            if not await self._under_control(vehicle, Event.COME_HOME, "stops, before all come home"):
+                return
+            vehicle.goal_m = stops_m
+            homecoming.stopping(vehicle)
+            await self._until(vehicle, lambda: homecoming.is_planned or not homecoming.takes_part(vehicle))
+            if not homecoming.takes_part(vehicle):
+                await self.come_home(vehicle)
+                return
+            vehicle.on_a_way, vehicle.reason = homecoming.has_way(vehicle), "on its way home"
+            await self._until(vehicle, lambda: self._led(vehicle, homecoming, home_m), patience_s=WAY_S)
+            vehicle.apply(Event.DESCEND, "above its start, comes down")
+            await self._sink(vehicle, home_m)
+
+        return errand
+
+    def _led(self, vehicle: Vehicle, homecoming: Homecoming, home_m: Array) -> bool:
+        """Move its goal on. Returns: whether it is above its start, where its way led it."""
+        goal_m = homecoming.goal_m(vehicle)
+        if goal_m is not None:
+            vehicle.goal_m = goal_m
+        return homecoming.is_over(vehicle) and self._above(vehicle, home_m)
+
     def descend(self, place_m: Array) -> Callable[[Vehicle], Coroutine[None, None, None]]:
         """Come down on `place_m` (3,), the lowest of all first."""
 
@@ -260,7 +325,12 @@ class Errands:
         return bool(np.hypot(here_m[0] - place_m[0], here_m[1] - place_m[1]) < IN_PLACE_M)
 
     async def _until(
-        self, vehicle: Vehicle, reached: Callable[[], bool], phases: frozenset[Phase] = FLOWN
+        self,
+        vehicle: Vehicle,
+        reached: Callable[[], bool],
+        phases: frozenset[Phase] = FLOWN,
+        *,
+        patience_s: float = NO_PROGRESS_S,
     ) -> None:
         """Wait while it is in one of `phases`. Raises: RefusedError when it leaves them."""
         loop = asyncio.get_running_loop()
@@ -268,8 +338,8 @@ class Errands:
         while not reached():
             if vehicle.phase not in phases:
                 raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
-            if phases is FLOWN and loop.time() - since_s > NO_PROGRESS_S:
-                vehicle.reason = f"{vehicle.phase} for more than {NO_PROGRESS_S:g} s: something is in its way"
+            if phases is FLOWN and loop.time() - since_s > patience_s:
+                vehicle.reason = f"{vehicle.phase} for more than {patience_s:g} s: something is in its way"
                 log.warning("no_progress", extra={"vehicle": vehicle.id, "phase": vehicle.phase.value})
                 since_s = loop.time()
             await self._around.ticked()

@@ -20,7 +20,7 @@ from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.links import Link, Order, ParameterValue
 from gcs.performance import Performance
 from gcs.plan import Plan
-from gcs.state import Array, FleetState, Landed, Mode, Telemetry, Traits, VehicleId
+from gcs.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
 from gcs.vehicle import Vehicle
 
@@ -33,6 +33,10 @@ ASSEMBLED_SHARE = 0.05
 
 SPREAD_SHARE = 0.7
 """And when the two nearest directions are apart by this share of what they are in the best shape known."""
+
+
+BEHIND_M = 8.0
+"""Farther from where the plan has it, a vehicle does not fly the plan any more."""
 
 
 FLIES = AIRBORNE | {Phase.PILOT}
@@ -251,7 +255,14 @@ class Flight:
             np.concatenate(segments_m),
             center_moves=self.show is ShowPhase.RUNNING,
             formation_waits=self.show is ShowPhase.PAUSED,
+            on_a_way=self._on_a_way(goal_m),
         )
+
+    def _on_a_way(self, goal_m: Array) -> Mask:
+        """(n,) who follows the way found for it; who has fallen far behind keeps the rules of the road."""
+        follows = np.array([vehicle.on_a_way for vehicle in self.vehicles.values()], dtype=np.bool_)
+        behind_m = np.linalg.norm(goal_m - self.fleet.position_m, axis=1)
+        return np.asarray(follows & (behind_m < BEHIND_M))
 
     def _swept_m(self, vehicle: Vehicle, last_m: Array) -> Array:
         operation = self.config.operation

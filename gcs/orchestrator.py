@@ -22,6 +22,7 @@ from gcs.errors import LinkError, RefusedError, UnknownError
 from gcs.feasibility import check_formation, check_obstacle, check_orbit, check_target, followed
 from gcs.flight import Flight
 from gcs.frames import ShowFrame
+from gcs.homeward import warm_up as warm_up_ways
 from gcs.inspection import Inspection
 from gcs.lifecycle import ON_THE_GROUND, Phase
 from gcs.links import Link
@@ -82,6 +83,7 @@ class Orchestrator:
             unix_s: the clock that people read, in s since 1970.
         """
         warm_up()
+        warm_up_ways()
         now_s = asyncio.get_running_loop().time()
         self._config = config
         self._flight = Flight(config, links, now_s)
