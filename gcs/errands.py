@@ -34,6 +34,9 @@ UP_SHARE, ENDED_SHARE = 0.85, 0.6
 """Of the height that was ordered: enough in any case, and enough where the autopilot holds already."""
 
 IN_PLACE_M = 0.8
+WELL_IN_PLACE_M = 0.4
+"""Where a slanting way ends: there is little height left to come nearer on the way down."""
+
 SETPOINTS_FIRST_S = 0.3
 RETRY_S = 1.0
 ENGAGE_TRIES = 3
@@ -243,7 +246,7 @@ class Errands:
         goal_m = homecoming.goal_m(vehicle)
         if goal_m is not None:
             vehicle.goal_m = goal_m
-        return homecoming.is_over(vehicle) and self._above(vehicle, home_m)
+        return homecoming.is_over(vehicle) and self._above(vehicle, home_m, WELL_IN_PLACE_M)
 
     def descend(self, place_m: Array) -> Callable[[Vehicle], Coroutine[None, None, None]]:
         """Come down on `place_m` (3,), the lowest of all first."""
@@ -320,9 +323,9 @@ class Errands:
         share = self._height_m(vehicle, vehicle.home_m) / self._settings.takeoff_height_m
         return share > UP_SHARE or (share > ENDED_SHARE and self._around.mode(vehicle) is Mode.HOLD)
 
-    def _above(self, vehicle: Vehicle, place_m: Array) -> bool:
+    def _above(self, vehicle: Vehicle, place_m: Array, within_m: float = IN_PLACE_M) -> bool:
         here_m = self._position_m(vehicle)
-        return bool(np.hypot(here_m[0] - place_m[0], here_m[1] - place_m[1]) < IN_PLACE_M)
+        return bool(np.hypot(here_m[0] - place_m[0], here_m[1] - place_m[1]) < within_m)
 
     async def _until(
         self,

@@ -73,7 +73,7 @@ def test_one_vehicle_flies_straight_away() -> None:
 
 
 def test_two_above_each_others_pads_both_come_down() -> None:
-    pad_m = np.array([[0.0, 0.0, 0.0], [6.0, 0.0, 0.0]])
+    pad_m = np.array([[0.0, 0.0, 0.0], [14.0, 0.0, 0.0]])
     start_m = pad_m[::-1] - (0.0, 0.0, 6.0)
     ways = planned(start_m, pad_m)
     assert ways.unplanned == ()
