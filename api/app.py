@@ -25,7 +25,8 @@ STATUS: Final[dict[type[GcsError], HTTPStatus]] = {
 }
 
 DESCRIPTION: Final = """
-Fly a formation: start and stop the show; change formation, target, orbit and obstacles while it flies.
+Fly a formation: start and stop the show; change formation, target, orbit and obstacles while it flies. Or fly
+a show that was written beforehand: upload it, check it, select it, start it by the hash that its check told.
 
 Lengths are metres, positions are in the show frame (x along the show's heading, y to its right, heights
 positive up) or latitude and longitude; headings are degrees clockwise from north. Commands answer 202 with an
