@@ -35,6 +35,11 @@ ASIDES_M = (-9.0, -4.5, 4.5, 9.0)
 ROUNDS = 40
 """So often everything is planned, at most."""
 
+PATIENT_ROUNDS = 25
+"""After so many, pairs may close faster, although the filter will slow some of them down."""
+
+HASTY_SHARE = 0.4
+
 MORE_S = 60.0
 """So much later may the last round let everybody be down."""
 
@@ -62,7 +67,7 @@ class Homeward(Settings):
 
     spare_m: NotNegative = 0.1  # on top of the floor's margin, for what the plan does not know
     spare_s: Positive = 6.0
-    reaction_s: NotNegative = 0.2  # two close no faster than the safety filter lets them, see `Braking`
+    reaction_s: NotNegative = 0.5  # two close no faster than the safety filter lets them, see `Braking`
     deceleration_m_s2: Positive = 2.0
 
 
@@ -190,7 +195,12 @@ class Planner:
         """The soonest way that is free."""
         ways_m, lengths = _padded([way.path_m * self._scale for way in self._options(row)])
         others_m, kept_m = self._scaled_m[self._planned], self._kept_m[row, self._planned]
-        which, wait = _soonest(ways_m, lengths, others_m, kept_m, *self._braking, self._low_m, self._count)
+        reaction_s, deceleration_m_s2 = self._braking
+        if self._rounds > PATIENT_ROUNDS:
+            reaction_s *= HASTY_SHARE
+        which, wait = _soonest(
+            ways_m, lengths, others_m, kept_m, reaction_s, deceleration_m_s2, self._low_m, self._count
+        )
         if which < 0:
             self._left.append(row)
         else:
