@@ -10,7 +10,7 @@ demo: .venv/ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 
 
 test: check  ## lint, types, import contracts, then every test: first what computes, then what flies in real time
 	$(BIN)/pytest -m "not realtime"
-	$(BIN)/pytest -m realtime --dist loadfile
+	$(BIN)/pytest -m realtime -n 3 --no-loadscope-reorder  # they mostly wait; the longest first
 
 check: .venv/ready  ## what a reviewer should not have to say
 	$(BIN)/ruff check .

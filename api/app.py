@@ -9,9 +9,12 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.routing import Match, Route
 
-from api import docs, problem_docs, routes, show_routes, stream, wire
+from api import docs, metrics, problem_docs, routes, show_routes, stream, wire
+from api.audit import Audited
 from api.desk import Desk
+from api.door import Door
 from api.guard import Guard
 from api.problems import echo, error_response, from_pydantic, invalid_response
 from gcs.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
@@ -31,17 +34,22 @@ a show that was written beforehand: upload it, check it, select it, start it by 
 Lengths are metres, positions are in the show frame (x along the show's heading, y to its right, heights
 positive up) or latitude and longitude; headings are degrees clockwise from north. Commands answer 202 with an
 order, whose outcome per vehicle is at `/api/v1/orders/{id}`. `/api/v1/stream?rate_hz=10` is a WebSocket that
-sends what `/api/v1/fleet` answers, the newest state each time.
+sends what `/api/v1/fleet` answers, the newest state each time. Where orders are recorded, an answer leaves
+when the record has the order; with the header `X-Recorded: no` it does not, and `notices` say why.
 """
 
 
-def create_app(service: Service, *, host_names: Sequence[str] = ("localhost",)) -> FastAPI:
+def create_app(
+    service: Service, *, host_names: Sequence[str] = ("localhost",), door: Door | None = None
+) -> FastAPI:
     """The REST API and the stream over one service.
 
     Args:
         service: the control side.
         host_names: by which a browser may call this service, besides its IP addresses.
+        door: who may call; None: everybody on this machine, as often as they like.
     """
+    door = door or Door()
     app = FastAPI(
         title="Formation ground station",
         version="1",
@@ -50,16 +58,18 @@ def create_app(service: Service, *, host_names: Sequence[str] = ("localhost",)) 
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
-        responses=problem_docs.errors(403, 500),
+        responses=problem_docs.errors(401, 403, 429, 500),
     )
-    app.state.desk = Desk(service)
+    app.state.desk = Desk(service, door)
     app.include_router(docs.router)
     app.include_router(routes.health)
+    app.include_router(metrics.router)
     app.include_router(routes.api, prefix="/api/v1")
     app.include_router(show_routes.selected, prefix="/api/v1")
     app.include_router(show_routes.files, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")
-    app.add_middleware(Guard, names=host_names)
+    app.add_middleware(Guard, names=host_names, door=door)
+    app.add_middleware(Audited, audit=service.audit)  # the last added is the outermost
     _install(app)
     return app
 
@@ -90,7 +100,20 @@ async def _on_http_error(request: Request, error: Exception) -> Response:
     }
     response = error_response(error.status_code, details.get(HTTPStatus(error.status_code), error.detail))
     response.headers.update(error.headers or {})
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        response.headers["Allow"] = ", ".join(sorted(_methods(request)))
     return response
+
+
+def _methods(request: Request) -> set[str]:
+    """All that is possible where a request went: the framework names those of one route alone."""
+    routes = (route for route in request.app.routes if isinstance(route, Route))
+    return {
+        method
+        for route in routes
+        if route.matches(request.scope)[0] is not Match.NONE
+        for method in route.methods or ()
+    }
 
 
 async def _on_bug(_request: Request, _error: Exception) -> Response:

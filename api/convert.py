@@ -10,7 +10,7 @@ from api import wire, wire_shows
 from gcs import plan
 from gcs.errors import InvalidError, RefusedError
 from gcs.frames import ShowFrame
-from gcs.lifecycle import ShowEvent, ShowPhase, advance_show
+from gcs.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
 from gcs.service import (
     FleetView,
     OrderRecord,
@@ -35,6 +35,27 @@ def health_problem(view: FleetView, now_s: float) -> str:
     if not view.control_alive:
         return "the control loop has completed no tick within the deadman's time: no setpoints are sent"
     return ""
+
+
+def readiness_problem(view: FleetView, now_s: float) -> str:
+    """Why no vehicle can be ordered anything at `now_s`; empty when one can."""
+    problem = health_problem(view, now_s)
+    if problem:
+        return problem
+    if not any(each.ready or each.phase in AIRBORNE for each in view.vehicles):
+        count, first = len(view.vehicles), view.vehicles[0]
+        return f"no vehicle of {count} is ready or flies; {first.id} is {first.phase}: {first.reason}"
+    return ""
+
+
+def readiness(view: FleetView) -> wire.Readiness:
+    """Who could fly, and who does."""
+    return wire.Readiness(
+        ready=True,
+        vehicles_ready=sum(each.ready for each in view.vehicles),
+        vehicles_airborne=sum(each.phase in AIRBORNE for each in view.vehicles),
+        vehicles=len(view.vehicles),
+    )
 
 
 def _above(down_m: float) -> float:
@@ -86,6 +107,7 @@ def vehicle(view: VehicleView, frame: ShowFrame) -> wire.Vehicle:
         position_uncertainty_m=view.position_uncertainty_m,
         heartbeat_age_s=view.heartbeat_age_s,
         setpoint=_velocity(view.setpoint_m_s),
+        link_quality=view.link_quality,
         restrained_by=view.restrained_by,
         light=view.light,
     )
@@ -132,6 +154,7 @@ def order(record: OrderRecord) -> wire.Order:
     return wire.Order(
         id=record.id,
         action=record.action,
+        by=record.by,
         accepted_unix_time_s=record.accepted_time_s,
         outcome=record.outcome,
         vehicles={
@@ -210,8 +233,8 @@ def obstacle(box: plan.Obstacle, now_s: float) -> wire.Obstacle:
     )
 
 
-def fleet(view: FleetView, frame: ShowFrame, problem: str) -> wire.Fleet:
-    """Everything for the wire; `problem` is `health_problem`'s answer."""
+def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.Fleet:
+    """Everything for the wire; `problem` is `health_problem`'s answer, `access` the door's text."""
     return wire.Fleet(
         time_s=view.time_s,
         unix_time_s=view.unix_time_s,
@@ -232,7 +255,9 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str) -> wire.Fleet:
         obstacles=[obstacle(box, view.time_s) for box in view.plan.obstacles],
         minimum_separation_m=view.minimum_separation_m,
         setpoints_sent=view.setpoints_sent,
+        filter_interventions=view.interventions,
         notices=list(view.notices),
+        access=access,
         tick=wire.Tick(
             rate_hz=view.tick.rate_hz,
             count=view.tick.count,
@@ -280,6 +305,6 @@ def obstacle_wanted(body: wire.Box, obstacle_id: str, now_s: float) -> plan.Obst
     return plan.Obstacle(id=obstacle_id, **body.model_dump(exclude={"id"}), time_s=now_s)
 
 
-def fleet_json(view: FleetView, frame: ShowFrame, problem: str) -> str:
+def fleet_json(view: FleetView, frame: ShowFrame, problem: str, access: str) -> str:
     """Everything, as JSON text."""
-    return fleet(view, frame, problem).model_dump_json()
+    return fleet(view, frame, problem, access).model_dump_json()

@@ -10,6 +10,7 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from api import convert
+from api.door import Door
 from gcs.errors import RefusedError
 from gcs.frames import ShowFrame
 from gcs.plan import Plan
@@ -26,8 +27,10 @@ class Desk:
     so that a second change starts from the first, and a reader finds what was just written.
     """
 
-    def __init__(self, service: Service) -> None:
+    def __init__(self, service: Service, door: Door) -> None:
         self.service = service
+        self.door = door
+        self.emergency_port: int | None = None  # of the listener for emergency calls alone, once it listens
         self._accepted = service.view.value.plan
         self._accepted_during = service.view.value
         self._text = ""
@@ -70,7 +73,10 @@ class Desk:
         """Everything as JSON text, written once per state however many viewers there are."""
         view, problem = self.view, self.health_problem()
         if self._text_of is None or self._text_of[0] is not view or self._text_of[1] != problem:
-            self._text, self._text_of = convert.fleet_json(view, self.frame, problem), (view, problem)
+            self._text, self._text_of = (
+                convert.fleet_json(view, self.frame, problem, self.door.text),
+                (view, problem),
+            )
         return self._text
 
     def new_obstacle_id(self) -> str:

@@ -1,11 +1,12 @@
-"""What is refused before any route sees it: too much, and what a foreign web page sends.
+"""What is refused before any route sees it: who may not, too much, and what a foreign web page sends.
 
-The API listens on the loopback interface and asks for no password, so any page open in a browser on the
-same machine could post to it, and by a name it controls (DNS rebinding) also read. Hence: a request must
-name this service by an IP address or a known name, and one that comes from a page must come from a page of
-this service.
+On the loopback interface the API may ask for no token, so any page open in a browser on the same machine
+could post to it, and by a name it controls (DNS rebinding) also read. Hence: a request must name this
+service by an IP address or a known name, and one that comes from a page must come from a page of this
+service.
 """
 
+import asyncio
 from collections.abc import Sequence
 from ipaddress import ip_address
 from typing import Final
@@ -14,11 +15,18 @@ from urllib.parse import urlsplit
 from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket
 
+from api.audit import WHO_KEY
+from api.door import Call, Door, Refusal, Visitor, is_emergency
 from api.problems import error_response
+from gcs.service import WHO
 
 BODY_MAX_BYTES: Final = 64 * 1024
 """The largest proper request, a start with thousands of names, fits."""
+
+BODY_S: Final = 10.0
+"""Half a request that stays half holds another caller's place."""
 
 DRAIN_MAX_BYTES: Final = 1024 * 1024
 """Read and thrown away, so that whoever sends too much still hears why, and is not just cut off."""
@@ -27,8 +35,9 @@ DRAIN_MAX_BYTES: Final = 1024 * 1024
 class Guard:
     """ASGI middleware around the whole app."""
 
-    def __init__(self, app: ASGIApp, names: Sequence[str]) -> None:
+    def __init__(self, app: ASGIApp, names: Sequence[str], door: Door) -> None:
         self._app = app
+        self._door = door
         self._names = frozenset(name.lower() for name in names)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -36,19 +45,31 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        refusal = self._refusal(Headers(scope=scope))
-        if scope["type"] == "websocket":
-            if refusal:
-                await receive()  # the connect message, without which a close is no ASGI
-                await send({"type": "websocket.close", "code": 1008, "reason": refusal})
-            else:
-                await self._app(scope, receive, send)
+        call, visitor = _call(scope), self._door.visitor(Headers(scope=scope))
+        scope[WHO_KEY] = visitor.name
+        foreign = self._foreign(call.headers)
+        refusal = Refusal(403, foreign) if foreign else self._door.refusal(visitor, call)
+        if refusal is not None:
+            self._door.turned_away(visitor, call, refusal)
+            await _turn_away(refusal, scope, receive, send)
             return
-        if refusal:
-            await error_response(403, refusal)(scope, receive, send)
+        who = WHO.set(visitor.name)
+        try:
+            await self._enter(scope, receive, send, visitor)
+        finally:
+            WHO.reset(who)
+
+    async def _enter(self, scope: Scope, receive: Receive, send: Send, visitor: Visitor) -> None:
+        if scope["type"] == "websocket":
+            scope.setdefault("state", {})["is_welcome"] = lambda: self._door.is_welcome(visitor)
+            await self._app(scope, receive, send)
             return
         try:
-            body = await _read(receive)
+            async with asyncio.timeout(BODY_S):
+                body = await _read(receive)
+        except TimeoutError:
+            await error_response(408, f"the body did not come within {BODY_S:g} s")(scope, receive, send)
+            return
         except ClientDisconnect:  # half a request is none, and nobody will read the answer
             return
         if body is None:
@@ -57,7 +78,7 @@ class Guard:
             return
         await self._app(scope, _replay(body, receive), send)
 
-    def _refusal(self, headers: Headers) -> str:
+    def _foreign(self, headers: Headers) -> str:
         """Why this request is not ours to answer; empty when it is."""
         host = headers.get("host", "")
         if not self._is_ours(host):
@@ -73,6 +94,48 @@ class Guard:
             return name in self._names or bool(ip_address(name))
         except ValueError:  # neither an address nor a proper name
             return False
+
+
+class EmergencyLane:
+    """The app as a listener of its own shows it: emergency calls, and nothing else."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Refuse, or pass on."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        call = _call(scope)
+        if is_emergency(call.method, call.path) or call.path == "/healthz":
+            await self._app(scope, receive, send)
+        else:
+            refusal = Refusal(404, "this port answers emergency calls alone; everything else is at the other")
+            await _turn_away(refusal, scope, receive, send)
+
+
+def _call(scope: Scope) -> Call:
+    address = scope.get("client")
+    return Call(
+        method=scope.get("method", "WEBSOCKET"),
+        path=scope["path"],
+        headers=Headers(scope=scope),
+        address="" if address is None else str(address[0]),
+    )
+
+
+async def _turn_away(refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
+    response = error_response(refusal.status, refusal.reason)
+    if refusal.status == 401:
+        response.headers["WWW-Authenticate"] = "Bearer"
+    elif refusal.status == 429:
+        response.headers["Retry-After"] = "1"
+    if scope["type"] == "websocket":
+        await receive()  # the connect message, without which an answer is no ASGI
+        await WebSocket(scope, receive, send).send_denial_response(response)
+    else:
+        await response(scope, receive, send)
 
 
 async def _read(receive: Receive) -> bytes | None:

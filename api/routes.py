@@ -10,13 +10,13 @@ from starlette.exceptions import HTTPException
 
 from api import convert, wire
 from api.desk import Desk, DeskDep
-from api.problem_docs import COMMAND, NO_BODY, READ, errors
+from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.errors import InvalidError, UnknownError
 from gcs.plan import Obstacle
 from gcs.service import ShowAction, VehicleAction
 
 health = APIRouter(tags=["health"])
-api = APIRouter()
+api = APIRouter(dependencies=TOKEN)
 
 
 @health.get("/healthz", summary="Is control alive?", responses=errors(503))
@@ -25,7 +25,22 @@ async def healthz(desk: DeskDep) -> wire.Health:
     problem = desk.health_problem()
     if problem:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, problem)
-    return wire.Health(alive=True, view_age_s=max(0.0, desk.age_s()), tick_rate_hz=desk.view.tick.rate_hz)
+    return wire.Health(
+        alive=True,
+        view_age_s=max(0.0, desk.age_s()),
+        tick_rate_hz=desk.view.tick.rate_hz,
+        access=desk.door.text,
+        emergency_port=desk.emergency_port,
+    )
+
+
+@health.get("/readyz", summary="Can anybody be ordered anything?", responses=errors(503))
+async def readyz(desk: DeskDep) -> wire.Readiness:
+    """200 only while control is alive and a vehicle is ready to start, or flies."""
+    problem = convert.readiness_problem(desk.view, desk.now_s())
+    if problem:
+        raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, problem)
+    return convert.readiness(desk.view)
 
 
 # Fleet
@@ -146,6 +161,12 @@ for _show_action, _summary in SHOW_SUMMARY.items():
         dependencies=NO_BODY,
         responses=COMMAND,
     )
+
+
+@api.get("/orders", tags=["show"], summary="The last orders")
+async def list_orders(desk: DeskDep) -> list[wire.Order]:
+    """The newest first, as many as are remembered."""
+    return [convert.order(record) for record in desk.service.orders()]
 
 
 @api.get("/orders/{order_id}", tags=["show"], summary="An order's outcome", responses=READ | errors(404))

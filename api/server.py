@@ -7,14 +7,16 @@ it; it then closes every connection, viewers included, within `SHUTDOWN_S`.
 import asyncio
 import errno
 import socket
+import ssl
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
 import uvicorn
-from fastapi import FastAPI
+from starlette.types import ASGIApp
 
-from gcs.errors import LinkError
+from gcs.access import TlsSettings
+from gcs.errors import ConfigError, LinkError
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 8000
@@ -24,6 +26,18 @@ SHUTDOWN_S: Final = 2
 
 SEND_BUFFER_BYTES: Final = 64 * 1024
 """Of the kernel, per connection: what a slow viewer has not read yet is old, so little of it is kept."""
+
+CONNECTIONS_MAX: Final = 256
+"""Of each listener; one more is answered 503 and closed."""
+
+SILENT_S: Final = 10.0
+CROWDED_S: Final = 0.5
+"""A connection that asks nothing for so long, or sends half a request, is cut: it holds another's place.
+Sooner when half of the places are taken, so that no number of silent ones keeps a caller out.
+"""
+
+BACKLOG: Final = 64
+"""Connections that wait to be taken in: all of them are, at once, in one turn of the loop."""
 
 STALLED_MS: Final = 20_000
 """A connection whose peer takes nothing for so long is cut."""
@@ -35,6 +49,7 @@ class _Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, listening: asyncio.Future[int] | None) -> None:
         super().__init__(config)
         self._listening = listening
+        self._silent: dict[object, tuple[object, float]] = {}  # their last request, and silent since when
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -47,6 +62,25 @@ class _Server(uvicorn.Server):
         if sockets and self._listening is not None and not self._listening.done():
             self._listening.set_result(sockets[0].getsockname()[1])
 
+    async def on_tick(self, counter: int) -> bool:
+        """Ten times a second: cut who is silent."""
+        now_s = asyncio.get_running_loop().time()
+        connections = list(self.server_state.connections)
+        patience_s = CROWDED_S if len(connections) > CONNECTIONS_MAX // 2 else SILENT_S
+        before, self._silent = self._silent, {}
+        for connection in connections:
+            request: Any = getattr(connection, "cycle", connection)  # a WebSocket has none, and may be silent
+            if request is connection or not (request is None or request.response_complete):
+                continue
+            asked, since_s = before.get(connection, (request, now_s))
+            if asked is not request:
+                since_s = now_s
+            if now_s - since_s > patience_s:
+                connection.transport.abort()
+            else:
+                self._silent[connection] = (request, since_s)
+        return await super().on_tick(counter)
+
     def cut(self) -> None:
         """Drop the connections that did not close in time: their peers read nothing."""
         for connection in list(self.server_state.connections):
@@ -54,18 +88,25 @@ class _Server(uvicorn.Server):
 
 
 async def serve(
-    app: FastAPI, host: str = HOST, port: int = PORT, *, listening: asyncio.Future[int] | None = None
+    app: ASGIApp,
+    host: str = HOST,
+    port: int = PORT,
+    *,
+    listening: asyncio.Future[int] | None = None,
+    tls: TlsSettings | None = None,
 ) -> None:
     """Serve until cancelled.
 
     Args:
-        app: from `create_app`.
+        app: from `create_app`, or an `EmergencyLane` of it.
         host: name or address of the interface.
         port: 0: any that is free.
         listening: is given the port as soon as requests are answered.
+        tls: serve https and wss alone.
 
-    Raises: LinkError when the address cannot be had.
+    Raises: LinkError when the address cannot be had, ConfigError when certificate or key cannot be used.
     """
+    _check_tls(tls)
     listener = await _listen(host, port)
     config = uvicorn.Config(
         app,
@@ -77,6 +118,10 @@ async def serve(
         ws_max_size=4096,  # viewers have nothing to say
         ws_per_message_deflate=False,  # compression would take time from the control loop beside us
         timeout_graceful_shutdown=SHUTDOWN_S,
+        limit_concurrency=CONNECTIONS_MAX,
+        backlog=BACKLOG,
+        ssl_certfile=None if tls is None else tls.certificate_file,
+        ssl_keyfile=None if tls is None else str(tls.key_file),
     )
     server = _Server(config, listening)
     running = asyncio.create_task(server.serve(sockets=[listener]), name="api/http")
@@ -89,6 +134,21 @@ async def serve(
         finally:
             server.cut()
             listener.close()
+
+
+def _check_tls(tls: TlsSettings | None) -> None:
+    if tls is None:
+        return
+    for path in (tls.certificate_file, tls.key_file):
+        if not path.is_file():
+            raise ConfigError(f"access.tls: {path}: there is no such file")
+    try:
+        ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(
+            tls.certificate_file, tls.key_file
+        )
+    except OSError as error:  # SSLError is one
+        files = f"{tls.certificate_file}, {tls.key_file}"
+        raise ConfigError(f"access.tls: {files}: no PEM certificate and its key: {error}") from None
 
 
 async def _listen(host: str, port: int) -> socket.socket:
@@ -109,7 +169,7 @@ async def _listen(host: str, port: int) -> socket.socket:
         if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
             listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, STALLED_MS)
         listener.bind(address)
-        listener.listen()
+        listener.listen(BACKLOG)
         listener.setblocking(False)
     except OSError as error:
         listener.close()

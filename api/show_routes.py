@@ -8,7 +8,7 @@ from starlette.requests import Request
 
 from api import convert, wire, wire_shows
 from api.desk import DeskDep
-from api.problem_docs import COMMAND, NO_BODY, READ, errors
+from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 
 Name = Annotated[str, Path(pattern=wire_shows.NAME_PATTERN, examples=["lighthouse"])]
 
@@ -25,8 +25,8 @@ YAML_BODY: Final[dict[str, Any]] = {
     }
 }
 
-files = APIRouter(prefix="/shows", tags=["shows"])
-selected = APIRouter(prefix="/show", tags=["show"])
+files = APIRouter(prefix="/shows", tags=["shows"], dependencies=TOKEN)
+selected = APIRouter(prefix="/show", tags=["show"], dependencies=TOKEN)
 
 
 @files.get("", summary="Every show file", responses=errors(409))

@@ -11,6 +11,7 @@ from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
 from api.desk import Desk, DeskDep
+from api.door import SUBPROTOCOL
 from gcs.errors import InvalidError, RefusedError
 
 RATE_DEFAULT_HZ: Final = 10.0
@@ -43,7 +44,8 @@ def rate_hz(text: str | None) -> float:
 @router.websocket("/stream")
 async def stream(websocket: WebSocket, desk: DeskDep) -> None:
     """Send the fleet until the viewer has gone. A bad request is told why with the close frame."""
-    await websocket.accept()
+    offered = websocket.scope["subprotocols"]
+    await websocket.accept(SUBPROTOCOL if SUBPROTOCOL in offered else None)
     try:
         period_s = 1.0 / rate_hz(websocket.query_params.get("rate_hz"))
         with desk.seat():
@@ -67,6 +69,9 @@ async def _send(websocket: WebSocket, desk: Desk, period_s: float) -> None:
     sent, sent_time_s = None, 0.0
     due_s = loop.time()
     while True:
+        if not websocket.state.is_welcome():
+            await websocket.close(POLICY_VIOLATION, "the token was revoked")
+            return
         if desk.view is not sent or loop.time() - sent_time_s >= REPEAT_S:
             sent, sent_time_s = desk.view, loop.time()
             try:

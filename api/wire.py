@@ -44,6 +44,13 @@ def _without_defaults(schema: dict[str, Any]) -> None:
 HASH_PATTERN: Final = r"^[0-9a-f]{64}$"
 HASH_EXAMPLE: Final = "4f0c8dd7e2a6b1935c7e0f8a9b6d5c4e3f2a1b0c9d8e7f6a5b4c3d2e1f0a9b8c"
 
+
+def _at_least_one(schema: dict[str, Any]) -> None:
+    """And a change without any is refused."""
+    _without_defaults(schema)
+    schema["minProperties"] = 1
+
+
 ABSENT: Final[Any] = None
 """Placeholder of fields that may be left out; never read, for only what was given counts."""
 
@@ -67,7 +74,7 @@ class Inward(BaseModel):
 class Change(Inward):
     """Fields to change; those absent stay as they are."""
 
-    model_config = ConfigDict(json_schema_extra=_without_defaults)
+    model_config = ConfigDict(json_schema_extra=_at_least_one)
 
     _something = model_validator(mode="before")(_whole_change)
 
@@ -221,6 +228,17 @@ class Health(Outward):
     alive: bool
     view_age_s: float = Field(description="Since the newest state was made.")
     tick_rate_hz: Measured
+    access: str = Field(description="Whether tokens are asked for, in words.", examples=["tokens"])
+    emergency_port: int | None = Field(description="Answers emergency calls alone; null: there is none.")
+
+
+class Readiness(Outward):
+    """Somebody can be ordered to do something."""
+
+    ready: bool
+    vehicles_ready: int = Field(description="Could be started now.")
+    vehicles_airborne: int
+    vehicles: int = Field(description="Configured.")
 
 
 class Position(Outward):
@@ -263,6 +281,9 @@ class Vehicle(Outward):
         description="How far off it may be, sideways: as configured, wider for a poor fix or after a jump."
     )
     heartbeat_age_s: Measured
+    link_quality: float | None = Field(
+        description="Share of the positions asked for that arrive, 0 to 1; null in a replay."
+    )
     setpoint: VelocityOut | None = Field(description="Sent in the last tick; null: not commanded.")
     restrained_by: str = Field(description="What the safety filter held it back for, empty when it did not.")
     light: str | None = Field(
@@ -306,6 +327,7 @@ class Order(Outward):
 
     id: str
     action: str
+    by: str = Field(description="Whose token; `local` without any, `service` when nobody called.")
     accepted_unix_time_s: float
     outcome: Outcome = Field(description="pending while any vehicle is, then failed if any has, else done.")
     vehicles: dict[str, OrderPart]
@@ -405,6 +427,8 @@ class Fleet(Outward):
     obstacles: list[Obstacle]
     minimum_separation_m: Measured
     setpoints_sent: int
+    filter_interventions: int = Field(description="Each vehicle in each tick that safety changed, in all.")
     notices: list[str] = Field(description="What an operator should know now, in words.")
+    access: str = Field(description="Whether tokens are asked for, in words.")
     tick: Tick
     vehicles: list[Vehicle]

@@ -6,27 +6,34 @@
         client.change_formation(radius_m=15)
         client.shows.upload("lighthouse", Path("lighthouse.yaml"))
 
+Where the service asks for a token, give it: `Client(url, token="gcs_...")`. With `emergency_url` the calls
+that pause, stop, land and kill go to the listener which answers nothing else; when nobody answers there, to
+`url`.
+
 Everything that the service refuses is raised as the error that the service raised itself.
 """
 
-import json
 import time
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 from urllib.parse import quote
 
-import httpx
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from api import wire
 from gcs.client_shows import Shows
-from gcs.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
+from gcs.errors import LinkError, OrderError
+from gcs.exchange import Exchange
 
 M = TypeVar("M", bound=BaseModel)
 
 URL: Final = "http://127.0.0.1:8000"
 
 PENDING: Final = "pending"
+
+URGENT: Final = frozenset({"hold", "return", "land", "kill"})
+"""What goes to the listener for emergency calls, where there is one."""
 
 ASK_AGAIN_S: Final = 0.2
 """Between two looks at an order: outcomes come with the autopilots' heartbeats, once a second."""
@@ -37,12 +44,30 @@ class Client:
 
     Every call raises LinkError when the service cannot be reached or control is not alive, InvalidError for
     a value that can never be accepted, RefusedError for what is not possible now, UnknownError for what does
-    not exist.
+    not exist, AccessError for what the token may not do, and for too many calls.
     """
 
-    def __init__(self, url: str = URL, *, timeout_s: float = 5.0) -> None:
-        # Proxies of the environment are not for a station on the same machine or field network.
-        self._http = httpx.Client(base_url=url, timeout=timeout_s, trust_env=False)
+    def __init__(
+        self,
+        url: str = URL,
+        *,
+        token: str | None = None,
+        emergency_url: str | None = None,
+        ca_file: Path | None = None,
+        timeout_s: float = 5.0,
+    ) -> None:
+        """Connects with the first call.
+
+        Args:
+            url: of the service, http or https.
+            token: from `gcs token create`.
+            emergency_url: of the same service's listener for emergency calls alone.
+            ca_file: PEM; https is believed when this has signed its certificate. None: who the system trusts.
+            timeout_s: of every call.
+
+        Raises: ConfigError for a certificate file that is none.
+        """
+        self._exchange = Exchange(url, token, emergency_url, ca_file, timeout_s)
         self.shows = Shows(self)
 
     def __enter__(self) -> Self:
@@ -55,11 +80,19 @@ class Client:
 
     def close(self) -> None:
         """Close the connection."""
-        self._http.close()
+        self._exchange.close()
 
     def health(self) -> wire.Health:
         """Raises: LinkError, saying why, when control is not alive."""
         return self.one(wire.Health, "GET", "/healthz")
+
+    def readiness(self) -> wire.Readiness:
+        """Raises: LinkError, saying why, when nobody can be ordered anything."""
+        return self.one(wire.Readiness, "GET", "/readyz")
+
+    def metrics(self) -> str:
+        """Every metric, in Prometheus' text format."""
+        return self.call("GET", "/metrics").decode()
 
     def fleet(self) -> wire.Fleet:
         """Everything at one instant."""
@@ -75,7 +108,8 @@ class Client:
 
     def command(self, vehicle_id: str, action: str) -> wire.Order:
         """Order one vehicle: hold, join, return, land, kill, hand-back or confirm-down."""
-        return self.one(wire.Order, "POST", f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}")
+        path = f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}"
+        return self.one(wire.Order, "POST", path, urgent=action in URGENT)
 
     def show(self) -> wire.Show:
         """Where the show stands."""
@@ -94,11 +128,11 @@ class Client:
 
     def stop(self) -> wire.Order:
         """Everybody comes home and lands."""
-        return self.one(wire.Order, "POST", "/api/v1/show/stop")
+        return self.one(wire.Order, "POST", "/api/v1/show/stop", urgent=True)
 
     def pause(self) -> wire.Order:
         """Everybody stands still."""
-        return self.one(wire.Order, "POST", "/api/v1/show/pause")
+        return self.one(wire.Order, "POST", "/api/v1/show/pause", urgent=True)
 
     def resume(self) -> wire.Order:
         """Go on after a pause."""
@@ -106,7 +140,11 @@ class Client:
 
     def abort(self) -> wire.Order:
         """Everybody descends to distinct places, now."""
-        return self.one(wire.Order, "POST", "/api/v1/show/abort")
+        return self.one(wire.Order, "POST", "/api/v1/show/abort", urgent=True)
+
+    def orders(self) -> list[wire.Order]:
+        """The last orders, the newest first."""
+        return self.many(wire.Order, "/api/v1/orders")
 
     def order(self, order_id: str) -> wire.Order:
         """How far an order has got."""
@@ -236,10 +274,18 @@ class Client:
         """Forget a box."""
         self.call("DELETE", f"/api/v1/obstacles/{_part(obstacle_id)}")
 
-    def one(self, model: type[M], method: str, path: str, body: dict[str, Any] | bytes | None = None) -> M:
+    def one(
+        self,
+        model: type[M],
+        method: str,
+        path: str,
+        body: dict[str, Any] | bytes | None = None,
+        *,
+        urgent: bool = False,
+    ) -> M:
         """One thing that a path answers."""
         try:
-            return model.model_validate_json(self.call(method, path, body))
+            return model.model_validate_json(self.call(method, path, body, urgent=urgent))
         except ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
@@ -250,41 +296,11 @@ class Client:
         except ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
-    def call(self, method: str, path: str, body: dict[str, Any] | bytes | None = None) -> bytes:
+    def call(
+        self, method: str, path: str, body: dict[str, Any] | bytes | None = None, *, urgent: bool = False
+    ) -> bytes:
         """What a path answers; a body is JSON, or a show file as it is."""
-        # Not httpx's own JSON: it stumbles over NaN, which the service refuses with the field's name.
-        content = json.dumps(body).encode() if isinstance(body, dict) else body
-        kind = "application/json" if isinstance(body, dict) else "application/yaml"
-        headers = {} if body is None else {"Content-Type": kind}
-        try:
-            answer = self._http.request(method, path, content=content, headers=headers)
-        except httpx.HTTPError as error:
-            raise LinkError(
-                f"no answer from {self._http.base_url}: {str(error) or type(error).__name__}"
-            ) from error
-        if not answer.is_success:
-            raise _error(answer)
-        return answer.content
-
-
-def _error(answer: httpx.Response) -> GcsError:
-    """The error that the service raised."""
-    try:
-        body = wire.ErrorBody.model_validate_json(answer.content)
-    except ValidationError:
-        return LinkError(f"{answer.url} answered {answer.status_code}, and not as this service does")
-    if answer.status_code == httpx.codes.UNPROCESSABLE_ENTITY and body.problems:
-        first = body.problems[0]
-        invalid = InvalidError(first.field, first.value, first.allowed)
-        if len(body.problems) > 1:
-            invalid.add_note(body.detail)
-        return invalid
-    kinds = {
-        httpx.codes.CONFLICT: RefusedError,
-        httpx.codes.NOT_FOUND: UnknownError,
-        httpx.codes.SERVICE_UNAVAILABLE: LinkError,
-    }
-    return kinds.get(httpx.codes(answer.status_code), GcsError)(body.detail)
+        return self._exchange.call(method, path, body, urgent=urgent)
 
 
 def _part(name: str) -> str:

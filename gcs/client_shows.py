@@ -8,7 +8,7 @@ from urllib.parse import quote
 from pydantic import BaseModel
 
 from api import wire, wire_shows
-from gcs.errors import OrderError
+from gcs.errors import InvalidError, OrderError
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -41,24 +41,27 @@ class Shows:
         self._caller = caller
 
     def stored(self) -> list[wire_shows.StoredShow]:
-        """Every file."""
+        """Every show file."""
         return self._caller.many(wire_shows.StoredShow, "/api/v1/shows")
 
     def text(self, name: str) -> str:
-        """One file, as it was uploaded."""
+        """A show file, as it was uploaded."""
         return self._caller.one(wire_shows.ShowText, "GET", _path(name)).text
 
-    def upload(self, name: str, text: str | Path) -> wire_shows.StoredShow:
-        """Keep a show under a name: its YAML, or the file that has it."""
-        content = text.read_bytes() if isinstance(text, Path) else text.encode()
+    def upload(self, name: str, file: Path | str) -> wire_shows.StoredShow:
+        """Keep a show under a name: the file that has it, or its YAML. Raises: InvalidError for no file."""
+        try:
+            content = file.read_bytes() if isinstance(file, Path) else file.encode()
+        except OSError as error:
+            raise InvalidError("file", str(file), f"a file to read: {error.strerror or error}") from None
         return self._caller.one(wire_shows.StoredShow, "PUT", _path(name), content)
 
     def remove(self, name: str) -> None:
-        """Forget a file."""
+        """Forget a show file."""
         self._caller.call("DELETE", _path(name))
 
     def check(self, name: str) -> wire_shows.ShowCheck:
-        """Begin a check."""
+        """Begin the check of a show."""
         return self._caller.one(wire_shows.ShowCheck, "POST", f"{_path(name)}/check")
 
     def checked(self, name: str) -> wire_shows.ShowCheck:

@@ -12,6 +12,7 @@ import yaml
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
+from gcs.access import AccessSettings, is_loopback
 from gcs.accuracy import Positioning
 from gcs.control import ControlSettings
 from gcs.errors import ConfigError, GcsError
@@ -151,6 +152,20 @@ class ApiSettings(Settings):
 
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8000
+    emergency_port: Annotated[int, Field(ge=0, le=65535)] | None = None  # None: the next after `port`
+
+    @property
+    def lane_port(self) -> int:
+        """Where emergency calls have a listener of their own; 0: any port that is free."""
+        if self.emergency_port is not None:
+            return self.emergency_port
+        return self.port + 1 if self.port else 0
+
+    @model_validator(mode="after")
+    def _check(self) -> "ApiSettings":
+        if self.lane_port > 65535 or (self.port and self.lane_port == self.port):
+            raise ValueError(f"emergency_port = {self.lane_port}: from 1 to 65535, and not port itself")
+        return self
 
 
 class OperationSettings(Settings):
@@ -216,6 +231,7 @@ class Config(Settings):
     target: TargetSettings = TargetSettings()
     yaw: YawSettings = YawSettings()
     api: ApiSettings = ApiSettings()
+    access: AccessSettings = AccessSettings()
     record: RecordSettings | None = None
     shows: ShowsSettings | None = None  # None: no shows can be uploaded
     operation: OperationSettings = OperationSettings()
@@ -258,6 +274,7 @@ class Config(Settings):
             if twice:
                 raise ValueError(f"links: {what} {', '.join(sorted(twice))} is there twice")
         self._check_links()
+        self._check_access()
         fence, law = self.control.safety.fence, self.control.law
         if not fence.height_min_m < fence.height_max_m:
             raise ValueError(f"control.safety.fence.height_max_m = {fence.height_max_m}: above height_min_m")
@@ -275,6 +292,14 @@ class Config(Settings):
         except GcsError as error:
             raise ValueError(str(error)) from None
         return self
+
+    def _check_access(self) -> None:
+        """Nobody but this machine comes in without a token."""
+        if self.access.tokens_file is None and not is_loopback(self.api.host):
+            raise ValueError(
+                f"api.host = {self.api.host}: beyond 127.0.0.1 tokens are needed: gcs token create NAME"
+                " --role operate --file tokens.json, then access.tokens_file: tokens.json"
+            )
 
     def _check_links(self) -> None:
         """Nothing is used by two links."""

@@ -2,16 +2,17 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gcs.control import ellipses_of
+from gcs.errand_tasks import Errand
 from gcs.errands import Errands
 from gcs.errors import InvalidError, OrderError, RefusedError, UnknownError
 from gcs.feasibility import check_formation, check_obstacle
-from gcs.flight import Columns, Flight
+from gcs.flight import Flight
 from gcs.foresight import check_setpoint_loss
 from gcs.homecoming import Homecoming
 from gcs.inspection import Inspection
@@ -32,21 +33,14 @@ from gcs.orders import OrderBook
 from gcs.preflight import check_fleet, told
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.stage import Stage
-from gcs.state import Array, Mask, Mode, VehicleId
-from gcs.vehicle import Heard, Vehicle, require_phase
+from gcs.state import Array, VehicleId
+from gcs.vehicle import Vehicle, require_phase
+from gcs.watch import Watch
 
 log = logging.getLogger(__name__)
 
 STOPS_WITHIN_S = 0.8
 """On pause, everybody's place is where their velocity takes them in this time."""
-
-BEATS_MAY_LACK_S = 1.5
-"""Heartbeats come once a second, positions many times: one that is lost makes nobody silent. Who has been
-silent is heard again with a fresh heartbeat only: an old one does not tell whether a pilot has taken over.
-"""
-
-TRY_AGAIN_S = 5.0
-"""Between two attempts at something that the service does by itself."""
 
 EVENT_OF = {
     VehicleAction.HOLD: Event.HOLD,
@@ -57,8 +51,6 @@ EVENT_OF = {
     VehicleAction.HAND_BACK: Event.HANDED_BACK,
     VehicleAction.CONFIRM_DOWN: Event.CONFIRMED_DOWN,
 }
-
-Errand = Callable[[Vehicle], Coroutine[None, None, None]]
 
 AHEAD_MAX_S = 24 * 3600.0
 """Nobody schedules a start for another day."""
@@ -97,75 +89,14 @@ class Director:
         self._unix_s = unix_s
         self.countdown: Countdown | None = None
         self._homecoming: Homecoming | None = None
+        self._watch = Watch(flight, errands, inspection, self._come_back)
         self._came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
 
     # once a tick
 
     def watch(self) -> None:
         """Let the telemetry change phases, and end errands that no longer apply."""
-        flight = self._flight
-        silence_s = flight.config.operation.silence_s
-        now_s, heard_of = flight.fleet.time_s, flight.newest()
-        self._inspection.watch(heard_of)
-        for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
-            self._mind_reset(flight.at_row(row))
-        # row by row as plain numbers and views: a thousand vehicles are looked at in every tick
-        known: Mask = np.asarray(np.isfinite(flight.fleet.position_m).all(axis=1))
-        age_s: Array = now_s - np.minimum(heard_of.beat_s, heard_of.position_s)
-        fresh: list[bool] = (age_s <= silence_s).tolist()
-        rows = zip(
-            flight.vehicles.values(),
-            fresh,
-            known.tolist(),
-            heard_of.mode,
-            heard_of.armed,
-            flight.fleet.position_m,
-            flight.fleet.velocity_m_s,
-            strict=True,
-        )
-        for vehicle, is_fresh, is_known, mode, armed, here_m, velocity_m_s in rows:
-            if is_fresh and is_known:
-                vehicle.last_m, vehicle.last_velocity_m_s = here_m, velocity_m_s
-            if is_fresh and vehicle.is_calm(mode, armed=armed):
-                continue
-            self._watch(vehicle, heard_of, is_known=is_known)
-
-    def _watch(self, vehicle: Vehicle, heard_of: Columns, *, is_known: bool) -> None:
-        """Let the telemetry of one vehicle change its phase."""
-        flight, row = self._flight, vehicle.row
-        silence_s = flight.config.operation.silence_s
-        beats_may_lack_s = 0.0 if vehicle.phase in {Phase.OFFLINE, Phase.LOST} else BEATS_MAY_LACK_S
-        beat_s = float(heard_of.beat_s[row]) + beats_may_lack_s
-        age_s = flight.fleet.time_s - min(beat_s, float(heard_of.position_s[row]))
-        if age_s <= silence_s and is_known:
-            vehicle.last_m = flight.fleet.position_m[row]
-            vehicle.last_velocity_m_s = flight.fleet.velocity_m_s[row]
-        heard = Heard(age_s, heard_of.mode[row], heard_of.armed[row], heard_of.landed[row])
-        lost_holds = flight.config.operation.setpoint_loss_action == "hold"
-        if vehicle.observe(heard, silence_s, lost_holds=lost_holds):
-            if vehicle.phase in {Phase.LOST, Phase.PILOT}:
-                self._errands.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
-        elif self._errands.running(vehicle):
-            return
-        elif vehicle.phase is Phase.OFFLINE and flight.fleet.time_s - beat_s <= silence_s:
-            vehicle.reason = "heard, but it has no position yet"
-        elif vehicle.phase is Phase.LOST and age_s <= silence_s and heard.mode is not Mode.LAND:
-            self._by_itself(vehicle, self._come_back)
-        elif vehicle.phase is Phase.STANDBY and heard.mode is Mode.OFFBOARD and not heard.armed:
-            self._by_itself(vehicle, self._errands.rest)
-        elif vehicle.phase in FLOWN and not vehicle.handed_over and heard.mode is Mode.HOLD:
-            vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
-
-    def _mind_reset(self, vehicle: Vehicle) -> None:
-        """A position that jumped may be wrong now, or have been wrong before: stand still, with more room."""
-        flight, positioning = self._flight, self._flight.config.positioning
-        if vehicle.phase not in FLOWN:
-            return
-        reason = (
-            f"its position jumped: it stands for {positioning.freeze_s:g} s,"
-            f" and is given {positioning.reset_margin_m:g} m more room for {positioning.reset_margin_s:g} s"
-        )
-        vehicle.freeze(flight.position_m(vehicle), flight.fleet.time_s + positioning.freeze_s, reason)
+        self._watch.look()
 
     async def _come_back(self, vehicle: Vehicle) -> None:
         """From LOST through HOLD; and on, where everybody was ordered home or down meanwhile.
@@ -184,12 +115,6 @@ class Director:
         elif show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
             await self._errands.descend(self._places_m([vehicle])[vehicle.id])(vehicle)
 
-    def _by_itself(self, vehicle: Vehicle, errand: Errand) -> None:
-        """Do what nobody ordered: not recorded as an order, and not again at once when it fails."""
-        if self._flight.fleet.time_s >= vehicle.try_again_s:
-            vehicle.try_again_s = self._flight.fleet.time_s + TRY_AGAIN_S
-            self._errands.start(vehicle, errand, lambda _outcome, _reason: None)
-
     def advance(self) -> None:
         """Let the show go on: all up, assembled, all down."""
         flight = self._flight
@@ -197,15 +122,14 @@ class Director:
             self._count_down(self.countdown)
         if self._homecoming is not None:
             self._homecoming.advance()
-        busy = any(self._errands.running(vehicle) for vehicle in (*flight.airborne, *self.waiting))
+        busy = [vehicle for vehicle in (*flight.airborne, *self.waiting) if self._errands.running(vehicle)]
         if flight.show in ON_THE_GROUND and flight.airborne:
             names = ", ".join(vehicle.id for vehicle in flight.airborne)
             self._move_show(ShowEvent.TAKEN_ON, f"in the air and ours, waiting for orders: {names}")
-        if flight.show is ShowPhase.ARMING and not busy:
-            if not flight.airborne:
-                self._move_show(ShowEvent.ALL_DOWN, "nobody took off")
-            elif flight.in_phase(Phase.FORMATION):
-                self._move_show(ShowEvent.ALL_UP, "everybody who flies is up")
+        if flight.show is ShowPhase.ARMING:
+            # who comes down again does not keep the others waiting
+            if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
+                self._all_have_taken_off()
         elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
             self._move_show(ShowEvent.ASSEMBLED, "the sphere stands")
         elif flight.performance is not None and flight.performance.is_over(flight.fleet.time_s):
@@ -217,6 +141,17 @@ class Director:
             others = [vehicle.id for vehicle in flight.in_phase(Phase.LOST, Phase.PILOT)]
             named = f"; not ours to land: {', '.join(others)}" if others else ""
             self._move_show(ShowEvent.ALL_DOWN, f"everybody we answer for is down{named}")
+
+    def _all_have_taken_off(self) -> None:
+        """Go on with those who are up, if there are any."""
+        flight = self._flight
+        holding = ", ".join(f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.in_phase(Phase.HOLD))
+        if flight.in_phase(Phase.FORMATION):
+            self._move_show(ShowEvent.ALL_UP, "everybody who flies is up")
+        elif holding:
+            self._move_show(ShowEvent.TAKEN_ON, f"nobody flies in formation; waiting for orders: {holding}")
+        elif not flight.airborne:
+            self._move_show(ShowEvent.ALL_DOWN, "nobody took off")
 
     def _move_show(self, event: ShowEvent, reason: str) -> None:
         flight = self._flight

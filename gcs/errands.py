@@ -1,21 +1,20 @@
 """What one vehicle is led through, step by step: take off, join, come home, come down.
 
-An errand is a task of the control group. A vehicle has at most one; a new one replaces it. A refused order
-ends the errand and leaves the vehicle where its phase says it is.
+A refused order ends the errand and leaves the vehicle where its phase says it is.
 """
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import numpy as np
 
 from gcs.config import OperationSettings
+from gcs.errand_tasks import Errand, ErrandTasks
 from gcs.errors import OrderError, RefusedError
 from gcs.lifecycle import FLOWN, Event, Phase
 from gcs.links import Order, Verb
-from gcs.service import Outcome
 from gcs.state import Array, FleetState, Mode
 from gcs.vehicle import Vehicle
 
@@ -43,12 +42,8 @@ ENGAGE_TRIES = 3
 NO_PROGRESS_S = 30.0
 """A way home or down that takes longer than this is worth a word to the operator."""
 
-
 WAY_S = 90.0
 """Likewise, for ways on which some wait for others."""
-
-
-Done = Callable[[Outcome, str], None]
 
 
 class Surroundings(Protocol):
@@ -110,57 +105,18 @@ class Homecoming(Protocol):
         ...
 
 
-class Errands:
-    """Starts, replaces and ends errands."""
+class Errands(ErrandTasks):
+    """The errands there are, and who is on which."""
 
     def __init__(self, group: asyncio.TaskGroup, around: Surroundings, settings: OperationSettings) -> None:
-        self._group = group
+        super().__init__(group)
         self._around = around
         self._settings = settings
-        self._running: dict[str, tuple[asyncio.Task[None], Done]] = {}
         self._up: tuple[FleetState, bool] | None = None  # of a tick: see `_all_up`
-
-    def running(self, vehicle: Vehicle) -> bool:
-        """Whether the vehicle is on an errand."""
-        return vehicle.id in self._running
-
-    def stop(self, vehicle: Vehicle, reason: str) -> None:
-        """End the vehicle's errand, if any; it has failed for that reason."""
-        running = self._running.pop(vehicle.id, None)
-        vehicle.engaging = False
-        if running is not None:
-            task, done = running
-            task.cancel()
-            done(Outcome.FAILED, reason)  # here: a task cancelled before its first step says nothing
-
-    def start(self, vehicle: Vehicle, errand: Callable[[Vehicle], Awaitable[None]], done: Done) -> None:
-        """Send the vehicle on `errand` instead of any other; `done` is called once with the outcome."""
-        self.stop(vehicle, "replaced by another order")
-        task = self._group.create_task(self._run(vehicle, errand, done), name=f"errand/{vehicle.id}")
-        self._running[vehicle.id] = task, done
-        task.add_done_callback(lambda ended: self._forget(vehicle, ended))
-
-    def _forget(self, vehicle: Vehicle, ended: asyncio.Task[None]) -> None:
-        running = self._running.get(vehicle.id)
-        if running is not None and running[0] is ended:
-            del self._running[vehicle.id]
-
-    async def _run(self, vehicle: Vehicle, errand: Callable[[Vehicle], Awaitable[None]], done: Done) -> None:
-        outcome, reason = Outcome.DONE, ""
-        try:
-            await errand(vehicle)
-        except (OrderError, RefusedError) as error:
-            outcome, reason = Outcome.FAILED, str(error)
-            log.warning("order_failed", extra={"vehicle": vehicle.id, "reason": reason})
-        # Not reached when `stop` cancels: it has done both, and the vehicle may be on its next errand.
-        vehicle.engaging = False
-        done(outcome, reason)
 
     # the errands
 
-    def take_off(
-        self, delay_s: float, check: Callable[[Vehicle], None]
-    ) -> Callable[[Vehicle], Coroutine[None, None, None]]:
+    def take_off(self, delay_s: float, check: Callable[[Vehicle], None]) -> Errand:
         """Wait for one's turn, arm, climb straight up, wait there for the others, join.
 
         `check` raises RefusedError when the vehicle may no longer fly: its turn may come late.
@@ -176,21 +132,36 @@ class Errands:
                 await self._order(vehicle, Verb.DISARM)
                 raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
             vehicle.apply(Event.TAKE_OFF, "climbs straight up")
-            await self._order(vehicle, Verb.TAKEOFF, self._settings.takeoff_height_m)
-            try:
-                async with asyncio.timeout(self._settings.takeoff_timeout_s):
-                    await self._until(vehicle, lambda: self._is_up(vehicle), frozenset({Phase.TAKEOFF}))
-            except TimeoutError:
-                raise OrderError(
-                    f"{vehicle.id} did not reach {self._settings.takeoff_height_m:g} m"
-                    f" within {self._settings.takeoff_timeout_s:g} s"
-                ) from None
-            await self._order(vehicle, Verb.HOLD)
+            await self._climb(vehicle)
             vehicle.apply(Event.HOLD, "up, waits for the others")
             await self._until(vehicle, self._all_up, frozenset({Phase.HOLD}))
-            await self.join(vehicle)
+            try:
+                await self.join(vehicle)
+            except OrderError as error:
+                vehicle.reason = f"up, but cannot join: {error}"
+                raise
 
         return errand
+
+    async def _climb(self, vehicle: Vehicle) -> None:
+        """Straight up, to hold there; where that fails it is landed. Raises: OrderError, saying why."""
+        height_m, timeout_s = self._settings.takeoff_height_m, self._settings.takeoff_timeout_s
+        try:
+            await self._order(vehicle, Verb.TAKEOFF, height_m)
+            async with asyncio.timeout(timeout_s):
+                await self._until(vehicle, lambda: self._is_up(vehicle), frozenset({Phase.TAKEOFF}))
+            await self._order(vehicle, Verb.HOLD)
+        except TimeoutError:
+            reason = f"{vehicle.id} did not reach {height_m:g} m within {timeout_s:g} s"
+        except OrderError as error:
+            reason = str(error)
+        else:
+            return
+        log.warning("takeoff_failed", extra={"vehicle": vehicle.id, "reason": reason})
+        if vehicle.phase is Phase.TAKEOFF:
+            vehicle.apply(Event.DESCEND, f"its take-off failed, its autopilot lands it: {reason}")
+            await self.autopilot_land(vehicle)
+        raise OrderError(reason)
 
     async def join(self, vehicle: Vehicle) -> None:
         """From HOLD under the service's control, at first in place."""
@@ -216,9 +187,7 @@ class Errands:
         vehicle.apply(Event.DESCEND, "above its start, comes down")
         await self._sink(vehicle, home_m)
 
-    def come_home_together(
-        self, homecoming: Homecoming, stops_m: Array
-    ) -> Callable[[Vehicle], Coroutine[None, None, None]]:
+    def come_home_together(self, homecoming: Homecoming, stops_m: Array) -> Errand:
         """Stop at `stops_m` (3,), then fly the way that is found for everybody, and land."""
 
         async def errand(vehicle: Vehicle) -> None:
@@ -248,7 +217,7 @@ class Errands:
             vehicle.goal_m = goal_m
         return homecoming.is_over(vehicle) and self._above(vehicle, home_m, WELL_IN_PLACE_M)
 
-    def descend(self, place_m: Array) -> Callable[[Vehicle], Coroutine[None, None, None]]:
+    def descend(self, place_m: Array) -> Errand:
         """Come down on `place_m` (3,), the lowest of all first."""
 
         async def errand(vehicle: Vehicle) -> None:
@@ -303,14 +272,13 @@ class Errands:
         return float(place_m[2] - self._position_m(vehicle)[2])
 
     def _all_up(self) -> bool:
-        """Whether nobody climbs any more, nor waits on the ground for its turn."""
+        """Whether nobody is led up any more, nor waits on the ground for its turn."""
         fleet = self._around.fleet
         if self._up is None or self._up[0] is not fleet:  # asked by everybody who waits, in every tick
             self._up = (
                 fleet,
                 not any(
-                    vehicle.phase is Phase.TAKEOFF
-                    or (vehicle.phase is Phase.STANDBY and self.running(vehicle))
+                    vehicle.phase in {Phase.STANDBY, Phase.TAKEOFF} and self.running(vehicle)
                     for vehicle in self._around.vehicles.values()
                 ),
             )

@@ -5,6 +5,7 @@ GcsError
 ├── ConfigError      a configuration file says something impossible
 │   └── ShowError    a show file does; names line and cue of every problem
 ├── InvalidError     a value from outside is out of range; names the field and what is allowed
+├── AccessError      the caller may not do this, or calls too often
 ├── RefusedError     a proper request at the wrong moment; says why
 ├── UnknownError     a vehicle, obstacle or order that does not exist
 └── LinkError        a transport does not work; the supervisor retries
@@ -68,6 +69,10 @@ class InvalidError(GcsError):
         self.field = field
         self.value = value
         self.allowed = allowed
+
+
+class AccessError(GcsError):
+    """The caller's token does not allow it, or it called too often; the text says what would."""
 
 
 class RefusedError(GcsError):

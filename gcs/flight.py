@@ -17,6 +17,7 @@ from gcs.control import Memory, Tasks
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.landing import STOP_S, swept_segments_m
 from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.link_quality import LinkQuality
 from gcs.links import Link, Order, ParameterValue
 from gcs.performance import Performance
 from gcs.plan import Plan
@@ -122,6 +123,9 @@ class Flight:
         self._in_order = self._order == list(range(len(heard_in)))
         self._may_sink: tuple[FleetState, float] | None = None  # of a tick: see `may_sink`
         self._table = Table(config.ids, config.frame)
+        looks_hz = config.tick_rate_hz
+        asked_hz = [min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet]
+        self.link_quality = LinkQuality(np.array(asked_hz))
         self._ticked = asyncio.Event()
         self.fleet = self.hear(now_s)
 
@@ -131,6 +135,8 @@ class Flight:
         self.telemetry = Newest(parts, self.telemetry.places)
         self.fleet = self._table.state(parts, now_s)
         self._widen(now_s)
+        arrival_s = np.concatenate([part.position_time_s for part in parts])[self._order]
+        self.link_quality.note(arrival_s, now_s)
         return self.fleet
 
     def _widen(self, now_s: float) -> None:
@@ -138,8 +144,8 @@ class Flight:
         parts = self.telemetry.parts
         wide_m = uncertainty_m(
             self.control.safety.floor.uncertainty_m,
-            np.concatenate([part.horizontal_accuracy_m for part in parts])[self._order],
-            np.concatenate([part.vertical_accuracy_m for part in parts])[self._order],
+            self.in_rows([part.horizontal_accuracy_m for part in parts]),
+            self.in_rows([part.vertical_accuracy_m for part in parts]),
             now_s - self._table.reset_time_s,
             self.config.positioning,
         )
@@ -158,15 +164,20 @@ class Flight:
         """What everybody said last."""
         parts = self.telemetry.parts
         return Columns(
-            np.concatenate([part.heartbeat_time_s for part in parts])[self._order],
-            np.concatenate([part.position_time_s for part in parts])[self._order],
-            self._ordered([part.mode for part in parts]),
-            self._ordered([part.armed for part in parts]),
-            self._ordered([part.landed for part in parts]),
-            self._ordered([part.boots for part in parts]),
+            self.in_rows([part.heartbeat_time_s for part in parts]),
+            self.in_rows([part.position_time_s for part in parts]),
+            self.ordered([part.mode for part in parts]),
+            self.ordered([part.armed for part in parts]),
+            self.ordered([part.landed for part in parts]),
+            self.ordered([part.boots for part in parts]),
         )
 
-    def _ordered(self, parts: Sequence[Sequence[T]]) -> Sequence[T]:
+    def in_rows(self, parts: Sequence[Array]) -> Array:
+        """(n,) of (k,) arrays, one for each link: rows as in FleetState."""
+        joined: Array = np.concatenate(parts)[self._order]
+        return joined
+
+    def ordered(self, parts: Sequence[Sequence[T]]) -> Sequence[T]:
         """What all links' vehicles say, rows as in FleetState."""
         joined = list(chain.from_iterable(parts))
         return joined if self._in_order else [joined[place] for place in self._order]

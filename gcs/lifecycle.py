@@ -1,5 +1,6 @@
 """Phases of a vehicle and of the show, as tables. What a table does not name is refused."""
 
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import Final
 
@@ -44,6 +45,12 @@ AIRBORNE: Final = frozenset({Phase.TAKEOFF, Phase.HOLD, Phase.FORMATION, Phase.R
 
 FLOWN: Final = frozenset({Phase.FORMATION, Phase.RETURN, Phase.LANDING})
 """Phases in which the tick may send setpoints."""
+
+NOT_COMMANDED: Final = {
+    Phase.LOST: "lost: in the air when last heard, and sent nothing",
+    Phase.PILOT: "in the air, but not ours: hand-back takes over, in hold",
+}
+"""What an operator should know of who is in the air and sent nothing."""
 
 NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
     (Phase.OFFLINE, Event.HEARD): Phase.STANDBY,
@@ -93,6 +100,15 @@ def advance(phase: Phase, event: Event) -> Phase:
         ) from None
 
 
+def not_ours(phases: Iterable[tuple[str, Phase]]) -> list[str]:
+    """Who is in the air, or may be, and is not commanded; in words. From (vehicle, phase) of everybody."""
+    named: dict[Phase, list[str]] = {phase: [] for phase in NOT_COMMANDED}
+    for vehicle, phase in phases:
+        if phase in named:
+            named[phase].append(vehicle)
+    return [f"{', '.join(ids)}: {NOT_COMMANDED[phase]}" for phase, ids in named.items() if ids]
+
+
 class ShowPhase(StrEnum):
     """Where the show stands."""
 
@@ -122,7 +138,7 @@ class ShowEvent(StrEnum):
     STOP = "stop"
     ABORT = "abort"
     ALL_DOWN = "all down"
-    TAKEN_ON = "taken on"  # a vehicle in the air became ours while no show flew
+    TAKEN_ON = "taken on"  # a vehicle in the air is ours while no show flies
 
 
 ON_THE_GROUND: Final = frozenset({ShowPhase.IDLE, ShowPhase.COUNTDOWN, ShowPhase.LANDED})
@@ -149,6 +165,7 @@ SHOW_NEXT: Final[dict[tuple[ShowPhase, ShowEvent], ShowPhase]] = {
     (ShowPhase.ASSEMBLING, ShowEvent.PAUSE): ShowPhase.PAUSED,
     (ShowPhase.RUNNING, ShowEvent.PAUSE): ShowPhase.PAUSED,
     (ShowPhase.PAUSED, ShowEvent.RESUME): ShowPhase.ASSEMBLING,
+    (ShowPhase.ARMING, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,  # up, but nobody could join
     (ShowPhase.IDLE, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
     (ShowPhase.LANDED, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
     **{(phase, ShowEvent.STOP): ShowPhase.RETURNING for phase in IN_THE_AIR | {ShowPhase.ABORTING}},

@@ -28,13 +28,24 @@ from gcs.lifecycle import ON_THE_GROUND, Phase
 from gcs.links import Link
 from gcs.orders import OrderBook
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
+from gcs.records.record import Record
 from gcs.repertoire import Repertoire
-from gcs.service import FleetView, Latest, OrderRecord, SelectedShow, ShowAction, VehicleAction
+from gcs.service import (
+    Audit,
+    FleetView,
+    Latest,
+    NoAudit,
+    OrderRecord,
+    SelectedShow,
+    ShowAction,
+    VehicleAction,
+)
 from gcs.stage import Stage
 from gcs.state import Setpoints, VehicleId
 from gcs.timing import TickClock, ticks
 from gcs.vehicle import Vehicle
 from gcs.views import fleet_view
+from gcs.witness import moment_of
 
 log = logging.getLogger(__name__)
 
@@ -73,13 +84,19 @@ class Orchestrator:
     """Flies the fleet of one configuration. A `gcs.service.Service`."""
 
     def __init__(
-        self, config: Config, links: Sequence[Link], *, unix_s: Callable[[], float] = time.time
+        self,
+        config: Config,
+        links: Sequence[Link],
+        record: Record | None = None,
+        *,
+        unix_s: Callable[[], float] = time.time,
     ) -> None:
         """Nothing moves before `run`; must be made on the running event loop.
 
         Args:
             config: checked.
             links: one for each of the configuration's, with its vehicles.
+            record: where orders, events and every tick are noted; opened and closed by whoever made it.
             unix_s: the clock that people read, in s since 1970.
         """
         warm_up()
@@ -87,11 +104,14 @@ class Orchestrator:
         now_s = asyncio.get_running_loop().time()
         self._config = config
         self._flight = Flight(config, links, now_s)
-        self._book = OrderBook()
+        self._record = record
+        self._audit: Audit = NoAudit() if record is None else record.audit
+        self._book = OrderBook(None if record is None else record.audit)
         self._unix_s = unix_s
         self.shows = Repertoire(None if config.shows is None else config.shows.folder)
         self._stage = Stage(self._flight, self.shows)
         self._clock = TickClock(config.tick_rate_hz)
+        self._interventions = 0
         self._director: Director | None = None
         self._shares = Shares(links)
         self._view = Latest(self._promised_view(self._decide())())
@@ -120,6 +140,7 @@ class Orchestrator:
             result = self._tick(now_s, director)
             self._clock.note(began_s, loop.time() - began_s, began_s - due_s, missed)
             self._view.promise(self._promised_view(result))
+            self._note(result)
             self._flight.wake()
 
     def _tick(self, now_s: float, director: Director) -> Tick:
@@ -127,22 +148,52 @@ class Orchestrator:
         flight = self._flight
         flight.hear(now_s)
         director.watch()
-        director.advance()
         self._stage.lead()
         result = self._decide()
         flight.memory = result.memory
+        self._interventions += sum(reason != "" for reason in result.restrained_by)
         for link, share in zip(flight.links, self._shares.of(result.setpoints), strict=True):
             link.send(share)
+        director.advance()  # what follows for the show can wait for the next tick: setpoints cannot
         return result
 
     def _decide(self) -> Tick:
         flight = self._flight
         return tick(flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, flight.control)
 
+    @property
+    def _control_alive(self) -> bool:
+        return self._clock.gap_s <= self._config.deadman_s
+
+    @property
+    def _problems(self) -> list[str]:
+        """Of links and record: what does not end the flight, but an operator should know."""
+        recorded = () if self._record is None else self._record.problems
+        return [*(problem for link in self._flight.links for problem in link.problems), *recorded]
+
+    @property
+    def _start_unix_s(self) -> float | None:
+        """Of a start that is ordered for a clock time."""
+        countdown = None if self._director is None else self._director.countdown
+        return None if countdown is None else countdown.at_unix_s
+
+    def _note(self, result: Tick) -> None:
+        """Leave this tick to the record."""
+        if self._record is not None:
+            moment = moment_of(
+                self._flight,
+                result,
+                timing=self._clock.summary(),
+                control_alive=self._control_alive,
+                problems=[*self._stage.waits, *self._problems],
+                unix_time_s=self._unix_s(),
+                start_unix_time_s=self._start_unix_s,
+            )
+            self._record.note(moment, self._flight.links)
+
     def _promised_view(self, result: Tick) -> Callable[[], FleetView]:
         """Puts the view of this tick together: for a thousand vehicles that is work, and seldom looked at."""
         flight = self._flight
-        countdown = None if self._director is None else self._director.countdown
         return partial(
             fleet_view,
             fleet=flight.fleet,
@@ -155,13 +206,15 @@ class Orchestrator:
             reason=flight.reason,
             plan=flight.plan,
             timing=self._clock.summary(),
-            control_alive=self._clock.gap_s <= self._config.deadman_s,
+            control_alive=self._control_alive,
+            interventions=self._interventions,
+            link_quality=flight.link_quality.share,
             setpoints_sent=sum(link.setpoints_sent for link in flight.links),
-            problems=[problem for link in flight.links for problem in link.problems],
+            problems=self._problems,
             unix_time_s=self._unix_s(),
             performance=flight.performance,
             waits=self._stage.waits,
-            start_unix_s=None if countdown is None else countdown.at_unix_s,
+            start_unix_s=self._start_unix_s,
         )
 
     # the service
@@ -176,9 +229,18 @@ class Orchestrator:
         """Where the show's origin lies."""
         return self._config.frame
 
+    @property
+    def audit(self) -> Audit:
+        """Where calls are noted, and what an answer waits for."""
+        return self._audit
+
     def order(self, order_id: str) -> OrderRecord:
         """An accepted order. Raises: UnknownError."""
         return self._book.get(order_id)
+
+    def orders(self) -> Sequence[OrderRecord]:
+        """The last orders, the newest first."""
+        return self._book.newest()
 
     def command_show(
         self,

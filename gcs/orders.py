@@ -2,19 +2,34 @@
 
 import time
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Protocol
 
 from gcs.errors import UnknownError
-from gcs.service import OrderRecord, Outcome, VehicleOutcome
+from gcs.service import WHO, OrderRecord, Outcome, VehicleOutcome
 from gcs.state import VehicleId
 
 KEPT = 1000
 
 
+class Listener(Protocol):
+    """Who is told of every order and outcome; never raises, never waits."""
+
+    def opened(self, record: OrderRecord, who: str) -> None:
+        """An order was accepted."""
+        ...
+
+    def closed(self, order_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:
+        """One vehicle's part of it has ended."""
+        ...
+
+
 class OrderBook:
     """The last orders, oldest forgotten first."""
 
-    def __init__(self) -> None:
+    def __init__(self, listener: Listener | None = None) -> None:
+        self._listener = listener
         self._records: OrderedDict[str, OrderRecord] = OrderedDict()
         self._next = 1
 
@@ -24,11 +39,13 @@ class OrderBook:
         """Note an order: pending for `vehicles`, not including those `left_out` for the reasons given."""
         outcomes = {vehicle_id: VehicleOutcome(Outcome.PENDING) for vehicle_id in vehicles}
         outcomes |= {name: VehicleOutcome(Outcome.NOT_INCLUDED, why) for name, why in left_out.items()}
-        record = OrderRecord(f"o{self._next}", action, time.time(), outcomes)
+        record = OrderRecord(f"o{self._next}", action, time.time(), outcomes, WHO.get())
         self._next += 1
         self._records[record.id] = record
         while len(self._records) > KEPT:
             self._records.popitem(last=False)
+        if self._listener is not None:
+            self._listener.opened(record, WHO.get())
         return record
 
     def close(self, order_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str = "") -> None:
@@ -36,7 +53,13 @@ class OrderBook:
         record = self._records.get(order_id)
         if record is not None and record.outcomes[vehicle_id].outcome is Outcome.PENDING:
             changed = record.outcomes | {vehicle_id: VehicleOutcome(outcome, reason)}
-            self._records[order_id] = OrderRecord(record.id, record.action, record.accepted_time_s, changed)
+            self._records[order_id] = replace(record, outcomes=changed)
+            if self._listener is not None:
+                self._listener.closed(order_id, vehicle_id, outcome, reason)
+
+    def newest(self) -> Sequence[OrderRecord]:
+        """All that are kept, the newest first."""
+        return tuple(reversed(self._records.values()))
 
     def get(self, order_id: str) -> OrderRecord:
         """The record as it stands. Raises: UnknownError."""

@@ -6,9 +6,10 @@ a process of its own without a change on their side.
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, Protocol, TypeVar
 
 from gcs.errors import Problem
 from gcs.frames import ShowFrame
@@ -17,6 +18,9 @@ from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.state import Landed, Mode, VehicleId
 
 T = TypeVar("T")
+
+WHO: Final[ContextVar[str]] = ContextVar("who", default="service")
+"""Who orders, in this task: a token's name, `local` without tokens, `service` when nobody has called."""
 
 
 class ShowAction(StrEnum):
@@ -66,6 +70,7 @@ class OrderRecord:
     action: str
     accepted_time_s: float  # Unix time
     outcomes: dict[VehicleId, VehicleOutcome]
+    by: str  # see WHO
 
     @property
     def outcome(self) -> Outcome:
@@ -101,6 +106,7 @@ class VehicleView:
     position_uncertainty_m: float  # the margin that its reported accuracy, or a jump, gives it; sideways
     heartbeat_age_s: float | None
     setpoint_m_s: tuple[float, float, float] | None  # sent in the last tick; None: not commanded
+    link_quality: float | None  # share of the positions asked for that arrive, 0 to 1
     restrained_by: str  # what the safety filter held it back for, "" when it did not
     light: str | None = None  # colour that the show gives it now, #rrggbb; None: it has no part in one
 
@@ -151,6 +157,15 @@ class SelectedShow:
 
 
 @dataclass(frozen=True, slots=True)
+class Histogram:
+    """How often something took how long, since the beginning."""
+
+    bounds_s: tuple[float, ...]  # upper, rising
+    counts: tuple[int, ...]  # of each bound alone, and at last of what was above all of them
+    sum_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class TickView:
     """How the control loop keeps its time."""
 
@@ -160,6 +175,8 @@ class TickView:
     duration_p50_ms: float
     duration_p99_ms: float
     lateness_p99_ms: float
+    durations: Histogram
+    latenesses: Histogram
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +197,7 @@ class FleetView:
     tick: TickView
     control_alive: bool  # this tick came within the deadman's time of the one before; its age says the rest
     setpoints_sent: int
+    interventions: int  # of the safety filter, since the beginning: for each vehicle and tick that it changed
     notices: tuple[str, ...] = ()  # what an operator should know now, in words: the most urgent first
     selected: SelectedShow | None = None  # None: formation, target and orbit are as told
     start_unix_time_s: float | None = None  # ordered, and not reached yet
@@ -255,6 +273,43 @@ class Shows(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A call of the API and how it was answered."""
+
+    who: str
+    method: str
+    path: str
+    body: str
+    status: int
+
+
+class Audit(Protocol):
+    """Where everything ordered is noted. Nothing here raises, and nothing but `kept` waits."""
+
+    def call(self, call: Call) -> None:
+        """Note a call that may change something, or was denied."""
+        ...
+
+    async def kept(self) -> bool:
+        """Return once everything noted and ordered so far is on the disk.
+
+        False, soon, when it is not (no record, a full disk): the view's notices say so.
+        """
+        ...
+
+
+class NoAudit:
+    """Where nothing is recorded, and nothing was promised."""
+
+    def call(self, call: Call) -> None:
+        """Nothing."""
+
+    async def kept(self) -> bool:
+        """At once: nobody asked for a record."""
+        return True
+
+
 class Service(Protocol):
     """What the API may do.
 
@@ -270,6 +325,11 @@ class Service(Protocol):
     @property
     def frame(self) -> ShowFrame:
         """Where the show's origin lies."""
+        ...
+
+    @property
+    def audit(self) -> Audit:
+        """Where calls are noted, and what an answer waits for."""
         ...
 
     @property
@@ -313,6 +373,10 @@ class Service(Protocol):
 
     def order(self, order_id: str) -> OrderRecord:
         """An accepted order, with its newest outcomes."""
+        ...
+
+    def orders(self) -> Sequence[OrderRecord]:
+        """The last orders, the newest first."""
         ...
 
     def set_formation(self, formation: Formation) -> None:

@@ -1,14 +1,17 @@
 """The control loop's clock, and how well it is kept."""
 
 import asyncio
+from bisect import bisect_left
 from collections import deque
 from collections.abc import AsyncIterator
 
 import numpy as np
 
-from gcs.service import TickView
+from gcs.service import Histogram, TickView
 
 REMEMBERED = 2000
+
+BOUNDS_S = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.0075, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1, 0.2, 0.5)
 
 
 async def ticks(period_s: float) -> AsyncIterator[tuple[float, float, int]]:
@@ -28,6 +31,23 @@ async def ticks(period_s: float) -> AsyncIterator[tuple[float, float, int]]:
         await asyncio.sleep(start_s + index * period_s - loop.time())
 
 
+class Counted:
+    """Grows into a `Histogram`."""
+
+    def __init__(self) -> None:
+        self._counts = [0] * (len(BOUNDS_S) + 1)
+        self._sum_s = 0.0
+
+    def note(self, seconds: float) -> None:
+        """Count one."""
+        self._counts[bisect_left(BOUNDS_S, seconds)] += 1
+        self._sum_s += seconds
+
+    def histogram(self) -> Histogram:
+        """As it is now."""
+        return Histogram(BOUNDS_S, tuple(self._counts), self._sum_s)
+
+
 class TickClock:
     """Counts ticks and remembers how long and how late the last ones were."""
 
@@ -39,7 +59,8 @@ class TickClock:
         self._began_s = 0.0
         self._duration_s: deque[float] = deque(maxlen=REMEMBERED)
         self._lateness_s: deque[float] = deque(maxlen=REMEMBERED)
-        self._summary = TickView(rate_hz, 0, 0, 0.0, 0.0, 0.0)
+        self._durations, self._latenesses = Counted(), Counted()
+        self._summary = self._summarised(0.0, 0.0, 0.0)
 
     def note(self, began_s: float, duration_s: float, lateness_s: float, missed: int) -> None:
         """Take one tick into account, which began at `began_s` of the loop's clock."""
@@ -49,6 +70,8 @@ class TickClock:
         self.missed += missed
         self._duration_s.append(duration_s)
         self._lateness_s.append(lateness_s)
+        self._durations.note(duration_s)
+        self._latenesses.note(lateness_s)
 
     def summary(self) -> TickView:
         """Percentiles over the last ticks; recomputed once a second, as they are for people."""
@@ -56,7 +79,17 @@ class TickClock:
             duration_ms = np.array(self._duration_s) * 1e3
             p50, p99 = np.percentile(duration_ms, (50, 99))
             late = np.percentile(np.array(self._lateness_s) * 1e3, 99)
-            self._summary = TickView(
-                self.rate_hz, self.count, self.missed, float(p50), float(p99), float(late)
-            )
+            self._summary = self._summarised(float(p50), float(p99), float(late))
         return self._summary
+
+    def _summarised(self, p50_ms: float, p99_ms: float, late_ms: float) -> TickView:
+        return TickView(
+            rate_hz=self.rate_hz,
+            count=self.count,
+            missed=self.missed,
+            duration_p50_ms=p50_ms,
+            duration_p99_ms=p99_ms,
+            lateness_p99_ms=late_ms,
+            durations=self._durations.histogram(),
+            latenesses=self._latenesses.histogram(),
+        )

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from gcs.control import Tick
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.lifecycle import ShowPhase, not_ours
 from gcs.performance import Performance
 from gcs.plan import Plan
 from gcs.service import FleetView, TickView, VehicleView
@@ -33,6 +33,8 @@ def fleet_view(
     timing: TickView,
     control_alive: bool,
     setpoints_sent: int,
+    interventions: int,
+    link_quality: Array,
     problems: Sequence[str],
     unix_time_s: float,
     performance: Performance | None = None,
@@ -62,6 +64,7 @@ def fleet_view(
                 is_known=vehicle.id in known,
                 uncertainty_m=float(traits.uncertainty_m[vehicle.row]),
                 light=lights.get(vehicle.id),
+                link_quality=float(link_quality[vehicle.row]),
             )
             for vehicle in vehicles
         ),
@@ -74,21 +77,12 @@ def fleet_view(
         tick=timing,
         control_alive=control_alive,
         setpoints_sent=setpoints_sent,
-        notices=(*_not_ours(vehicles), *waits, *problems),
+        interventions=interventions,
+        notices=(*not_ours((vehicle.id, vehicle.phase) for vehicle in vehicles), *waits, *problems),
         selected=None if performance is None else performance.view(fleet.time_s),
         start_unix_time_s=start_unix_s,
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
     )
-
-
-def _not_ours(vehicles: Sequence[Vehicle]) -> list[str]:
-    """Who is in the air, or may be, and is not commanded."""
-    advice = {
-        Phase.LOST: "lost: in the air when last heard, and sent nothing",
-        Phase.PILOT: "in the air, but not ours: hand-back takes over, in hold",
-    }
-    named = {phase: [vehicle.id for vehicle in vehicles if vehicle.phase is phase] for phase in advice}
-    return [f"{', '.join(ids)}: {advice[phase]}" for phase, ids in named.items() if ids]
 
 
 def _vehicle_view(
@@ -101,6 +95,7 @@ def _vehicle_view(
     is_known: bool,
     uncertainty_m: float,
     light: str | None,
+    link_quality: float,
 ) -> VehicleView:
     telemetry, at = heard
     row = vehicle.row
@@ -125,6 +120,7 @@ def _vehicle_view(
         position_uncertainty_m=uncertainty_m,
         heartbeat_age_s=finite(fleet.time_s - telemetry.heartbeat_time_s[at]),
         setpoint_m_s=None if setpoint_m_s is None else tuple3(setpoint_m_s),
+        link_quality=link_quality,
         restrained_by=tick.restrained_by[row],
         light=light,
     )

@@ -1,5 +1,7 @@
 """Tests that keep time with a real clock are told from those that only compute."""
 
+import logging
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -9,6 +11,7 @@ REAL_TIME = (HERE / "e2e", HERE / "wire")
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "computes: not a real-time test, whatever its folder")
     config.addinivalue_line(
         "markers", "realtime: flies on the real clock; not to share the machine with what computes"
     )
@@ -16,7 +19,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if any(folder in item.path.parents for folder in REAL_TIME):
+        in_real_time = any(folder in item.path.parents for folder in REAL_TIME)
+        if in_real_time and item.get_closest_marker("computes") is None:
             item.add_marker(pytest.mark.realtime)
 
 
@@ -24,3 +28,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def transport(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """The test holds for both transports: changes what `link_bench.a_link` makes."""
     monkeypatch.setattr("link_bench.chosen", request.param)
+
+
+@pytest.fixture
+def logging_restored() -> Iterator[None]:
+    """For tests of commands that set up logging: the process is the tests' own."""
+    root = logging.getLogger()
+    kept = (
+        root.handlers[:],
+        root.level,
+        {name: logging.getLogger(name).level for name in ("gcs", "api", "sim")},
+    )
+    yield
+    root.handlers[:], level, levels = kept
+    root.setLevel(level)
+    for name, each in levels.items():
+        logging.getLogger(name).setLevel(each)

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from math import ceil, sqrt
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from gcs import config as configuration
-from gcs.cli import logs, report
+from gcs.cli import eventloop, logs, report
 from gcs.cli.serve import running
 from gcs.cli.story import ORBIT_RADIUS_M, Marks, StoppedEarlyError, Story, home_s, shortest_s, whole_s
 from gcs.client import Client
@@ -59,6 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--api-port", type=int, metavar="P", help="8000; 0: any that is free")
     parser.add_argument("--port-base", type=int, default=14540, metavar="P", help="UDP port of the first")
     parser.add_argument("--truth", metavar="DIR", help="keep the vehicles' true states there")
+    parser.add_argument(
+        "--record", metavar="DIR", help="keep the record of the flight there; gcs certify DIR"
+    )
     parser.add_argument("--verbose", action="store_true", help="log every change of state, on stderr")
 
 
@@ -70,10 +73,9 @@ def run(arguments: argparse.Namespace) -> int:
     warm_up()
     try:
         with tempfile.TemporaryDirectory(prefix="gcs-demo-") as temporary:
-            folder = Path(arguments.truth or temporary)
+            folder = Path(arguments.truth or arguments.record or temporary)
             folder.mkdir(parents=True, exist_ok=True)
-            truth_files = [folder / f"truth-{i + 1}.jsonl" for i in range(_processes(arguments))]
-            figures = asyncio.run(_fly(config, arguments, truth_files))
+            figures = eventloop.run(_fly(config, arguments, folder / "truth.jsonl"))
     except StoppedEarlyError as stopped:
         print(f"gcs demo: {stopped}; the fleet is down")
         return INTERRUPTED
@@ -101,6 +103,8 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
         link = raw["links"][0]
         link["listen"] = f"udpin://127.0.0.1:{arguments.port_base}"
         link["ports"] = link["vehicles"]["count"] = count
+    if arguments.record is not None:
+        raw["record"] = {"folder": arguments.record}
     if arguments.api_port is not None:
         raw["api"]["port"] = arguments.api_port
     base = configuration.Config.model_validate(raw)
@@ -111,7 +115,7 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
     fence["height_max_m"] = max(fence["height_max_m"], 2.0 * radius_m + 30.0)
     config = configuration.Config.model_validate(raw)
     stagger_s = config.operation.takeoff_stagger_s
-    needed_s = shortest_s(count, stagger_s, _top_m(config)) if large else whole_s(count)
+    needed_s = shortest_s(count, stagger_s, _top_m(config)) if large else whole_s(count, _top_m(config))
     if arguments.seconds < needed_s:
         raise ConfigError(f"--seconds {arguments.seconds:g}: at least {needed_s:g} for {count} vehicles")
     return config
@@ -152,53 +156,45 @@ def _namespaces(count: int) -> list[int]:
     return [min(each, count - first) for first in range(0, count, each)]
 
 
-def _processes(arguments: argparse.Namespace) -> int:
-    """Of the fake fleet: a vehicle each, or all in one."""
-    return 1 if arguments.transport == "direct" else int(arguments.vehicles)
-
-
-async def _fly(
-    config: configuration.Config, arguments: argparse.Namespace, truth_files: list[Path]
-) -> dict[str, object]:
+async def _fly(config: configuration.Config, arguments: argparse.Namespace, truth: Path) -> dict[str, object]:
     began_s = time.monotonic()
 
     def say(text: str) -> None:
         print(f"[{time.monotonic() - began_s:6.1f} s] {text}", flush=True)
 
-    with fake_fleet(config, arguments, truth_files):
+    with fake_fleet(config, arguments, truth):
         async with running(config) as (orchestrator, port):
             url = f"http://{config.api.host}:{port}"
             say(f"{arguments.vehicles} fake vehicles; API at {url}/docs")
             history = History()
             recorder = asyncio.create_task(history.follow(orchestrator), name="history")
-            short = arguments.seconds < whole_s(arguments.vehicles)
-            landing_s = home_s(_top_m(config)) if short else None
-            marks, failure = await _tell(url, arguments.seconds, say, landing_s)
+            with Client(url) as client:
+                whole = arguments.seconds >= whole_s(arguments.vehicles, _top_m(config))
+                landing_s = home_s(_top_m(config))
+                story = Story(client, arguments.seconds, say, landing_s=landing_s, whole=whole)
+                failure = await _tell(story)
+            marks = story.marks
             recorder.cancel()
             tick_p99_ms = orchestrator.view.value.tick.duration_p99_ms
             sent = orchestrator.view.value.setpoints_sent
     if failure is not None:
         raise failure
-    figures = _judge(truth_files, history.commanded(), marks, config)
+    figures = _judge(truth, history.commanded(), marks, config)
     return figures | {"tick_p99_ms": round(tick_p99_ms, 3), "setpoints_sent": sent}
 
 
-async def _tell(
-    url: str, seconds: float, say: Callable[[str], None], landing_s: float | None
-) -> tuple[Marks, GcsError | None]:
-    """Tell the story on a thread of its own; Ctrl-C brings the fleet home.
+async def _tell(story: Story) -> GcsError | None:
+    """Tell it on a thread of its own; Ctrl-C brings the fleet home.
 
-    Returns: what happened when, and what ended the story early, if anything did.
+    Returns: what ended it early, if anything did.
     """
-    with Client(url) as client:
-        story = Story(client, seconds, say, landing_s=landing_s)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            asyncio.get_running_loop().add_signal_handler(number, story.interrupt)
-        try:
-            await asyncio.to_thread(story.fly)
-        except GcsError as failure:
-            return story.marks, failure
-        return story.marks, None
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, story.interrupt)
+    try:
+        await asyncio.to_thread(story.fly)
+    except GcsError as failure:
+        return failure
+    return None
 
 
 class History:
@@ -221,10 +217,11 @@ class History:
 
 
 @contextmanager
-def fake_fleet(
-    config: configuration.Config, arguments: argparse.Namespace, truth_files: list[Path]
-) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """The fake autopilots, one in each process or all in one, ended with the block."""
+def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, truth: Path) -> Iterator[None]:
+    """The fake autopilots, in a process of their own, ended with the block.
+
+    One process for all: eight of them want most of a core, which flights beside them miss.
+    """
     frame, count = config.show_frame, arguments.vehicles
     common = [sys.executable, "-m", "sim", "--port-base", str(arguments.port_base)]
     common += ["--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"]
@@ -235,32 +232,25 @@ def fake_fleet(
         common += ["--shared-port", "--namespace-size", each, "--telemetry-hz", "10"]
     for name, value in settings_of(requirements(config.operation, config.control)).items():
         common += ["--param", f"{name}={value:g}"]
-    children: list[subprocess.Popen[bytes]] = []
+    common += ["--count", str(count), "--truth", str(truth)]
+    # a session of its own: Ctrl-C brings the fleet home instead of killing it in the air
+    child = subprocess.Popen(common, stdout=subprocess.DEVNULL, start_new_session=True)  # noqa: S603
     try:
-        for i, truth in enumerate(truth_files):
-            own = ["--first", str(i), "--count", str(count // len(truth_files)), "--truth", str(truth)]
-            # a session of its own: Ctrl-C brings the fleet home instead of killing it in the air
-            child = subprocess.Popen(  # noqa: S603
-                [*common, *own], stdout=subprocess.DEVNULL, start_new_session=True
-            )
-            children.append(child)
-        yield children
+        yield
     finally:
-        for child in children:
-            child.terminate()
-        for child in children:
-            try:
-                child.wait(CHILD_ENDS_S)
-            except subprocess.TimeoutExpired:
-                child.kill()
-                child.wait()
+        child.terminate()
+        try:
+            child.wait(CHILD_ENDS_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
 
 
 def _judge(
-    files: list[Path], commanded: report.Commanded, marks: Marks, config: configuration.Config
+    truth_file: Path, commanded: report.Commanded, marks: Marks, config: configuration.Config
 ) -> dict[str, object]:
     """The figures of the flight, from the true states."""
-    truth = report.read_truth(files, config.frame)
+    truth = report.read_truth([truth_file], config.frame)
     smallest_m, violations = report.separation(truth, config.control.safety.floor)
     figures: dict[str, object] = {
         "vehicles": len(truth.landed_at_end),

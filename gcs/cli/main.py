@@ -6,11 +6,18 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from pydantic import ValidationError
+
+import gcs.cli.certify as certify_command
 import gcs.cli.demo as demo_command
 import gcs.cli.params as params_command
+import gcs.cli.remote as remote_commands
+import gcs.cli.replay as replay_command
 import gcs.cli.serve as serve_command
 import gcs.cli.shows.command as show_command
 import gcs.cli.simulation.command as simulate_command
+import gcs.cli.status as status_command
+import gcs.cli.token as token_command
 import sim.cli
 from gcs import config as configuration
 from gcs.cli import logs
@@ -19,7 +26,7 @@ from gcs.links.keys import create_key
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """`gcs demo`, `gcs serve`, `gcs show`, `gcs params`, `gcs simulate`, `gcs key`, `gcs sim`."""
+    """Every command: those named here, and one for each call of the REST API."""
     parser = argparse.ArgumentParser(prog="gcs", description="Fly a self-organising formation of drones.")
     commands = parser.add_subparsers(dest="command", required=True)
 
@@ -48,11 +55,27 @@ def build_parser() -> argparse.ArgumentParser:
     simulate_command.add_arguments(simulate_parser)
     simulate_parser.set_defaults(run=simulate_command.run)
 
+    replay_parser = commands.add_parser("replay", help="show a recorded flight through the API, as if live")
+    replay_command.add_arguments(replay_parser)
+    replay_parser.set_defaults(run=replay_command.run)
+
+    certify_parser = commands.add_parser("certify", help="judge a recorded flight: separation, fence, limits")
+    certify_command.add_arguments(certify_parser)
+    certify_parser.set_defaults(run=certify_command.run)
+
     key_parser = commands.add_parser("key", help="keys for MAVLink signatures")
     key_commands = key_parser.add_subparsers(dest="key_command", required=True)
     create_parser = key_commands.add_parser("create", help="write a new key to a file")
     create_parser.add_argument("file", metavar="FILE", help="must not exist; readable for you alone")
     create_parser.set_defaults(run=_create_key)
+
+    token_parser = commands.add_parser("token", help="tokens that the API asks for")
+    token_command.add_arguments(token_parser)
+
+    status_parser = commands.add_parser("status", help="the fleet of a running service, as a live table")
+    status_command.add_arguments(status_parser)
+    status_parser.set_defaults(run=status_command.run)
+    remote_commands.add_commands(commands)
 
     sim_parser = commands.add_parser("sim", help="run a fake fleet alone, as python -m sim does")
     sim.cli.add_arguments(sim_parser)
@@ -65,7 +88,10 @@ def _serve(arguments: argparse.Namespace) -> int:
     config = configuration.load(configuration.find(arguments.config))
     changes = {"host": arguments.host, "port": arguments.port}
     api = config.api.model_dump() | {key: value for key, value in changes.items() if value is not None}
-    config = configuration.Config.model_validate(config.model_dump() | {"api": api})
+    try:
+        config = configuration.Config.model_validate(config.model_dump() | {"api": api})
+    except ValidationError as error:
+        raise configuration.explained(error, "with --host and --port") from None
     return serve_command.run(config, lambda text: print(text, flush=True))
 
 

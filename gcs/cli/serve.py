@@ -5,12 +5,20 @@ import contextlib
 import logging
 import signal
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
+from pathlib import Path
+
+from starlette.types import ASGIApp
 
 from api.app import create_app
+from api.door import Door, log_denied
+from api.guard import EmergencyLane
 from api.server import serve as serve_api
+from gcs.access import Audit, is_loopback
+from gcs.cli import eventloop
+from gcs.cli.record import make_record
 from gcs.config import Config, LinkSettings
-from gcs.errors import GcsError, RefusedError
+from gcs.errors import GcsError, LinkError, RefusedError
 from gcs.lifecycle import AIRBORNE, ShowPhase
 from gcs.links import Link
 from gcs.links.direct.link import DirectLink
@@ -19,16 +27,19 @@ from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.rates import wanted
 from gcs.orchestrator import Orchestrator
 from gcs.service import FleetView, ShowAction
+from gcs.tokens import Tokens
 
 log = logging.getLogger(__name__)
 
 API_RETRY_S = 1.0
 
 
-def make_link(settings: LinkSettings, config: Config) -> Link:
-    """The transport that a link's settings name. Raises: ConfigError for a signing key that is none."""
+def make_link(settings: LinkSettings, config: Config, record: Path | None = None) -> Link:
+    """The transport that a link's settings name, recording into a folder.
+
+    Raises: ConfigError for a signing key that is none.
+    """
     vehicles = {vehicle.id: vehicle.system_id for vehicle in settings.fleet}
-    record = None if config.record is None else config.record.folder
     if settings.transport == "direct":
         return DirectLink(
             settings.name,
@@ -64,19 +75,56 @@ async def running(config: Config) -> AsyncIterator[tuple[Orchestrator, int]]:
 
     Raises: LinkError when the API's port cannot be had at the start.
     """
-    orchestrator = Orchestrator(config, [make_link(link, config) for link in config.links])
+    record = make_record(config)
+    keeps_frames = config.record is not None and config.record.frames
+    folder = record.folder if record is not None and keeps_frames else None
+    orchestrator = Orchestrator(config, [make_link(link, config, folder) for link in config.links], record)
+    with nullcontext() if record is None else record:
+        async with _flying(orchestrator, config) as port:
+            yield orchestrator, port
+
+
+@asynccontextmanager
+async def _flying(orchestrator: Orchestrator, config: Config) -> AsyncIterator[int]:
+    """Control and API until the block ends. Yields the API's port."""
+    app = create_app(orchestrator, host_names=("localhost", config.api.host), door=make_door(config))
+    app.openapi()  # takes a quarter of a second: now, not when somebody asks while vehicles fly
+    async with (
+        _listening(app, config, "api.port", config.api.port) as port,
+        _listening(EmergencyLane(app), config, "api.emergency_port", config.api.lane_port) as lane_port,
+    ):
+        app.state.desk.emergency_port = lane_port
+        async with asyncio.TaskGroup() as group:
+            control = group.create_task(orchestrator.run(), name="service")
+            yield port
+            control.cancel()
+
+
+def make_door(config: Config, audit: Audit = log_denied) -> Door:
+    """Who may call; `audit` is handed every denied call. Raises: ConfigError when the token file is none."""
+    access = config.access
+    tokens = None if access.tokens_file is None else Tokens(access.tokens_file)
+    door = Door(tokens, calls_per_s=access.calls_per_s, burst=access.burst, audit=audit)
+    if tokens is None:
+        log.warning("access_off", extra={"host": config.api.host, "means": door.text})
+    elif access.tls is None and not is_loopback(config.api.host):
+        mend = "access.tls; until then whoever hears the network can read the tokens"
+        log.warning("access_without_tls", extra={"host": config.api.host, "mend": mend})
+    return door
+
+
+@asynccontextmanager
+async def _listening(app: ASGIApp, config: Config, name: str, port: int) -> AsyncIterator[int]:
+    """A listener that is kept up until the block ends. Yields its port."""
     listening: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-    api = asyncio.create_task(_keep_api(orchestrator, config, listening), name="api")
+    api = asyncio.create_task(_keep_api(app, config, port, name, listening), name=name)
     try:
-        ready = asyncio.create_task(_ready(listening), name="api/ready")
+        ready = asyncio.create_task(_ready(listening), name=f"{name}/ready")
         await asyncio.wait((ready, api), return_when=asyncio.FIRST_COMPLETED)
         ready.cancel()
         if not listening.done():
             await api  # raises what kept it from listening
-        async with asyncio.TaskGroup() as group:
-            control = group.create_task(orchestrator.run(), name="service")
-            yield orchestrator, listening.result()
-            control.cancel()
+        yield listening.result()
     finally:
         api.cancel()
         with contextlib.suppress(asyncio.CancelledError):
@@ -87,14 +135,15 @@ async def _ready(listening: asyncio.Future[int]) -> None:
     await asyncio.shield(listening)
 
 
-async def _keep_api(orchestrator: Orchestrator, config: Config, listening: asyncio.Future[int]) -> None:
+async def _keep_api(
+    app: ASGIApp, config: Config, port: int, name: str, listening: asyncio.Future[int]
+) -> None:
     """Serve; once it has listened, a failure is retried on the same port."""
-    app = create_app(orchestrator, host_names=("localhost", config.api.host))
-    port = config.api.port
     while True:
         # a task of its own: whatever ends it, a bug included, ends the API alone
         server = asyncio.create_task(
-            serve_api(app, config.api.host, port, listening=listening), name="api/server"
+            serve_api(app, config.api.host, port, listening=listening, tls=config.access.tls),
+            name=f"{name}/server",
         )
         try:
             await asyncio.wait((server,))
@@ -102,9 +151,11 @@ async def _keep_api(orchestrator: Orchestrator, config: Config, listening: async
             server.cancel()
             await asyncio.wait((server,))
         cause = None if server.cancelled() else server.exception()
+        if isinstance(cause, LinkError) and not listening.done():
+            raise LinkError(f"{name}: {cause}")
         if cause is not None and not listening.done():
             raise cause
-        log.error("api_failed", extra={"cause": str(cause)})
+        log.error("api_failed", extra={"listener": name, "cause": str(cause)})
         if listening.done():
             port = listening.result()
         await asyncio.sleep(API_RETRY_S)
@@ -119,7 +170,10 @@ async def serve(config: Config, say: Callable[[str], None]) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, asked.release)
     async with running(config) as (orchestrator, port):
-        say(f"serving {len(config.ids)} vehicles; API at http://{config.api.host}:{port}/docs")
+        scheme = "http" if config.access.tls is None else "https"
+        say(f"serving {len(config.ids)} vehicles; API at {scheme}://{config.api.host}:{port}/docs")
+        if config.access.tokens_file is None:
+            say("access is off: whoever can use this machine can fly; gcs token create makes tokens")
         await asked.acquire()
         if not _anybody_up(orchestrator.view.value):
             return
@@ -151,7 +205,7 @@ def _anybody_up(view: FleetView) -> bool:
 def run(config: Config, say: Callable[[str], None]) -> int:
     """Serve on a loop of its own. Returns: the exit code."""
     try:
-        asyncio.run(serve(config, say))
+        eventloop.run(serve(config, say))
     except GcsError as error:
         say(str(error))
         return 1

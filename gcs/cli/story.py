@@ -18,14 +18,11 @@ ORBIT_SPEED_M_S = 2.5
 TARGET_VELOCITY_M_S = (0.8, -0.4)
 CONNECT_S = 60.0
 READY_S = 30.0
-LANDING_S = 75.0
-"""Kept for the way home."""
-
-SETTLE_S = 20.0
-"""From assembled or past the obstacle until the shape counts as steady."""
+SETTLE_S, TURN_S = 10.0, 20.0
+"""From assembled, and from past the obstacle, until shape and orbit count as steady."""
 
 SHORT_SETTLE_S = 5.0
-"""The same in a short flight."""
+"""From assembled in a short flight."""
 
 STEADY_S = 5.0
 """The least that is flown in the shape."""
@@ -61,9 +58,9 @@ class Marks:
     target_to_m: tuple[float, float] | None = None
 
 
-def whole_s(vehicles: int) -> float:
-    """The shortest flight in which the whole story fits."""
-    return ceil((120.0 + 1.5 * vehicles + LANDING_S) / 10.0) * 10.0
+def whole_s(vehicles: int, top_m: float) -> float:
+    """The shortest flight in which the whole story fits, on a sphere that reaches `top_m` high."""
+    return ceil((115.0 + 1.5 * vehicles + home_s(top_m)) / 10.0) * 10.0
 
 
 def home_s(top_m: float) -> float:
@@ -81,10 +78,10 @@ class Story:
     """Tells the story; every step is an API call."""
 
     def __init__(
-        self, client: Client, seconds: float, say: Callable[[str], None], *, landing_s: float | None = None
+        self, client: Client, seconds: float, say: Callable[[str], None], *, landing_s: float, whole: bool
     ) -> None:
-        """`landing_s`: kept for the way home of a short flight, without moving target and obstacle."""
-        self._landing_s = landing_s
+        """`landing_s`: kept for the way home. Not whole: without moving target and obstacle."""
+        self._landing_s, self._whole = landing_s, whole
         self._client = client
         self._say = say
         self._end_s = time.monotonic() + seconds
@@ -99,12 +96,12 @@ class Story:
         """The whole flight. Raises: OrderError when vehicles do not connect, start or land in time."""
         try:
             self._take_off()
-            if self._landing_s is None:
+            if self._whole:
                 self._orbit()
                 self._obstacle()
                 self._stay()
             else:
-                self._circle(self._landing_s)
+                self._circle()
         finally:
             self._come_home()
 
@@ -122,7 +119,7 @@ class Story:
         self._say("all up; they organise themselves on the sphere")
         self._until("assembly", 60.0, lambda: self._phase() == "running")
         self._say("assembled; the formation settles above the target")
-        self._sleep(SETTLE_S if self._landing_s is None else SHORT_SETTLE_S)
+        self._sleep(SETTLE_S if self._whole else SHORT_SETTLE_S)
 
     def _orbit(self) -> None:
         steady_s = time.monotonic()
@@ -137,14 +134,14 @@ class Story:
         self._sleep(max(20.0, self._left_s() * 0.14))
         self.marks.before = (steady_s, time.monotonic() - 0.5)
 
-    def _circle(self, landing_s: float) -> None:
+    def _circle(self) -> None:
         """What remains of the story in a short flight."""
         steady_s = time.monotonic()
         self._client.change_orbit(radius_m=ORBIT_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
         self._say(
             f"no time for target and tower; orbit at {ORBIT_SPEED_M_S:g} m/s until it is time to go home"
         )
-        self._sleep(max(STEADY_S, self._left_s() - landing_s))
+        self._sleep(max(STEADY_S, self._left_s() - self._landing_s))
         self.marks.before = (steady_s, time.monotonic() - 0.5)
 
     def _obstacle(self) -> None:
@@ -169,13 +166,13 @@ class Story:
             self._until("passing the tower", 60.0, partial(self._clear_of, box))
             self._say("past the tower; the target turns away from it, and they re-form")
             self._turn_away(box)
-            self._sleep(SETTLE_S)
+            self._sleep(TURN_S)
             return
         raise OrderError("no place for the obstacle was accepted")
 
     def _stay(self) -> None:
         steady_s = time.monotonic()
-        self._sleep(max(20.0, self._left_s() - LANDING_S))
+        self._sleep(max(20.0, self._left_s() - self._landing_s))
         self.marks.after = self.marks.orbit = (steady_s, time.monotonic() - 0.5)
         target = self._client.target()
         self.marks.target_to_m = (target.x_m or 0.0, target.y_m or 0.0)

@@ -38,6 +38,10 @@ class Deadman:
         """
         self._permission = (frozenset(system_ids) - {0}, now_s + self._hold_s)
 
+    def is_alive(self, now_s: float) -> bool:
+        """Whether the permission, whomever it is for, still holds at `now_s`."""
+        return now_s <= self._permission[1]
+
     def allows(self, system_id: int, now_s: float) -> bool:
         """Whether a setpoint to this system may leave at `now_s`."""
         system_ids, until_s = self._permission

@@ -7,6 +7,8 @@ from typing import Final
 
 from gcs.links.mavlink_frames import (
     ATTITUDE,
+    BATTERY_STATUS,
+    EXTENDED_SYS_STATE,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
     HEARTBEAT,
@@ -18,16 +20,18 @@ from gcs.links.mavlink_frames import (
     Frame,
     Motion,
     TextChunk,
+    battery_remaining,
     boot_time_ms,
     gps_accuracy,
     heartbeat,
+    landed,
     motion,
     prearm_ok,
     reset_counter,
     status_text,
 )
 from gcs.links.roster import SILENT_AFTER_S
-from gcs.state import Mode
+from gcs.state import Landed, Mode
 
 _AUTOPILOT_COMPONENT = 1
 _TEXT_CHUNKS_MAX = 8
@@ -47,6 +51,8 @@ class Heard:
         armed, mode: from the autopilot's heartbeat, which alone is believed.
         prearm_ok: SYS_STATUS says that the autopilot's own checks before arming pass.
         accuracy: of the newest GPS_RAW_INT.
+        landed: as the newest EXTENDED_SYS_STATE says.
+        battery_remaining: 0 to 1, of the newest BATTERY_STATUS; NaN where it does not say.
         boots: how often the boot clock has jumped back: a reboot, or a simulator that was paused.
         position_resets: how often the estimator's reset counter (ODOMETRY) has changed.
         text, text_time_s: the newest status text, and its arrival.
@@ -65,6 +71,8 @@ class Heard:
         self.mode = Mode.UNKNOWN
         self.prearm_ok = False
         self.accuracy = Accuracy(nan, nan)
+        self.landed = Landed.UNKNOWN
+        self.battery_remaining = nan
         self.boots = 0
         self.position_resets = 0
         self.text = ""
@@ -90,8 +98,18 @@ class Heard:
             self._take_heartbeat(frame, time_s)
         elif message_id in _CLOCKS:
             self._take_boot_clock(boot_time_ms(frame))
-        elif message_id == SYS_STATUS:
+        else:
+            self._take_rarely(frame, time_s)
+
+    def _take_rarely(self, frame: Frame, time_s: float) -> None:
+        """What comes once or twice a second, or when something happens."""
+        message_id = frame.message_id
+        if message_id == SYS_STATUS:
             self.prearm_ok = prearm_ok(frame)
+        elif message_id == EXTENDED_SYS_STATE:
+            self.landed = landed(frame)
+        elif message_id == BATTERY_STATUS:
+            self.battery_remaining = battery_remaining(frame)
         elif message_id == GPS_RAW_INT:
             self.accuracy = gps_accuracy(frame)
         elif message_id == ODOMETRY:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, TypeAlias
 
+from gcs.links.roster import Address
 from gcs.state import Setpoints, Telemetry, VehicleId
 
 ParameterValue: TypeAlias = int | float
@@ -54,6 +55,11 @@ class Link(Protocol):
     @property
     def conflicts(self) -> Mapping[VehicleId, str]:
         """Vehicles whose system id was heard lately from two addresses: both named in the text."""
+        ...
+
+    @property
+    def addresses(self) -> Mapping[VehicleId, Address]:
+        """Where each vehicle heard so far spoke from last: all that a kill from outside needs to know."""
         ...
 
     @property

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.state import Mode
+from gcs.state import Landed, Mode
 
 HEARTBEAT: Final = 0
 SYS_STATUS: Final = 1
@@ -31,6 +31,8 @@ COMMAND_LONG: Final = 76
 COMMAND_ACK: Final = 77
 RADIO_STATUS: Final = 109
 SET_POSITION_TARGET_LOCAL_NED: Final = 84
+BATTERY_STATUS: Final = 147
+EXTENDED_SYS_STATE: Final = 245
 STATUSTEXT: Final = 253
 ODOMETRY: Final = 331
 
@@ -53,6 +55,8 @@ _SIGNATURE_LENGTH: Final = 13
 _MAV_AUTOPILOT_PX4: Final = 12
 _CUSTOM_MODE_ENABLED: Final = 0x01
 _ARMED: Final = 0x80
+_LANDED_STATES: Final = frozenset(state.value for state in Landed)
+_BATTERY_REMAINING_AT: Final = 35
 _RESET_COUNTER_AT: Final = 230  # in ODOMETRY
 _VELOCITY_AT: Final = slice(16, 28)  # in SET_POSITION_TARGET_LOCAL_NED: vx, vy, vz
 FIX_3D: Final = 3
@@ -341,6 +345,18 @@ def prearm_ok(frame: Frame) -> bool:
     """Whether a SYS_STATUS says that the autopilot's own checks before arming pass."""
     (health,) = unpack_from("<I", _padded(frame), 8)
     return bool(health & PREARM_CHECK)
+
+
+def landed(frame: Frame) -> Landed:
+    """Read the MAV_LANDED_STATE of an EXTENDED_SYS_STATE; UNKNOWN for a number without a name."""
+    number = _padded(frame)[1]
+    return Landed(number) if number in _LANDED_STATES else Landed.UNKNOWN
+
+
+def battery_remaining(frame: Frame) -> float:
+    """Read what is left as a BATTERY_STATUS says, 0 to 1; NaN where it does not."""
+    (percent,) = unpack_from("<b", _padded(frame), _BATTERY_REMAINING_AT)
+    return percent / 100 if percent >= 0 else nan
 
 
 def gps_accuracy(frame: Frame) -> Accuracy:

@@ -1,9 +1,11 @@
-"""MAVSDK, typed: the one place that imports it. One instance on raw bytes, and its vehicles."""
+"""MAVSDK, typed: the one place that imports it. One instance, and its vehicles."""
 
 import logging
-from collections.abc import Callable, Collection
+import os
+import sys
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from functools import cache
-from math import nan
 from threading import Lock
 from typing import Any, Final
 
@@ -11,13 +13,14 @@ from mavsdk import ComponentType, Configuration, ConnectionResult, Mavsdk
 from mavsdk.exceptions import MavsdkError
 from mavsdk.logging import LogLevel, log_subscribe
 from mavsdk.plugins.action import Action
-from mavsdk.plugins.offboard import Offboard, VelocityNedYaw
+from mavsdk.plugins.offboard import Offboard
+from mavsdk.plugins.offboard.offboard import VelocityNedYawCStruct
 from mavsdk.plugins.param import Param, ParamError, ParamResult
 from mavsdk.plugins.telemetry import Telemetry
 
 from gcs.errors import LinkError, OrderError
 from gcs.links.link import ParameterValue, Verb
-from gcs.state import Landed
+from gcs.links.loopback import Loopback
 
 log = logging.getLogger(__name__)
 
@@ -26,6 +29,14 @@ COMPONENT_ID: Final = 190
 
 _LOG_LEVELS: Final = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.WARNING}
 """The others are for those who mend MAVSDK. An error is seldom; the last may be why the process ends."""
+
+
+class _Velocity(VelocityNedYawCStruct):  # type: ignore[misc]
+    """A `VelocityNedYaw` that is what it is turned into, to be filled again for every setpoint."""
+
+    def to_c_struct(self) -> "_Velocity":
+        """Itself."""
+        return self
 
 
 class MavsdkVehicle:
@@ -38,15 +49,7 @@ class MavsdkVehicle:
         self._offboard: Any = Offboard(system)
         self._action: Any = Action(system)
         self._param: Any = Param(system)
-
-    def battery_remaining(self) -> float:
-        """0 to 1, NaN when unknown."""
-        remaining: float = self._telemetry.battery().remaining_percent / 100
-        return remaining if remaining >= 0 else nan
-
-    def landed(self) -> Landed:
-        """MAV_LANDED_STATE; MAVSDK numbers it alike."""
-        return Landed(int(self._telemetry.landed_state()))
+        self._velocity: Any = _Velocity()
 
     def healthy(self) -> bool:
         """Sensors present and calibrated, position and home known."""
@@ -55,8 +58,11 @@ class MavsdkVehicle:
 
     def set_velocity(self, north_m_s: float, east_m_s: float, down_m_s: float, yaw_deg: float) -> bool:
         """Have MAVSDK send this at once, and then at 20 Hz until told otherwise; whether it agreed."""
+        velocity = self._velocity
+        velocity.north_m_s, velocity.east_m_s, velocity.down_m_s = north_m_s, east_m_s, down_m_s
+        velocity.yaw_deg = yaw_deg
         try:
-            self._offboard.set_velocity_ned(VelocityNedYaw(north_m_s, east_m_s, down_m_s, yaw_deg))
+            self._offboard.set_velocity_ned(velocity)
         except MavsdkError:
             return False
         return True
@@ -124,14 +130,21 @@ class MavsdkFleet:
     its release on another thread when MAVSDK ends, and MAVSDK aborts the process for that.
     """
 
-    def __init__(self, send: Callable[[bytes], None], station_id: int) -> None:
-        """`send` gets what MAVSDK wants sent, on MAVSDK's thread; `station_id` is its own system id."""
-        self._send = send
+    def __init__(self, station_id: int) -> None:
+        """`station_id` is its own system id."""
         self._station_id = station_id
         self._mavsdk: Any = None
+        self._loopback: Loopback | None = None
         self._vehicles: list[MavsdkVehicle] = []
         self._destroyed = False
         self._lock = Lock()
+
+    @property
+    def loopback(self) -> Loopback:
+        """Its bytes, in and out; only between `open` and `destroy`."""
+        if self._loopback is None:
+            raise LinkError("MAVSDK is not open")
+        return self._loopback
 
     def open(self) -> None:
         """Start MAVSDK. Raises: LinkError."""
@@ -139,18 +152,16 @@ class MavsdkFleet:
             if self._destroyed:
                 return
             _take_messages()
+            self._loopback = Loopback("MAVSDK")
             configuration: Any = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
             configuration.system_id = self._station_id
-            self._mavsdk = Mavsdk(configuration)
+            with _unhurried():
+                self._mavsdk = Mavsdk(configuration)
+                result = self._mavsdk.add_any_connection(self._loopback.url)
             configuration.destroy()
-            result = self._mavsdk.add_any_connection("raw://")
             if result != ConnectionResult.SUCCESS:
-                raise LinkError(f"MAVSDK's raw connection: {result.name}")
-            self._mavsdk.subscribe_raw_bytes_to_be_sent(self._send)
-
-    def receive(self, data: bytes) -> None:
-        """Hand over bytes that arrived; only between `open` and `destroy`."""
-        self._mavsdk.pass_received_raw_bytes(data)
+                raise LinkError(f"MAVSDK's connection to {self._loopback.url}: {result.name}")
+            self._loopback.meet()
 
     def discover(self, wanted: Collection[int]) -> dict[int, MavsdkVehicle]:
         """Those of the wanted systems that MAVSDK has met, with fresh plugins."""
@@ -177,6 +188,25 @@ class MavsdkFleet:
                 vehicle.destroy()
             if self._mavsdk is not None:
                 self._mavsdk.destroy()
+            if self._loopback is not None:
+                self._loopback.close()
+
+
+@contextmanager
+def _unhurried() -> Iterator[None]:
+    """Threads started in the block do not interrupt ours when they wake: a hundred times a tick, otherwise.
+
+    Where the platform has such a policy, which threads inherit.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    policy = os.sched_getscheduler(0)
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, policy, os.sched_param(0))
 
 
 _OPENING = Lock()

@@ -7,7 +7,7 @@ set it. Therefore its bytes leave through `Wire`, where setpoints need a permiss
 import asyncio
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from math import degrees, inf, nan
+from math import degrees, inf
 from pathlib import Path
 from time import monotonic
 from types import MappingProxyType
@@ -37,16 +37,22 @@ from gcs.links.settings import Forward
 from gcs.links.traffic import Observer
 from gcs.links.vehicle_ids import station_id
 from gcs.links.wire import Wire
-from gcs.state import Landed, Mode, Setpoints, Telemetry, VehicleId
+from gcs.state import Mode, Setpoints, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
 
-_RECEIVE_PERIOD_S: Final = 0.005
+_BUSY_S: Final = 0.005
+_IDLE_S: Final = 0.025
+"""Between two looks at the sockets: while an answer is awaited, and otherwise. Each tick looks too."""
+
+_BEHIND_TICK_S: Final = (0.0005, 0.001, 0.002)
+"""After a tick what MAVSDK has made of it is passed on at once, and again after these."""
+
 _DISCOVER_S: Final = 0.25
 _POSITION_PERIOD_S: Final = 0.5
 """So often MAVSDK is shown a position; for the tick the wire reads them all."""
 
-_LOOKS_SHARED: Final = 4
+_LOOKS_SHARED: Final = 20
 
 
 class MavsdkLink(LinkFacts):
@@ -110,18 +116,18 @@ class MavsdkLink(LinkFacts):
         recorder = None if record is None else Recorder(record, name, self._wire.counters, clock)
         super().__init__(name, vehicles, self._wire, self._wire.counters, recorder)
         self._signing = signing
+        self._system_ids = tuple(vehicles.values())
         self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkShards | None = None
         self._orders: Orders | None = None
         self._workers: Workers | None = None
         self._met: Mapping[int, MavsdkVehicle] = {}
         self._kills = 0
+        self._ticked = asyncio.Event()
         n = len(self._ids)
         self._passed_s = dict.fromkeys(vehicles.values(), -inf)  # position that MAVSDK was shown last
         self._looks = 0
-        self._battery = np.full(n, nan)
-        self._landed = [Landed.UNKNOWN] * n
-        self._healthy, self._seen = [False] * n, [False] * n
+        self._healthy = [False] * n
 
     def observe(self, observer: Observer) -> Callable[[], None]:
         """Show every frame to `observer` from now on; call the result to stop. See `Observer`."""
@@ -142,7 +148,7 @@ class MavsdkLink(LinkFacts):
         wire = self._wire
         wire.open()
         self._pulse.beat(self._clock())  # time to begin
-        fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0], wire.send)
+        fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0], wire)
         orders, workers = Orders(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         recorder = self._recorder
         stop_recording = None if recorder is None else self.observe(recorder.record)
@@ -151,7 +157,8 @@ class MavsdkLink(LinkFacts):
             await asyncio.to_thread(offstage.open)
             self._fleet, self._orders, self._workers = fleet, orders, workers
             async with asyncio.TaskGroup() as group:
-                group.create_task(self._receive(), name=f"link/{self._name}/receive")
+                group.create_task(self._receive(orders), name=f"link/{self._name}/receive")
+                group.create_task(self._pass_on_behind_ticks(fleet), name=f"link/{self._name}/pass on")
                 group.create_task(self._discover(fleet), name=f"link/{self._name}/discover")
                 asking = keep_asking(
                     wire.heard, self._rates_hz, self._source[0], self._is_met, wire.send, self._clock
@@ -180,10 +187,10 @@ class MavsdkLink(LinkFacts):
             altitude_amsl_m=motion[:, 2].copy(),
             velocity_ned_m_s=motion[:, 3:6].copy(),
             yaw_deg=motion[:, 6].copy(),
-            battery_remaining=self._battery.copy(),
+            battery_remaining=np.array([heard.battery_remaining for heard in self._heard]),
             armed=tuple(heard.armed for heard in self._heard),
             mode=tuple(heard.mode for heard in self._heard),
-            landed=tuple(self._landed),
+            landed=tuple(heard.landed for heard in self._heard),
             ready=tuple(
                 healthy and heard.prearm_ok for healthy, heard in zip(self._healthy, self._heard, strict=True)
             ),
@@ -194,17 +201,12 @@ class MavsdkLink(LinkFacts):
         )
 
     def _look(self) -> None:
-        """Ask MAVSDK for what changes slowly: a part of the vehicles each time, and who is new."""
+        """Ask MAVSDK who is healthy: a part of the vehicles each time, and who was not."""
         self._looks += 1
-        for row, system_id in enumerate(self._vehicles.values()):
-            vehicle = self._met.get(system_id)
-            if vehicle is None:
-                self._battery[row], self._landed[row], self._healthy[row] = nan, Landed.UNKNOWN, False
-                self._seen[row] = False
-            elif not self._seen[row] or (row + self._looks) % _LOOKS_SHARED == 0:
-                self._battery[row] = vehicle.battery_remaining()
-                self._landed[row] = vehicle.landed()
-                self._healthy[row] = self._seen[row] = vehicle.healthy()
+        unhealthy = [row for row, healthy in enumerate(self._healthy) if not healthy]
+        for row in (*unhealthy, *range(self._looks % _LOOKS_SHARED, len(self._ids), _LOOKS_SHARED)):
+            vehicle = self._met.get(self._system_ids[row])
+            self._healthy[row] = vehicle is not None and vehicle.healthy()
 
     def send(self, setpoints: Setpoints) -> None:
         """Hand over one tick's orders. Never blocks.
@@ -235,6 +237,9 @@ class MavsdkLink(LinkFacts):
             if self._met[system_id].set_velocity(north_m_s, east_m_s, down_m_s, yaw_deg):
                 agreed.append(system_id)
         self._deadman.refresh(agreed, since_s)
+        self._ticked.set()
+        if self._fleet is not None:
+            self._fleet.pass_on()
 
     async def execute(self, order: Order) -> None:
         """Order, and return when the vehicle is seen to obey. See `Link.execute`.
@@ -279,7 +284,7 @@ class MavsdkLink(LinkFacts):
         vehicle = self._met.get(self._vehicles[vehicle_id])
         if vehicle is None or self._workers is None:
             raise OrderError(f"{vehicle_id}: {otherwise}: never heard on link {self._name}")
-        return self._workers.hand(vehicle_id, vehicle)
+        return self._workers.hand(vehicle_id, vehicle, self._wire.heard[self._vehicles[vehicle_id]])
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
         return now_s - self._wire.heard[system_id].heartbeat_time_s <= SILENT_AFTER_S
@@ -312,11 +317,23 @@ class MavsdkLink(LinkFacts):
         self._wire.receive()
         if self._fleet is not None:
             self._fleet.flush()
+            self._fleet.pass_on()
 
-    async def _receive(self) -> None:
+    async def _pass_on_behind_ticks(self, fleet: MavsdkShards) -> None:
+        """MAVSDK's threads write a moment after they are told."""
+        while True:
+            await self._ticked.wait()
+            self._ticked.clear()
+            for wait_s in _BEHIND_TICK_S:
+                fleet.pass_on()
+                await asyncio.sleep(wait_s)
+            fleet.pass_on()
+
+    async def _receive(self, orders: Orders) -> None:
         while True:
             self._take_in()
-            await asyncio.sleep(_RECEIVE_PERIOD_S)
+            is_idle = len(self._met) == len(self._ids) and not orders.awaited
+            await asyncio.sleep(_IDLE_S if is_idle else _BUSY_S)
 
     async def _discover(self, fleet: MavsdkShards) -> None:
         """Look for vehicles that MAVSDK has met since, for ever."""
@@ -334,6 +351,7 @@ class MavsdkLink(LinkFacts):
         """Stop, inside out: no setpoints, no calls, no MAVSDK, no sockets."""
         self._deadman.refresh((), self._clock())
         self._fleet, self._orders, self._workers, self._met = None, None, None, {}
+        self._healthy = [False] * len(self._ids)
         orders.close()
         workers.close()
 

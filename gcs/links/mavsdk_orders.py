@@ -7,6 +7,7 @@ from functools import partial
 from typing import Final, TypeVar
 
 from gcs.errors import OrderError
+from gcs.links.heard import Heard
 from gcs.links.link import Order, ParameterValue, Verb
 from gcs.links.mavsdk_fleet import MavsdkVehicle
 from gcs.links.orders import CLOSED
@@ -28,9 +29,9 @@ class Workers:
             for vehicle_id in vehicle_ids
         }
 
-    def hand(self, vehicle_id: VehicleId, vehicle: MavsdkVehicle) -> "MavsdkHand":
+    def hand(self, vehicle_id: VehicleId, vehicle: MavsdkVehicle, heard: Heard) -> "MavsdkHand":
         """What moves this vehicle."""
-        return MavsdkHand(vehicle, self._workers[vehicle_id], lambda: self._closed)
+        return MavsdkHand(vehicle, heard, self._workers[vehicle_id], lambda: self._closed)
 
     def close(self) -> None:
         """Start no further call. On the loop's thread, before `join`."""
@@ -46,15 +47,16 @@ class MavsdkHand:
     """One vehicle through MAVSDK. A `gcs.links.orders.Hand`."""
 
     def __init__(
-        self, vehicle: MavsdkVehicle, worker: ThreadPoolExecutor, closed: Callable[[], bool]
+        self, vehicle: MavsdkVehicle, heard: Heard, worker: ThreadPoolExecutor, closed: Callable[[], bool]
     ) -> None:
         self._vehicle = vehicle
+        self._heard = heard
         self._worker = worker
         self._closed = closed
 
     def landed(self) -> Landed:
         """As it said last."""
-        return self._vehicle.landed()
+        return self._heard.landed
 
     async def command(self, order: Order, may_leave: Callable[[], None]) -> None:
         """Run MAVSDK's call on the vehicle's worker. Raises: OrderError."""

@@ -5,55 +5,84 @@ vehicles only.
 """
 
 from collections.abc import Collection, Sequence
-from functools import partial
-from typing import Protocol
+from typing import Final, Protocol
 
+from gcs.links import mmsg
 from gcs.links.mavlink_frames import Frame
 from gcs.links.mavsdk_fleet import MavsdkFleet, MavsdkVehicle
 from gcs.links.vehicle_ids import instances
 
+_DATAGRAM_BYTES: Final = 1400
+"""MAVSDK reads 2048 bytes of one."""
 
-class Send(Protocol):
-    """How frames leave; see `Wire.send`."""
+_ROOM: Final = 256
+_LONGEST_BYTES: Final = 300
+"""Of a frame: 280."""
 
-    def __call__(self, data: bytes, *, to_everybody: bool = True) -> None:
-        """Send."""
+
+class Sender(Protocol):
+    """How frames leave; see `Wire`."""
+
+    def send(self, data: bytes, *, to_everybody: bool = True) -> None:
+        """Send one datagram."""
+        ...
+
+    def send_batch(self, written: mmsg.Batch, count: int, *, to_everybody: bool = True) -> None:
+        """Send many."""
         ...
 
 
 class MavsdkShards:
-    """The instances of one link. `open`, `discover` and `destroy` block; see `MavsdkFleet`."""
+    """The instances of one link.
 
-    def __init__(self, system_ids: Sequence[int], station_id: int, send: Send) -> None:
+    `open`, `discover` and `destroy` block, see `MavsdkFleet`; all else belongs on the loop's thread, between
+    `open` and `destroy`.
+    """
+
+    def __init__(self, system_ids: Sequence[int], station_id: int, sender: Sender) -> None:
         """As many instances as need be, alike in size. Of them all the first alone speaks to everybody."""
         count = instances(len(system_ids))
-        self._fleets = tuple(
-            MavsdkFleet(partial(send, to_everybody=index == 0), station_id) for index in range(count)
-        )
+        self._fleets = tuple(MavsdkFleet(station_id) for _ in range(count))
         self._ids = tuple(frozenset(system_ids[index::count]) for index in range(count))
         self._waiting: dict[MavsdkFleet, list[bytes]] = {fleet: [] for fleet in self._fleets}
         self._of = {
             system_id: fleet for fleet, ids in zip(self._fleets, self._ids, strict=True) for system_id in ids
         }
+        self._sender = sender
+        self._room = mmsg.Batch(_ROOM, _LONGEST_BYTES)
 
     def open(self) -> None:
         """Start them. Raises: LinkError."""
         for fleet in self._fleets:
             fleet.open()
 
+    def pass_on(self) -> None:
+        """Pass on what they have written until now. Never blocks."""
+        for fleet in self._fleets:
+            is_first = fleet is self._fleets[0]
+            if not mmsg.available():
+                for data in fleet.loopback.take():
+                    self._sender.send(data, to_everybody=is_first)
+            while count := fleet.loopback.take_batch(self._room) if mmsg.available() else 0:
+                self._sender.send_batch(self._room, count, to_everybody=is_first)
+
     def receive(self, frame: Frame) -> None:
         """Keep a frame of a configured vehicle until `flush`."""
         self._waiting[self._of[frame.system_id]].append(frame.raw)
 
     def flush(self) -> None:
-        """Hand over what is kept, at once: a call costs as much as reading ten frames. See `receive`.
-
-        Only between `open` and `destroy`.
-        """
+        """Hand over what is kept, many frames to a datagram. What finds no room is lost, as on any wire."""
         for fleet, frames in self._waiting.items():
-            if frames:
-                fleet.receive(b"".join(frames))
-                frames.clear()
+            if not frames:
+                continue
+            datagram = bytearray()
+            for raw in frames:
+                if len(datagram) + len(raw) > _DATAGRAM_BYTES:
+                    fleet.loopback.give(bytes(datagram))
+                    datagram.clear()
+                datagram += raw
+            fleet.loopback.give(bytes(datagram))
+            frames.clear()
 
     def discover(self, wanted: Collection[int]) -> dict[int, MavsdkVehicle]:
         """Those of the wanted systems that have been met, with fresh plugins."""

@@ -5,7 +5,8 @@ MAVSDK does. So an acknowledgement alone proves nothing, and its absence (a lost
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from math import isfinite
 from typing import Final, Protocol, TypeVar
 
@@ -123,6 +124,12 @@ class Orders:
         self._clock = clock
         self._locks = {vehicle_id: asyncio.Lock() for vehicle_id in system_ids}
         self._closed = False
+        self._awaited = 0
+
+    @property
+    def awaited(self) -> bool:
+        """Whether somebody waits for an answer."""
+        return self._awaited > 0
 
     def close(self) -> None:
         """Send nothing more; orders under way fail. On the loop's thread."""
@@ -138,29 +145,32 @@ class Orders:
             if self._closed:
                 raise OrderError(CLOSED)
 
-        async with self._locks[order.vehicle_id]:
-            _refuse_the_impossible(order, said)
-            began_s = self._clock()
-            cause: str | None = None
-            try:
-                await hand.command(order, may_leave)
-            except OrderError as error:
-                cause = str(error)
-            wait_s = CONFIRM_S if cause is None else _REASON_S
-            if not await self._confirmed(order.verb, hand, said, began_s, wait_s):
-                raise OrderError(self._failure(order, cause, said, began_s))
+        with self._awaiting():
+            async with self._locks[order.vehicle_id]:
+                _refuse_the_impossible(order, said)
+                began_s = self._clock()
+                cause: str | None = None
+                try:
+                    await hand.command(order, may_leave)
+                except OrderError as error:
+                    cause = str(error)
+                wait_s = CONFIRM_S if cause is None else _REASON_S
+                if not await self._confirmed(order.verb, hand, said, began_s, wait_s):
+                    raise OrderError(self._failure(order, cause, said, began_s))
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str], hand: Hand
     ) -> Mapping[str, ParameterValue]:
         """One after the other: orders pass in between. Raises: OrderError naming the parameter."""
-        return {name: await _about(vehicle_id, name, hand.parameter(name)) for name in names}
+        with self._awaiting():
+            return {name: await _about(vehicle_id, name, hand.parameter(name)) for name in names}
 
     async def set_parameter(
         self, vehicle_id: VehicleId, name: str, value: ParameterValue, hand: Hand
     ) -> None:
         """Change one. Raises: OrderError naming it."""
-        await _about(vehicle_id, name, hand.set_parameter(name, value))
+        with self._awaiting():
+            await _about(vehicle_id, name, hand.set_parameter(name, value))
 
     async def kill(self, order: Order, said: Said, send_kill: Callable[[], None]) -> None:
         """Send the kill command now and again until the heartbeat says disarmed. Raises: OrderError.
@@ -169,12 +179,21 @@ class Orders:
         """
         began_s = self._clock()
         self._latch.shut(self._system_ids[order.vehicle_id])
-        while self._clock() - began_s < CONFIRM_S:
-            send_kill()
-            await _news(said, _KILL_REPEAT_S)
-            if said.heartbeat_time_s > began_s and not said.armed:
-                return
-        raise OrderError(self._failure(order, None, said, began_s))
+        with self._awaiting():
+            while self._clock() - began_s < CONFIRM_S:
+                send_kill()
+                await _news(said, _KILL_REPEAT_S)
+                if said.heartbeat_time_s > began_s and not said.armed:
+                    return
+            raise OrderError(self._failure(order, None, said, began_s))
+
+    @contextmanager
+    def _awaiting(self) -> Iterator[None]:
+        self._awaited += 1
+        try:
+            yield
+        finally:
+            self._awaited -= 1
 
     async def _confirmed(self, verb: Verb, hand: Hand, said: Said, began_s: float, wait_s: float) -> bool:
         """Whether a heartbeat younger than the order shows it obeyed, within `wait_s`."""

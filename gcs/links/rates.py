@@ -8,12 +8,16 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, GPS_RAW_INT, ODOMETRY, SYS_STATUS
+from gcs.links.mavlink_frames import (
+    BATTERY_STATUS,
+    EXTENDED_SYS_STATE,
+    GLOBAL_POSITION_INT,
+    GPS_RAW_INT,
+    ODOMETRY,
+    SYS_STATUS,
+)
 from gcs.links.roster import SILENT_AFTER_S
 from gcs.links.settings import StreamSettings
-
-BATTERY_STATUS: Final = 147
-EXTENDED_SYS_STATE: Final = 245
 
 _NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141, 230, 241})
 """Frequent, and nothing here reads them: attitudes, local position, servos, HUD, targets, IMU, clocks, range,

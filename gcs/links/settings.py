@@ -14,9 +14,15 @@ _URL: Final = re.compile(r"^udp://(?P<host>\d{1,3}(?:\.\d{1,3}){3}):(?P<port>\d{
 
 
 class RecordSettings(Settings):
-    """Recordings of every frame: a file for each link and run in a folder."""
+    """What is kept of every flight.
+
+    In `folder`: `audit.sqlite`, and for each time that the service runs a folder with flight data and with
+    every frame of each link.
+    """
 
     folder: Path
+    flight: bool = True  # flight data at the tick's rate, MCAP
+    frames: bool = True  # every frame, .tlog
 
 
 class SigningSettings(Settings):

@@ -1,14 +1,12 @@
 """Our own sockets and ports: every byte passes here, and no setpoint without permission.
 
-Receiving happens when the loop's thread calls `receive`, sending on whichever thread calls `send` (MAVSDK's
-own, mostly).
+Everything happens on the loop's thread, when `receive` and `send` are called.
 """
 
 import logging
 import selectors
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from threading import Lock
 from types import MappingProxyType
 from typing import Final
 
@@ -31,7 +29,9 @@ from gcs.links.mavlink_frames import (
     split,
     target_system,
 )
+from gcs.links.mmsg import Batch
 from gcs.links.roster import TAKEN, Address, Roster, Verdict
+from gcs.links.setpoint_gate import SetpointGate
 from gcs.links.settings import Forward
 from gcs.links.signing import Judgement
 from gcs.links.traffic import Counters, Direction, Observer
@@ -45,8 +45,10 @@ _STRANGERS_LOGGED_MAX: Final = 64
 _TEND_PERIOD_S: Final = 0.02
 _TURN_S: Final = 0.02
 _READ_LEAST_S: Final = 0.001
+_GARBAGE_S: Final = 0.004
 """Who floods its port keeps neither the loop nor the other ports waiting: a turn's time is shared out among
-the ports that have something, and what is left then waits for the next turn, with the date of its arrival."""
+the ports that have something, and what is left then waits for the next turn, with the date of its arrival.
+On garbage a port may spend `_GARBAGE_S`: who jams one that is shared must not silence the others."""
 
 
 class Wire:
@@ -109,11 +111,19 @@ class Wire:
         self._tend_s = 0.0
         self._forwarders = tuple(Forwarder(each, self.counters) for each in forward)
         self._selector: selectors.BaseSelector | None = None
-        self._sent_s: dict[int, deque[float]] = {
+        self._sent_s: Mapping[int, deque[float]] = {
             system_id: deque(maxlen=_RECORD_LENGTH) for system_id in self.heard
         }
-        self._lock = Lock()
-        self._in_signed_order = Lock()
+        self._gate = SetpointGate(
+            deadman=deadman,
+            latch=latch,
+            asked=asked,
+            address_of=self._roster.address,
+            endpoints=self._endpoints,
+            counters=self.counters,
+            clock=clock,
+            failed=self._note_failure,
+        )
         self._strangers: set[tuple[int, str]] = set()
         self._refused: set[tuple[int, Judgement]] = set()
         self._failing: set[Address] = set()
@@ -182,6 +192,14 @@ class Wire:
             else:
                 self._send_unless_killed(frame, target)
 
+    def send_batch(self, written: Batch, count: int, *, to_everybody: bool = True) -> None:
+        """Send the first `count` datagrams of a batch, as `send` does each. Never raises."""
+        others: Iterable[int] = range(count)
+        if self._signing is None:
+            others = self._gate.send(written, count, self._note_setpoint, self.observers)
+        for row in others:
+            self.send(written.data[row, : written.length[row]].tobytes(), to_everybody=to_everybody)
+
     def send_kill(self, data: bytes) -> None:
         """Send a kill command, which no latch holds back. Never raises."""
         for frame in split(data).frames:
@@ -201,16 +219,18 @@ class Wire:
 
     def _send_setpoint(self, frame: Frame, target: int) -> None:
         if self._latch.is_shut(target):
-            self._count_latched()
+            self.counters.commands_dropped += 1
         elif not self._deadman.allows(target, self._clock()) or self._is_old(frame, target):
-            with self._lock:
-                self.counters.setpoints_dropped += 1
+            self.counters.setpoints_dropped += 1
         elif self._send_frame(frame, target, perishable=True):
-            record = self._sent_s.get(target)
-            if record is not None:
-                record.append(self._clock())  # after the call: never earlier than the truth
-            with self._lock:
-                self.counters.setpoints_sent += 1
+            self._note_setpoint(target)
+
+    def _note_setpoint(self, target: int) -> None:
+        """It has left."""
+        record = self._sent_s.get(target)
+        if record is not None:
+            record.append(self._clock())  # after the call: never earlier than the truth
+        self.counters.setpoints_sent += 1
 
     def _is_old(self, frame: Frame, target: int) -> bool:
         """Whether a setpoint is not what the newest tick asked for."""
@@ -220,20 +240,15 @@ class Wire:
         """Whether control has been silent for so long that our heartbeats may not say otherwise."""
         if self._pulse is None or self._pulse.is_alive(self._clock()):
             return False
-        with self._lock:
-            self.counters.heartbeats_withheld += 1
+        self.counters.heartbeats_withheld += 1
         return True
 
     def _send_unless_killed(self, frame: Frame, target: int) -> bool:
         """Whether it left."""
         if self._latch.is_shut(target) and moves(frame):
-            self._count_latched()
+            self.counters.commands_dropped += 1
             return False
         return self._send_frame(frame, target)
-
-    def _count_latched(self) -> None:
-        with self._lock:
-            self.counters.commands_dropped += 1
 
     def _send_frame(self, frame: Frame, target: int, *, perishable: bool = False) -> bool:
         """Whether it left to at least one address."""
@@ -242,13 +257,11 @@ class Wire:
             raw = frame.raw
             left = sum([self._send_to(raw, address, target, perishable) for address in addresses])
         else:
-            with self._in_signed_order:  # whoever gets a later signature first refuses the earlier one
-                raw = self._signing.sign(frame.raw) or b""
-                left = sum([self._send_to(raw, address, target, perishable) for address in addresses if raw])
-        with self._lock:
-            self.counters.sent += left
-            self.counters.unroutable += not addresses
-            self.counters.not_signed += not raw
+            raw = self._signing.sign(frame.raw) or b""
+            left = sum([self._send_to(raw, address, target, perishable) for address in addresses if raw])
+        self.counters.sent += left
+        self.counters.unroutable += not addresses
+        self.counters.not_signed += not raw
         if left:
             now_s = self._clock()
             for observer in self.observers:
@@ -268,34 +281,40 @@ class Wire:
         send = self._endpoints[address.socket_index].send
         # Asked again right before the call: a thread may lose its turn, and the process be stopped, anywhere.
         if perishable and not self._deadman.allows(target, self._clock()):
-            with self._lock:
-                self.counters.setpoints_dropped += 1
+            self.counters.setpoints_dropped += 1
             return False
         try:
             send(data, address, perishable=perishable)
-        except BlockingIOError:  # it is slow: this one is lost, and what comes later may get through
-            with self._lock:
-                self.counters.no_room += 1
-            return False
-        except OSError as error:  # no route, or the peer's port is closed: it may come back
-            with self._lock:
-                self.counters.send_errors += 1
-                is_first = address not in self._failing and self._selector is not None
-                self._failing.add(address)
-            if is_first:
-                about = {"link": self._name, "address": str(address), "cause": str(error)}
-                log.warning("send_failed", extra=about)
+        except OSError as error:
+            self._note_failure(address, error)
             return False
         return True
+
+    def _note_failure(self, address: Address, error: OSError) -> None:
+        """Something could not be sent."""
+        if isinstance(
+            error, BlockingIOError
+        ):  # it is slow: this one is lost, what comes later may get through
+            self.counters.no_room += 1
+            return
+        self.counters.send_errors += 1  # no route, or the peer's port is closed: it may come back
+        if address not in self._failing and self._selector is not None:
+            about = {"link": self._name, "address": str(address), "cause": str(error)}
+            log.warning("send_failed", extra=about)
+        self._failing.add(address)
 
     def _read(self, ready: Sequence[tuple[selectors.SelectorKey, int]], now_s: float) -> None:
         """Take in what these ports have, each for its share of a turn."""
         share_s = max(_TURN_S / max(len(ready), 1), _READ_LEAST_S)
         for key, _ in ready:
-            until_s = self._clock() + share_s
+            read_s = self._clock()
+            until_s, garbage_s = read_s + share_s, 0.0
             for arrival in key.data(now_s):
                 self._receive(arrival)
-                if self._clock() > until_s:
+                before_s, read_s = read_s, self._clock()
+                if arrival.parts.garbage_bytes or arrival.parts.unknown_bytes:
+                    garbage_s += read_s - before_s
+                if read_s > until_s or garbage_s > _GARBAGE_S:
                     break
 
     def _receive(self, arrival: Arrival) -> None:

@@ -70,7 +70,7 @@ def clashes(
         inside |= _is_inside(apart_m, least_m, wide_m, tall_m)
     elif action == "return":
         apart_m, crosses = _on_the_way_home(
-            position_m, home_m, first, second, wide_m, tall_m, floor, return_height_m
+            position_m, home_m, first, second, wide_m, tall_m, return_height_m
         )
         inside |= crosses
     found = [Clash(int(first[k]), int(second[k]), float(apart_m[k])) for k in np.flatnonzero(inside).tolist()]
@@ -111,7 +111,6 @@ def _on_the_way_home(
     second: Rows,
     wide_m: Array,
     tall_m: Array,
-    floor: Floor,
     return_height_m: float,
 ) -> tuple[Array, Mask]:
     """(k,) how near the ways of each pair come, seen from above, and whether that is too near.
@@ -123,11 +122,16 @@ def _on_the_way_home(
     here_m, there_m = position_m[:, :2], home_m[:, :2]
     apart_m = _between_segments_m(here_m[first], there_m[first], here_m[second], there_m[second])
     crosses = _is_inside(apart_m, level_m, wide_m, tall_m)
-    # climbing and coming down are columns through all heights: whoever flies past there is in them
+    # who climbs, and who comes down, is met by whoever flies past at a height between: a way home ends above
+    # its pad, so that two who come down side by side meet there as well
+    for column_m, low_m in ((here_m, -position_m[:, 2]), (there_m, -home_m[:, 2])):
+        for i, j in ((first, second), (second, first)):
+            past_m = _from_segment_m(column_m[i], here_m[j], there_m[j])
+            outside_m = np.maximum(low_m[i] - height_m[j], height_m[j] - height_m[i])
+            crosses |= _is_inside(past_m, np.maximum(outside_m, 0.0), wide_m, tall_m)
+    # beside each other they may climb past each other, whatever their heights
     columns_m = np.hypot(*(here_m[first] - here_m[second]).T)
-    climbs = _is_inside(columns_m, np.zeros(len(first)), wide_m, tall_m)
-    homes_m = np.hypot(*(there_m[first] - there_m[second]).T)
-    crosses |= climbs | _is_inside(homes_m, np.full(len(first), floor.pad_height_m), wide_m, tall_m)
+    crosses |= _is_inside(columns_m, np.zeros(len(first)), wide_m, tall_m)
     return np.minimum(apart_m, columns_m), crosses
 
 
@@ -141,19 +145,21 @@ def _between_segments_m(a_m: Array, b_m: Array, c_m: Array, d_m: Array) -> Array
         )
         return side
 
-    def from_point_m(p_m: Array, q_m: Array, r_m: Array) -> Array:
-        along_m = r_m - q_m
-        share = ((p_m - q_m) * along_m).sum(axis=1) / np.maximum((along_m**2).sum(axis=1), 1e-12)
-        distance_m: Array = np.linalg.norm(p_m - q_m - np.clip(share, 0.0, 1.0)[:, None] * along_m, axis=1)
-        return distance_m
-
     cross = (turn(a_m, b_m, c_m) * turn(a_m, b_m, d_m) < 0) & (turn(c_m, d_m, a_m) * turn(c_m, d_m, b_m) < 0)
     ends_m = np.minimum.reduce(
         [
-            from_point_m(a_m, c_m, d_m),
-            from_point_m(b_m, c_m, d_m),
-            from_point_m(c_m, a_m, b_m),
-            from_point_m(d_m, a_m, b_m),
+            _from_segment_m(a_m, c_m, d_m),
+            _from_segment_m(b_m, c_m, d_m),
+            _from_segment_m(c_m, a_m, b_m),
+            _from_segment_m(d_m, a_m, b_m),
         ]
     )
     return np.where(cross, 0.0, ends_m)
+
+
+def _from_segment_m(point_m: Array, a_m: Array, b_m: Array) -> Array:
+    """(k,) distances of points from the segments from a to b, (k, 2) each."""
+    along_m = b_m - a_m
+    share = ((point_m - a_m) * along_m).sum(axis=1) / np.maximum((along_m**2).sum(axis=1), 1e-12)
+    distance_m: Array = np.linalg.norm(point_m - a_m - np.clip(share, 0.0, 1.0)[:, None] * along_m, axis=1)
+    return distance_m

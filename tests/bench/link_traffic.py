@@ -2,9 +2,15 @@
 
 They are in OFFBOARD from the beginning, do what setpoints say with a little lag, and answer commands with
 "accepted". `python -m sim` is the fake fleet that behaves like PX4; this one only costs little.
+
+Ended by SIGTERM it says in one line of JSON what it saw of its ground station; SIGUSR1 lets what it measures
+begin anew.
 """
 
 import argparse
+import json
+import signal
+import sys
 import time
 
 import numpy as np
@@ -13,11 +19,18 @@ from pymavlink.dialects.v20 import development as dialect
 from gcs.frames import ShowFrame
 from gcs.links.direct import codec
 from gcs.links.direct.commands import COMMAND_ACK
-from gcs.links.direct.kernels import MESSAGE, Bytes, Whole
+from gcs.links.direct.kernels import DATAGRAM, MESSAGE, Bytes, Whole
 from gcs.links.direct.messages import SETPOINT
 from gcs.links.direct.packets import Datagrams, Packets, source_of
-from gcs.links.mavlink_frames import COMMAND_LONG, GLOBAL_POSITION_INT, HEARTBEAT, PREARM_CHECK, SYS_STATUS
-from gcs.links.rates import BATTERY_STATUS, EXTENDED_SYS_STATE
+from gcs.links.mavlink_frames import (
+    BATTERY_STATUS,
+    COMMAND_LONG,
+    EXTENDED_SYS_STATE,
+    GLOBAL_POSITION_INT,
+    HEARTBEAT,
+    PREARM_CHECK,
+    SYS_STATUS,
+)
 from gcs.links.wire import Listen
 from gcs.state import Array
 
@@ -26,6 +39,10 @@ LAG_S = 0.3
 OFFBOARD = 6 << 16
 NOISE_BYTES, MAGIC = 280, 0xFD
 """Of who jams: a full datagram in every step, with what looks like the beginnings of frames."""
+STAMPS = 3000
+"""Every position carries in its `relative_alt` the step in which it left; a ground station that has nothing
+better to say returns it as yaw, in thousandths of a radian. It comes again after half a minute."""
+
 HOST = "127.0.0.1"
 FRAME = ShowFrame(47.397742, 8.545594, 488.0)
 
@@ -57,6 +74,10 @@ class Namespace:
         self._speaks = np.arange(n) >= silent + garbage
         self._random = np.random.default_rng(port)
         self.setpoints = 0
+        self.first_beat_s: Array = np.full(n, np.nan)
+        self.answered_s: list[Array] = []
+        self._stamp, self._stamped_s = 0, np.full(STAMPS, np.nan)
+        self._answered = np.full(n, -1)
         self._system_ids = np.arange(1, n + 1)
         self._position_m = position_m
         self._velocity_m_s, self._wanted_m_s = np.zeros((n, 3)), np.zeros((n, 3))
@@ -69,7 +90,9 @@ class Namespace:
 
     def step(self, time_s: float) -> None:
         """Read what came, move, send what is due."""
-        self._packets.receive(self._take)
+        self.listen()
+        self._stamp = round(time_s / STEP_S) % STAMPS
+        self._stamped_s[self._stamp] = time.monotonic()
         self._velocity_m_s += (self._wanted_m_s - self._velocity_m_s) * STEP_S / LAG_S
         self._position_m = self._position_m + self._velocity_m_s * STEP_S
         if len(self._garbage):
@@ -81,6 +104,13 @@ class Namespace:
             if len(rows):
                 due_s[rows] += 1.0 / STREAMS_HZ[message_id]
                 self._send(message_id, self._messages(message_id, rows, time_s), rows)
+                if message_id == HEARTBEAT:
+                    new = rows[np.isnan(self.first_beat_s[rows])]
+                    self.first_beat_s[new] = time.monotonic()
+
+    def listen(self) -> None:
+        """Read what came."""
+        self._packets.receive(self._take)
 
     def _take(self, arrived: Datagrams) -> None:
         frames = codec.find(arrived.data, arrived.start, arrived.length).frames
@@ -88,12 +118,21 @@ class Namespace:
         rows = setpoints["target_system"].astype(int) - 1
         self._wanted_m_s[rows] = np.stack([setpoints[axis] for axis in ("vx", "vy", "vz")], axis=1)
         self.setpoints += len(setpoints)
+        arrived_s = arrived.time_s[frames[frames[:, MESSAGE] == SETPOINT][:, DATAGRAM]]
+        self._take_answers(rows, np.round(setpoints["yaw"] * 1e3).astype(int), arrived_s)
         commands = codec.decode(COMMAND_LONG, arrived.data, frames[frames[:, MESSAGE] == COMMAND_LONG])
         for command in commands:
             rows = np.array([int(command["target_system"]) - 1])
             answer = codec.records(COMMAND_ACK, 1)
             answer["command"] = command["command"]
             self._send(COMMAND_ACK, answer, rows)
+
+    def _take_answers(self, rows: Whole, stamps: Whole, arrived_s: Array) -> None:
+        """Note how long after each position the first setpoint came that returns its stamp."""
+        stamps = np.where((stamps >= 0) & (stamps < STAMPS), stamps, -1)
+        new = np.flatnonzero((stamps >= 0) & (stamps != self._answered[rows]))
+        self.answered_s.append(arrived_s[new] - self._stamped_s[stamps[new]])
+        self._answered[rows] = stamps
 
     def _messages(self, message_id: int, rows: Whole, time_s: float) -> codec.Records:
         said = codec.records(message_id, len(rows))
@@ -102,6 +141,7 @@ class Namespace:
             said["time_boot_ms"] = int(time_s * 1e3)
             said["lat"], said["lon"] = np.round(latitude_deg * 1e7), np.round(longitude_deg * 1e7)
             said["alt"] = np.round(altitude_m * 1e3)
+            said["relative_alt"] = self._stamp
             for axis, name in enumerate(("vx", "vy", "vz")):
                 said[name] = np.round(self._velocity_m_s[rows, axis] * 100)
         elif message_id == HEARTBEAT:
@@ -149,13 +189,37 @@ def main() -> None:
         )
         for index in range(given.namespaces)
     ]
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    signal.signal(signal.SIGUSR1, lambda *_: forget(fleets))
     start_s = time.monotonic()
     step = 0
-    while True:
-        for fleet in fleets:
-            fleet.step(step * STEP_S)
-        step += 1
-        time.sleep(max(0.0, start_s + step * STEP_S - time.monotonic()))
+    try:
+        while True:
+            for fleet in fleets:
+                fleet.step(step * STEP_S)
+            step += 1
+            time.sleep(max(0.0, start_s + step * STEP_S - time.monotonic()))
+    finally:
+        tell(fleets)
+
+
+def forget(fleets: list[Namespace]) -> None:
+    """What was measured before."""
+    for fleet in fleets:
+        fleet.answered_s.clear()
+
+
+def tell(fleets: list[Namespace]) -> None:
+    """Print what they saw, when the last of it has been read."""
+    for fleet in fleets:
+        fleet.listen()
+    answered_s = np.concatenate([np.zeros(0), *(each for fleet in fleets for each in fleet.answered_s)])
+    report = {
+        "setpoints": sum(fleet.setpoints for fleet in fleets),
+        "first_beat_s": [fleet.first_beat_s.tolist() for fleet in fleets],
+        "answered_p99_ms": float(np.percentile(answered_s, 99)) * 1e3 if len(answered_s) else None,
+    }
+    print(json.dumps(report), flush=True)
 
 
 if __name__ == "__main__":

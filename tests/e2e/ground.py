@@ -6,6 +6,7 @@ waited for generously, and a flight that is not about the loss of setpoints is f
 
 import asyncio
 import json
+import re
 import subprocess
 import sys
 import time
@@ -13,9 +14,13 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
+import yaml
+from machine import free_ports
+
 from api.app import create_app
-from api.server import serve
+from api.server import serve as serve_api
 from gcs import config as configuration
+from gcs.client import Client
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
 from gcs.service import ShowAction
@@ -52,9 +57,12 @@ def flying_config(
 def vehicles(
     count: int, port_base: int, truth: Path, *options: str
 ) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """One fake vehicle a process, true states in `truth`/0.jsonl and so on; ended with the block."""
+    """One fake vehicle a process, true states in `truth`/0.jsonl and so on; ended with the block.
+
+    They can be armed at once: PX4's few seconds until then are the demo's and the README session's.
+    """
     command = [sys.executable, "-m", "sim", "--count", "1", "--port-base", str(port_base)]
-    command += ["--origin", ORIGIN, "--grid-columns", "3", *options]
+    command += ["--origin", ORIGIN, "--grid-columns", "3", "--quirk", "late-ready=off", *options]
     children = [
         subprocess.Popen(
             [*command, "--first", str(i), "--truth", str(truth / f"{i}.jsonl")], stdout=subprocess.DEVNULL
@@ -68,6 +76,59 @@ def vehicles(
             child.terminate()
         for child in children:
             child.wait(60)
+
+
+@contextmanager
+def service(config: configuration.Config, folder: Path) -> Iterator[tuple[Client, subprocess.Popen[str]]]:
+    """`gcs serve` in a process of its own; its recording and its log lie in `folder`."""
+    folder.mkdir()
+    raw = config.model_dump(mode="json") | {"record": {"folder": str(folder)}}
+    (folder / "config.yaml").write_text(yaml.safe_dump(raw), encoding="utf-8")
+    command = [sys.executable, "-m", "gcs", "serve", "--config", str(folder / "config.yaml"), "--quiet"]
+    with (folder / "log").open("w") as log:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+    try:
+        assert process.stdout is not None
+        address = re.search(r"http://\S+:\d+", process.stdout.readline())
+        assert address is not None, (folder / "log").read_text()
+        with Client(address[0], timeout_s=30.0) as client:
+            yield client, process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@contextmanager
+def session_of(name: str, folder: Path, *sim_options: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """`gcs sim`, `gcs params apply`, `gcs serve`, as a person types them, with a configuration of ours.
+
+    On ports that are free, and patient. True states in `folder`/truth.jsonl. Yields the API's address.
+    """
+    base = free_ports(10)
+    text = configuration.find(name).read_text(encoding="utf-8").replace("14540", str(base))
+    text = text.replace("operation:\n", f"operation:\n  setpoint_loss_s: {PATIENT_S}\n")
+    text = text.replace("takeoff_stagger_s: 2.0", "takeoff_stagger_s: 0.5")
+    config = folder / f"{name}.yaml"
+    config.write_text(text, encoding="utf-8")
+    gcs = [sys.executable, "-m", "gcs"]
+    sim = [*gcs, "sim", "--port-base", str(base), "--origin", ORIGIN, *sim_options]
+    sim += ["--truth", str(folder / "truth.jsonl"), "--param", f"COM_OF_LOSS_T={PATIENT_S}"]
+    with subprocess.Popen(sim, stdout=subprocess.DEVNULL) as vehicles:
+        try:
+            apply = [*gcs, "params", "apply", "--config", str(config)]
+            applied = subprocess.run(apply, capture_output=True, text=True, check=False, timeout=SOON_S)
+            assert applied.returncode == 0, applied.stdout + applied.stderr
+            serve = [*gcs, "serve", "--config", str(config), "--port", "0", "--quiet"]
+            with subprocess.Popen(serve, stdout=subprocess.PIPE, text=True) as service:
+                try:
+                    assert service.stdout is not None
+                    address = re.search(r"http://\S+:\d+", service.stdout.readline())
+                    assert address is not None
+                    yield address[0], service
+                finally:
+                    service.kill()
+        finally:
+            vehicles.terminate()
 
 
 def last_truths(path: Path) -> list[dict[str, object]]:
@@ -106,7 +167,7 @@ async def served(orchestrator: Orchestrator) -> AsyncIterator[int]:
     listening: asyncio.Future[int] = asyncio.get_running_loop().create_future()
     tasks = [
         asyncio.create_task(orchestrator.run()),
-        asyncio.create_task(serve(create_app(orchestrator), port=0, listening=listening)),
+        asyncio.create_task(serve_api(create_app(orchestrator), port=0, listening=listening)),
     ]
     view = orchestrator.view
     try:

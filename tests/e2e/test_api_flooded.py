@@ -8,7 +8,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pytest
 from ground import SOON_S, flying_config, proper, served, until, vehicles
 from machine import Witness, free_ports
 
@@ -20,9 +19,9 @@ from gcs.links.direct.link import DirectLink
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.orchestrator import Orchestrator
 
-pytestmark = pytest.mark.xdist_group("e2e")
+IDS = {"mavsdk": "mavsdk1", "direct": "direct2"}
+"""Who is flown over which transport."""
 
-IDS = ("d1", "d2")
 FLOOD_S = 5.0
 LONGEST_GAP_S = 0.3
 CLIENTS = 8
@@ -46,16 +45,38 @@ print(len(answered))
 """
 
 
-async def fly_and_flood(folder: Path, transport: str) -> tuple[MavsdkLink | DirectLink, float, float, int]:
-    """Two vehicles in formation. Returns: their link, when the flood began and ended, what was answered."""
-    base = free_ports(2)
+AnyLink = MavsdkLink | DirectLink
+
+
+def config_of(base: int) -> Config:
+    """Two vehicles, each on a link of its own."""
     raw = flying_config(2, base, silence_s=20.0).model_dump()
-    raw["links"][0]["transport"] = transport
-    config = Config.model_validate(raw)
+    (link,) = raw["links"]
+    raw["links"] = [
+        {
+            **link,
+            "name": transport,
+            "transport": transport,
+            "listen": f"udpin://127.0.0.1:{base + row}",
+            "ports": 1,
+            "vehicles": {"first_system_id": row + 1, "count": 1, "id_pattern": "{link}{system_id}"},
+        }
+        for row, transport in enumerate(IDS)
+    ]
+    return Config.model_validate(raw)
+
+
+async def fly_and_flood(folder: Path) -> tuple[dict[str, AnyLink], float, float, int]:
+    """In formation. Returns: the links, when the flood began and ended, what was answered."""
+    base = free_ports(2)
+    config = config_of(base)
+    links: dict[str, AnyLink] = {}
     with vehicles(2, base, folder, *proper(config)):
-        link = make_link(config.links[0], config)
-        assert isinstance(link, MavsdkLink | DirectLink)
-        orchestrator = Orchestrator(config, [link])
+        for settings in config.links:
+            link = make_link(settings, config)
+            assert isinstance(link, MavsdkLink | DirectLink)
+            links[settings.transport] = link
+        orchestrator = Orchestrator(config, list(links.values()))
         async with served(orchestrator) as port:
             view = orchestrator.view
             flying = {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}
@@ -67,16 +88,15 @@ async def fly_and_flood(folder: Path, transport: str) -> tuple[MavsdkLink | Dire
             assert [vehicle.phase for vehicle in view.value.vehicles] == [Phase.FORMATION] * 2
             with Client(f"http://127.0.0.1:{port}", timeout_s=30.0) as client:
                 assert (await asyncio.to_thread(client.health)).alive
-    return link, began_s, ended_s, answered
+    return links, began_s, ended_s, answered
 
 
-@pytest.mark.parametrize("transport", ["mavsdk", "direct"])
-def test_api_flooded(tmp_path: Path, transport: str) -> None:
+def test_api_flooded(tmp_path: Path) -> None:
     with Witness() as machine:
-        link, began_s, ended_s, answered = asyncio.run(fly_and_flood(tmp_path, transport))
+        links, began_s, ended_s, answered = asyncio.run(fly_and_flood(tmp_path))
     assert answered > 10 * FLOOD_S, "it is answered, as far as there is time"
-    for vehicle_id in IDS:
-        times_s = np.array(link.setpoint_times_s(vehicle_id))
+    for transport, vehicle_id in IDS.items():
+        times_s = np.array(links[transport].setpoint_times_s(vehicle_id))
         flooded_s = times_s[(times_s >= began_s) & (times_s <= ended_s)].tolist()
         assert len(flooded_s) >= 15.0 * machine.awake_s(began_s, ended_s), vehicle_id
         waits_s = [machine.awake_s(first_s, next_s) for first_s, next_s in pairwise(flooded_s)]

@@ -15,8 +15,6 @@ from gcs.links.mavsdk_link import MavsdkLink
 from gcs.orchestrator import Orchestrator
 from gcs.service import ShowAction
 
-pytestmark = pytest.mark.xdist_group("e2e")
-
 DEADMAN_S = 0.2
 STOPPED_S = 3.0
 BEAT_S = 1.5

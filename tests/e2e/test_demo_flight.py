@@ -10,11 +10,13 @@ import pytest
 from ground import SOON_S, last_truths
 from machine import free_ports
 
+from gcs.cli.main import main
+from gcs.records.known import orders
 
-@pytest.mark.xdist_group("demo")
-def test_the_demo_flies_its_story_and_nothing_touches() -> None:
-    command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "8", "--seconds", "240", "--json"]
-    command += ["--api-port", "0", "--port-base", str(free_ports(8))]
+
+def test_the_demo_flies_its_story_nothing_touches_and_its_record_proves_it(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "8", "--seconds", "170", "--json"]
+    command += ["--api-port", "0", "--port-base", str(free_ports(8)), "--record", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     figures = json.loads(done.stdout.splitlines()[-1])
@@ -30,13 +32,21 @@ def test_the_demo_flies_its_story_and_nothing_touches() -> None:
     assert figures["target_moved_m"] > 40.0
     assert figures["setpoints_sent"] > 8 * 20 * 100
     assert figures["tick_p99_ms"] < 50.0  # within its period
+    for positions in ("true", "estimated"):
+        report = tmp_path / f"{positions}.json"
+        assert main(["certify", str(tmp_path), "--positions", positions, "--report", str(report)]) == 0
+        judged = json.loads(report.read_text())
+        assert (judged["verdict"], judged["flew"], judged["remarks"]) == ("kept", 8, [])
+        assert judged["based_on"] == f"{positions} positions"
+    assert [order.action for order in orders(tmp_path)] == ["start", "stop"]
+    assert {outcome for order in orders(tmp_path) for outcome, _ in order.outcomes.values()} == {"done"}
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
         (["--vehicles", "1"], "--vehicles 1: 2 to 50"),
-        (["--vehicles", "8", "--seconds", "20"], "--seconds 20: at least 210"),
+        (["--vehicles", "8", "--seconds", "20"], "--seconds 20: at least 170"),
     ],
 )
 def test_a_demo_that_cannot_be_flown_is_refused_in_words(arguments: list[str], says: str) -> None:
@@ -47,7 +57,6 @@ def test_a_demo_that_cannot_be_flown_is_refused_in_words(arguments: list[str], s
     assert says in done.stderr
 
 
-@pytest.mark.xdist_group("e2e")
 def test_ctrl_c_brings_the_fleet_home(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "2", "--truth", str(tmp_path)]
     command += ["--api-port", "0", "--port-base", str(free_ports(2))]
@@ -61,7 +70,5 @@ def test_ctrl_c_brings_the_fleet_home(tmp_path: Path) -> None:
         rest, _ = demo.communicate(timeout=2 * SOON_S)
     assert "landed" in rest
     assert demo.returncode == 130
-    for file in sorted(tmp_path.glob("truth-*.jsonl")):
-        (state,) = last_truths(file)
-        assert state["landed"], file.name
-        assert not state["armed"], file.name
+    states = last_truths(tmp_path / "truth.jsonl")
+    assert [(state["landed"], state["armed"]) for state in states] == [(True, False)] * 2

@@ -4,20 +4,10 @@ import json
 import re
 import shlex
 import signal
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
-import pytest
-from ground import ORIGIN, PATIENT_S, SOON_S, last_truths, wait_until
-from machine import free_ports
-
-from gcs import config as configuration
-
-pytestmark = pytest.mark.xdist_group("e2e")
+from ground import SOON_S, last_truths, session_of, wait_until
 
 README = Path(__file__).parents[2] / "README.md"
 
@@ -38,34 +28,6 @@ def session() -> list[tuple[str, str, object]]:
     return commands
 
 
-@contextmanager
-def station(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Four fake vehicles and `gcs serve` with the SITL configuration, on ports that are free."""
-    base = free_ports(10)
-    text = configuration.find("px4-sitl").read_text(encoding="utf-8").replace("14540", str(base))
-    text = text.replace("operation:\n", f"operation:\n  setpoint_loss_s: {PATIENT_S}\n")
-    config = folder / "sitl.yaml"
-    config.write_text(text, encoding="utf-8")
-    sim = [sys.executable, "-m", "sim", "--count", "4", "--port-base", str(base), "--origin", ORIGIN]
-    sim += ["--truth", str(folder / "truth.jsonl"), "--param", f"COM_OF_LOSS_T={PATIENT_S}"]
-    apply = [sys.executable, "-m", "gcs", "params", "apply", "--config", str(config)]
-    serve = [sys.executable, "-m", "gcs", "serve", "--config", str(config), "--port", "0", "--quiet"]
-    with subprocess.Popen(sim, stdout=subprocess.DEVNULL) as vehicles:
-        try:
-            applied = subprocess.run(apply, capture_output=True, text=True, check=False, timeout=SOON_S)
-            assert applied.returncode == 0, applied.stdout + applied.stderr
-            with subprocess.Popen(serve, stdout=subprocess.PIPE, text=True) as service:
-                try:
-                    assert service.stdout is not None
-                    address = re.search(r"http://\S+:\d+", service.stdout.readline())
-                    assert address is not None
-                    yield address[0], service
-                finally:
-                    service.kill()
-        finally:
-            vehicles.terminate()
-
-
 def open_api(address: str) -> httpx.Client:
     return httpx.Client(base_url=f"{address}/api/v1", timeout=30.0)
 
@@ -80,7 +42,7 @@ def test_the_readme_has_the_parameters_set_before_the_service_runs() -> None:
 def test_the_readme_session_flies(tmp_path: Path) -> None:
     commands = session()
     assert [command[:2] for command in commands][-1] == ("POST", "/show/stop")
-    with station(tmp_path) as (address, service), open_api(address) as api:
+    with session_of("px4-sitl", tmp_path, "--count", "4") as (address, service), open_api(address) as api:
 
         def phase() -> str:
             return str(api.get("/show").json()["phase"])

@@ -1,26 +1,22 @@
 """The service is killed while it flies, and started again: it finds its vehicles, and waits to be asked."""
 
 import json
-import re
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from time import monotonic, sleep
 
 import numpy as np
 import pytest
-import yaml
-from ground import PATIENT_S, SOON_S, flying_config, last_truths, proper, vehicles, wait_until
+from ground import PATIENT_S, SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
 from machine import free_ports
 from pymavlink import mavutil
 
 from gcs.client import Client
 from gcs.config import Config
 from gcs.errors import RefusedError
-
-pytestmark = pytest.mark.xdist_group("e2e")
+from gcs.records.flown import FlightData
+from gcs.records.known import last_known, orders
 
 IDS = ("d1", "d2", "d3")
 AT_REST_M_S = 0.3
@@ -33,26 +29,6 @@ def config_of(port_base: int) -> Config:
     raw = flying_config(len(IDS), port_base, silence_s=20.0).model_dump()  # nobody is lost
     raw["formation"] = {"radius_m": 6.0, "height_m": 12.0}
     return Config.model_validate(raw)
-
-
-@contextmanager
-def service(config: Config, folder: Path) -> Iterator[tuple[Client, subprocess.Popen[str]]]:
-    """`gcs serve` in a process of its own; its recording and its log lie in `folder`."""
-    folder.mkdir()
-    raw = config.model_dump(mode="json") | {"record": {"folder": str(folder)}}
-    (folder / "config.yaml").write_text(yaml.safe_dump(raw), encoding="utf-8")
-    command = [sys.executable, "-m", "gcs", "serve", "--config", str(folder / "config.yaml"), "--quiet"]
-    with (folder / "log").open("w") as log:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
-    try:
-        assert process.stdout is not None
-        address = re.search(r"http://\S+:\d+", process.stdout.readline())
-        assert address is not None, (folder / "log").read_text()
-        with Client(address[0], timeout_s=30.0) as client:
-            yield client, process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def phases(client: Client) -> list[str]:
@@ -68,16 +44,16 @@ def places_m(folder: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return np.array([[float(str(truth[name])) for name in names] for truth in truths(folder)])
 
 
-def in_turn(client: Client, action: str) -> None:
-    """Order each, and wait until it has done so."""
-    for name in IDS:
-        order = client.wait_for(client.command(name, action).id, SOON_S)
+def each(client: Client, action: str) -> None:
+    """Order all of them, and wait until they have done so."""
+    for given in [client.command(name, action) for name in IDS]:
+        order = client.wait_for(given.id, SOON_S)
         assert order.outcome == "done", order
 
 
 def first_setpoints_m_s(folder: Path) -> dict[int, float]:
     """By system id: how fast the first setpoint of this service would have it fly."""
-    (path,) = folder.glob("*.tlog")
+    (path,) = folder.glob("*/*.tlog")
     found: dict[int, float] = {}
     with closing(mavutil.mavlink_connection(str(path))) as log:
         while (message := log.recv_match(type="SET_POSITION_TARGET_LOCAL_NED")) is not None:
@@ -100,13 +76,14 @@ def test_vehicles_found_in_the_air_are_taken_over_on_request_only_and_without_a_
             wait_until("running", SOON_S, reached(client, "running"))
             process.kill()
             process.wait()
+        everybody_stands_in_the_record(tmp_path / "first", base)
         with service(config, tmp_path / "second") as (client, process):
             found_and_left_alone(client, tmp_path)
-            in_turn(client, "hand-back")
+            each(client, "hand-back")
             assert phases(client) == ["hold"] * 3
             wait_until("paused", SOON_S, reached(client, "paused"))
             at_rest_m = places_m(tmp_path)
-            in_turn(client, "join")
+            each(client, "join")
             assert phases(client) == ["formation"] * 3
             sleep(3.0)
             assert np.abs(places_m(tmp_path) - at_rest_m).max() < IN_PLACE_M, (
@@ -121,6 +98,27 @@ def test_vehicles_found_in_the_air_are_taken_over_on_request_only_and_without_a_
     setpoints_m_s = first_setpoints_m_s(tmp_path / "second")
     assert sorted(setpoints_m_s) == [1, 2, 3]
     assert max(setpoints_m_s.values()) < AT_REST_M_S
+
+
+def everybody_stands_in_the_record(folder: Path, port_base: int) -> None:
+    """What a restart, or a kill without the service, needs to know of a flight that was cut off."""
+    known = last_known(folder)
+    assert known.session is not None
+    assert known.session.ended_unix_s is None
+    assert known.show is not None
+    assert known.show.phase == "running"
+    assert {(name, vehicle.phase, vehicle.armed) for name, vehicle in known.vehicles.items()} == {
+        (name, "formation", True) for name in IDS
+    }
+    assert {vehicle.host for vehicle in known.vehicles.values()} == {"127.0.0.1"}
+    assert len({vehicle.port for vehicle in known.vehicles.values()} - {None, port_base}) == len(IDS)
+    assert all(vehicle.home_m is not None for vehicle in known.vehicles.values())
+    (start,) = orders(folder)
+    assert (start.action, start.who, set(start.outcomes)) == ("start", "local", set(IDS))
+    data = FlightData(known.session.folder / "flight.mcap")
+    ticks = list(data.ticks())
+    assert ticks[-1].status["show"] in {"assembling", "running"}  # the last second is not there
+    assert "cut off" in data.cut
 
 
 def found_and_left_alone(client: Client, folder: Path) -> None:

@@ -15,8 +15,6 @@ from gcs.errors import RefusedError
 from gcs.lifecycle import ShowPhase
 from gcs.orchestrator import Orchestrator
 
-pytestmark = pytest.mark.xdist_group("show-over-rest")
-
 PORT_BASE = 15870
 SHOW = """
 about: Three vehicles stand above their pads and turn.

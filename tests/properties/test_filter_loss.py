@@ -60,6 +60,38 @@ def test_ways_home_come_as_near_as_they_do_where_they_are_flown(
         assert sideways_m - 1e-9 <= seen_m <= sideways_m + step_m + 1e-9
 
 
+def whole_way(position_m: Array, home_m: Array) -> Array:
+    """(steps, 3) the whole way home: up to 30 m, level, down."""
+    level_m = max(-position_m[2], 30.0 - home_m[2])
+    above_m, there_m = (np.array([*place_m[:2], -level_m]) for place_m in (position_m, home_m))
+    ends_m = (position_m, above_m), (above_m, there_m), (there_m, home_m)
+    return np.concatenate([begin_m + SHARES * (end_m - begin_m) for begin_m, end_m in ends_m])
+
+
+@CALM
+@given(vectors(3, 6.0), vectors(3, 6.0), st.booleans())
+def test_who_meets_on_the_way_home_whenever_each_is_where_is_told(
+    spread: Array, home: Array, high: bool
+) -> None:
+    position = spread * (1.0, 1.0, 2.0) - (0.0, 0.0, 40.0 if high else 20.0)
+    home = home * (1.0, 1.0, 2.0)  # on slopes
+    told = set(found(position, home, "return", FLOOR))
+    ways = [whole_way(position[i], home[i]) for i in range(3)]
+    semi_m = np.array([FLOOR.horizontal_m, FLOOR.horizontal_m, FLOOR.vertical_m])
+    nearest = {
+        (i, j): float(np.linalg.norm((ways[i][:, None] - ways[j][None]) / semi_m, axis=2).min())
+        for i, j in combinations(range(3), 2)
+    }
+    event(f"clashes: {len(told)}")
+    assert {pair for pair, share in nearest.items() if share < 1.0} <= told
+    beside = {
+        (i, j)
+        for i, j in nearest
+        if np.hypot(*(position[i] - position[j])[:2]) < FLOOR.horizontal_m  # they may climb past each other
+    }
+    assert told <= beside | {pair for pair, share in nearest.items() if share < 1.1}
+
+
 def come_inside(position_m: Array, shrunk: float) -> set[tuple[int, int]]:
     """Who comes inside a floor of that share while all sink alike, until they stand on the ground."""
     height_m = np.maximum(-position_m[:, 2] - np.arange(0.0, 60.0, 0.02)[:, None], 0.0)

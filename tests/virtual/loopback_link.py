@@ -12,37 +12,33 @@ from math import inf, isfinite, nan, pi
 from typing import Any, NamedTuple
 
 import numpy as np
+from loopback_ears import INT32, Ears, failure, news, obeyed
 from pymavlink.dialects.v20 import common
 
 from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.frames import ShowFrame
-from gcs.links import Order, ParameterValue, Verb
-from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import Frame, kill_frame, split
-from gcs.state import Array, Landed, Mode, Setpoints, Telemetry, VehicleId
+from gcs.links import Order, ParameterValue, Verb, rates
+from gcs.links.mavlink_frames import kill_frame, split
+from gcs.links.roster import Address
+from gcs.links.settings import StreamSettings
+from gcs.state import Array, Setpoints, Telemetry, VehicleId
 from sim.autopilot import Autopilot
 from sim.fleet import STEP_S, Fleet
 from sim.modes import Mode as PilotMode
 
 STATION = (245, 190)
 VELOCITY_AND_YAW = 0x9C7
-BATTERY_STATUS, EXTENDED_SYS_STATE, COMMAND_LONG, PARAM_VALUE, ODOMETRY = 147, 245, 76, 22, 331
 HEARTBEAT_PERIOD_S = 1.0
 CONFIRM_S = 3.2
 KILL_REPEAT_S = 0.1
 PARAMETER_S, PARAMETER_REPEAT_S = 3.0, 0.5
-INT32, REAL32 = 6, 9
-UNREAD = (30, 31, 32, 36, 74, 83, 85, 105, 111, 132, 141, 2, 4, 42)  # not asked of the vehicles
+REAL32 = 9
+UNREAD = (2, 4, 42, 83, 85)  # not asked of the vehicles
 
 MODE_NUMBERS = {
     Verb.HOLD: (4, 3),
     Verb.OFFBOARD: (6, 0),
     Verb.RETURN: (4, 5),
-}
-WANTED_MODE = {
-    Verb.HOLD: Mode.HOLD,
-    Verb.OFFBOARD: Mode.OFFBOARD,
-    Verb.RETURN: Mode.RETURN,
 }
 
 
@@ -61,32 +57,6 @@ class SentOrder(NamedTuple):
     verb: Verb
 
 
-class Ears(Heard):
-    """What the production link reads, and the numbers that MAVSDK reads for it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.battery_remaining = nan
-        self.landed = Landed.UNKNOWN
-        self.parameters: dict[str, ParameterValue] = {}  # as last announced
-        self._mav = common.MAVLink(None)
-
-    def take(self, frame: Frame, time_s: float) -> None:
-        """Read one frame of this vehicle."""
-        super().take(frame, time_s)
-        if frame.message_id not in {EXTENDED_SYS_STATE, BATTERY_STATUS, PARAM_VALUE}:
-            return
-        said: Any = self._mav.decode(bytearray(frame.raw))
-        if frame.message_id == EXTENDED_SYS_STATE:
-            self.landed = Landed(said.landed_state)
-        elif frame.message_id == PARAM_VALUE:
-            whole = said.param_type == INT32  # bytewise: the four bytes of an int in the float's place
-            value = struct.unpack("<i", struct.pack("<f", said.param_value))[0] if whole else said.param_value
-            self.parameters[said.param_id] = value
-        else:
-            self.battery_remaining = said.battery_remaining / 100 if said.battery_remaining >= 0 else nan
-
-
 class LoopbackLink:
     """A `gcs.links.Link` to a fake fleet in the same loop. Steps the fleet's physics while it runs.
 
@@ -94,7 +64,7 @@ class LoopbackLink:
         sent, orders: what left for each vehicle, oldest first.
         failures: `run` raises the first of them, at once or while it runs, and forgets it.
         runs: how often `run` was called.
-        conflicts, problems: what the properties of the same names say.
+        addresses, conflicts, problems: what the properties of the same names say.
     """
 
     def __init__(
@@ -127,6 +97,7 @@ class LoopbackLink:
         self.parameter_reads: list[tuple[float, VehicleId]] = []  # when parameters were asked for, of whom
         self.runs = 0
         self.conflicts: dict[VehicleId, str] = {}
+        self.addresses: dict[VehicleId, Address] = {}
         self.problems: tuple[str, ...] = ()
 
     # the link
@@ -302,11 +273,12 @@ class LoopbackLink:
         self._post(vehicle_id, common.MAVLink_command_long_message(target, 1, command, 0, *filled))
 
     def _ask_for_less(self) -> None:
-        """SET_MESSAGE_INTERVAL: stop what nobody here reads; reset counters once a second are enough."""
+        """SET_MESSAGE_INTERVAL: what the production links ask for, and nothing that nobody here reads."""
+        rates_hz = {**rates.wanted(StreamSettings()), **dict.fromkeys(UNREAD, 0.0)}
         for vehicle_id in self._system_ids:
-            for message_id in UNREAD:
-                self._post_long(vehicle_id, common.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, -1)
-            self._post_long(vehicle_id, common.MAV_CMD_SET_MESSAGE_INTERVAL, ODOMETRY, 1e6)
+            for message_id, rate_hz in rates_hz.items():
+                interval_us = 1e6 / rate_hz if rate_hz else -1
+                self._post_long(vehicle_id, common.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, interval_us)
 
     def _send_setpoint(self, vehicle_id: VehicleId, velocity: Array, yaw_rad: float, now_s: float) -> None:
         north_m_s, east_m_s, down_m_s = velocity.tolist()
@@ -370,38 +342,6 @@ class LoopbackLink:
             for data in said.get(self._row[self._system_ids[vehicle_id]], ()):
                 for frame in () if vehicle_id in self._mute else split(data).frames:
                     heard.take(frame, now_s)
-
-
-def obeyed(verb: Verb, heard: Ears) -> bool:
-    """Whether a vehicle's heartbeat shows that it obeyed, by the same rules as the production link's."""
-    match verb:
-        case Verb.ARM:
-            return heard.armed
-        case Verb.DISARM:
-            return not heard.armed
-        case Verb.TAKEOFF:
-            climbs = heard.mode is Mode.TAKEOFF or heard.landed in {Landed.IN_AIR, Landed.TAKEOFF}
-            return heard.armed and climbs
-        case Verb.LAND:
-            return heard.mode is Mode.LAND or (heard.landed is Landed.ON_GROUND and not heard.armed)
-        case _:
-            return heard.mode is WANTED_MODE[verb]
-
-
-def failure(order: Order, heard: Ears, began_s: float) -> str:
-    """Why an order failed, with what the vehicle itself said since."""
-    said = f'; it says "{heard.text}"' if heard.text_time_s >= began_s else ""
-    state = f"it reports {heard.mode}, {'armed' if heard.armed else 'disarmed'}"
-    return f"{order.vehicle_id}: {order.verb} sent, but not seen to happen: {state}{said}"
-
-
-async def news(heard: Ears, wait_s: float) -> None:
-    """Until the next heartbeat, or `wait_s`."""
-    try:
-        async with asyncio.timeout(wait_s):
-            await heard.news.wait()
-    except TimeoutError:
-        return
 
 
 def system_ids(ids: Collection[VehicleId]) -> dict[VehicleId, int]:

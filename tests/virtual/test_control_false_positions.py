@@ -9,8 +9,6 @@ from gcs.plan import Formation
 from gcs.state import Array, FleetState, Landed, Mode, Telemetry
 from gcs.table import Table
 
-pytestmark = pytest.mark.xdist_group("control_false_positions")
-
 FRAME = ShowFrame(47.0, 8.0, 400.0)
 IDS = ("d1", "d2", "d3", "d4")
 JUMP_M = (5000.0, 0.0, 0.0)

@@ -9,8 +9,6 @@ from control_flight import SETTINGS, TICK_S, Flight, Moment, closest_m_and_viola
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
 from gcs.plan import Formation, Orbit, Target
 
-pytestmark = pytest.mark.xdist_group("control_far_target")
-
 ORBIT = Orbit(radius_m=15.0, speed_m_s=2.5)
 FENCE_M = SETTINGS.safety.fence.distance_max_m
 

@@ -6,8 +6,6 @@ from control_flight import SETTINGS, Flight, Moment, closest_m_and_violations, s
 
 from gcs.plan import Formation
 
-pytestmark = pytest.mark.xdist_group("control_formation")
-
 RADIUS_M = {4: 8.0, 8: 10.0}
 
 

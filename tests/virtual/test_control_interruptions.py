@@ -19,8 +19,6 @@ from gcs.landing import swept_segments_m
 from gcs.plan import Formation, Orbit, Target, Yaw, YawPolicy
 from gcs.state import Array
 
-pytestmark = pytest.mark.xdist_group("control_interruptions")
-
 
 def in_orbit(*, noise_scale: float = 1.0) -> Flight:
     """Four drones, assembled, on the orbit."""

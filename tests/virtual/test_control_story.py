@@ -20,8 +20,6 @@ from gcs.formation.orbit import orbit_velocity
 from gcs.plan import Formation, Obstacle, Orbit, Target
 from gcs.state import Array
 
-pytestmark = pytest.mark.xdist_group("control_story")
-
 ORBIT = Orbit(radius_m=15.0, speed_m_s=2.5)
 VELOCITY_M_S = np.array([0.5, -0.3])
 HOME_WITHIN_S = 90.0

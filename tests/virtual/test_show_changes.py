@@ -12,8 +12,6 @@ from gcs.plan import Direction, Formation, Obstacle, Orbit, Plan, Target, Yaw, Y
 from gcs.service import ShowAction
 from gcs.state import Array
 
-pytestmark = pytest.mark.xdist_group("show-changes")
-
 LARGER_M, HIGHER_M = 8.0, 17.0
 BOX = Obstacle("mast", x_m=17.0, y_m=1.0, half_length_x_m=1.0, half_length_y_m=1.0, height_m=40.0)
 

@@ -13,8 +13,6 @@ from gcs.plan import Obstacle
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.state import Array
 
-pytestmark = pytest.mark.xdist_group("show-descent")
-
 NARROW = {"radius_m": 3.5, "height_m": 12.0}  # narrower than the spacing on the ground
 
 

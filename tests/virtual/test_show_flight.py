@@ -13,8 +13,6 @@ from gcs.plan import Orbit
 from gcs.service import OrderRecord, Outcome, ShowAction
 from gcs.state import VehicleId
 
-pytestmark = pytest.mark.xdist_group("show-flight")
-
 FLIERS = ("d1", "d2", "d3")
 ORBIT_M = 5.0
 

@@ -9,8 +9,6 @@ from virtual_show import Show, Track, fly, show_config
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 
-pytestmark = pytest.mark.xdist_group("show-homecoming")
-
 COUNT = 12
 STOPPING_S = 5.0
 """Before the ways are planned, everybody stands."""

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 from gcs.errors import RefusedError
@@ -13,8 +12,6 @@ from gcs.plan import Obstacle
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.state import Mode
 from sim.modes import Mode as PilotMode
-
-pytestmark = pytest.mark.xdist_group("show-last-resorts")
 
 
 async def hold_overtaken_by_stop(show: Show) -> tuple[OrderRecord, ShowPhase, list[bool]]:

@@ -12,8 +12,6 @@ from gcs.links import Order, Verb
 from gcs.service import ShowAction, VehicleAction
 from gcs.state import Mode
 
-pytestmark = pytest.mark.xdist_group("show-px4")
-
 
 def test_item_3_an_acknowledgement_that_the_heartbeat_does_not_bear_out_is_not_believed() -> None:
     """The first of PX4's two acks says ACCEPTED whatever happens; here the mode then does not change."""

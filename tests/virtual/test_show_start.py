@@ -5,14 +5,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import Refusal, Show, Track, fly, refused, show_config
+from virtual_show import TAKEOFF_HEIGHT_M, Refusal, Show, Track, fly, refused, show_config
 
 from gcs.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Formation, Obstacle
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-
-pytestmark = pytest.mark.xdist_group("show-start")
+from gcs.state import Mode
 
 
 def start_of(*names: str) -> Callable[[Show], Callable[[], OrderRecord]]:
@@ -179,15 +178,16 @@ async def holds_below(show: Show) -> Start:
     """An autopilot ends its climb below the height that was ordered, by its own, poorer, altimeter."""
     await show.standby()
     record = show.service.command_show(ShowAction.START)
-    await show.phase("d2", Phase.TAKEOFF)
+    await show.until(lambda: show.vehicle("d2").mode is Mode.TAKEOFF)
     show.fleet.state.target_m[1, 2] += 1.0
-    await show.reach(ShowPhase.RUNNING)
+    await show.reach(ShowPhase.ASSEMBLING)
     return Start(show.track, show.service.order(record.id), running=True)
 
 
 def test_who_holds_below_the_height_that_was_ordered_is_up() -> None:
     start = fly(holds_below, show_config(3))
     assert start.started.outcome is Outcome.DONE
+    assert -start.track.true_m[:, 1, 2].min() < 0.9 * TAKEOFF_HEIGHT_M, "it was lower than ordered"
 
 
 async def nobody_gets_up(show: Show) -> Start:

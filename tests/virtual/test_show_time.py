@@ -14,8 +14,6 @@ from gcs.links import Link
 from gcs.state import Setpoints
 from gcs.timing import TickClock, ticks
 
-pytestmark = pytest.mark.xdist_group("show-time")
-
 
 async def some_ticks(takes_s: list[float]) -> list[tuple[float, float, int]]:
     """Ticks of a tenth of a second; each takes as long as it is told."""

@@ -12,8 +12,6 @@ from gcs.plan import Formation
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.state import Array, Mode, VehicleId
 
-pytestmark = pytest.mark.xdist_group("show-orders")
-
 HOLD, JOIN, RETURN, LAND, KILL, HAND_BACK, CONFIRM_DOWN = (
     VehicleAction.HOLD,
     VehicleAction.JOIN,

@@ -13,8 +13,6 @@ from gcs.plan import Formation, Obstacle, Orbit, Target
 from gcs.service import OrderRecord, Outcome, SelectedShow, ShowAction
 from gcs.show import Timeline, parse
 
-pytestmark = pytest.mark.xdist_group("shows-flown")
-
 GUEST_M = (12.0, 4.0)
 PAUSED_S = 90.0
 CRANE = Obstacle("crane", 60.0, -60.0, 2.0, 2.0, 20.0)

@@ -26,7 +26,6 @@ def around_a_box() -> Record:
     return flown("article-obstacle", 7)
 
 
-@pytest.mark.xdist_group("article")
 @pytest.mark.parametrize("name", ["article-assembly", "article-tracking"])
 def test_four_drones_become_a_tetrahedron_and_keep_it_round_the_target(name: str) -> None:
     record = flown(name, 7)
@@ -36,7 +35,6 @@ def test_four_drones_become_a_tetrahedron_and_keep_it_round_the_target(name: str
     assert figures["tracking"]["center_speed_m_s"] == pytest.approx(12.0, abs=0.5)  # type: ignore[index]
 
 
-@pytest.mark.xdist_group("article")
 def test_the_formation_passes_a_box_and_is_a_tetrahedron_again(around_a_box: Record) -> None:
     flight = around_a_box.scenario.flight
     assert isinstance(flight, ArticleFlight)
@@ -47,7 +45,6 @@ def test_the_formation_passes_a_box_and_is_a_tetrahedron_again(around_a_box: Rec
     assert away_m.min() < 10.0
 
 
-@pytest.mark.xdist_group("article")
 def test_the_same_seed_flies_the_same_way_and_another_one_does_not() -> None:
     short = scenarios.load(scenarios.find("article-tracking")).model_copy(update={"duration_s": 25.0})
     once, again, other = (fly(short, VEHICLES, seed) for seed in (7, 7, 8))
@@ -56,7 +53,6 @@ def test_the_same_seed_flies_the_same_way_and_another_one_does_not() -> None:
     assert article_figures(again) == article_figures(once)
 
 
-@pytest.mark.xdist_group("article")
 def test_section_5_is_drawn(around_a_box: Record, tmp_path: Path) -> None:
     draw(around_a_box, tmp_path / "article.png")
     assert (tmp_path / "article.png").stat().st_size > 50_000

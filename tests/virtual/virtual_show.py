@@ -17,6 +17,7 @@ from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Link
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
+from gcs.records.record import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleView
 from gcs.state import Array, VehicleId
@@ -281,12 +282,14 @@ Story = Callable[[Show], Awaitable[T]]
 
 def run_virtual(story: Callable[[], Awaitable[T]]) -> T:
     """Run on a loop whose clock jumps to whatever comes next."""
+    told: list[T] = []
 
-    async def main() -> T:
-        return await story()
+    async def main() -> None:
+        told.append(await story())  # not returned: the runner puts a result into words, for seconds
 
     with asyncio.Runner(loop_factory=async_solipsism.EventLoop) as runner:
-        return runner.run(main())
+        runner.run(main())
+    return told[0]
 
 
 def fly(
@@ -294,6 +297,7 @@ def fly(
     config: Config | None = None,
     *,
     failures: Sequence[LinkError] = (),
+    record: Record | None = None,
     **fleet_settings: Any,
 ) -> T:
     """Play `story` with a running service; control's own errors end it.
@@ -302,6 +306,7 @@ def fly(
         story: what happens, in virtual time.
         config: four vehicles without one.
         failures: of the link, before it first runs.
+        record: where the flight is recorded, entered.
         fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
     """
     plan = show_config(4) if config is None else config
@@ -317,7 +322,7 @@ def fly(
         link.failures.extend(failures)
         links: list[Link] = [link]
         unix = UnixClock()
-        show = Show(plan, fleet, link, Orchestrator(plan, links, unix_s=unix), unix)
+        show = Show(plan, fleet, link, Orchestrator(plan, links, record, unix_s=unix), unix)
         services = {
             asyncio.create_task(show.service.run(), name="service"),
             asyncio.create_task(show.record(), name="record"),

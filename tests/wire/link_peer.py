@@ -15,6 +15,9 @@ from pymavlink.dialects.v20 import common as dialect
 
 PREARM = 0x10000000
 GYRO_ACCEL_MAG_GPS = 0x1 | 0x2 | 0x4 | 0x20
+FIRST_BEATS_S = 0.1
+"""Between heartbeats until the ground has said something: nobody waits for being met."""
+
 SO_TIMESTAMPNS, TIMESPEC = 35, struct.Struct("@qq")
 HOLD, OFFBOARD, TAKEOFF, LAND, RETURN = (4, 3), (6, 0), (4, 2), (4, 6), (4, 5)
 
@@ -30,6 +33,7 @@ class Peer:
         refuses: bool = False,
         answers: bool = True,
         position_s: float = 0.02,
+        beat_s: float = 1.0,
     ) -> None:
         self.system_id = system_id
         self.refuses = refuses
@@ -42,6 +46,7 @@ class Peer:
         self.latitude_deg = 47.4
         self.boot_s = time.monotonic() - 1.0
         self._position_period_s = position_s
+        self._beat_period_s = beat_s
         self.heard: list[tuple[float, Any]] = []
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
@@ -100,7 +105,7 @@ class Peer:
         while not self._stopped.is_set():
             now_s = time.monotonic()
             if self.speaks and now_s >= beat_s:
-                beat_s = now_s + 1.0
+                beat_s = now_s + (self._beat_period_s if self.heard else FIRST_BEATS_S)
                 self.beat()
             if self.speaks and now_s >= status_s:
                 status_s = now_s + 0.2

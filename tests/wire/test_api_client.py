@@ -1,6 +1,5 @@
 """The Python client against the server, over real TCP."""
 
-import asyncio
 import socket
 import sys
 import threading
@@ -13,7 +12,6 @@ from typing import Any
 import pytest
 
 from api.app import create_app
-from api.server import serve
 from gcs.client import Client
 from gcs.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
 from gcs.service import Outcome
@@ -21,9 +19,8 @@ from gcs.show import load, shipped
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 
+from api_background import in_background
 from api_fake_service import FakeService
-
-pytestmark = pytest.mark.xdist_group("wire")
 
 BOX: dict[str, Any] = {
     "x_m": 50.0,
@@ -37,29 +34,11 @@ BOX: dict[str, Any] = {
 @contextmanager
 def client_of(service: FakeService) -> Iterator[Client]:
     """The synchronous client, with the server on a loop in another thread."""
-    ready: list[tuple[asyncio.AbstractEventLoop, asyncio.Task[None], int]] = []
-    up = threading.Event()
-
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        listening = loop.create_future()
-        task = asyncio.create_task(serve(create_app(service), port=0, listening=listening))
-        ready.append((loop, task, await listening))
-        up.set()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-
-    thread = threading.Thread(target=asyncio.run, args=(main(),))
-    thread.start()
-    assert up.wait(30)
-    loop, task, port = ready[0]
-    try:
-        with Client(f"http://127.0.0.1:{port}", timeout_s=30.0) as client:
-            yield client
-    finally:
-        loop.call_soon_threadsafe(task.cancel)
-        thread.join(30)
-        assert not thread.is_alive()
+    with (
+        in_background(create_app(service)) as port,
+        Client(f"http://127.0.0.1:{port}", timeout_s=30.0) as client,
+    ):
+        yield client
 
 
 def is_healthy(service: FakeService, client: Client) -> bool:

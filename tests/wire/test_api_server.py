@@ -18,15 +18,13 @@ from websockets.asyncio.client import ClientConnection, connect
 
 from api.app import create_app
 from api.desk import VIEWERS_MAX
-from api.server import serve
+from api.server import CONNECTIONS_MAX, serve
 from gcs.errors import LinkError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 
 from api_fake_service import FakeService
 from machine import Witness
-
-pytestmark = pytest.mark.xdist_group("wire")
 
 
 @asynccontextmanager
@@ -319,6 +317,23 @@ def test_a_page_from_elsewhere_may_not_watch() -> None:
         assert refused.value.response.status_code == 403
         async with stream_of(port, origin=f"http://127.0.0.1:{port}") as viewer:
             assert (await frame_of(viewer))["show"]["phase"] == "idle"
+
+    run(main)
+
+
+def test_callers_that_say_nothing_or_half_of_it_keep_nobody_out() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(CONNECTIONS_MAX)]
+        for _, writer in silent[::2]:
+            writer.write(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\n")
+        for reader, _ in silent[: CONNECTIONS_MAX // 4]:
+            with suppress(ConnectionError):
+                assert await asyncio.wait_for(reader.read(), timeout=5.0) == b""
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http:
+            answer = await http.get("/api/v1/show")
+            assert (answer.status_code, answer.json()["phase"]) == (200, service.show)
+        for _, writer in silent:
+            writer.close()
 
     run(main)
 

@@ -14,8 +14,7 @@ from pymavlink.dialects.v20 import common as dialect
 
 from gcs.errors import LinkError
 from gcs.frames import ShowFrame
-from gcs.links import Verb
-from gcs.links.direct import mmsg
+from gcs.links import Verb, mmsg
 from gcs.links.direct.link import DirectLink
 from gcs.links.direct.packets import Datagrams, Packets, host_of, port_of, socket_of
 from gcs.links.endpoints import Listen
@@ -23,8 +22,6 @@ from gcs.links.rates import wanted
 from gcs.links.settings import StreamSettings
 from gcs.links.traffic import Direction
 from gcs.state import Setpoints
-
-pytestmark = pytest.mark.xdist_group("wire")
 
 HOST = "127.0.0.1"
 

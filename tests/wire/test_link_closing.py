@@ -16,8 +16,6 @@ from machine import free_ports
 from gcs.links.mavsdk_fleet import MavsdkFleet
 from gcs.links.mavsdk_link import MavsdkLink
 
-pytestmark = pytest.mark.xdist_group("wire")
-
 VEHICLES = 6
 ROUNDS = 12
 """Each aborted one time in three while vehicles were left to the collector."""
@@ -54,7 +52,7 @@ def open_and_close_often() -> None:
     with ExitStack() as peers:
         port = free_ports()
         for system_id in range(1, VEHICLES + 1):
-            peers.enter_context(Peer(port, system_id))
+            peers.enter_context(Peer(port, system_id, beat_s=0.1))
         for _ in range(ROUNDS):
             asyncio.run(open_and_close(port))
 
@@ -63,7 +61,7 @@ def open_side_by_side_often() -> None:
     """In a process of its own, four at a time."""
 
     def one() -> None:
-        fleet = MavsdkFleet(lambda _: None, 245)
+        fleet = MavsdkFleet(245)
         fleet.open()
         fleet.destroy()
 

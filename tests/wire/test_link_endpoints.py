@@ -18,8 +18,6 @@ from wire_bench import a_socket, arrived, beat, bench, command, setpoint
 from gcs.errors import LinkError
 from gcs.links.endpoints import SerialPort, TcpIn, TcpOut, UdpOut
 
-pytestmark = pytest.mark.xdist_group("wire")
-
 
 def free_tcp_port() -> int:
     port: int = free_ports()

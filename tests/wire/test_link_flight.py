@@ -14,12 +14,11 @@ from machine import free_ports
 from gcs.links import Verb
 from gcs.state import Landed, Mode
 
-pytestmark = [pytest.mark.xdist_group("wire"), pytest.mark.usefixtures("transport")]
-
 
 @contextmanager
 def simulator(first_port: int, count: int, *parameters: str) -> Iterator[None]:
     options = ["--count", str(count), "--port-base", str(first_port), "--noise", "0"]
+    options += ["--quirk", "late-ready=off"]
     options += ["--param", "COM_OF_LOSS_T=3"]  # they notice the tick's end, not a pause of the machine
     options += [word for each in parameters for word in ("--param", each)]
     process = subprocess.Popen([sys.executable, "-m", "sim", *options], stdout=subprocess.DEVNULL)
@@ -30,6 +29,7 @@ def simulator(first_port: int, count: int, *parameters: str) -> Iterator[None]:
         process.wait(60)
 
 
+@pytest.mark.usefixtures("transport")
 def test_two_vehicles_are_flown_and_fall_back_on_their_failsafe_when_the_tick_ends() -> None:
     async def main(link: AnyLink) -> None:
         async with running(link):
@@ -56,7 +56,10 @@ def test_two_vehicles_are_flown_and_fall_back_on_their_failsafe_when_the_tick_en
 
 
 def test_the_data_link_failsafe_acts_when_control_is_dead_and_not_before() -> None:
-    """A vehicle that holds gets no setpoints: only our heartbeats tell it that somebody is there."""
+    """A vehicle that holds gets no setpoints: only our heartbeats tell it that somebody is there.
+
+    Over MAVSDK's transport; that both end their heartbeats alike is shown in test_link_stall.py.
+    """
 
     async def main(link: AnyLink) -> None:
         async with running(link):

@@ -17,7 +17,7 @@ from wire_bench import Bench, beat, bench
 from gcs.links.endpoints import Listen, TcpIn
 from gcs.links.settings import Forward
 
-pytestmark = pytest.mark.xdist_group("wire")
+pytestmark = pytest.mark.computes
 
 TOTAL_BYTES = 1_000_000
 GROWTH_MAX_BYTES = 3 << 20
@@ -68,14 +68,20 @@ def read_away(sender: socket.socket) -> None:
     sender.settimeout(30.0)
 
 
-async def feed(made: Bench, sender: socket.socket) -> None:
+def a_million_bytes() -> list[bytes]:
     source = random.Random(20)
     pool = [any_message(source) for _ in range(1000)]
-    fed = 0
-    while fed < TOTAL_BYTES:
-        data = mutated(source, pool)[:8000]
+    parts: list[bytes] = []
+    left = TOTAL_BYTES
+    while left > 0:
+        parts.append(mutated(source, pool)[:8000])
+        left -= len(parts[-1])
+    return parts
+
+
+async def feed(made: Bench, sender: socket.socket, parts: Sequence[bytes]) -> None:
+    for data in parts:
         sender.sendall(data)
-        fed += len(data)
         made.wire.receive()
         made.delivered.clear()
         read_away(sender)
@@ -102,9 +108,10 @@ def test_a_million_mutated_bytes_do_no_harm(kind: str) -> None:
             with closing(socket.socket(socket.AF_INET, family)) as sender:
                 sender.connect(("127.0.0.1", port))
                 made.wire.receive()
+                parts = a_million_bytes()
                 tracemalloc.start()
                 try:
-                    await feed(made, sender)
+                    await feed(made, sender, parts)
                     grown_bytes, _ = tracemalloc.get_traced_memory()
                 finally:
                     tracemalloc.stop()

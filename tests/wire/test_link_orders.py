@@ -12,7 +12,7 @@ from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.links import Link, Order, Verb
 from gcs.state import Landed, Mode, Setpoints
 
-pytestmark = [pytest.mark.xdist_group("wire"), pytest.mark.usefixtures("transport")]
+pytestmark = pytest.mark.usefixtures("transport")
 
 
 def test_a_vehicle_is_armed_flown_and_brought_down() -> None:

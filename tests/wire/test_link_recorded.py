@@ -19,8 +19,6 @@ from gcs.links import Verb
 from gcs.links.endpoints import Listen
 from gcs.links.traffic import Direction
 
-pytestmark = pytest.mark.xdist_group("wire")
-
 
 def a_link(port: int, folder: Path, kind: str = "mavsdk") -> AnyLink:
     frame = ShowFrame(47.4, 8.5, 500.0, 0.0)

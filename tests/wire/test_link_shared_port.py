@@ -12,7 +12,7 @@ from machine import free_ports
 from gcs.links import Verb
 from gcs.state import Mode
 
-pytestmark = [pytest.mark.xdist_group("wire"), pytest.mark.usefixtures("transport")]
+pytestmark = pytest.mark.usefixtures("transport")
 
 
 def test_twenty_vehicles_behind_one_radio_are_flown() -> None:

@@ -19,8 +19,6 @@ from gcs.links.keys import Signing
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.settings import Forward
 
-pytestmark = pytest.mark.xdist_group("wire")
-
 KEY = bytes(range(32))
 
 

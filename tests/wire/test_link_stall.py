@@ -14,7 +14,7 @@ from gcs.links import Verb
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.state import Mode, Setpoints
 
-pytestmark = [pytest.mark.xdist_group("wire"), pytest.mark.usefixtures("transport")]
+pytestmark = pytest.mark.usefixtures("transport")
 
 DEADMAN_S = 0.2
 
@@ -57,10 +57,10 @@ def test_setpoints_cease_when_the_event_loop_is_blocked_for_three_seconds() -> N
             await into_offboard(link, ticks)
             await ticks.last(block)
             dropped = link.counters.setpoints_dropped
-            repeats = dropped + (40 if isinstance(link, MavsdkLink) else 0)
-            while time.monotonic() < ticks.last_s + 3.0 or link.counters.setpoints_dropped < repeats:
+            while time.monotonic() < ticks.last_s + 3.0:
                 await block()
-                assert time.monotonic() < ticks.last_s + 30.0, "MAVSDK does not even try"
+            assert_ceased(link, peer, ticks.last_s, watched_s=3.0)
+            await repeated(link, 40, since=dropped)  # what MAVSDK has written meanwhile is not passed on late
             assert_ceased(link, peer, ticks.last_s, watched_s=3.0)
             stalled_s = ticks.last_s
             async with ticks.running():

@@ -4,7 +4,6 @@ import asyncio
 import time
 from collections.abc import Mapping
 
-import pytest
 from link_bench import do, ready, running, until
 from link_peer import Peer
 from machine import free_ports
@@ -13,8 +12,6 @@ from gcs.frames import ShowFrame
 from gcs.links import Verb
 from gcs.links.endpoints import Listen
 from gcs.links.mavsdk_link import MavsdkLink
-
-pytestmark = pytest.mark.xdist_group("wire")
 
 RATES_HZ = {33: 50.0, 245: 5.0, 30: 0.0}
 

@@ -24,8 +24,6 @@ from gcs.links.killlatch import KillLatch
 from gcs.links.wire import Direction, Listen, Wire
 from gcs.state import Mode
 
-pytestmark = pytest.mark.xdist_group("wire")
-
 
 def test_a_frame_goes_to_its_target_only_and_one_for_everybody_to_all() -> None:
     async def main() -> None:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-pytestmark = pytest.mark.xdist_group("wire")
 LOCAL = "127.0.0.1"
 
 
@@ -70,8 +69,9 @@ def test_mavsdk_connects_arms_takes_off_flies_offboard_holds_lands_and_reads_par
     truth = tmp_path / "truth.jsonl"
     with contextlib.ExitStack() as stack:
         machine = stack.enter_context(Witness())
-        patient = ["--param", "COM_OF_LOSS_T=5"]  # a pause of the machine is not the pilot's
-        stack.enter_context(running("--port-base", str(port), "--truth", str(truth), *patient))
+        options = ["--quirk", "late-ready=off"]
+        options += ["--param", "COM_OF_LOSS_T=5"]  # a pause of the machine is not the pilot's
+        stack.enter_context(running("--port-base", str(port), "--truth", str(truth), *options))
         system = stack.enter_context(connected(port))
         telemetry, action, offboard, param = (
             Telemetry(system),

@@ -11,14 +11,12 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-import pytest
 from machine import free_ports
 from pymavlink.dialects.v20 import common
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-pytestmark = pytest.mark.xdist_group("wire")
 LOCAL = "127.0.0.1"
 LIMIT_S = 60.0
 

@@ -14,6 +14,8 @@ from gcs.links.direct.kernels import COMPONENT, LENGTH, MESSAGE, PAYLOAD, Bytes,
 from gcs.links.heard import Heard
 from gcs.links.mavlink_frames import (
     ATTITUDE,
+    BATTERY_STATUS,
+    EXTENDED_SYS_STATE,
     FIX_3D,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
@@ -28,7 +30,6 @@ from gcs.links.mavlink_frames import (
     Frame,
     px4_mode,
 )
-from gcs.links.rates import BATTERY_STATUS, EXTENDED_SYS_STATE
 from gcs.links.roster import SILENT_AFTER_S
 from gcs.state import Array, Landed, Mode, Telemetry, VehicleId
 

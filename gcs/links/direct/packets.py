@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import LinkError
-from gcs.links.direct import mmsg
+from gcs.links import mmsg
 from gcs.links.direct.kernels import Bytes, Whole
 from gcs.links.endpoints import Listen
 from gcs.state import Array

@@ -12,11 +12,12 @@ from typing import Final
 from gcs.errors import LinkError
 from gcs.links.endpoints.endpoint import Arrival
 from gcs.links.mavlink_frames import split
+from gcs.links.mmsg import Batch
 from gcs.links.roster import Address
 
 _DATAGRAM_MAX_BYTES: Final = 65535
 _READS_PER_CALL: Final = 4096  # empties a socket after a stall, yet cannot be kept busy for ever
-_GARBAGE_PER_CALL_BYTES: Final = 2048  # costs 2 us a byte at worst; what jams its own port waits there
+_GARBAGE_MAX_BYTES: Final = 2048  # of a datagram; costs 2 us a byte at worst
 _RECEIVE_BUFFER_BYTES: Final = 4 << 20
 _SO_TIMESTAMPNS: Final = 35  # Linux; Python does not name it
 _TIMESPEC: Final = Struct("@ll")
@@ -81,12 +82,22 @@ class Udp:
             raise OSError(errno.ENOTCONN, "closed")
         opened.sendto(data, (address.host, address.port))
 
+    def send_batch(self, batch: Batch, first: int, end: int) -> int:
+        """Send rows `first` to `end` - 1 of a batch, in order. Returns: how many of them left.
+
+        Raises: OSError when the first of them could not.
+        """
+        opened = self._socket
+        if opened is None:
+            raise OSError(errno.ENOTCONN, "closed")
+        return batch.send(opened.fileno(), first, end)
+
     def _read(self, now_s: float) -> Iterator[Arrival]:
         """Empty the socket."""
         wall_s = wall_time_s()
-        oldest_s, garbage_bytes = self._drained_s, 0
+        oldest_s = self._drained_s
         for _ in range(_READS_PER_CALL):
-            if self._socket is None or garbage_bytes > _GARBAGE_PER_CALL_BYTES:
+            if self._socket is None:
                 return
             try:
                 data, ancillary, _, sender = self._socket.recvmsg(_DATAGRAM_MAX_BYTES, 64)
@@ -96,10 +107,8 @@ class Udp:
             except OSError:  # an ICMP error of an earlier send, reported here; the socket is still good
                 continue
             if self._far is not None and sender != self._far:
-                garbage_bytes += len(data)
                 continue
-            parts = split(data, garbage_max_bytes=_GARBAGE_PER_CALL_BYTES)
-            garbage_bytes += parts.garbage_bytes + parts.unknown_bytes
+            parts = split(data, garbage_max_bytes=_GARBAGE_MAX_BYTES)
             time_s = _arrival_s(ancillary, now_s, wall_s, oldest_s)
             yield Arrival(Address(sender[0], sender[1], self._index), parts, time_s)
 

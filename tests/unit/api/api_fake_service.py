@@ -15,8 +15,12 @@ from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance,
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.repertoire import Repertoire
 from gcs.service import (
+    WHO,
+    Audit,
     FleetView,
+    Histogram,
     Latest,
+    NoAudit,
     OrderRecord,
     Outcome,
     SelectedShow,
@@ -51,9 +55,10 @@ class FakeService:
         self._clock_s = clock_s
         self.shows = Repertoire(folder)
         self.phases: dict[str, Phase] = {}
-        self.orders: dict[str, OrderRecord] = {}
+        self.orders_by_id: dict[str, OrderRecord] = {}
         self.ticks = 0
         self.control_alive = True
+        self.audit: Audit = NoAudit()
         self._begin(count)
         self._view = Latest(self._look())
 
@@ -76,7 +81,7 @@ class FakeService:
         self.selected: SelectedShow | None = None
         self.start_unix_s: float | None = None
         self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
-        self.orders = {}
+        self.orders_by_id = {}
 
     def tick(self) -> None:
         """Make a new state."""
@@ -85,8 +90,8 @@ class FakeService:
 
     def finish(self, order_id: str, outcome: Outcome = Outcome.DONE, reason: str = "") -> None:
         """Let an order come to its end with every vehicle."""
-        record = self.orders[order_id]
-        self.orders[order_id] = replace(
+        record = self.orders_by_id[order_id]
+        self.orders_by_id[order_id] = replace(
             record, outcomes={name: VehicleOutcome(outcome, reason) for name in record.outcomes}
         )
 
@@ -140,9 +145,12 @@ class FakeService:
         return self._accept(f"{action} {vehicle_id}", (vehicle_id,))
 
     def order(self, order_id: str) -> OrderRecord:
-        if order_id not in self.orders:
+        if order_id not in self.orders_by_id:
             raise UnknownError(f"there is no order {order_id!r}")
-        return self.orders[order_id]
+        return self.orders_by_id[order_id]
+
+    def orders(self) -> Sequence[OrderRecord]:
+        return tuple(reversed(self.orders_by_id.values()))
 
     def set_formation(self, formation: Formation) -> None:
         smallest_m = 3.0 * sqrt(len(self.phases))
@@ -197,10 +205,12 @@ class FakeService:
                 raise RefusedError(f"obstacle {box.id!r} would stand on {name}, which is in the air")
 
     def _accept(self, action: str, vehicles: Sequence[str]) -> OrderRecord:
-        order_id = f"o{len(self.orders) + 1}"
+        order_id = f"o{len(self.orders_by_id) + 1}"
         pending = VehicleOutcome(Outcome.PENDING)
-        self.orders[order_id] = OrderRecord(order_id, action, time.time(), dict.fromkeys(vehicles, pending))
-        return self.orders[order_id]
+        self.orders_by_id[order_id] = OrderRecord(
+            order_id, action, time.time(), dict.fromkeys(vehicles, pending), WHO.get()
+        )
+        return self.orders_by_id[order_id]
 
     def _look(self) -> FleetView:
         now_s = self._clock_s()
@@ -217,9 +227,19 @@ class FakeService:
             radius_m=9.0 if flying else None,
             target_m=self.plan.target.position_m(now_s),
             minimum_separation_m=5.0 if flying else None,
-            tick=TickView(20.0, self.ticks, 0, float("nan"), float("nan"), float("nan")),
+            tick=TickView(
+                rate_hz=20.0,
+                count=self.ticks,
+                missed=0,
+                duration_p50_ms=float("nan"),
+                duration_p99_ms=float("nan"),
+                lateness_p99_ms=float("nan"),
+                durations=Histogram((0.01, 0.1), (3, 2, 1), 0.5),
+                latenesses=Histogram((0.01, 0.1), (6, 0, 0), 0.01),
+            ),
             control_alive=self.control_alive,
             setpoints_sent=self.ticks * len(self.phases),
+            interventions=7,
             selected=self.selected,
             start_unix_time_s=self.start_unix_s,
             countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
@@ -250,5 +270,6 @@ class FakeService:
             position_age_s=0.05,
             heartbeat_age_s=float("inf"),
             setpoint_m_s=(1.0, 0.0, -1.0) if phase is Phase.FORMATION else None,
-            restrained_by="",
+            link_quality=0.75,
+            restrained_by="separation from d9" if phase is Phase.FORMATION and index == 0 else "",
         )

@@ -8,6 +8,7 @@ from api_harness import Api
 
 from api import convert
 from api.desk import VIEWERS_MAX, Desk
+from api.door import Door
 from gcs.errors import RefusedError
 
 
@@ -43,7 +44,7 @@ def test_health_is_red_when_control_says_so_itself() -> None:
 
 async def texts_around_the_moment_a_state_gets_old() -> list[str]:
     service = FakeService()
-    desk = Desk(service)
+    desk = Desk(service, Door())
     service.view.set(replace(service.view.value, time_s=desk_time_s() - convert.VIEW_AGE_MAX_S + 0.1))
     fresh = [desk.fleet_json(), desk.fleet_json()]
     await asyncio.sleep(0.15)
@@ -65,7 +66,7 @@ def test_the_json_of_a_state_is_written_once_for_all_viewers_until_it_gets_old()
 
 
 def test_there_are_seats_for_so_many_viewers_and_they_are_given_back() -> None:
-    desk = Desk(FakeService())
+    desk = Desk(FakeService(), Door())
     for _ in range(2 * VIEWERS_MAX):
         with desk.seat():
             pass

@@ -82,7 +82,7 @@ def refuse_constant(name: str) -> Any:
 def everything(api: Api) -> tuple[Any, ...]:
     """All that a request may change."""
     service = api.service
-    return service.plan, service.show, dict(service.phases), dict(service.orders)
+    return service.plan, service.show, dict(service.phases), dict(service.orders_by_id)
 
 
 @settings(max_examples=1000, deadline=None, suppress_health_check=[HealthCheck.too_slow])

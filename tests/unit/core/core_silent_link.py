@@ -7,6 +7,7 @@ import numpy as np
 
 from gcs.errors import OrderError
 from gcs.links import Order, ParameterValue
+from gcs.links.roster import Address
 from gcs.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 
 
@@ -20,6 +21,7 @@ class SilentLink:
         self.ids = ids
         self.conflicts: dict[VehicleId, str] = {}
         self.problems: tuple[str, ...] = ()
+        self.addresses: dict[VehicleId, Address] = {}
 
     async def run(self) -> None:
         """Nothing to do."""

@@ -50,7 +50,7 @@ def test_without_a_transport_it_is_mavsdks_with_a_port_for_each() -> None:
         (("--vehicles", "51"), "2 to 50 is possible; --transport direct bears more"),
         (("--vehicles", "1001", "--transport", "direct"), "2 to 1000 is possible"),
         (("--vehicles", "300", "--transport", "direct", "--seconds", "60"), "at least 120 for 300"),
-        (("--vehicles", "8", "--seconds", "120"), "at least 210 for 8"),
+        (("--vehicles", "8", "--seconds", "120"), "at least 170 for 8"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_in_words(words: tuple[str, ...], says: str) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from gcs.errors import UnknownError
 from gcs.orders import KEPT, OrderBook
-from gcs.service import OrderRecord, Outcome, VehicleOutcome
+from gcs.service import WHO, OrderRecord, Outcome, VehicleOutcome
 
 
 def test_an_order_begins_pending_for_those_it_is_for_and_says_why_others_are_left_out() -> None:
@@ -19,6 +19,19 @@ def test_an_order_begins_pending_for_those_it_is_for_and_says_why_others_are_lef
         "d3": VehicleOutcome(Outcome.NOT_INCLUDED, "offline: not heard yet"),
     }
     assert began_s <= record.accepted_time_s <= time.time()
+
+
+def test_an_order_says_who_gave_it_to_its_end() -> None:
+    book = OrderBook()
+    by_itself = book.open("stop", ["d1"], {})
+    who = WHO.set("anna")
+    try:
+        record = book.open("hold", ["d1"], {})
+    finally:
+        WHO.reset(who)
+    book.close(record.id, "d1", Outcome.DONE)
+    assert (by_itself.by, book.get(record.id).by) == ("service", "anna")
+    assert [each.id for each in book.newest()] == [record.id, by_itself.id]
 
 
 def test_orders_have_names_of_their_own() -> None:
@@ -61,7 +74,7 @@ def test_an_order_is_pending_while_any_part_is_then_failed_if_any_has_else_done(
     parts: list[Outcome], whole: Outcome
 ) -> None:
     outcomes = {f"d{place}": VehicleOutcome(part) for place, part in enumerate(parts)}
-    assert OrderRecord("o1", "start", 0.0, outcomes).outcome is whole
+    assert OrderRecord("o1", "start", 0.0, outcomes, "crew").outcome is whole
 
 
 def test_only_the_last_orders_are_kept() -> None:

@@ -88,14 +88,12 @@ def settled() -> Array:
     return settle(240.0)[0]
 
 
-@pytest.mark.xdist_group("article")
 def test_section_5_settles_four_drones_to_a_tetrahedron(settled: Array) -> None:
     first, second = np.triu_indices(4, 1)
     edge_m = np.linalg.norm(settled[first] - settled[second], axis=1)
     assert edge_m == pytest.approx(np.full(6, sqrt(8 / 3) * SECTION_5.radius_m), rel=0.01)
 
 
-@pytest.mark.xdist_group("article")
 def test_repulsion_holds_them_slightly_outside_the_sphere_as_the_balance_of_forces_says(
     settled: Array,
 ) -> None:
@@ -130,7 +128,6 @@ def orbit(start: Array, seconds: float, *, fed_forward: bool) -> tuple[float, fl
     return closest_m, worst_radius_m
 
 
-@pytest.mark.xdist_group("article")
 def test_the_centre_fed_forward_holds_the_formation_at_nearly_ten_metres_per_second_squared(
     settled: Array,
 ) -> None:
@@ -139,14 +136,12 @@ def test_the_centre_fed_forward_holds_the_formation_at_nearly_ten_metres_per_sec
     assert worst_radius_m < 0.1
 
 
-@pytest.mark.xdist_group("article")
 def test_without_it_the_articles_orbit_pulls_the_formation_apart(settled: Array) -> None:
     closest_m, worst_radius_m = orbit(settled, 40.0, fed_forward=False)
     assert closest_m < 1.0
     assert worst_radius_m > 1.0
 
 
-@pytest.mark.xdist_group("article")
 def test_the_settled_shape_has_the_energy_of_the_tetrahedron(settled: Array) -> None:
     direction = settled / np.linalg.norm(settled, axis=1, keepdims=True)
     assert energy(direction) == pytest.approx(TETRAHEDRON_ENERGY, rel=1e-3)

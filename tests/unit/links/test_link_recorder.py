@@ -1,6 +1,8 @@
-import os
+import resource
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -100,30 +102,29 @@ def test_a_folder_that_cannot_be_had_is_said_once_and_counted(
     assert [record.msg for record in caplog.records] == ["recording_failed"]
 
 
-def test_a_full_disk_loses_whole_frames_and_the_file_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@contextmanager
+def files_end_at(size_bytes: int) -> Iterator[None]:
+    """No file of this process may grow beyond that: the rest of a write fails, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_full_disk_loses_whole_frames_and_the_file_goes_on(tmp_path: Path) -> None:
     recorder, counters = a_recorder(tmp_path)
-    sent = frames(6)
-    write = os.write
-    room = 70  # two of them and a half
-
-    def limited(file: int, data: bytes) -> int:
-        nonlocal room
-        if room <= 0:
-            raise OSError(28, "No space left on device")
-        written: int = write(file, data[:room])
-        room -= written
-        return written
-
-    monkeypatch.setattr("gcs.links.recorder.os.write", limited)
     recorder._writer = threading.current_thread()  # its turns are taken here
-    for index, raw in enumerate(sent):
+    problems = []
+    for index, raw in enumerate(frames(6)):
         recorder.record(float(index), Direction.SENT, raw, 3)
-        if index == 4:
-            room = 1000
-        recorder._write_once()
+        with files_end_at(70 if index < 4 else 1000):  # two of them and a half
+            recorder._write_once()
+        problems.append(recorder.problem)
     recorder._end_file()
+    assert [bool(problem) for problem in problems] == [False, False, True, True, False, False]
+    assert problems[2] == f"recording to {tmp_path} fails: [Errno 27] File too large"
     assert recorder.path is not None
     assert [message.time_boot_ms for message in read(recorder.path)] == [0, 1, 4, 5]
     assert (counters.recorded, counters.not_recorded) == (4, 2)

@@ -161,13 +161,56 @@ def test_who_is_beside_another_may_climb_past_it_whatever_their_heights(apart_m:
     assert sideways_m(found) == pytest.approx([apart_m] if clash else [])
 
 
-@pytest.mark.parametrize(("apart_m", "clash"), [(1.45, True), (1.55, False)])
-def test_who_comes_down_beside_one_on_its_pad_needs_room_from_the_pads_height_on(
-    apart_m: float, clash: bool
-) -> None:
+@pytest.mark.parametrize(("apart_m", "clash"), [(1.9, True), (2.1, False)])
+def test_who_comes_down_meets_who_arrives_beside_it_lower_down(apart_m: float, clash: bool) -> None:
     here: list[Place] = [(0.0, -30.0, -40.0), (0.0, 30.0, -50.0)]
     found = clashing(here, "return", home_m=[(0.0, 0.0, 0.0), (0.0, apart_m, 0.0)])
     assert sideways_m(found) == pytest.approx([apart_m] if clash else [])
+
+
+@pytest.mark.parametrize("turned_round", [False, True])
+@pytest.mark.parametrize(
+    ("past_m", "comes_from_m", "roof_m", "passes_m", "clash"),
+    [
+        (1.9, 50.0, 0.0, 20.0, True),  # the other passes at 30 m
+        (2.1, 50.0, 0.0, 20.0, False),
+        (1.9, 50.0, 0.0, 60.0, False),  # it passes above
+        (0.0, 50.0, 0.0, 52.9, True),
+        (0.0, 50.0, 0.0, 53.1, False),
+        (0.0, 50.0, 32.9, 20.0, True),  # a pad on a roof: nobody comes down farther
+        (0.0, 50.0, 33.1, 20.0, False),
+    ],
+)
+def test_who_comes_down_meets_who_flies_past_between_its_own_height_and_its_pad(
+    past_m: float, comes_from_m: float, roof_m: float, passes_m: float, clash: bool, turned_round: bool
+) -> None:
+    here: list[Place] = [(0.0, -30.0, -max(comes_from_m, 30.0 + roof_m)), (-20.0, past_m, -passes_m)]
+    home: list[Place] = [(0.0, 0.0, -roof_m), (20.0, past_m, 0.0)]
+    if turned_round:
+        here, home = here[::-1], home[::-1]
+    found = clashing(here, "return", home_m=home)
+    assert sideways_m(found) == pytest.approx([past_m] if clash else [])
+
+
+@pytest.mark.parametrize("turned_round", [False, True])
+@pytest.mark.parametrize(
+    ("past_m", "begins_m", "clash"),
+    [
+        (1.9, 10.0, True),  # it climbs to 30 m, and meets the other at 15 m
+        (2.1, 10.0, False),
+        (0.0, 17.9, True),
+        (0.0, 18.1, False),  # it begins above the other
+    ],
+)
+def test_who_climbs_meets_who_flies_home_into_a_valley(
+    past_m: float, begins_m: float, clash: bool, turned_round: bool
+) -> None:
+    here: list[Place] = [(0.0, 0.0, -begins_m), (-20.0, past_m, -12.0)]
+    home: list[Place] = [(0.0, -30.0, 0.0), (20.0, past_m, 15.0)]  # 15 m below: flown to at 15 m
+    if turned_round:
+        here, home = here[::-1], home[::-1]
+    found = clashing(here, "return", home_m=home)
+    assert sideways_m(found) == pytest.approx([past_m] if clash else [])
 
 
 def test_who_is_right_above_its_home_is_met_there() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from sim.fleet import STEP_S, Fleet, Settings
+from sim.streams import RECORDED_HZ
 
 PX4_DATA = Path(__file__).parents[2] / "data" / "px4"
 STATION = (245, 190)
@@ -20,13 +21,15 @@ HOLD, LAND, RETURN, OFFBOARD, POSITION = (4, 3), (4, 6), (4, 5), (6, 0), (3, 0)
 TAKEOFF = (4, 2)
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 START_S = 1000.0
+SELDOM_HZ = {message_id: min(rate_hz, 10.0) for message_id, rate_hz in RECORDED_HZ.items()}
+"""Streams for tests that are not about streams: most of the computing is in them."""
 
 
 class Bench:
     """A fleet, what it has said, and what is sent to it again and again."""
 
     def __init__(self, **settings: Any) -> None:
-        settings = {"noise_scale": 0.0, **settings}
+        settings = {"noise_scale": 0.0, "rates_hz": SELDOM_HZ, **settings}
         self.fleet = Fleet(Settings(**settings), start_s=START_S, unix_at_start_s=1.8e9)
         self._circle = self.fleet.ears.circle(range(len(self.fleet.autopilots)))
         self.heard: list[tuple[float, Any]] = []

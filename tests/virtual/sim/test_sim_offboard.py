@@ -18,6 +18,8 @@ from sim_bench import (
     Bench,
 )
 
+from sim.streams import RECORDED_HZ
+
 ON_GROUND = 1
 NAN = math.nan
 
@@ -48,7 +50,7 @@ def test_the_clipping_follows_the_parameters() -> None:
 
 
 def test_a_commanded_yaw_is_turned_to_at_a_limited_rate_and_reported() -> None:
-    bench = Bench(heading_deg=90.0).fly_offboard()
+    bench = Bench(heading_deg=90.0, rates_hz=RECORDED_HZ).fly_offboard()
     bench.stream(0, 0, 0, VELOCITY_AND_YAW, yaw=-math.pi / 2)
     bench.run(1.0)
     assert abs(bench.last("ATTITUDE").yaw) == pytest.approx(math.radians(135.0), abs=0.05)

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import common
 from sim_bench import ACCEPTED, DENIED, FAILED, HOLD, Bench
 
 from sim.params import defaults
+from sim.streams import RECORDED_HZ
 
 SET_INTERVAL, GET_INTERVAL, REQUEST = 511, 510, 512
 VERSION_ID, ATTITUDE_ID = 148, 30
@@ -26,7 +27,7 @@ def rate_hz(bench: Bench, kind: str, over_s: float = 4.0) -> float:
 
 
 def test_set_message_interval_changes_stops_and_restores_a_stream() -> None:
-    bench = Bench().ready()
+    bench = Bench(rates_hz=RECORDED_HZ).ready()
     assert bench.command(SET_INTERVAL, ATTITUDE_ID, 100_000) == [ACCEPTED]
     assert rate_hz(bench, "ATTITUDE") == pytest.approx(10.0, abs=0.5)
     assert bench.command(GET_INTERVAL, ATTITUDE_ID) == [ACCEPTED]

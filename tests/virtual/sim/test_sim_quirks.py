@@ -9,6 +9,7 @@ import pytest
 from sim_bench import ACCEPTED, HOLD, LAND, OFFBOARD, POSITION, TEMPORARILY_REJECTED, VELOCITY_ONLY, Bench
 
 from sim.quirks import QuirkError, Quirks, names
+from sim.streams import RECORDED_HZ
 
 
 def without(quirk: str, **settings: Any) -> Bench:
@@ -97,7 +98,7 @@ def test_without_disarm_refused_it_falls() -> None:
 
 
 def test_without_slow_clock_the_boot_clock_is_exact() -> None:
-    bench = without("slow-clock").run(5.0)
+    bench = without("slow-clock", rates_hz=RECORDED_HZ).run(5.0)
     assert bench.last("ATTITUDE").time_boot_ms == pytest.approx(5000, abs=11)
 
 

@@ -93,7 +93,7 @@ def test_a_recorded_session_gets_the_recorded_answers(name: str) -> None:
 
 def test_the_message_set_and_its_rates_are_the_recorded_ones() -> None:
     streams = digest("session")["streams"]
-    bench = Bench().ready()
+    bench = Bench(rates_hz=RECORDED_HZ).ready()
     begin_s = bench.now_s
     bench.run(20.0)
     counts: dict[str, int] = {}
@@ -107,7 +107,7 @@ def test_the_message_set_and_its_rates_are_the_recorded_ones() -> None:
 
 
 def test_local_positions_come_irregularly() -> None:
-    bench = Bench().ready()
+    bench = Bench(rates_hz=RECORDED_HZ).ready()
     bench.run(3.0)
     times = [m.time_boot_ms for m in bench.all("LOCAL_POSITION_NED")]
     gaps = {later - earlier for earlier, later in pairwise(times)}

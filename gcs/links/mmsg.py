@@ -8,6 +8,8 @@ import errno
 import os
 import socket
 import sys
+from collections.abc import Sequence
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -75,6 +77,11 @@ def available() -> bool:
     return _LIBC is not None
 
 
+@cache
+def _number(host: str) -> int:
+    return int.from_bytes(socket.inet_aton(host), "big")
+
+
 class Batch:
     """Room for a number of datagrams, in or out, and the C structures that point at it.
 
@@ -112,6 +119,11 @@ class Batch:
     def port(self) -> NDArray[Any]:
         """(count,) ports; a view."""
         return self._addresses["port"]
+
+    def address(self, places: Sequence[tuple[str, int]]) -> None:
+        """Where the first rows are to go: IPv4 address and port of each."""
+        self.host[: len(places)] = [_number(host) for host, _ in places]
+        self.port[: len(places)] = [port for _, port in places]
 
     def receive(self, fd: int, first: int, most: int) -> int:
         """Take in datagrams to rows `first` and following. Returns: how many; never waits.

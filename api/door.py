@@ -1,0 +1,193 @@
+"""Who comes in: what a call needs, who calls, how fast; and who is told of those turned away.
+
+Emergency calls are counted apart, so that no number of other calls uses up what is theirs.
+"""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from math import inf
+from typing import Final
+
+from starlette.datastructures import Headers
+
+from api.rates import Bucket
+from gcs.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
+from gcs.service import ShowAction, VehicleAction
+from gcs.tokens import Entry, Tokens
+
+log = logging.getLogger(__name__)
+
+PUBLIC: Final = frozenset({"/healthz", "/readyz", "/docs", "/openapi.json"})
+"""Tells nothing of the flight but whether the service is well: for probes, which have no secrets."""
+
+PROBES: Final = frozenset({"/healthz", "/readyz"})
+"""Never too many: a flood of other calls must not make a probe believe that the service is ill, and have it
+restarted while vehicles fly. An answer costs no more than a refusal.
+"""
+
+READING: Final = frozenset({"GET", "HEAD", "WEBSOCKET"})
+
+EMERGENCIES: Final = frozenset(
+    {
+        *(ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT),
+        *(VehicleAction.HOLD, VehicleAction.RETURN, VehicleAction.LAND, VehicleAction.KILL),
+    }
+)
+"""Orders that only ever make less of a flight."""
+
+SUBPROTOCOL: Final = "gcs.v1"
+BEARER: Final = "bearer."
+"""A browser cannot give a WebSocket headers: it offers the subprotocols `gcs.v1` and `bearer.TOKEN`."""
+
+TELL_PER_S: Final = 10.0
+TELL_BURST: Final = 100.0
+"""Denied calls told one by one; faster ones are summed up each second, or they would fill the disk."""
+
+
+def log_denied(denied: Denied) -> None:
+    """The audit of a service without records."""
+    log.warning("access_denied", extra=asdict(denied))
+
+
+def is_emergency(method: str, path: str) -> bool:
+    """Whether this is a call of the emergency lane."""
+    start, _, action = path.rpartition("/")
+    ours = start in {"/api/v1/show", "/api/v1/vehicles"} or start.startswith("/api/v1/vehicles/")
+    return method == "POST" and ours and action in EMERGENCIES
+
+
+def needed(method: str, path: str) -> Right | None:
+    """What a call needs; None: nothing. What is not known to be harmless needs most."""
+    if path in PUBLIC:
+        return None
+    if method in READING:
+        return Right.WATCH
+    return Right.EMERGENCY if is_emergency(method, path) else Right.OPERATE
+
+
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """Who calls, and what they may."""
+
+    name: str
+    rights: frozenset[Right]
+    entry: Entry | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """What is known of a call before its body is read."""
+
+    method: str  # WEBSOCKET for the stream
+    path: str
+    headers: Headers
+    address: str
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a call is not answered."""
+
+    status: int
+    reason: str
+
+
+class Door:
+    """Judges every call. Used on the loop alone."""
+
+    def __init__(
+        self,
+        tokens: Tokens | None = None,
+        *,
+        calls_per_s: float = inf,
+        burst: float = inf,
+        audit: Audit = log_denied,
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Without tokens everybody may do everything, as befits the loopback interface alone."""
+        self._tokens = tokens
+        self._calls_per_s, self._burst = calls_per_s, burst
+        self._audit = audit
+        self._clock_s = clock_s
+        self._buckets: dict[tuple[str, bool], Bucket] = {}  # as many as there are names, twice
+        self._telling = Bucket(TELL_PER_S, TELL_BURST)
+        self._untold = 0
+        self.denied = 0
+        self.shed = 0
+
+    @property
+    def text(self) -> str:
+        """What an operator should know of access."""
+        if self._tokens is None:
+            return "off: whoever reaches this service may do everything; it listens on the loopback interface"
+        return "tokens"
+
+    def visitor(self, headers: Headers) -> Visitor:
+        """Who calls."""
+        if self._tokens is None:
+            return Visitor(LOCAL, RIGHTS[Role.OPERATE])
+        token = _token(headers)
+        entry = self._tokens.find(token) if token else None
+        if entry is None:
+            return Visitor(ANONYMOUS, frozenset())
+        return Visitor(entry.name, RIGHTS[entry.role], entry)
+
+    def is_welcome(self, visitor: Visitor) -> bool:
+        """Whether somebody who came in may still be here: their token is not revoked."""
+        return self._tokens is None or visitor.entry is None or self._tokens.has(visitor.entry)
+
+    def refusal(self, visitor: Visitor, call: Call) -> Refusal | None:
+        """Why this call is turned away; None when it may pass."""
+        right = needed(call.method, call.path)
+        in_lane = right is Right.EMERGENCY and right in visitor.rights
+        is_probe = call.path in PROBES and call.method in READING
+        if not is_probe and not self._bucket(visitor.name, in_lane=in_lane).take(self._clock_s()):
+            self.shed += 1
+            return Refusal(429, f"too many calls: {self._calls_per_s:g} a second may come")
+        if right is None or right in visitor.rights:
+            return None
+        if visitor.name == ANONYMOUS:
+            return Refusal(401, "a token is needed: Authorization: Bearer TOKEN; gcs token create makes one")
+        roles = " or ".join(role for role in Role if right in RIGHTS[role])
+        return Refusal(403, f"{visitor.name} may not: this needs a token of role {roles}")
+
+    def turned_away(self, visitor: Visitor, call: Call, refusal: Refusal) -> None:
+        """Tell the audit, at a rate that it can bear."""
+        self.denied += 1
+        told = Denied(
+            time.time(),
+            visitor.name,
+            call.address,
+            call.method,
+            call.path[:200],
+            refusal.status,
+            refusal.reason,
+        )
+        if self._telling.take(self._clock_s()):
+            self._audit(told)
+            return
+        self._untold += 1
+        if self._untold == 1:
+            asyncio.get_running_loop().call_later(1.0, self._tell_rest, told)
+
+    def _tell_rest(self, first: Denied) -> None:
+        count, self._untold = self._untold, 0
+        self._audit(replace(first, count=count))
+
+    def _bucket(self, name: str, *, in_lane: bool) -> Bucket:
+        key = (name, in_lane)
+        if key not in self._buckets:
+            self._buckets[key] = Bucket(self._calls_per_s, self._burst)
+        return self._buckets[key]
+
+
+def _token(headers: Headers) -> str:
+    """The token that came along; empty when none did."""
+    kind, _, token = headers.get("authorization", "").partition(" ")
+    if kind.lower() == "bearer":
+        return token.strip()
+    offered = [each.strip() for each in headers.get("sec-websocket-protocol", "").split(",")]
+    return next((each.removeprefix(BEARER) for each in offered if each.startswith(BEARER)), "")

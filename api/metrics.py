@@ -1,0 +1,152 @@
+"""What `/metrics` tells Prometheus, read from the newest state when it is asked for. Nothing is kept here."""
+
+import asyncio
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from fastapi import APIRouter
+from prometheus_client import CollectorRegistry
+from prometheus_client.core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    InfoMetricFamily,
+    Metric,
+)
+from prometheus_client.exposition import CONTENT_TYPE_PLAIN_1_0_0, generate_latest
+from starlette.responses import Response
+
+from api.desk import DeskDep
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.service import FleetView, Histogram, VehicleView
+
+router = APIRouter()
+
+Row = Mapping[str, float | None]
+
+VEHICLE_GAUGES: Final = {
+    "gcs_vehicle_link_quality": "Share of the positions asked for that arrive, 0 to 1.",
+    "gcs_vehicle_position_age_seconds": "Since the newest position arrived.",
+    "gcs_vehicle_heartbeat_age_seconds": "Since the newest heartbeat arrived.",
+    "gcs_vehicle_battery_ratio": "Battery remaining, 0 to 1.",
+    "gcs_vehicle_position_uncertainty_meters": "How far off its position may be, sideways.",
+    "gcs_vehicle_ready": "1: could be started now.",
+    "gcs_vehicle_restrained": "1: the safety filter held it back in the newest tick.",
+}
+
+
+def _of_vehicle(each: VehicleView) -> Row:
+    values = (
+        each.link_quality,
+        each.position_age_s,
+        each.heartbeat_age_s,
+        each.battery_remaining,
+        each.position_uncertainty_m,
+        float(each.ready),
+        float(each.restrained_by != ""),
+    )
+    return dict(zip(VEHICLE_GAUGES, values, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class FleetCollector:
+    """Makes every metric from one state."""
+
+    view: FleetView
+    is_alive: bool
+    age_s: float
+    access: str
+    denied: int
+    shed: int
+
+    def collect(self) -> Iterator[Metric]:
+        """All of them."""
+        yield from self._service()
+        yield from _vehicles(self.view)
+
+    def _service(self) -> Iterator[Metric]:
+        view, tick = self.view, self.view.tick
+        yield _gauge("gcs_control_alive", "1 while ticks come.", float(self.is_alive))
+        yield _gauge("gcs_state_age_seconds", "Since the newest state was made.", self.age_s)
+        yield _counter("gcs_ticks", "Ticks of the control loop.", tick.count)
+        yield _counter("gcs_ticks_missed", "Ticks that were dropped, being too late.", tick.missed)
+        yield _histogram("gcs_tick_duration_seconds", "How long a tick took.", tick.durations)
+        yield _histogram("gcs_tick_lateness_seconds", "How late a tick began.", tick.latenesses)
+        yield _counter("gcs_setpoints_sent", "Velocity setpoints that left.", view.setpoints_sent)
+        yield _counter("gcs_filter_interventions", "Vehicle-ticks that safety changed.", view.interventions)
+        yield _gauge(
+            "gcs_minimum_separation_meters",
+            "Between the nearest two that count, as believed; absent when there are none.",
+            view.minimum_separation_m,
+        )
+        yield _one_of("gcs_show_phase", "1 for the phase that the show is in.", ShowPhase, view.show)
+        yield _counter("gcs_calls_denied", "Calls that were turned away.", self.denied)
+        yield _counter("gcs_calls_shed", "Those of them that were too many.", self.shed)
+        yield InfoMetricFamily("gcs_access", "Whether tokens are asked for.", {"access": self.access})
+
+
+def _vehicles(view: FleetView) -> Iterator[Metric]:
+    families = {
+        name: GaugeMetricFamily(name, text, labels=["vehicle"]) for name, text in VEHICLE_GAUGES.items()
+    }
+    for each in view.vehicles:
+        for name, value in _of_vehicle(each).items():
+            if value is not None:
+                families[name].add_metric([each.id], value)
+    yield from families.values()
+    phases = GaugeMetricFamily("gcs_vehicles", "How many are in each phase.", labels=["phase"])
+    for phase in Phase:
+        phases.add_metric([phase.value], sum(each.phase is phase for each in view.vehicles))
+    yield phases
+
+
+def _gauge(name: str, text: str, value: float | None) -> Metric:
+    family = GaugeMetricFamily(name, text)
+    if value is not None:
+        family.add_metric([], value)
+    return family
+
+
+def _counter(name: str, text: str, value: float) -> Metric:
+    return CounterMetricFamily(name, text, value)
+
+
+def _one_of(name: str, text: str, kinds: type[ShowPhase], now: ShowPhase) -> Metric:
+    family = GaugeMetricFamily(name, text, labels=["phase"])
+    for kind in kinds:
+        family.add_metric([kind.value], float(kind is now))
+    return family
+
+
+def _histogram(name: str, text: str, seen: Histogram) -> Metric:
+    family = HistogramMetricFamily(name, text)
+    total, buckets = 0, []
+    for bound_s, count in zip((*seen.bounds_s, None), seen.counts, strict=True):
+        total += count
+        buckets.append(("+Inf" if bound_s is None else f"{bound_s:g}", float(total)))
+    family.add_metric([], buckets, seen.sum_s)
+    return family
+
+
+@router.get(
+    "/metrics",
+    tags=["health"],
+    summary="For Prometheus",
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
+async def metrics(desk: DeskDep) -> Response:
+    """Every metric in Prometheus' text format."""
+    door = desk.door
+    problem, age_s = desk.health_problem(), max(0.0, desk.age_s())
+    collector = FleetCollector(desk.view, not problem, age_s, door.text, door.denied, door.shed)
+    # in a thread: of a thousand vehicles it is thousands of lines, and the loop has ticks to keep
+    text = await asyncio.to_thread(_text, collector)
+    return Response(text, media_type=CONTENT_TYPE_PLAIN_1_0_0)
+
+
+def _text(collector: FleetCollector) -> bytes:
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(collector)
+    return generate_latest(registry)

@@ -1,0 +1,124 @@
+"""`gcs certify`: a recorded flight judged, as JSON and as one page."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from gcs import config as configuration
+from gcs.cli.certify_page import page
+from gcs.cli.record import session_folder
+from gcs.errors import GcsError
+from gcs.records.certify import Certificate, Standard, certify
+from gcs.records.flown import FlightData
+from gcs.records.tracks import Tracks, estimated, true
+
+FLIGHT = "flight*.mcap"
+TRUTH = "truth*.jsonl"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `gcs certify`."""
+    parser.add_argument(
+        "files",
+        nargs="+",
+        metavar="FILE",
+        help="flight.mcap, files of gcs sim --truth, or folders that hold them; of a record's folder the"
+        " newest session",
+    )
+    parser.add_argument(
+        "--positions",
+        choices=("true", "estimated"),
+        help="what the judgement is based on; true where they are known",
+    )
+    parser.add_argument("--config", metavar="FILE", help="what holds, for truth files without flight data")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
+    parser.add_argument("--report", metavar="FILE", help="write the report as JSON")
+    parser.add_argument("--html", metavar="FILE", help="write one page with plots")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Judge. Returns: 0 when all was kept, 1 when something was broken, 2 when the input is none."""
+    try:
+        certificate, source = _judge(arguments)
+        report = {"source": source, **certificate.report()}
+        text = json.dumps(report, indent=2)
+        if arguments.report:
+            _write(Path(arguments.report), text + "\n")
+        if arguments.html:
+            _write(Path(arguments.html), page(certificate, source))
+    except GcsError as error:
+        print(f"gcs certify: {error}", file=sys.stderr)
+        return 2
+    print(text if arguments.json else summary(certificate, source))
+    return 0 if certificate.kept else 1
+
+
+def _judge(arguments: argparse.Namespace) -> tuple[Certificate, str]:
+    """The judgement, and which files it is of. Raises: GcsError."""
+    flights, truths = _found([Path(name) for name in arguments.files])
+    if len(flights) > 1:
+        raise GcsError(f"{', '.join(map(str, flights))}: one flight at a time")
+    data = FlightData(flights[0]) if flights else None
+    if arguments.config:
+        file = configuration.find(arguments.config)
+        standard = Standard.of(configuration.load(file).model_dump(mode="json"), str(file))
+    elif data is not None:
+        standard = Standard.of(data.about.config, str(data.path))
+    else:
+        raise GcsError(f"{truths[0]}: it does not say what holds; give flight.mcap too, or --config FILE")
+    believed = estimated(data) if data is not None else None
+    wanted = arguments.positions or ("true" if truths else "estimated")
+    if wanted == "true" and not truths:
+        raise GcsError("--positions true: there is no truth file; gcs sim --truth writes one")
+    tracks: Tracks | None = believed
+    if wanted == "true":
+        tracks = true(truths, standard.frame, believed, data.about.ids if data is not None else ())
+    if tracks is None:
+        raise GcsError("--positions estimated: there is no flight.mcap")
+    used = truths if wanted == "true" else flights
+    return certify(tracks, standard), ", ".join(str(path) for path in used)
+
+
+def _found(paths: list[Path]) -> tuple[list[Path], list[Path]]:
+    """Flight data and truth files. Raises: GcsError for what is neither."""
+    flights: list[Path] = []
+    truths: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            folder = session_folder(path)
+            inside = sorted(folder.glob(FLIGHT)), sorted({*path.glob(TRUTH), *folder.glob(TRUTH)})
+            if not any(inside):
+                raise GcsError(f"{path}: there is no {FLIGHT} and no {TRUTH} in it")
+            flights += inside[0]
+            truths += inside[1]
+        elif path.suffix == ".jsonl":
+            truths.append(path)
+        elif path.exists():
+            flights.append(path)
+        else:
+            raise GcsError(f"{path}: there is no such file")
+    return flights, truths
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise GcsError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def summary(certificate: Certificate, source: str) -> str:
+    """The judgement for a person."""
+    tracks = certificate.tracks
+    lines = [f"{source}: {len(tracks.ids)} vehicles, {certificate.duration_s:.0f} s"]
+    lines += [f"based on {tracks.based_on}: {tracks.uncertainty}"]
+    lines += [f"note: {remark}" for remark in tracks.remarks]
+    for check in certificate.checks:
+        worst = "nothing to judge" if check.worst is None else f"{check.worst:g}"
+        who = f"{check.vehicle} at {check.at_s:g} s" if check.at_s is not None else check.vehicle
+        mark = "kept  " if check.kept else "BROKEN"
+        lines.append(
+            f"  {mark}  {check.name:<36} {worst:>10}  limit {check.limit:g} {check.unit}  {who}".rstrip()
+        )
+    return "\n".join(lines)

@@ -1,0 +1,173 @@
+"""The judgement of a flight on one page: HTML that needs nothing else, plots inside."""
+
+from datetime import UTC, datetime
+from html import escape
+from io import StringIO
+from typing import Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from gcs.records.certify import SMOOTHED_S, TOLERATED, TOLERATED_M_S, TOLERATED_M_S2, Certificate
+
+SHOWN_PATHS: Final = 80
+POINTS_MAX: Final = 1500
+"""Of a line: more than that nobody sees, and the page grows."""
+
+STYLE: Final = """
+body { font: 15px/1.45 system-ui, sans-serif; color: #222; }
+body { margin: 2em auto; max-width: 62em; padding: 0 1em; }
+h1 { font-size: 1.4em; } .kept { color: #17692b; } .broken { color: #b3140c; font-weight: 600; }
+table { border-collapse: collapse; margin: 1em 0; width: 100%; } th { text-align: left; }
+td, th { border-bottom: 1px solid #ddd; padding: .25em .7em .25em 0; } td.n { text-align: right; }
+svg { width: 100%; height: auto; } .pairs { columns: 2; } p.note { background: #fff4d6; padding: .5em; }
+"""
+
+
+def page(certificate: Certificate, source: str) -> str:
+    """The whole page."""
+    tracks = certificate.tracks
+    word = "Kept: nothing was broken" if certificate.kept else "Broken"
+    kind = "kept" if certificate.kept else "broken"
+    notes = "".join(f"<p class=note>{escape(remark)}</p>" for remark in tracks.remarks)
+    return f"""<!DOCTYPE html>
+<html lang="en"><meta charset="utf-8"><title>Flight: {escape(word)}</title><style>{STYLE}</style>
+<h1>Flight of {len(tracks.ids)} vehicles, {certificate.duration_s:.0f} s:
+<span class={kind}>{escape(word)}</span></h1>
+<p>Based on <b>{escape(tracks.based_on)}</b>: {escape(tracks.uncertainty)}.<br>
+From {escape(source)}; judged {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. Speeds and accelerations are means over
+{SMOOTHED_S:g} s of vehicles that the service flew; a vehicle may pass what was commanded by
+{TOLERATED:.0%} and {TOLERATED_M_S:g} m/s ({TOLERATED_M_S2:g} m/s²).</p>
+{notes}
+{_checks(certificate)}
+{_plots(certificate)}
+{_pairs(certificate)}
+</html>
+"""
+
+
+def _checks(certificate: Certificate) -> str:
+    rows = []
+    for check in certificate.checks:
+        worst = "-" if check.worst is None else f"{check.worst:.4g}"
+        when = "" if check.at_s is None else f"{check.at_s:.1f} s"
+        kind = "kept" if check.kept else "broken"
+        word = "nothing to judge" if check.worst is None else kind
+        rows.append(
+            f"<tr><td>{escape(check.name)}<td class=n>{worst}<td class=n>{check.limit:g}"
+            f"<td>{escape(check.unit)}<td>{escape(check.vehicle)}<td class=n>{when}<td class={kind}>{word}"
+        )
+    head = "<tr><th>What<th>Worst<th>Limit<th>Unit<th>Vehicle<th>At<th>Verdict"
+    return f"<table>{head}{''.join(rows)}</table>"
+
+
+def _pairs(certificate: Certificate) -> str:
+    tracks, pairs = certificate.tracks, certificate.pairs
+    rows = [
+        f"<tr><td>{escape(tracks.ids[i])}<td>{escape(tracks.ids[j])}<td class=n>{pairs.distance_m[i, j]:.2f}"
+        f"<td class=n>{pairs.ratio[i, j]:.2f}<td class=n>{pairs.sure_ratio[i, j]:.2f}"
+        f"<td class=n>{tracks.time_s[pairs.sample[i, j]] - tracks.time_s[0]:.1f}"
+        for i, j in pairs.nearest(20)
+    ]
+    head = (
+        "<tr><th>Pair<th><th>Least distance, m<th>As a share of the floor"
+        "<th>If both were off by their margin<th>At, s"
+    )
+    return f"<h2>Nearest pairs</h2><table>{head}{''.join(rows)}</table>"
+
+
+def _plots(certificate: Certificate) -> str:
+    with mpl.rc_context({"svg.hashsalt": "gcs", "svg.fonttype": "none", "font.size": 9}):
+        text = StringIO()
+        figure(certificate).savefig(text, format="svg", metadata={"Date": None})
+    svg = text.getvalue()
+    return svg[svg.index("<svg") :]
+
+
+def figure(certificate: Certificate) -> Figure:
+    """Paths from above, least distance, heights and speeds."""
+    drawn = Figure(figsize=(11.0, 7.4), layout="constrained")
+    above, separation, height, speed = drawn.subplots(2, 2).ravel()
+    _from_above(above, certificate)
+    _separation(separation, certificate)
+    _heights(height, certificate)
+    _speeds(speed, certificate)
+    for axes in (separation, height, speed):
+        axes.set_xlim(0.0, certificate.duration_s)
+    return drawn
+
+
+def _shown(certificate: Certificate) -> tuple[np.ndarray, np.ndarray]:
+    """Samples and vehicles that are drawn."""
+    k, n = certificate.tracks.airborne.shape
+    samples = np.unique(np.linspace(0, k - 1, min(k, POINTS_MAX)).astype(int))
+    return samples, np.unique(np.linspace(0, n - 1, min(n, SHOWN_PATHS)).astype(int))
+
+
+def _from_above(axes: Axes, certificate: Certificate) -> None:
+    tracks, fence = certificate.tracks, certificate.standard.safety.fence
+    samples, rows = _shown(certificate)
+    colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, len(rows)))
+    for row, colour in zip(rows, colours, strict=True):
+        place_m = np.where(tracks.airborne[samples, row, None], tracks.position_m[samples, row], np.nan)
+        axes.plot(place_m[:, 1], place_m[:, 0], color=colour, linewidth=0.7)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.apply_aspect()
+    box = axes.get_xlim(), axes.get_ylim()
+    axes.add_patch(Circle((0, 0), fence.distance_max_m, fill=False, color="#b3140c", linestyle="--"))
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlim(box[0])
+    axes.set_ylim(box[1])
+    axes.set(title="Paths from above (dashed: fence)", xlabel="y, m", ylabel="x, m")
+
+
+def _time_s(certificate: Certificate) -> np.ndarray:
+    return np.asarray(certificate.tracks.time_s - certificate.tracks.time_s[0])
+
+
+def _separation(axes: Axes, certificate: Certificate) -> None:
+    floor, least_m = certificate.standard.safety.floor, certificate.least_m
+    k = len(least_m)
+    starts = np.unique(np.linspace(0, k - 1, min(k, POINTS_MAX)).astype(int))
+    lowest_m = np.minimum.reduceat(least_m, starts)  # of all samples, not of those drawn
+    axes.plot(_time_s(certificate)[starts], np.where(np.isfinite(lowest_m), lowest_m, np.nan), linewidth=0.9)
+    axes.axhspan(0.0, floor.horizontal_m, color="#b3140c", alpha=0.15)
+    axes.axhline(floor.vertical_m, color="#b3140c", linestyle=":", linewidth=0.9)
+    axes.set_ylim(bottom=0.0)
+    axes.set(
+        title="Least distance of all pairs (red: floor; dotted: above)",
+        xlabel="s",
+        ylabel="m",
+    )
+
+
+def _heights(axes: Axes, certificate: Certificate) -> None:
+    tracks, fence = certificate.tracks, certificate.standard.safety.fence
+    samples, rows = _shown(certificate)
+    axes.plot(_time_s(certificate)[samples], -tracks.position_m[samples][:, rows, 2], linewidth=0.5)
+    axes.axhline(fence.height_min_m, color="#b3140c", linestyle=":", linewidth=0.9)
+    highest_m = float(np.nanmax(-tracks.position_m[..., 2], initial=0.0))
+    if highest_m > 0.6 * fence.height_max_m:
+        axes.axhline(fence.height_max_m, color="#b3140c", linestyle="--", linewidth=0.9)
+    axes.set(
+        title=f"Heights (fence: {fence.height_min_m:g} to {fence.height_max_m:g} m)", xlabel="s", ylabel="m"
+    )
+
+
+def _speeds(axes: Axes, certificate: Certificate) -> None:
+    tracks, limits = certificate.tracks, certificate.standard.safety.limits
+    samples, _ = _shown(certificate)
+    velocity_m_s = np.where(tracks.flown[samples, :, None], tracks.velocity_m_s[samples], np.nan)
+    time_s = _time_s(certificate)[samples]
+    flat_m_s, up_m_s = np.hypot(velocity_m_s[..., 0], velocity_m_s[..., 1]), -velocity_m_s[..., 2]
+    for value, name in ((flat_m_s, "sideways"), (up_m_s, "up"), (-up_m_s, "down")):
+        most = np.max(np.nan_to_num(value, nan=-np.inf), axis=1)
+        axes.plot(time_s, np.where(np.isfinite(most), most, np.nan), linewidth=0.9, label=name)
+    for limit, colour in ((limits.horizontal_m_s, "C0"), (limits.up_m_s, "C1"), (limits.down_m_s, "C2")):
+        axes.axhline(limit, color=colour, linestyle="--", linewidth=0.8)
+    axes.legend(loc="upper right")
+    axes.set_ylim(bottom=0.0)
+    axes.set(title="Greatest speeds of those flown (dashed: limits)", xlabel="s", ylabel="m/s")

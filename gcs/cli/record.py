@@ -1,0 +1,23 @@
+"""The record that a configuration asks for, and where one that was made lies."""
+
+from pathlib import Path
+
+from gcs.config import Config
+from gcs.records.known import AUDIT, last_known
+from gcs.records.record import Record
+
+
+def make_record(config: Config) -> Record | None:
+    """A new session's record, not opened yet; None where the configuration names no folder."""
+    if config.record is None:
+        return None
+    vehicles = {each.id: (each.system_id, link.name) for link in config.links for each in link.fleet}
+    return Record(config.record.folder, config.model_dump_json(), vehicles, flight=config.record.flight)
+
+
+def session_folder(folder: Path) -> Path:
+    """The newest session's folder of a record, else the folder itself. Raises: GcsError for a bad audit."""
+    if not (folder / AUDIT).is_file():
+        return folder
+    session = last_known(folder).session
+    return folder if session is None else folder / session.id

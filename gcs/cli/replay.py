@@ -1,0 +1,76 @@
+"""`gcs replay`: the API over a recorded flight."""
+
+import argparse
+import asyncio
+import logging
+import signal
+import sys
+from pathlib import Path
+
+from api.app import create_app
+from api.server import serve as serve_api
+from gcs.cli import logs
+from gcs.cli.record import session_folder
+from gcs.errors import GcsError
+from gcs.records.flown import FlightData
+from gcs.records.replay import Replay
+
+SPEED_MAX = 100.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `gcs replay`."""
+    parser.add_argument("file", metavar="FILE", help="flight.mcap, or a folder that holds it")
+    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="times as fast as flown; 1")
+    parser.add_argument("--host", default="127.0.0.1", help="where the API listens; 127.0.0.1")
+    parser.add_argument("--port", type=int, default=8000, help="of the API; 8000, 0: any that is free")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until Ctrl-C. Returns: 0; 2 when the file or an argument is none."""
+    logs.set_up(logging.WARNING)
+    if not 0.0 < arguments.speed <= SPEED_MAX:
+        print(f"gcs replay: --speed {arguments.speed:g}: above 0, at most {SPEED_MAX:g}", file=sys.stderr)
+        return 2
+    try:
+        asyncio.run(_replay(FlightData(flight_file(Path(arguments.file))), arguments))
+    except GcsError as error:
+        print(f"gcs replay: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def flight_file(path: Path) -> Path:
+    """The file itself, or the first one in a folder; of a record's folder that of the newest session."""
+    return session_folder(path) / "flight.mcap" if path.is_dir() else path
+
+
+async def _replay(data: FlightData, arguments: argparse.Namespace) -> None:
+    loop = asyncio.get_running_loop()
+    asked = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, asked.set)
+    service = Replay(data, arguments.speed)
+    listening: asyncio.Future[int] = loop.create_future()
+    app = create_app(service, host_names=("localhost", arguments.host))
+    tasks = [
+        asyncio.create_task(serve_api(app, arguments.host, arguments.port, listening=listening), name="api"),
+        asyncio.create_task(service.run(), name="replay"),
+        asyncio.create_task(asked.wait(), name="asked"),
+    ]
+    listening.add_done_callback(lambda port: _say(data, arguments, port))
+    try:
+        ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in ended:
+            task.result()  # raises what ended it
+    finally:
+        listening.cancel()
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _say(data: FlightData, arguments: argparse.Namespace, port: asyncio.Future[int]) -> None:
+    if not port.cancelled():
+        url = f"http://{arguments.host}:{port.result()}/docs"
+        print(f"replay of {data.path}, {len(data.about.ids)} vehicles; API at {url}", flush=True)

@@ -1,0 +1,60 @@
+"""Who is on an errand: a task of the control group. A vehicle has at most one; a new one replaces it."""
+
+import asyncio
+import logging
+from collections.abc import Callable, Coroutine
+from typing import TypeAlias
+
+from gcs.errors import OrderError, RefusedError
+from gcs.service import Outcome
+from gcs.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
+
+Errand: TypeAlias = Callable[[Vehicle], Coroutine[None, None, None]]
+Done: TypeAlias = Callable[[Outcome, str], None]
+
+
+class ErrandTasks:
+    """Starts, replaces and ends errands."""
+
+    def __init__(self, group: asyncio.TaskGroup) -> None:
+        """`group` is control's."""
+        self._group = group
+        self._running: dict[str, tuple[asyncio.Task[None], Done]] = {}
+
+    def running(self, vehicle: Vehicle) -> bool:
+        """Whether the vehicle is on an errand."""
+        return vehicle.id in self._running
+
+    def stop(self, vehicle: Vehicle, reason: str) -> None:
+        """End the vehicle's errand, if any; it has failed for that reason."""
+        running = self._running.pop(vehicle.id, None)
+        vehicle.engaging = False
+        if running is not None:
+            task, done = running
+            task.cancel()
+            done(Outcome.FAILED, reason)  # here: a task cancelled before its first step says nothing
+
+    def start(self, vehicle: Vehicle, errand: Errand, done: Done) -> None:
+        """Send the vehicle on `errand` instead of any other; `done` is called once with the outcome."""
+        self.stop(vehicle, "replaced by another order")
+        task = self._group.create_task(self._run(vehicle, errand, done), name=f"errand/{vehicle.id}")
+        self._running[vehicle.id] = task, done
+        task.add_done_callback(lambda ended: self._forget(vehicle, ended))
+
+    def _forget(self, vehicle: Vehicle, ended: asyncio.Task[None]) -> None:
+        running = self._running.get(vehicle.id)
+        if running is not None and running[0] is ended:
+            del self._running[vehicle.id]
+
+    async def _run(self, vehicle: Vehicle, errand: Errand, done: Done) -> None:
+        outcome, reason = Outcome.DONE, ""
+        try:
+            await errand(vehicle)
+        except (OrderError, RefusedError) as error:
+            outcome, reason = Outcome.FAILED, str(error)
+            log.warning("order_failed", extra={"vehicle": vehicle.id, "reason": reason})
+        # Not reached when `stop` cancels: it has done both, and the vehicle may be on its next errand.
+        vehicle.engaging = False
+        done(outcome, reason)

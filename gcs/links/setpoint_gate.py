@@ -1,0 +1,163 @@
+"""Velocity setpoints on their way out over UDP: each judged, a tick's all sent with a few system calls."""
+
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.links.deadman import Asked, Deadman
+from gcs.links.direct.codec import HEADER_LENGTH, Records, layout
+from gcs.links.endpoints import Endpoint
+from gcs.links.endpoints.udp import Udp
+from gcs.links.killlatch import KillLatch
+from gcs.links.mavlink_frames import SET_POSITION_TARGET_LOCAL_NED
+from gcs.links.mmsg import Batch
+from gcs.links.roster import Address
+from gcs.links.traffic import Counters, Direction, Observer
+from gcs.state import Array, Mask
+
+_ROOM: Final = 256
+_MAGIC: Final = 0xFD
+_FRAME: Final = np.dtype(
+    [
+        ("magic", "u1"),
+        ("length", "u1"),
+        ("incompatible", "u1"),  # flags; 1: signed
+        ("before_id", "V4"),
+        ("message_id", "u1", 3),
+        ("said", layout(SET_POSITION_TARGET_LOCAL_NED).dtype),
+        ("checksum", "<u2"),
+    ]
+)
+"""A MAVLink 2 frame with a SET_POSITION_TARGET_LOCAL_NED, whose last byte is never a zero to be cut off."""
+
+
+class _Way(NamedTuple):
+    """Setpoints that leave through one socket."""
+
+    rows: list[int]
+    targets: list[int]
+    addresses: list[Address]
+
+
+class SetpointGate:
+    """Lets through what `Wire.send` would let through one by one. Used on the loop's thread."""
+
+    def __init__(
+        self,
+        *,
+        deadman: Deadman,
+        latch: KillLatch,
+        asked: Asked | None,
+        address_of: Callable[[int], Address | None],
+        endpoints: Sequence[Endpoint],
+        counters: Counters,
+        clock: Callable[[], float],
+        failed: Callable[[Address, OSError], None],
+    ) -> None:
+        """See `Wire`; `failed` is told of every datagram that could not leave."""
+        self._deadman = deadman
+        self._latch = latch
+        self._asked = asked
+        self._address_of = address_of
+        self._endpoints = endpoints
+        self._counters = counters
+        self._clock = clock
+        self._failed = failed
+        self._out = Batch(_ROOM, _FRAME.itemsize)
+
+    def send(
+        self, written: Batch, count: int, left: Callable[[int], None], observers: Sequence[Observer]
+    ) -> list[int]:
+        """Send those of the first `count` datagrams that are one velocity setpoint each.
+
+        Args:
+            written: what MAVSDK wrote.
+            count: how much of it.
+            left: told the target of every setpoint that has left.
+            observers: shown every frame that has left.
+
+        Returns: the rows that are anything else, or whose way is not UDP, in order.
+        """
+        is_setpoint = _are_setpoints(written, count)
+        others: list[int] = np.flatnonzero(~is_setpoint).tolist()
+        rows = np.flatnonzero(is_setpoint)
+        said = _frames(written, rows)["said"]
+        velocities = np.stack([said["vx"], said["vy"], said["vz"]], axis=1)
+        ways: dict[int, _Way] = {}
+        now_s = self._clock()
+        for at, (row, target) in enumerate(zip(rows.tolist(), said["target_system"].tolist(), strict=True)):
+            address = self._address_of(target)
+            if address is None or not isinstance(self._endpoints[address.socket_index], Udp):
+                others.append(row)
+            elif self._latch.is_shut(target):
+                self._counters.commands_dropped += 1
+            elif not self._deadman.allows(target, now_s) or not self._is_newest(target, velocities[at]):
+                self._counters.setpoints_dropped += 1
+            else:
+                way = ways.setdefault(address.socket_index, _Way([], [], []))
+                way.rows.append(row)
+                way.targets.append(target)
+                way.addresses.append(address)
+        for index, way in ways.items():
+            endpoint = self._endpoints[index]
+            if isinstance(endpoint, Udp):
+                for first in range(0, len(way.rows), _ROOM):
+                    end = first + _ROOM
+                    part = _Way(way.rows[first:end], way.targets[first:end], way.addresses[first:end])
+                    self._send(endpoint, written, part, left, observers)
+        return sorted(others)
+
+    def _send(
+        self,
+        endpoint: Udp,
+        written: Batch,
+        way: _Way,
+        left: Callable[[int], None],
+        observers: Sequence[Observer],
+    ) -> None:
+        first, end = 0, len(way.rows)
+        self._out.data[:end] = written.data[way.rows, : _FRAME.itemsize]
+        self._out.length[:end] = _FRAME.itemsize
+        self._out.address([(address.host, address.port) for address in way.addresses])
+        while first < end:
+            # Asked again right before the call: the process may be stopped anywhere.
+            if not self._deadman.is_alive(self._clock()):
+                self._counters.setpoints_dropped += end - first
+                return
+            try:
+                count = endpoint.send_batch(self._out, first, end)
+            except OSError as error:
+                self._failed(way.addresses[first], error)
+                first += 1
+                continue
+            now_s = self._clock()
+            for at in range(first, first + count):
+                left(way.targets[at])
+                for observer in observers:
+                    observer(now_s, Direction.SENT, self._out.data[at].tobytes(), way.targets[at])
+            self._counters.sent += count
+            first += count
+
+    def _is_newest(self, target: int, velocity_m_s: Array) -> bool:
+        return self._asked is None or self._asked.is_newest(target, velocity_m_s.tobytes())
+
+
+def _frames(written: Batch, rows: NDArray[np.intp]) -> Records:
+    """(k,) of _FRAME."""
+    return written.data[rows, : _FRAME.itemsize].copy().view(_FRAME)[:, 0]
+
+
+def _are_setpoints(written: Batch, count: int) -> Mask:
+    """(count,) whether each datagram is one unsigned velocity setpoint, whole."""
+    frames = _frames(written, np.arange(count))
+    number = frames["message_id"] @ np.array([1, 1 << 8, 1 << 16])
+    are: Mask = (
+        (written.length[:count] == _FRAME.itemsize)
+        & (frames["magic"] == _MAGIC)
+        & (frames["length"] == _FRAME.itemsize - HEADER_LENGTH)
+        & (frames["incompatible"] == 0)
+        & (number == SET_POSITION_TARGET_LOCAL_NED)
+    )
+    return are

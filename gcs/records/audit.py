@@ -1,0 +1,172 @@
+"""What is written into the audit: sessions, calls, orders, events, and the last known of everybody."""
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Final
+
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.links.roster import Address
+from gcs.plan import Plan
+from gcs.records.journal import Journal, Row, Value
+from gcs.records.moment import Moment, Told
+from gcs.service import Call, OrderRecord, Outcome
+from gcs.state import Array, Mode, VehicleId
+
+BODY_MAX: Final = 4096
+
+_VEHICLE: Final = """
+INSERT INTO vehicles (id, session, unix_s, system_id, link, host, port, phase, reason, mode, armed,
+  home_x_m, home_y_m, home_z_m) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+ON CONFLICT (id) DO UPDATE SET
+  session = excluded.session, unix_s = excluded.unix_s,
+  system_id = excluded.system_id, link = excluded.link,
+  host = coalesce(excluded.host, host), port = coalesce(excluded.port, port),
+  phase = coalesce(excluded.phase, phase), reason = coalesce(excluded.reason, reason),
+  mode = coalesce(excluded.mode, mode), armed = coalesce(excluded.armed, armed),
+  home_x_m = coalesce(excluded.home_x_m, home_x_m),
+  home_y_m = coalesce(excluded.home_y_m, home_y_m),
+  home_z_m = coalesce(excluded.home_z_m, home_z_m)
+"""
+_SHOW: Final = "INSERT OR REPLACE INTO show VALUES (1, ?, ?, ?, ?, ?)"
+_EVENT: Final = "INSERT INTO events VALUES (?, ?, ?, ?, ?, ?)"
+_OUTCOME: Final = "INSERT INTO outcomes VALUES (?, ?, ?, ?, ?, ?)"
+
+
+def plan_json(plan: Plan) -> str:
+    """Everything that is wanted, as JSON; times are those of the loop's clock."""
+    return json.dumps(asdict(plan), separators=(",", ":"))
+
+
+class Audit:
+    """One session's rows. A `gcs.service.Audit`."""
+
+    def __init__(self, journal: Journal, session: str, vehicles: Mapping[VehicleId, tuple[int, str]]) -> None:
+        """Nothing is written before `begin`.
+
+        Args:
+            journal: where to.
+            session: its name, one of its own.
+            vehicles: system id and link of each.
+        """
+        self._journal = journal
+        self._session = session
+        self._vehicles = dict(vehicles)
+        count = len(vehicles)
+        # what a vehicle is before it is heard is no news: what the session before knew is worth more
+        self._phases: Sequence[Phase] = (Phase.OFFLINE,) * count
+        self._modes: Sequence[Mode] = (Mode.UNKNOWN,) * count
+        self._armed: Sequence[bool] = (False,) * count
+        self._homes: Sequence[Array | None] = (None,) * count
+        self._addresses: dict[VehicleId, Address] = {}
+        self._show: ShowPhase = ShowPhase.IDLE
+        self._told: Told | None = None
+        self._cue: tuple[str, str, str] | None = None
+
+    def begin(self, folder: Path, config_json: str) -> None:
+        """Note that the session began."""
+        values = (self._session, time.time(), str(folder), config_json)
+        self._put("INSERT INTO sessions (id, began_unix_s, folder, config) VALUES (?, ?, ?, ?)", *values)
+
+    def end(self) -> None:
+        """Note that it ended as it should."""
+        self._put("UPDATE sessions SET ended_unix_s = ? WHERE id = ?", time.time(), self._session)
+
+    def call(self, call: Call) -> None:
+        """Note a call of the API and its answer."""
+        body = call.body if len(call.body) <= BODY_MAX else f"{call.body[:BODY_MAX]}…"
+        values = (self._session, time.time(), call.who, call.method, call.path, body, call.status)
+        self._put("INSERT INTO calls VALUES (?, ?, ?, ?, ?, ?, ?)", *values)
+
+    async def kept(self) -> bool:
+        """Return once all that was noted so far is on the disk; False: it is not."""
+        return await self._journal.kept()
+
+    def opened(self, record: OrderRecord, who: str) -> None:
+        """Note an accepted order, and what it is for every vehicle at first."""
+        at_s = record.accepted_time_s
+        values = (self._session, record.id, at_s, who, record.action)
+        order = Row("INSERT INTO orders VALUES (?, ?, ?, ?, ?)", values)
+        parts = [
+            Row(_OUTCOME, (self._session, record.id, name, at_s, part.outcome.value, part.reason))
+            for name, part in record.outcomes.items()
+        ]
+        self._journal.put([order, *parts])
+
+    def closed(self, order_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:
+        """Note what became of one vehicle's part."""
+        self._put(_OUTCOME, self._session, order_id, vehicle_id, time.time(), outcome.value, reason)
+
+    def event(
+        self, unix_s: float, level: str, event: str, vehicle: str | None, detail: Mapping[str, object]
+    ) -> None:
+        """Note that something happened."""
+        told = json.dumps(detail, default=str, separators=(",", ":"))
+        self._put(_EVENT, self._session, unix_s, level, event, vehicle, told)
+
+    def watch(self, moment: Moment) -> None:
+        """Note what has changed since the moment before."""
+        at_s = moment.unix_time_s
+        changed = set() if moment.phases == self._phases else _differing(moment.phases, self._phases)
+        if moment.modes != self._modes or moment.armed != self._armed:
+            for row in _differing(moment.modes, self._modes) | _differing(moment.armed, self._armed):
+                detail = {"mode": moment.modes[row].value, "armed": moment.armed[row]}
+                self.event(at_s, "info", "vehicle_mode", moment.fleet.ids[row], detail)
+                changed.add(row)
+        homes = zip(moment.homes, self._homes, strict=True)
+        changed |= {row for row, (new, old) in enumerate(homes) if new is not old}
+        self._phases, self._modes, self._armed = moment.phases, moment.modes, moment.armed
+        self._homes = moment.homes
+        if changed:
+            self._journal.put([self._vehicle(moment, row) for row in sorted(changed)])
+        self._watch_show(moment)
+
+    def _vehicle(self, moment: Moment, row: int) -> Row:
+        name = moment.fleet.ids[row]
+        home_m = moment.homes[row]
+        home: Sequence[Value] = (None,) * 3 if home_m is None else [float(value) for value in home_m]
+        return Row(
+            _VEHICLE,
+            (
+                *(name, self._session, moment.unix_time_s, *self._vehicles[name], None, None),
+                *(moment.phases[row].value, moment.reasons[row], moment.modes[row].value),
+                *(int(moment.armed[row]), *home),
+            ),
+        )
+
+    def _watch_show(self, moment: Moment) -> None:
+        before, self._told = self._told, moment.told
+        is_changed = before is not None and self._told != before
+        if is_changed:
+            self.event(moment.unix_time_s, "info", "plan", None, asdict(moment.plan))
+        self._watch_cue(moment)
+        if is_changed or moment.show is not self._show:
+            told = (moment.show.value, moment.reason, plan_json(moment.plan))
+            self._put(_SHOW, self._session, moment.unix_time_s, *told)
+        self._show = moment.show
+
+    def _watch_cue(self, moment: Moment) -> None:
+        selected = moment.selected
+        cue = None if selected is None else (selected.name, selected.hash, selected.cue)
+        if selected is not None and cue != self._cue:
+            detail = {"name": selected.name, "hash": selected.hash, "cue": selected.cue}
+            self.event(moment.unix_time_s, "info", "cue", None, detail)
+        self._cue = cue
+
+    def whereabouts(self, addresses: Mapping[VehicleId, Address]) -> None:
+        """Note where vehicles speak from, as far as that is new."""
+        news = [(name, at) for name, at in addresses.items() if self._addresses.get(name) != at]
+        nothing = (None,) * 7
+        for name, at in news:
+            known = (*self._vehicles[name], at.host, at.port)
+            self._put(_VEHICLE, name, self._session, time.time(), *known, *nothing)
+        self._addresses.update(news)
+
+    def _put(self, sql: str, *values: Value) -> None:
+        self._journal.put([Row(sql, values)])
+
+
+def _differing(new: Sequence[object], old: Sequence[object]) -> set[int]:
+    return {row for row, (one, other) in enumerate(zip(new, old, strict=True)) if one != other}

@@ -1,0 +1,153 @@
+"""The audit's tables in SQLite, and how a file is opened: to be written, or only read.
+
+`application_id` says whose file it is, `user_version` how it is laid out. What is neither ours nor of a
+version that we know is refused, and left as it is.
+"""
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Final
+
+from gcs.errors import GcsError
+
+APPLICATION_ID: Final = 0x46474353  # "FGCS"
+VERSION: Final = 1
+BUSY_S: Final = 1.0
+
+SCHEMA: Final = """
+CREATE TABLE sessions (            -- one for each time that the service ran
+  id TEXT PRIMARY KEY,             -- UTC date and time, and a number
+  began_unix_s REAL NOT NULL,
+  ended_unix_s REAL,               -- NULL: it runs, or did not end properly
+  folder TEXT NOT NULL,            -- where its flight data lie
+  config TEXT NOT NULL             -- the whole configuration, JSON
+) WITHOUT ROWID;
+CREATE TABLE calls (               -- of the REST API: all that may change something, and all that were denied
+  session TEXT NOT NULL,
+  unix_s REAL NOT NULL,
+  who TEXT NOT NULL,
+  method TEXT NOT NULL,
+  path TEXT NOT NULL,
+  body TEXT NOT NULL,              -- shortened when long
+  status INTEGER NOT NULL
+);
+CREATE TABLE orders (
+  session TEXT NOT NULL,
+  id TEXT NOT NULL,                -- as the API names it: o1, o2 ...; counted anew in every session
+  accepted_unix_s REAL NOT NULL,
+  who TEXT NOT NULL,
+  action TEXT NOT NULL,
+  PRIMARY KEY (session, id)
+) WITHOUT ROWID;
+CREATE TABLE outcomes (            -- one row for each change, the first when the order is accepted
+  session TEXT NOT NULL,
+  order_id TEXT NOT NULL,
+  vehicle TEXT NOT NULL,
+  unix_s REAL NOT NULL,
+  outcome TEXT NOT NULL,           -- pending, done, failed, not-included
+  reason TEXT NOT NULL
+);
+CREATE INDEX outcomes_of ON outcomes (session, order_id);
+CREATE TABLE events (              -- what the service's log says, and changes of mode, arming and plan
+  session TEXT NOT NULL,
+  unix_s REAL NOT NULL,
+  level TEXT NOT NULL,
+  event TEXT NOT NULL,             -- vehicle_phase, show_phase, vehicle_mode, plan, cue, link_failed ...
+  vehicle TEXT,
+  detail TEXT NOT NULL             -- JSON
+);
+CREATE TABLE vehicles (            -- the last known of each; NULL: never known
+  id TEXT PRIMARY KEY,
+  session TEXT NOT NULL,           -- that wrote last
+  unix_s REAL NOT NULL,
+  system_id INTEGER NOT NULL,
+  link TEXT NOT NULL,
+  host TEXT,                       -- where it spoke from: an address and a port, or a serial port and 0
+  port INTEGER,
+  phase TEXT,
+  reason TEXT,
+  mode TEXT,
+  armed INTEGER,
+  home_x_m REAL,                   -- where it took off, in the show frame of the session's configuration
+  home_y_m REAL,
+  home_z_m REAL
+) WITHOUT ROWID;
+CREATE TABLE show (                -- the last known; one row
+  one INTEGER PRIMARY KEY CHECK (one = 1),
+  session TEXT NOT NULL,
+  unix_s REAL NOT NULL,
+  phase TEXT NOT NULL,
+  reason TEXT NOT NULL,
+  plan TEXT NOT NULL               -- formation, orbit, target, obstacles, yaw; JSON
+);
+"""
+
+
+def open_to_write(path: Path) -> sqlite3.Connection:
+    """Open the audit, made when it is not there. For one thread.
+
+    Raises: sqlite3.Error or OSError when the disk does not let us; GcsError when the file is not ours.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    connection = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None)
+    try:
+        if _is_empty(connection, path):
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.executescript(
+                f"BEGIN IMMEDIATE; {SCHEMA}"
+                f"PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {VERSION}; COMMIT;"
+            )
+        _require_ours(connection, path)
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = FULL")
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def open_to_read(path: Path) -> sqlite3.Connection:
+    """Open the audit without changing it, also while a service writes.
+
+    Raises: GcsError naming the file, when it is not there or not ours.
+    """
+    if not path.is_file():
+        raise GcsError(f"{path}: there is no such file; a service with a `record` writes audit.sqlite")
+    try:
+        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=BUSY_S)
+        connection.row_factory = sqlite3.Row
+    except sqlite3.Error as error:
+        raise GcsError(f"{path}: cannot be read: {error}") from None
+    try:
+        _require_ours(connection, path)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _is_empty(connection: sqlite3.Connection, path: Path) -> bool:
+    """Whether nobody has written anything yet: a file of another program is never taken for that."""
+    if _number(connection, path, "application_id") or _number(connection, path, "user_version"):
+        return False
+    with closing(connection.execute("SELECT count(*) FROM sqlite_schema")) as found:
+        return bool(found.fetchone()[0] == 0)
+
+
+def _require_ours(connection: sqlite3.Connection, path: Path) -> None:
+    """Raises: GcsError when the file is not an audit, or of a version that we do not know."""
+    if _number(connection, path, "application_id") != APPLICATION_ID:
+        raise GcsError(f"{path}: a database, but not an audit of this program")
+    version = _number(connection, path, "user_version")
+    if version != VERSION:
+        raise GcsError(f"{path}: an audit of version {version}; this program knows version {VERSION}")
+
+
+def _number(connection: sqlite3.Connection, path: Path, name: str) -> int:
+    try:
+        return int(connection.execute(f"PRAGMA {name}").fetchone()[0])
+    except sqlite3.OperationalError:
+        raise  # busy, or the disk
+    except sqlite3.DatabaseError as error:
+        raise GcsError(f"{path}: not an audit of this program: {error}") from None

@@ -1,0 +1,245 @@
+"""Flight data into MCAP from a thread of its own.
+
+The disk never delays flight: moments wait in a queue that is bounded, and are counted when they cannot be
+kept. Once a second a chunk is closed and written, whole or not at all, so that whatever ends the process
+leaves a file that can be read up to its last second. A disk that fails ends the file; when it works again
+there is a next.
+"""
+
+import json
+import logging
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from threading import Event, Lock, Thread
+from time import monotonic
+from typing import IO, Final, NamedTuple, cast
+
+from mcap.writer import Writer
+
+from gcs.records import layout
+from gcs.records.moment import Moment
+from gcs.records.scene import scene_message
+from gcs.records.schemas import SCHEMAS
+
+log = logging.getLogger(__name__)
+
+WRITE_PERIOD_S: Final = 0.25
+CHUNK_S: Final = 1.0
+RETRY_S: Final = 1.0
+JOIN_S: Final = 5.0
+WAITING_MAX: Final = 400
+"""Moments, 20 s of them: as long as a disk may think."""
+
+STATUS_S: Final = 5.0  # again, though nothing changed, for who begins in the middle
+LED_S: Final = 1.0  # likewise, while a written show moves the plan
+SCENE_S: Final = 0.5
+
+
+class Said(NamedTuple):
+    """One event, for the file's log."""
+
+    unix_s: float
+    level: str
+    event: str
+    detail: str
+
+
+class FlightFile:
+    """`flight.mcap` in a folder, and `flight-2.mcap` and so on after a disk that failed."""
+
+    def __init__(self, folder: Path, about: Mapping[str, str]) -> None:
+        """Nothing is opened yet. `about` becomes the file's metadata."""
+        self._folder = folder
+        self._about = dict(about)
+        self._lock = Lock()
+        self._waiting: list[Moment | Said] = []
+        self._closed = Event()
+        self._thread: Thread | None = None
+        self._problem = ""
+        self._file: _OpenFile | None = None
+        self.written = 0  # moments
+        self.dropped = 0
+
+    @property
+    def problem(self) -> str:
+        """Why nothing is being recorded, or how much was not; empty while all was."""
+        if self._problem:
+            return self._problem
+        if self._thread is not None and not self._thread.is_alive():
+            return f"flight data in {self._folder}: the writer has ended; the log says why"
+        return f"{self.dropped} ticks of flight data were not kept" if self.dropped else ""
+
+    def open(self) -> None:
+        """Begin to write, as soon as the disk allows."""
+        self._closed.clear()
+        self._thread = Thread(target=self._run, name="record/flight", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Write what is left. Blocks, but not for ever on a disk that hangs."""
+        if self._thread is not None:
+            self._closed.set()
+            self._thread.join(JOIN_S)
+            self._thread = None
+
+    def put(self, what: Moment | Said) -> None:
+        """Have it written. For any thread; takes a microsecond."""
+        with self._lock:
+            if len(self._waiting) < WAITING_MAX:
+                self._waiting.append(what)
+            elif isinstance(what, Moment):
+                self.dropped += 1
+
+    # on the thread
+
+    def _run(self) -> None:
+        try:
+            while not self._closed.wait(RETRY_S if self._problem else WRITE_PERIOD_S):
+                self._write()
+            self._write()
+        finally:
+            self._end()
+
+    def _write(self) -> None:
+        with self._lock:
+            batch, self._waiting = self._waiting, []
+        moments = sum(isinstance(what, Moment) for what in batch)
+        if not moments and self._file is None:
+            return
+        try:
+            if self._file is None:
+                self._file = _OpenFile(_free_name(self._folder), self._about)
+            for what in batch:
+                self._file.add(what)
+            self._file.flush()
+        except OSError as error:
+            self._failed(error, moments)
+            return
+        self.written += moments
+        if self._problem:
+            log.warning("flight_data_go_on", extra={"file": str(self._file.path)})
+        self._problem = ""
+
+    def _failed(self, error: OSError, moments: int) -> None:
+        with self._lock:
+            self.dropped += moments
+        if not self._problem:
+            log.error("flight_data_failed", extra={"folder": str(self._folder), "cause": str(error)})
+        self._problem = f"flight data are not recorded in {self._folder}: {error}"
+        if self._file is not None:
+            self._file.abandon()
+            self._file = None
+
+    def _end(self) -> None:
+        if self._file is not None:
+            try:
+                self._file.finish()
+            except OSError as error:
+                self._failed(error, 0)
+            self._file = None
+
+
+class _OpenFile:
+    """One file that is being written."""
+
+    def __init__(self, path: Path, about: Mapping[str, str]) -> None:
+        """Raises: OSError."""
+        self.path = path
+        self._output = _Output(path)
+        self._writer = Writer(cast("IO[bytes]", self._output))  # write, tell and flush are all it uses
+        self._writer.start(layout.PROFILE)
+        self._writer.add_metadata(layout.PROFILE, dict(about))
+        self._channel: dict[str, int] = {}
+        for topic, (name, schema) in SCHEMAS.items():
+            schema_id = self._writer.register_schema(
+                name, "jsonschema", json.dumps({"title": name, **schema}).encode()
+            )
+            self._channel[topic] = self._writer.register_channel(topic, "json", schema_id)
+        self._flush_due_s = monotonic()
+        self._status_due_s = self._scene_due_s = -1.0
+        self._status: tuple[object, ...] = ()
+
+    def add(self, what: Moment | Said) -> None:
+        """Put one moment, or event, into the chunk."""
+        if isinstance(what, Said):
+            self._add("/log", what.unix_s, layout.log_message(*what))
+            return
+        unix_s, time_s = what.unix_time_s, what.fleet.time_s
+        status = (what.show, what.reason, what.told, what.start_unix_time_s, what.reasons, what.problems)
+        if time_s >= self._status_due_s or status != self._status:
+            again_s = STATUS_S if what.selected is None else LED_S
+            self._status, self._status_due_s = status, time_s + again_s
+            self._add("/fleet/status", unix_s, layout.status_message(what))
+        if time_s >= self._scene_due_s:
+            self._scene_due_s = time_s + SCENE_S
+            self._add("/fleet/scene", unix_s, scene_message(what))
+            self._add("/tf", unix_s, layout.transform_message(unix_s))
+        self._add("/fleet/vehicles", unix_s, layout.vehicles_message(what))
+        self._add("/fleet/tick", unix_s, layout.tick_message(what))
+
+    def _add(self, topic: str, unix_s: float, data: bytes) -> None:
+        when = layout.nanoseconds(unix_s)
+        self._writer.add_message(self._channel[topic], when, data, when)
+
+    def flush(self) -> None:
+        """Once a second: close the chunk and write it. Raises: OSError."""
+        if monotonic() >= self._flush_due_s:
+            self._flush_due_s = monotonic() + CHUNK_S
+            self._writer.flush()
+
+    def finish(self) -> None:
+        """Write the last chunk and the index. Raises: OSError."""
+        self._writer.finish()
+        self._output.flush()
+        self._output.close()
+
+    def abandon(self) -> None:
+        """Leave the file as the disk has it: whole chunks, and no index."""
+        with suppress(OSError):
+            self._output.close()
+
+
+class _Output:
+    """A new file that takes all that was written since the last flush, or nothing of it."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises: OSError."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
+        self._whole_bytes = 0
+        self._rest = bytearray()
+
+    def write(self, data: bytes) -> int:
+        self._rest += data
+        return len(data)
+
+    def tell(self) -> int:
+        return self._whole_bytes + len(self._rest)
+
+    def flush(self) -> None:
+        written = 0
+        try:
+            while written < len(self._rest):
+                written += os.write(self._file, self._rest[written:])
+        except OSError:
+            with suppress(OSError):
+                os.ftruncate(self._file, self._whole_bytes)
+            raise
+        self._whole_bytes += written
+        self._rest.clear()
+
+    def close(self) -> None:
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+
+def _free_name(folder: Path) -> Path:
+    """In a folder that no other process writes to."""
+    for turn in range(1, 10_000):
+        path = folder / ("flight.mcap" if turn == 1 else f"flight-{turn}.mcap")
+        if not path.exists():
+            return path
+    raise FileExistsError(f"{folder}: too many files")

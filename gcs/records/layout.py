@@ -1,0 +1,221 @@
+"""How flight data lie in the MCAP: topics, schemas, and the bytes of each message.
+
+Everything is JSON with a JSON schema. What Foxglove knows how to draw has its names (`foxglove.PointCloud`
+and so on); a vehicle is a point whose further fields are numbers of ours, packed, so that a thousand of them
+cost as little as ten. The rest has schemas of our own (`gcs.Tick`, `gcs.Status`).
+"""
+
+import json
+from base64 import b64encode
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import lru_cache
+from math import isfinite
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.lifecycle import Phase
+from gcs.records.moment import Moment
+from gcs.state import Array, Mode
+
+VERSION: Final = 1
+PROFILE: Final = "formation-gcs"
+SHOW, MAP = "show", "map"
+
+TIMING: Final = ("rate_hz", "count", "missed", "duration_p50_ms", "duration_p99_ms", "lateness_p99_ms")
+"""What is kept of a `TickView`; what is counted for metrics is not."""
+
+PHASES: Final = tuple(Phase)
+MODES: Final = tuple(Mode)
+_PHASE_NUMBER: Final = {phase: number for number, phase in enumerate(PHASES)}
+_MODE_NUMBER: Final = {mode: number for number, mode in enumerate(MODES)}
+
+VEHICLE: Final = np.dtype(
+    [
+        *((name, "<f4") for name in ("x", "y", "z")),  # show frame, m
+        *((name, "<f4") for name in ("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s")),
+        *((name, "<f4") for name in ("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s")),  # NaN: none
+        ("yaw_rad", "<f4"),  # from the show's x axis
+        ("position_age_s", "<f4"),
+        ("position_uncertainty_m", "<f4"),
+        ("heartbeat_age_s", "<f4"),
+        ("battery_remaining", "<f4"),
+        ("phase", "u1"),  # numbers of the names in the file's metadata
+        ("mode", "u1"),
+        ("landed", "u1"),  # MAV_LANDED_STATE
+        ("armed", "u1"),
+        ("ready", "u1"),
+    ]
+)
+"""One vehicle in `/fleet/vehicles`."""
+
+_FLOAT32, _UINT8 = 7, 1  # foxglove.NumericType
+_FIELDS: Final = [
+    {"name": name, "offset": offset, "type": _UINT8 if kind == np.dtype("u1") else _FLOAT32}
+    for name, (kind, offset) in ((name, VEHICLE.fields[name][:2]) for name in VEHICLE.names or ())  # type: ignore[index]
+]
+_AT_ORIGIN: Final = {"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+_CLOUD: Final = json.dumps(
+    {"frame_id": SHOW, "pose": _AT_ORIGIN, "point_stride": VEHICLE.itemsize, "fields": _FIELDS}
+)[1:-1]
+
+
+def about(session: str, config_json: str, vehicles: Mapping[str, tuple[int, str]]) -> dict[str, str]:
+    """The file's metadata: what its numbers mean, and everything that does not change.
+
+    Args:
+        session: its name.
+        config_json: the whole configuration.
+        vehicles: system id and link of each, in the order of the rows.
+    """
+    return {
+        "version": str(VERSION),
+        "session": session,
+        "config": config_json,
+        "vehicles": json.dumps([[name, system_id, link] for name, (system_id, link) in vehicles.items()]),
+        "phases": json.dumps([phase.value for phase in PHASES]),
+        "modes": json.dumps([mode.value for mode in MODES]),
+    }
+
+
+def nanoseconds(unix_s: float) -> int:
+    """As MCAP has times."""
+    return round(unix_s * 1e6) * 1000  # a float has no more than microseconds of them
+
+
+def stamp(unix_s: float) -> dict[str, int]:
+    """As Foxglove's messages have times."""
+    second, nanosecond = divmod(nanoseconds(unix_s), 1_000_000_000)
+    return {"sec": second, "nsec": nanosecond}
+
+
+def packed(moment: Moment) -> NDArray[np.void]:
+    """(n,) of VEHICLE."""
+    fleet, count = moment.fleet, len(moment.fleet.ids)
+    table = np.zeros(count, VEHICLE)
+    setpoint_m_s = np.full((count, 3), np.nan)
+    if moment.setpoints.ids:
+        rows = np.array([_rows(fleet.ids)[name] for name in moment.setpoints.ids])
+        setpoint_m_s[rows] = moment.setpoints.velocity_m_s
+    columns = (
+        *fleet.position_m.T,
+        *fleet.velocity_m_s.T,
+        *setpoint_m_s.T,
+        *(fleet.yaw_rad, fleet.age_s, moment.uncertainty_m, moment.heartbeat_age_s, moment.battery_remaining),
+        [_PHASE_NUMBER[phase] for phase in moment.phases],
+        [_MODE_NUMBER[mode] for mode in moment.modes],
+        *(moment.landed, moment.armed, moment.ready),
+    )
+    for name, column in zip(VEHICLE.names or (), columns, strict=True):
+        table[name] = column
+    return table
+
+
+@lru_cache(maxsize=4)
+def _rows(ids: tuple[str, ...]) -> dict[str, int]:
+    return {name: row for row, name in enumerate(ids)}
+
+
+def vehicles_message(moment: Moment) -> bytes:
+    """Of `/fleet/vehicles`."""
+    when = stamp(moment.unix_time_s)
+    data = b64encode(packed(moment).tobytes())
+    return b'{"timestamp":{"sec":%d,"nsec":%d},%s,"data":"%s"}' % (
+        when["sec"],
+        when["nsec"],
+        _CLOUD.encode(),
+        data,
+    )
+
+
+def tick_message(moment: Moment) -> bytes:
+    """Of `/fleet/tick`."""
+    time_s = moment.fleet.time_s
+    return as_json(
+        {
+            "time_s": time_s,
+            "center_m": moment.center_m,
+            "center_velocity_m_s": moment.center_velocity_m_s,
+            "radius_m": moment.radius_m,
+            "target_m": moment.plan.target.position_m(time_s),
+            "minimum_separation_m": moment.minimum_separation_m,
+            "control_alive": moment.control_alive,
+            "setpoints_sent": moment.setpoints_sent,
+            "timing": {name: known(getattr(moment.timing, name)) for name in TIMING},
+            "restrained_by": moment.restrained_by,
+        }
+    )
+
+
+def status_message(moment: Moment) -> bytes:
+    """Of `/fleet/status`."""
+    return as_json(
+        {
+            "show": moment.show.value,
+            "reason": moment.reason,
+            "plan": asdict(moment.plan),
+            "selected": None if moment.selected is None else asdict(moment.selected),
+            "start_unix_time_s": moment.start_unix_time_s,
+            "reasons": moment.reasons,
+            "problems": moment.problems,
+        }
+    )
+
+
+def transform_message(unix_s: float) -> bytes:
+    """Of `/tf`: the show frame has z down; `map` is the same with z up, as viewers like it."""
+    return as_json(
+        {
+            "timestamp": stamp(unix_s),
+            "parent_frame_id": MAP,
+            "child_frame_id": SHOW,
+            "translation": {"x": 0, "y": 0, "z": 0},
+            "rotation": {"x": 1, "y": 0, "z": 0, "w": 0},
+        }
+    )
+
+
+_LEVELS: Final = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5}
+
+
+def log_message(unix_s: float, level: str, event: str, detail: str) -> bytes:
+    """Of `/log`."""
+    return as_json(
+        {
+            "timestamp": stamp(unix_s),
+            "level": _LEVELS.get(level, 0),
+            "message": f"{event} {detail}",
+            "name": event,
+            "file": "",
+            "line": 0,
+        }
+    )
+
+
+def known(value: float) -> float | None:
+    """None in place of what JSON has no word for."""
+    return value if isfinite(value) else None
+
+
+def as_json(value: Any) -> bytes:
+    """Compact. Raises: ValueError for NaN, which is no JSON."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode()
+
+
+def positions_m(table: NDArray[np.void]) -> Array:
+    """(n, 3) of VEHICLE rows, show frame."""
+    return np.stack([table["x"], table["y"], table["z"]], axis=-1).astype(np.float64)
+
+
+def velocities_m_s(table: NDArray[np.void]) -> Array:
+    """(n, 3)."""
+    names = ("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s")
+    return np.stack([table[name] for name in names], axis=-1).astype(np.float64)
+
+
+def setpoints_m_s(table: NDArray[np.void]) -> Array:
+    """(n, 3), NaN where none was."""
+    names = ("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s")
+    return np.stack([table[name] for name in names], axis=-1).astype(np.float64)

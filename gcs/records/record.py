@@ -1,0 +1,122 @@
+"""The record of one session: its folder, its audit, its flight data, and what the log says meanwhile."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final, Self
+
+from gcs.links import Link
+from gcs.records import layout
+from gcs.records.audit import Audit
+from gcs.records.flightfile import FlightFile, Said
+from gcs.records.journal import Journal
+from gcs.records.known import AUDIT
+from gcs.records.moment import Moment
+from gcs.state import VehicleId
+
+WHEREABOUTS_S: Final = 1.0
+_PLAIN: Final = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "vehicle"}
+
+
+class Record:
+    """Everything of one session. Used on the event loop; what touches the disk has threads of its own."""
+
+    def __init__(
+        self,
+        root: Path,
+        config_json: str,
+        vehicles: Mapping[VehicleId, tuple[int, str]],
+        *,
+        flight: bool = True,
+    ) -> None:
+        """Nothing is written before it is entered.
+
+        Args:
+            root: holds the audit of all sessions, and a folder for the flight data of each.
+            config_json: the whole configuration.
+            vehicles: system id and link of each, in the order of the ticks' rows.
+            flight: whether flight data are recorded.
+        """
+        self.session, self.folder = _new_folder(root)
+        self._config_json = config_json
+        self._journal = Journal(root / AUDIT)
+        self.audit = Audit(self._journal, self.session, vehicles)
+        about = layout.about(self.session, config_json, vehicles)
+        self._flight = FlightFile(self.folder, about) if flight else None
+        self._heard = _Heard(self.audit, self._flight)
+        self._logger = logging.getLogger("gcs")
+        self._level = self._logger.level
+        self._whereabouts_due_s = 0.0
+
+    def __enter__(self) -> Self:
+        """Begin to write, as soon as the disk allows."""
+        self._journal.open()
+        self.audit.begin(self.folder, self._config_json)
+        if self._flight is not None:
+            self._flight.open()
+        self._logger.addHandler(self._heard)
+        if self._logger.getEffectiveLevel() > logging.INFO:
+            self._logger.setLevel(logging.INFO)  # what is shown is the other handlers' business
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """Write what is left, and note that the session has ended. Blocks for some milliseconds."""
+        self._logger.removeHandler(self._heard)
+        self._logger.setLevel(self._level)
+        if self._flight is not None:
+            self._flight.close()
+        self.audit.end()
+        self._journal.close()
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is not being recorded, in words; empty while all is."""
+        flight = "" if self._flight is None else self._flight.problem
+        return tuple(f"record: {problem}" for problem in (self._journal.problem, flight) if problem)
+
+    def note(self, moment: Moment, links: Sequence[Link]) -> None:
+        """Take in one tick, and where the vehicles of the links speak from."""
+        self.audit.watch(moment)
+        if self._flight is not None:
+            self._flight.put(moment)
+        if moment.fleet.time_s >= self._whereabouts_due_s:
+            self._whereabouts_due_s = moment.fleet.time_s + WHEREABOUTS_S
+            for link in links:
+                self.audit.whereabouts(link.addresses)
+
+
+class _Heard(logging.Handler):
+    """What the service's own loggers say, as events: the log and the record tell the same."""
+
+    def __init__(self, audit: Audit, flight: FlightFile | None) -> None:
+        super().__init__(logging.INFO)
+        self._audit = audit
+        self._flight = flight
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Note one line of the log. On any thread."""
+        said = {key: value for key, value in vars(record).items() if key not in _PLAIN}
+        vehicle = getattr(record, "vehicle", None)
+        name = None if vehicle is None else str(vehicle)
+        level, event = record.levelname.lower(), record.getMessage()
+        self._audit.event(record.created, level, event, name, said)
+        if self._flight is not None:
+            told = " ".join(f"{key}={value}" for key, value in said.items())
+            self._flight.put(Said(record.created, level, event, f"{name or ''} {told}".strip()))
+
+
+def _new_folder(root: Path) -> tuple[str, Path]:
+    """A name that no session has, and its folder, which is made where the disk lets us."""
+    began = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")[:-3]
+    for turn in range(1, 1000):
+        name = began if turn == 1 else f"{began}-{turn}"
+        try:
+            (root / name).mkdir(parents=True)
+        except FileExistsError:
+            if (root / name).is_dir():
+                continue
+        except OSError:
+            pass  # full or read-only: whoever writes there says so, and tries again
+        return name, root / name
+    return began, root / began

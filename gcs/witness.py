@@ -1,0 +1,57 @@
+"""What a tick leaves for the record. Nothing is worked out here that the tick does not know anyway."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gcs.control import Tick
+from gcs.flight import Flight
+from gcs.records.moment import Moment
+from gcs.service import TickView
+from gcs.table import tuple3
+
+
+def moment_of(
+    flight: Flight,
+    tick: Tick,
+    *,
+    timing: TickView,
+    control_alive: bool,
+    problems: Sequence[str],
+    unix_time_s: float,
+    start_unix_time_s: float | None,
+) -> Moment:
+    """Put together what one tick believed, wanted and sent; rows as in `flight.fleet`."""
+    fleet, newest, vehicles = flight.fleet, flight.newest(), flight.vehicles.values()
+    parts = flight.telemetry.parts
+    center = tick.memory.center
+    separation_m = tick.minimum_separation_m
+    return Moment(
+        unix_time_s=unix_time_s,
+        fleet=fleet,
+        setpoints=tick.setpoints,
+        uncertainty_m=flight.traits.uncertainty_m,
+        heartbeat_age_s=fleet.time_s - newest.beat_s,
+        battery_remaining=flight.in_rows([part.battery_remaining for part in parts]),
+        phases=[vehicle.phase for vehicle in vehicles],
+        reasons=[vehicle.reason for vehicle in vehicles],
+        modes=newest.mode,
+        armed=newest.armed,
+        landed=newest.landed,
+        ready=flight.ordered([part.ready for part in parts]),
+        homes=[vehicle.home_m for vehicle in vehicles],
+        restrained_by={fleet.ids[row]: why for row, why in enumerate(tick.restrained_by) if why},
+        show=flight.show,
+        reason=flight.reason,
+        plan=flight.plan,
+        selected=None if flight.performance is None else flight.performance.view(fleet.time_s),
+        start_unix_time_s=start_unix_time_s,
+        center_m=None if center is None else tuple3(center.position_m),
+        center_velocity_m_s=None if center is None else tuple3(center.velocity_m_s),
+        radius_m=None if center is None else tick.memory.radius_m,
+        minimum_separation_m=float(separation_m) if np.isfinite(separation_m) else None,
+        timing=timing,
+        control_alive=control_alive,
+        setpoints_sent=sum(link.setpoints_sent for link in flight.links),
+        problems=tuple(problems),
+    )

@@ -1,0 +1,277 @@
+"""The service flown over light vehicles, its links alone, and how long they take to connect."""
+
+import asyncio
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from math import isfinite, nan
+
+import numpy as np
+import yaml
+from link_measures import (
+    EACH,
+    FIRST_PORT,
+    MEASURED_S,
+    MEETING_S,
+    WARM_UP_S,
+    Cost,
+    Fleet,
+    Gaps,
+    flying,
+    namespaces,
+    radius_m,
+    resident_mb,
+)
+from link_traffic import FRAME, HOST
+
+from gcs.cli.serve import make_link
+from gcs.config import Config, parse
+from gcs.control import Memory
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.links.direct.kernels import BEGIN, Bytes, Whole
+from gcs.links.direct.link import DirectLink
+from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.traffic import Direction
+from gcs.orchestrator import Orchestrator
+from gcs.state import Array, Mode, Setpoints, Telemetry
+
+AnyLink = DirectLink | MavsdkLink
+
+NUMBER_AT = 4  # of a MAVLink 2 frame: where its number is
+
+
+def config_of(count: int, rate_hz: float, transport: str = "direct") -> Config:
+    """So many vehicles, 250 to a port."""
+    links = [
+        {
+            "name": f"n{index}",
+            "transport": transport,
+            "listen": f"udpin://{HOST}:{FIRST_PORT + index}",
+            "vehicles": {"count": min(EACH, count), "id_pattern": "{link}-{system_id}"},
+        }
+        for index in range(namespaces(count))
+    ]
+    origin = {
+        "latitude_deg": FRAME.latitude_deg,
+        "longitude_deg": FRAME.longitude_deg,
+        "altitude_amsl_m": FRAME.altitude_amsl_m,
+    }
+    wide_m = radius_m(count)
+    raw = {
+        "show_frame": origin,
+        "links": links,
+        "formation": {"radius_m": wide_m, "height_m": wide_m + 10.0},
+        "tick_rate_hz": rate_hz,
+        "control": {"safety": {"fence": {"height_max_m": 300.0}}},
+        "api": {"port": 0},
+    }
+    return parse(yaml.safe_dump(raw), "bench")
+
+
+def links_of(config: Config) -> list[AnyLink]:
+    """As the service makes them."""
+    made = [make_link(settings, config) for settings in config.links]
+    return [link for link in made if isinstance(link, DirectLink | MavsdkLink)]
+
+
+class Passage:
+    """How long it takes from a position's arrival until a setpoint made with it left; and what is lost."""
+
+    def __init__(self, link: AnyLink) -> None:
+        self.waits_s: list[Array] = []
+        self.gaps = Gaps(len(link.ids))
+        self._link = link
+        self._used_s = np.full(len(link.ids), -np.inf)  # arrival of the positions that setpoints were made of
+        # when they were read, and the arrivals, of the last tick
+        self._open: tuple[float, Array] | None = None
+        self._snapshot = link.snapshot
+        link.snapshot = self.snapshot  # type: ignore[method-assign]
+        self._numbers: list[tuple[int, int]] = []
+        if isinstance(link, DirectLink):
+            self._take = link._heard.take
+            link._heard.take = self._take_batch  # type: ignore[method-assign]
+        else:
+            link.observe(self._see)
+
+    def snapshot(self) -> Telemetry:
+        """As the link's. What was read the last time has left by now, or has not left at all."""
+        if self._open is not None:
+            self._note(*self._open)
+        read_s = time.monotonic()
+        telemetry = self._snapshot()
+        self._open = read_s, telemetry.position_time_s
+        if self._numbers:
+            system_ids, numbers = np.array(self._numbers).T
+            self._numbers.clear()
+            self.gaps.take(system_ids - 1, numbers)
+        return telemetry
+
+    def _see(self, _time_s: float, direction: Direction, raw: bytes, system_id: int) -> None:
+        """An `Observer`."""
+        if direction is Direction.RECEIVED:
+            self._numbers.append((system_id, raw[NUMBER_AT]))
+
+    def _take_batch(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
+        """As the direct link's: an observer would be called frame by frame."""
+        self.gaps.take(rows, data[frames[:, BEGIN] + NUMBER_AT].astype(np.int64))
+        self._take(data, frames, rows, time_s)
+
+    def _note(self, read_s: float, arrived_s: Array) -> None:
+        left_s = self._left_s()
+        new = np.isfinite(self._used_s) & (arrived_s > self._used_s) & (left_s >= read_s)
+        self.waits_s.append(left_s[new] - arrived_s[new])
+        self._used_s = np.where((left_s >= read_s) | ~np.isfinite(self._used_s), arrived_s, self._used_s)
+
+    def _left_s(self) -> Array:
+        """(n,) when the newest setpoint left, as the link's own records say."""
+        link = self._link
+        if isinstance(link, DirectLink):
+            return link._sent.newest_s.copy()
+        times_s = [record[-1] if record else -np.inf for record in link._wire._sent_s.values()]
+        return np.array(times_s)
+
+    def restart(self) -> None:
+        """Forget what was before."""
+        self.waits_s = []
+        self.gaps.restart()
+
+
+class Measurement:
+    """From its making until `cost`."""
+
+    def __init__(self, links: Sequence[AnyLink], passages: Sequence[Passage]) -> None:
+        self._links, self._passages = links, passages
+        for passage in passages:
+            passage.restart()
+        self._began_s, self._began_cpu_s = time.monotonic(), time.process_time()
+        self._before = self._sent()
+
+    def _sent(self) -> int:
+        return sum(link.setpoints_sent for link in self._links)
+
+    def cost(self, durations_s: Sequence[float] = (), lateness_s: Sequence[float] = ()) -> Cost:
+        """Since it began."""
+        wall_s = time.monotonic() - self._began_s
+        core_percent = 100 * (time.process_time() - self._began_cpu_s) / wall_s
+        waits_s = np.concatenate([np.concatenate(passage.waits_s) for passage in self._passages])
+        missing = sum(passage.gaps.missing for passage in self._passages)
+        received = sum(passage.gaps.received for passage in self._passages)
+        return Cost(
+            core_percent,
+            resident_mb(),
+            (self._sent() - self._before) / wall_s,
+            p99_ms(waits_s),
+            p99_ms(durations_s),
+            p99_ms(lateness_s),
+            lost_in_percent=100 * missing / max(received + missing, 1),
+        )
+
+
+def p99_ms(times_s: Array | Sequence[float]) -> float:
+    """Of seconds; nan of none."""
+    return float(np.percentile(np.array(times_s), 99)) * 1e3 if len(times_s) else nan
+
+
+async def service(fleet: Fleet, count: int, rate_hz: float, transport: str, missing: int = 0) -> Cost:
+    """The whole service with a formation in the air: law, safety, setpoints. Nobody asks the API.
+
+    `missing` vehicles are never heard; the figures are those of the others.
+    """
+    config = config_of(count, rate_hz, transport)
+    links = links_of(config)
+    passages = [Passage(link) for link in links]
+    orchestrator = Orchestrator(config, links)
+    flight = orchestrator._flight
+    running = asyncio.create_task(orchestrator.run())
+    here = await asyncio.wait_for(met(links, count - missing), MEETING_S)
+    for vehicle in flight.vehicles.values():
+        if vehicle.id not in here:
+            continue
+        vehicle.phase, vehicle.modes = Phase.FORMATION, frozenset({Mode.OFFBOARD})
+        vehicle.home_m = flight.position_m(vehicle).copy()
+    flight.memory = Memory.fresh(count, asyncio.get_running_loop().time())
+    flight.show = ShowPhase.RUNNING
+    await asyncio.sleep(WARM_UP_S)
+    clock = orchestrator._clock
+    clock._duration_s.clear()
+    clock._lateness_s.clear()
+    measurement = Measurement(links, passages)
+    await asyncio.sleep(MEASURED_S)
+    cost = measurement.cost(clock._duration_s, clock._lateness_s)
+    in_formation = sum(vehicle.phase is Phase.FORMATION for vehicle in flight.vehicles.values())
+    await ended([running])
+    if in_formation < count - missing:
+        print(f"only {in_formation} of {count - missing} are still in formation", file=sys.stderr)
+    return with_received(cost, links, fleet)
+
+
+async def ended(tasks: Sequence[asyncio.Task[None]]) -> None:
+    """Cancel them, and wait."""
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def with_received(cost: Cost, links: Sequence[AnyLink], fleet: Fleet) -> Cost:
+    """The cost, with what the fleet did not receive of all that ever left."""
+    fleet.end()
+    sent = sum(link.setpoints_sent for link in links)
+    return replace(cost, lost_out_percent=100 * (sent - fleet.setpoints) / max(sent, 1))
+
+
+async def met(links: Sequence[AnyLink], count: int) -> frozenset[str]:
+    """Until so many fly in OFFBOARD with a position. Returns: who."""
+    while True:
+        told = [link.snapshot() for link in links]
+        here = frozenset(
+            name
+            for each in told
+            for name, mode, latitude_deg in zip(each.ids, each.mode, each.latitude_deg.tolist(), strict=True)
+            if mode is Mode.OFFBOARD and isfinite(latitude_deg)
+        )
+        if len(here) >= count:
+            return here
+        await asyncio.sleep(0.1)
+
+
+async def connecting_s(count: int, transport: str) -> float:
+    """The longest time from a vehicle's first heartbeat until it has a position and could be ordered."""
+    links = links_of(config_of(count, 20.0, transport))
+    running = [asyncio.create_task(link.run()) for link in links]
+    await asyncio.sleep(2.0)
+    met_s: dict[tuple[int, int], float] = {}
+    with flying(count) as fleet:
+        while len(met_s) < count:
+            await asyncio.sleep(0.02)
+            for index, told in enumerate(link.snapshot() for link in links):
+                now_s, here = time.monotonic(), np.isfinite(told.latitude_deg + told.heartbeat_time_s)
+                for row in np.flatnonzero(here).tolist():
+                    met_s.setdefault((index, row + 1), now_s)
+    await ended(running)
+    return fleet.connecting_s([(*key, when_s) for key, when_s in met_s.items()])
+
+
+async def links_alone(fleet: Fleet, count: int, rate_hz: float) -> Cost:
+    """Telemetry to one batch, a batch to setpoints, nothing between."""
+    links = links_of(config_of(count, rate_hz))
+    passages = [Passage(link) for link in links]
+    running = [asyncio.create_task(link.run()) for link in links]
+    still = np.zeros((EACH, 3))
+
+    async def ticks(duration_s: float) -> None:
+        start_s, tick = time.monotonic(), 0
+        while time.monotonic() < start_s + duration_s:
+            for link in links:
+                link.snapshot()
+                n = len(link.ids)
+                link.send(Setpoints(time.monotonic(), link.ids, still[:n], still[:n, 0].copy()))
+            tick += 1
+            await asyncio.sleep(start_s + tick / rate_hz - time.monotonic())
+
+    await ticks(WARM_UP_S)
+    measurement = Measurement(links, passages)
+    await ticks(MEASURED_S)
+    cost = measurement.cost()
+    await ended(running)
+    return with_received(cost, links, fleet)

@@ -1,0 +1,152 @@
+"""Two hundred calls of junk a second while vehicles fly: ticks go on, and an emergency stop gets through."""
+
+import asyncio
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from ground import ORIGIN, SOON_S, flying_config, proper, until
+from machine import Witness, free_ports
+
+from gcs.access import Role
+from gcs.cli.serve import running
+from gcs.client import Client
+from gcs.config import Config
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.service import ShowAction
+from gcs.tokens import create_token
+
+COUNT = 20
+JUNK_PER_S = 200.0
+JUNK_S = 8.0
+CALLS = 12
+
+JUNK = """
+import http.client, random, sys, threading, time
+ports, seconds, rate = (int(sys.argv[1]), int(sys.argv[2])), float(sys.argv[3]), float(sys.argv[4])
+chance, lock, due, statuses = random.Random(5), threading.Lock(), iter(range(10**9)), []
+junk = [
+    ("POST", "/api/v1/show/stop", b""), ("POST", "/api/v1/show/start", b"{" * 3000),
+    ("GET", "/api/v1/fleet", None), ("PUT", "/api/v1/target", chance.randbytes(20000)),
+    ("BREW", "/" + "x" * 4000, None), ("GET", "/metrics", None), ("GET", "/openapi.json", None),
+    ("DELETE", "/api/v1/obstacles/..", b"null"), ("PATCH", "/api/v1/formation", b'{"radius_m": NaN}'),
+]
+begin_s = time.monotonic()
+def ask():
+    connection = None
+    while True:
+        with lock:
+            turn_s = begin_s + next(due) / rate
+        if turn_s > begin_s + seconds:
+            return
+        time.sleep(max(0.0, turn_s - time.monotonic()))
+        try:
+            if connection is None or chance.random() < 0.5:  # half of it comes as somebody new
+                connection = http.client.HTTPConnection("127.0.0.1", chance.choice(ports), timeout=60)
+            connection.request(*chance.choice(junk))
+            answer = connection.getresponse()
+            answer.read()
+            statuses.append(answer.status)
+        except (OSError, http.client.HTTPException):
+            connection = None
+threads = [threading.Thread(target=ask) for _ in range(16)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(len(statuses), min(statuses, default=0))
+"""
+
+BUTTON = """
+import json, sys, time
+from gcs.client import Client
+url, lane, token, seconds, calls = *sys.argv[1:4], float(sys.argv[4]), int(sys.argv[5])
+times = []
+for turn in range(calls):
+    time.sleep(seconds / calls / 2)
+    with Client(url, token=token, emergency_url=lane) as client:  # as from a button
+        began_s = time.monotonic()
+        order = client.stop() if turn == calls - 1 else client.command("d1", "hold")
+        times.append((began_s, time.monotonic()))
+print(json.dumps({"times": times, "by": order.by}))
+"""
+
+
+class Flooded(NamedTuple):
+    """What was seen."""
+
+    waits_s: list[float]  # of each emergency call, of what the machine was awake
+    by: str
+    answered: int
+    ticks: int  # while it lasted
+    awake_s: float
+
+
+async def printed(program: str, *words: object) -> bytes:
+    """What a Python program prints."""
+    command = [sys.executable, "-c", program, *map(str, words)]
+    process = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
+    out, _ = await process.communicate()
+    assert process.returncode == 0
+    return out
+
+
+@contextmanager
+def fake_fleet(base: int, *options: str) -> Iterator[None]:
+    """All of it in one process, which ends with the block."""
+    sim = [sys.executable, "-m", "sim", "--count", str(COUNT), "--port-base", str(base), "--origin", ORIGIN]
+    fleet = subprocess.Popen([*sim, "--telemetry-hz", "10", *options], stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        fleet.terminate()
+        fleet.wait(60)
+
+
+async def fly_and_flood(folder: Path, machine: Witness) -> Flooded:
+    """Vehicles in formation, junk without a token at both listeners, and a token that may stop them."""
+    base = free_ports(COUNT)
+    file = folder / "tokens.json"
+    button, crew = (create_token(file, role.value, role) for role in (Role.EMERGENCY, Role.OPERATE))
+    raw = flying_config(COUNT, base, silence_s=20.0).model_dump() | {"access": {"tokens_file": file}}
+    raw["links"][0]["transport"] = "direct"
+    raw["formation"] = {"radius_m": 20.0, "height_m": 30.0}
+    config = Config.model_validate(raw)
+    with fake_fleet(base, *proper(config)):
+        async with running(config) as (orchestrator, port):
+            view = orchestrator.view
+            await until("ready", SOON_S, lambda: all(each.ready for each in view.value.vehicles))
+            orchestrator.command_show(ShowAction.START)
+            formed = {Phase.FORMATION}
+            await until("flying", SOON_S, lambda: {each.phase for each in view.value.vehicles} == formed)
+            url = f"http://127.0.0.1:{port}"
+            with Client(url, token=crew, timeout_s=30.0) as client:
+                lane_port = (await asyncio.to_thread(client.health)).emergency_port
+            ticks, began_s = view.value.tick.count, time.monotonic()
+            lane = f"http://127.0.0.1:{lane_port}"
+            junk, said = await asyncio.gather(
+                printed(JUNK, port, lane_port, JUNK_S, JUNK_PER_S),
+                printed(BUTTON, url, lane, button, JUNK_S, CALLS),
+            )
+            ticks, awake_s = view.value.tick.count - ticks, machine.awake_s(began_s, time.monotonic())
+            down = {ShowPhase.RETURNING, ShowPhase.LANDED}
+            assert view.value.show in down
+    answered, least = map(int, junk.split())
+    told = json.loads(said)
+    assert least in {200, 401}
+    waits_s = [machine.awake_s(began_s, ended_s) for began_s, ended_s in told["times"]]
+    return Flooded(waits_s, told["by"], answered, ticks, awake_s)
+
+
+def test_an_emergency_stop_gets_through_a_flood_of_junk(tmp_path: Path) -> None:
+    with Witness() as machine:
+        seen = asyncio.run(fly_and_flood(tmp_path, machine))
+    assert seen.answered > 0.5 * JUNK_PER_S * JUNK_S, "the flood came"
+    assert seen.by == "emergency"
+    assert max(seen.waits_s) < 0.1
+    assert seen.ticks >= 15.0 * seen.awake_s

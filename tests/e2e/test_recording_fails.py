@@ -1,0 +1,60 @@
+"""The disk fills while vehicles fly: they fly on, the operator is told, and what was recorded stays."""
+
+import resource
+import subprocess
+from contextlib import closing
+from pathlib import Path
+
+from ground import SOON_S, flying_config, proper, service, vehicles, wait_until
+from machine import free_ports
+from pymavlink import mavutil
+
+from gcs.client import Client
+
+IDS = ("d1", "d2")
+
+
+def limit_files(process: subprocess.Popen[str], size_bytes: int) -> None:
+    """No file of this process grows beyond that any more, as if the disk were full."""
+    _, hard = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (size_bytes, hard))
+
+
+def setpoints(path: Path) -> set[int]:
+    """Whom a recording holds setpoints for. Fails where a frame in it is not whole."""
+    targets = set()
+    with closing(mavutil.mavlink_connection(str(path))) as log:
+        while (message := log.recv_match()) is not None:
+            assert message.get_type() != "BAD_DATA"
+            if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
+                targets.add(message.target_system)
+    return targets
+
+
+def fly_on_a_full_disk(client: Client, process: subprocess.Popen[str], folder: Path) -> None:
+    wait_until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in client.vehicles()))
+    assert client.fleet().notices == []
+    (path,) = folder.glob("*.tlog")
+    limit_files(process, path.stat().st_size)
+    wait_until("told", SOON_S, lambda: client.fleet().notices != [])
+    (notice,) = client.fleet().notices
+    assert notice.endswith(f": recording to {folder} fails: [Errno 27] File too large")
+    full_bytes = path.stat().st_size
+
+    client.start()
+    wait_until("flying", SOON_S, lambda: {vehicle.phase for vehicle in client.vehicles()} == {"formation"})
+    assert client.fleet().notices == [notice]
+    assert path.stat().st_size <= full_bytes
+    assert setpoints(path) == set(), "what lies there was recorded before, and can be read"
+
+    limit_files(process, resource.RLIM_INFINITY)
+    wait_until("it goes on", SOON_S, lambda: client.fleet().notices == [])
+    wait_until("setpoints are recorded", SOON_S, lambda: setpoints(path) == {1, 2})
+
+
+def test_a_disk_that_fills_in_flight_is_told_and_changes_nothing_else(tmp_path: Path) -> None:
+    base = free_ports(len(IDS))
+    config = flying_config(len(IDS), base, silence_s=20.0)
+    folder = tmp_path / "service"
+    with vehicles(len(IDS), base, tmp_path, *proper(config)), service(config, folder) as (client, process):
+        fly_on_a_full_disk(client, process, folder)

@@ -1,0 +1,38 @@
+"""A server on a loop of its own, in another thread, for callers that block."""
+
+import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from starlette.types import ASGIApp
+
+from api.server import serve
+
+
+@contextmanager
+def in_background(app: ASGIApp) -> Iterator[int]:
+    """Serve until the block ends. Yields the port."""
+    ready: list[tuple[asyncio.AbstractEventLoop, asyncio.Task[None], int]] = []
+    up = threading.Event()
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        listening = loop.create_future()
+        task = asyncio.create_task(serve(app, port=0, listening=listening))
+        ready.append((loop, task, await listening))
+        up.set()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    thread = threading.Thread(target=asyncio.run, args=(main(),))
+    thread.start()
+    assert up.wait(30)
+    loop, task, port = ready[0]
+    try:
+        yield port
+    finally:
+        loop.call_soon_threadsafe(task.cancel)
+        thread.join(30)
+        assert not thread.is_alive()

@@ -1,0 +1,60 @@
+"""Every call that may change something stands in the record before its answer leaves."""
+
+from pathlib import Path
+
+from api_fake_service import FakeService
+from api_harness import Api
+
+from gcs.records.known import calls
+from gcs.records.record import Record
+
+VEHICLES = {"d1": (1, "radio")}
+
+
+def test_a_call_is_in_the_record_when_its_answer_comes(tmp_path: Path) -> None:
+    with Record(tmp_path, "{}", VEHICLES, flight=False) as record:
+        service = FakeService()
+        service.audit = record.audit
+        api = Api(service)
+        answer = api("PATCH", "/api/v1/orbit", json={"radius_m": 12.0})
+        assert (answer.status_code, "X-Recorded" in answer.headers) == (200, False)
+        (call,) = calls(tmp_path)  # read while the service still runs
+    assert (call["who"], call["method"], call["path"], call["status"]) == (
+        "local",
+        "PATCH",
+        "/api/v1/orbit",
+        200,
+    )
+    assert call["body"] == '{"radius_m":12.0}'
+
+
+def test_what_was_refused_or_denied_is_noted_and_what_only_reads_is_not(tmp_path: Path) -> None:
+    with Record(tmp_path, "{}", VEHICLES, flight=False) as record:
+        service = FakeService()
+        service.audit = record.audit
+        api = Api(service)
+        assert api("GET", "/api/v1/fleet").status_code == 200
+        assert api("POST", "/api/v1/show/resume").status_code == 409
+        assert api("PATCH", "/api/v1/orbit", json={"radius_m": "wide"}).status_code == 422
+        assert api("DELETE", "/api/v1/nothing").status_code == 404
+        assert api("GET", "/api/v1/fleet", headers={"Host": "evil.example"}).status_code == 403
+    noted = [(call["method"], call["path"], call["status"]) for call in calls(tmp_path)]
+    assert noted == [
+        ("POST", "/api/v1/show/resume", 409),
+        ("PATCH", "/api/v1/orbit", 422),
+        ("DELETE", "/api/v1/nothing", 404),
+        ("GET", "/api/v1/fleet", 403),
+    ]
+
+
+def test_without_a_disk_orders_are_carried_out_and_the_answer_says_that_they_are_not_recorded(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "runs").touch()  # a file where the folder should be
+    with Record(tmp_path / "runs", "{}", VEHICLES, flight=False) as record:
+        service = FakeService()
+        service.audit = record.audit
+        answer = Api(service)("POST", "/api/v1/show/start")
+        assert (answer.status_code, answer.headers["X-Recorded"]) == (202, "no")
+        assert service.show == "preflight"
+        assert "nothing is recorded" in record.problems[0]

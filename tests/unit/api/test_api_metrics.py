@@ -1,0 +1,78 @@
+import json
+import re
+from pathlib import Path
+
+import pytest
+from api_fake_service import FakeService
+from api_harness import Api
+from prometheus_client.parser import text_string_to_metric_families
+
+from gcs.lifecycle import Phase
+
+DASHBOARD = Path(__file__).parents[3] / "docs" / "grafana" / "formation.json"
+
+
+@pytest.fixture
+def samples() -> dict[tuple[str, ...], float]:
+    """Every sample by its name and the values of its labels, of a fleet of three that flies but for one."""
+    service = FakeService()
+    service.fly()
+    service.phases["d3"] = Phase.LOST
+    service.tick()
+    answer = Api(service)("GET", "/metrics")
+    assert answer.headers["content-type"].startswith("text/plain; version=")
+    return {
+        (sample.name, *sample.labels.values()): sample.value
+        for family in text_string_to_metric_families(answer.text)
+        for sample in family.samples
+    }
+
+
+def test_it_tells_what_the_fleet_does(samples: dict[tuple[str, ...], float]) -> None:
+    assert samples["gcs_control_alive",] == 1.0
+    assert samples["gcs_show_phase", "running"] == 1.0
+    assert sum(value for key, value in samples.items() if key[0] == "gcs_show_phase") == 1.0
+    assert samples["gcs_vehicles", "formation"] == 2.0
+    assert samples["gcs_vehicles", "lost"] == 1.0
+    assert samples["gcs_minimum_separation_meters",] == 5.0
+    assert samples["gcs_filter_interventions_total",] == 7.0
+    assert samples["gcs_setpoints_sent_total",] == samples["gcs_ticks_total",] * 3
+    assert samples["gcs_vehicle_link_quality", "d1"] == 0.75
+    assert samples["gcs_vehicle_position_age_seconds", "d2"] == 0.05
+    assert (samples["gcs_vehicle_restrained", "d1"], samples["gcs_vehicle_restrained", "d2"]) == (1.0, 0.0)
+    assert samples["gcs_vehicle_ready", "d3"] == 0.0
+
+
+def test_the_histograms_are_those_of_the_ticks(samples: dict[tuple[str, ...], float]) -> None:
+    buckets = [samples["gcs_tick_duration_seconds_bucket", bound] for bound in ("0.01", "0.1", "+Inf")]
+    assert buckets == [3.0, 5.0, 6.0]
+    assert samples["gcs_tick_duration_seconds_sum",] == 0.5
+    assert samples["gcs_tick_lateness_seconds_count",] == 6.0
+
+
+def test_what_is_not_known_is_absent() -> None:
+    api = Api()
+    text = api("GET", "/metrics").text
+    assert "gcs_minimum_separation_meters" not in {line.split(" ")[0] for line in text.splitlines()}
+    assert "nan" not in text.lower()
+
+
+def test_a_dead_control_loop_is_told() -> None:
+    api = Api()
+    api.service.control_alive = False
+    api.service.tick()
+    assert "gcs_control_alive 0.0" in api("GET", "/metrics").text
+
+
+def test_the_dashboard_asks_for_nothing_that_is_not_told(samples: dict[tuple[str, ...], float]) -> None:
+    told = {name for name, *_ in samples}
+    panels = json.loads(DASHBOARD.read_text())["panels"]
+    asked = {
+        name
+        for panel in panels
+        for target in panel.get("targets", [])
+        for name in re.findall(r"\bgcs_\w+", target["expr"])
+    }
+    assert len(asked) > 10
+    assert asked <= told
+    assert len({panel["id"] for panel in panels}) == len(panels)

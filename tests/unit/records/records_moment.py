@@ -1,0 +1,69 @@
+"""Moments for tests: a fleet that stands, or moves as it is told."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.plan import Formation, Plan
+from gcs.records.moment import Moment
+from gcs.records.replay import NOTHING_COUNTED
+from gcs.service import TickView
+from gcs.state import Array, FleetState, Landed, Mode, Setpoints
+
+PLAN = Plan(Formation(radius_m=10.0, height_m=20.0))
+
+
+def ids_of(count: int) -> tuple[str, ...]:
+    return tuple(f"d{row + 1}" for row in range(count))
+
+
+def moment(
+    count: int = 2,
+    *,
+    time_s: float = 100.0,
+    position_m: Array | None = None,
+    velocity_m_s: Array | None = None,
+    phases: Sequence[Phase] | None = None,
+    modes: Sequence[Mode] | None = None,
+    armed: Sequence[bool] | None = None,
+    homes: Sequence[Array | None] | None = None,
+    show: ShowPhase = ShowPhase.RUNNING,
+    plan: Plan = PLAN,
+    reasons: Sequence[str] | None = None,
+    uncertainty_m: float = 0.35,
+) -> Moment:
+    here_m = (
+        np.array([[10.0 * row, 0.0, -20.0] for row in range(count)]) if position_m is None else position_m
+    )
+    moves_m_s = np.zeros((count, 3)) if velocity_m_s is None else velocity_m_s
+    ids = ids_of(count)
+    return Moment(
+        unix_time_s=1.7e9 + time_s,
+        fleet=FleetState(time_s, ids, here_m, moves_m_s, np.zeros(count), np.full(count, 0.05)),
+        setpoints=Setpoints(time_s, ids[:1], np.array([[1.0, 0.0, -0.5]]), np.zeros(1)),
+        uncertainty_m=np.full(count, uncertainty_m),
+        heartbeat_age_s=np.full(count, 0.4),
+        battery_remaining=np.full(count, 0.9),
+        phases=tuple(phases or (Phase.FORMATION,) * count),
+        reasons=tuple(reasons or ("flies",) * count),
+        modes=tuple(modes or (Mode.OFFBOARD,) * count),
+        armed=tuple(armed or (True,) * count),
+        landed=(Landed.IN_AIR,) * count,
+        ready=(True,) * count,
+        homes=tuple(homes or (None,) * count),
+        restrained_by={"d2": "separation from d1"},
+        show=show,
+        reason="the sphere stands",
+        plan=plan,
+        selected=None,
+        start_unix_time_s=None,
+        center_m=(0.0, 0.0, -20.0),
+        center_velocity_m_s=(1.0, 0.0, 0.0),
+        radius_m=10.0,
+        minimum_separation_m=9.5,
+        timing=TickView(20.0, 7, 0, 1.0, 2.0, 3.0, NOTHING_COUNTED, NOTHING_COUNTED),
+        control_alive=True,
+        setpoints_sent=42,
+        problems=("record: the disk is full",),
+    )

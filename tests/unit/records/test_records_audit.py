@@ -1,0 +1,229 @@
+"""The audit: what was noted is read back, what is not ours is refused, a bad disk is told of."""
+
+import asyncio
+import logging
+import sqlite3
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from records_moment import PLAN, moment
+
+from gcs.errors import GcsError
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.links.roster import Address
+from gcs.orders import OrderBook
+from gcs.plan import Formation, Plan
+from gcs.records import last_known
+from gcs.records.database import VERSION
+from gcs.records.journal import Journal, Row
+from gcs.records.known import AUDIT, calls, events, orders
+from gcs.records.record import Record
+from gcs.service import WHO, Call, Outcome
+from gcs.state import Mode
+
+VEHICLES = {"d1": (1, "radio"), "d2": (2, "radio")}
+CONFIG = '{"show_frame": {}}'
+
+
+class Places:
+    """As much of a link as is asked for addresses."""
+
+    def __init__(self, **addresses: Address) -> None:
+        self.addresses = addresses
+
+
+def soon(holds: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 20.0
+    while not holds():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+def test_an_order_is_read_back_with_who_gave_it_and_its_outcome_per_vehicle(tmp_path: Path) -> None:
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        book = OrderBook(record.audit)
+        book.open("start", ["d1", "d2"], {"d3": "offline: not heard yet"})
+        token = WHO.set("anna")
+        order = book.open("pause", ["d1", "d2"], {})
+        WHO.reset(token)
+        book.close(order.id, "d1", Outcome.DONE)
+        book.close(order.id, "d2", Outcome.FAILED, "it did not answer")
+        assert asyncio.run(record.audit.kept())
+    first, second = orders(tmp_path)
+    assert (first.who, first.action, first.session) == ("service", "start", record.session)
+    assert first.outcomes["d3"] == ("not-included", "offline: not heard yet")
+    assert (second.who, second.action) == ("anna", "pause")
+    assert second.accepted_unix_s == order.accepted_time_s
+    assert second.outcomes == {"d1": ("done", ""), "d2": ("failed", "it did not answer")}
+
+
+def test_calls_are_read_back_long_bodies_shortened(tmp_path: Path) -> None:
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        record.audit.call(Call("anna", "POST", "/api/v1/show/start", "x" * 100_000, 202))
+    (call,) = calls(tmp_path)
+    assert (call["who"], call["method"], call["path"], call["status"]) == (
+        "anna",
+        "POST",
+        "/api/v1/show/start",
+        202,
+    )
+    assert 4000 < len(call["body"]) < 5000
+
+
+def test_what_the_service_logs_becomes_an_event(tmp_path: Path) -> None:
+    with Record(tmp_path, CONFIG, VEHICLES):
+        logging.getLogger("gcs.vehicle").warning(
+            "vehicle_phase", extra={"vehicle": "d1", "was": "hold", "phase": "lost"}
+        )
+    logging.getLogger("gcs.vehicle").warning("after_the_end")
+    (event,) = events(tmp_path)
+    assert (event["level"], event["event"], event["vehicle"]) == ("warning", "vehicle_phase", "d1")
+    assert event["detail"] == {"was": "hold", "phase": "lost"}
+
+
+def test_the_last_known_of_vehicles_and_show_is_read_back(tmp_path: Path) -> None:
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        home_m = np.array([1.0, 2.0, -0.5])
+        places = Places(d1=Address("10.0.0.7", 14580, 0), d2=Address("/dev/ttyUSB0", 0, 0))
+        record.note(moment(homes=[home_m, None]), [places])  # type: ignore[list-item]
+        wanted = Plan(Formation(radius_m=12.0, height_m=20.0))
+        record.note(
+            moment(time_s=101.0, phases=[Phase.FORMATION, Phase.LOST], homes=[home_m, None], plan=wanted),
+            [places],  # type: ignore[list-item]
+        )
+    known = last_known(tmp_path)
+    d1, d2 = known.vehicles["d1"], known.vehicles["d2"]
+    assert (d1.system_id, d1.link, d1.host, d1.port) == (1, "radio", "10.0.0.7", 14580)
+    assert (d1.phase, d1.mode, d1.armed, d1.home_m) == ("formation", "offboard", True, (1.0, 2.0, -0.5))
+    assert (d2.phase, d2.host, d2.port, d2.home_m) == ("lost", "/dev/ttyUSB0", 0, None)
+    assert known.show is not None
+    assert (known.show.phase, known.show.plan["formation"]["radius_m"]) == ("running", 12.0)
+    assert known.session is not None
+    assert known.session.config == {"show_frame": {}}
+    assert known.session.ended_unix_s is not None
+    assert [event["event"] for event in events(tmp_path)] == ["vehicle_mode", "vehicle_mode", "plan"]
+
+
+def test_a_session_that_has_heard_nobody_forgets_nothing_of_the_one_before(tmp_path: Path) -> None:
+    places = Places(d1=Address("10.0.0.7", 14580, 0))
+    home_m = np.array([1.0, 2.0, -0.5])
+    with Record(tmp_path, CONFIG, VEHICLES) as first:
+        first.note(moment(homes=[home_m, None]), [places])  # type: ignore[list-item]
+    with Record(tmp_path, CONFIG, VEHICLES) as second:
+        unheard = moment(
+            phases=[Phase.OFFLINE] * 2, modes=[Mode.UNKNOWN] * 2, armed=[False] * 2, show=ShowPhase.IDLE
+        )
+        second.note(unheard, [Places()])  # type: ignore[list-item]
+    known = last_known(tmp_path)
+    assert known.session is not None
+    assert known.session.id == second.session != first.session
+    assert known.vehicles["d1"].session == first.session
+    assert (known.vehicles["d1"].phase, known.vehicles["d1"].host) == ("formation", "10.0.0.7")
+    assert known.vehicles["d1"].home_m == (1.0, 2.0, -0.5)
+    assert known.show is not None
+    assert known.show.phase == "running"
+
+
+def test_what_changes_nothing_writes_nothing(tmp_path: Path) -> None:
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        for tick in range(100):
+            record.note(moment(time_s=100.0 + tick / 20), [])
+    assert len(events(tmp_path)) == 2  # the modes as first heard
+    assert PLAN.formation.radius_m == last_known(tmp_path).show.plan["formation"]["radius_m"]  # type: ignore[union-attr]
+
+
+def test_an_audit_is_read_while_the_service_writes(tmp_path: Path) -> None:
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        book = OrderBook(record.audit)
+        for count in range(1, 20):
+            book.open("hold", ["d1"], {})
+            assert asyncio.run(record.audit.kept())
+            assert len(orders(tmp_path)) == count
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "not an audit of this program"),
+        (b"no database at all" * 100, "not an audit of this program"),
+        (b"SQLite format 3\x00" + b"\xff" * 4000, "not an audit of this program"),
+    ],
+)
+def test_a_foreign_file_is_refused_by_name(tmp_path: Path, content: bytes, reason: str) -> None:
+    (tmp_path / "other.sqlite").write_bytes(content)
+    with pytest.raises(GcsError, match=f"other.sqlite: .*{reason}"):
+        last_known(tmp_path / "other.sqlite")
+    with pytest.raises(GcsError, match=r"absent\.sqlite: there is no such file"):
+        last_known(tmp_path / "absent.sqlite")
+
+
+def test_another_programs_database_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+    with closing(sqlite3.connect(tmp_path / AUDIT)) as other:
+        other.execute("CREATE TABLE birds (name TEXT)")
+        other.commit()
+    before = (tmp_path / AUDIT).read_bytes()
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        OrderBook(record.audit).open("hold", ["d1"], {})
+        assert not asyncio.run(record.audit.kept())
+        soon(lambda: bool(record.problems))
+        assert "a database, but not an audit of this program" in record.problems[0]
+    assert (tmp_path / AUDIT).read_bytes() == before
+
+
+def test_an_audit_of_a_later_version_is_refused(tmp_path: Path) -> None:
+    with Record(tmp_path, CONFIG, VEHICLES):
+        pass
+    with closing(sqlite3.connect(tmp_path / AUDIT)) as later:
+        later.execute(f"PRAGMA user_version = {VERSION + 1}")
+    with pytest.raises(GcsError, match=f"version {VERSION + 1}; this program knows version {VERSION}"):
+        last_known(tmp_path)
+
+
+def test_a_truncated_audit_is_refused_with_a_reason(tmp_path: Path) -> None:
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        for _ in range(500):
+            record.audit.call(Call("anna", "POST", "/api/v1/show/start", "x" * 1000, 202))
+        record.note(moment(), [])
+    whole = (tmp_path / AUDIT).read_bytes()
+    (tmp_path / AUDIT).write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(GcsError, match=r"audit.sqlite: (cannot be read|not an audit)"):
+        last_known(tmp_path)
+
+
+def test_a_disk_that_fails_is_told_of_and_what_was_noted_meanwhile_is_written_once_it_works(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    root = tmp_path / "runs"
+    root.touch()  # a file where the folder should be
+    with Record(root, CONFIG, VEHICLES) as record:
+        book = OrderBook(record.audit)
+        book.open("start", ["d1"], {})
+        began_s = time.monotonic()
+        assert not asyncio.run(record.audit.kept())
+        assert time.monotonic() - began_s < 5.0
+        soon(lambda: bool(record.problems))
+        assert "nothing is recorded" in record.problems[0]
+        root.unlink()
+        soon(lambda: not record.problems)
+        book.open("stop", ["d1"], {})
+        assert asyncio.run(record.audit.kept())
+    assert [order.action for order in orders(root)] == ["start", "stop"]
+    assert [line.msg for line in caplog.records if line.name == "gcs.records.journal"] == [
+        "audit_failed",
+        "audit_goes_on",
+    ]
+
+
+def test_more_than_a_bad_disk_can_be_kept_for_is_counted(tmp_path: Path) -> None:
+    (tmp_path / "runs").touch()
+    journal = Journal(tmp_path / "runs" / AUDIT)
+    journal.open()
+    journal.put([Row("SELECT 1", ())] * 60_000)
+    assert not asyncio.run(journal.kept())
+    (tmp_path / "runs").unlink()
+    soon(lambda: "10000 rows were lost" in journal.problem)
+    journal.close()

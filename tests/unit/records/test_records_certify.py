@@ -1,0 +1,255 @@
+"""A flight judged: what was broken is found, named and timed; what is no record is refused."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from records_moment import ids_of, moment
+
+from gcs import config as configuration
+from gcs.cli.main import main
+from gcs.frames import ShowFrame
+from gcs.lifecycle import Phase
+from gcs.records import layout
+from gcs.records.flightfile import FlightFile
+from gcs.records.pairs import nearest_approaches
+from gcs.records.tracks import true
+from gcs.safety.separation import Floor
+from gcs.state import Array
+
+CONFIG = configuration.load(configuration.find("demo"))
+FRAME = CONFIG.frame
+STEP_S = 0.05
+Path3 = Callable[[Array], Array]  # (k,) times to (k, 3) places, show frame
+
+
+def stands(x_m: float, y_m: float, z_m: float) -> Path3:
+    return lambda time_s: np.tile([x_m, y_m, z_m], (len(time_s), 1))
+
+
+def moves(x_m: float, y_m: float, z_m: float, velocity: tuple[float, float, float]) -> Path3:
+    return lambda time_s: np.array([x_m, y_m, z_m]) + np.outer(time_s, velocity)
+
+
+def truth(file: Path, *paths: Path3, seconds: float = 4.0, frame: ShowFrame = FRAME, first: int = 1) -> Path:
+    time_s = np.arange(0.0, seconds, STEP_S)
+    places = np.stack([path(time_s) for path in paths], axis=1)
+    velocity_m_s = frame.into_ned(np.gradient(places, STEP_S, axis=0).reshape(-1, 3)).reshape(places.shape)
+    lines = []
+    for at, place_m in enumerate(places):
+        latitude, longitude, altitude = frame.geodetic(place_m)
+        vehicles = [
+            {
+                "vehicle": row + first,
+                "latitude_deg": latitude[row],
+                "longitude_deg": longitude[row],
+                "altitude_amsl_m": altitude[row],
+                "velocity_north_m_s": velocity_m_s[at, row, 0],
+                "velocity_east_m_s": velocity_m_s[at, row, 1],
+                "velocity_down_m_s": velocity_m_s[at, row, 2],
+                "armed": True,
+                "landed": False,
+                "mode": "OFFBOARD",
+            }
+            for row in range(len(paths))
+        ]
+        lines.append(json.dumps({"time_s": 100.0 + time_s[at], "vehicles": vehicles}))
+    file.write_text("\n".join(lines) + "\n")
+    return file
+
+
+def judged(*arguments: object) -> tuple[int, dict[str, Any]]:
+    report = Path(str(arguments[0])).parent / "report.json"
+    code = main(["certify", *map(str, arguments), "--report", str(report)])
+    return code, json.loads(report.read_text())
+
+
+def check(report: dict[str, Any], name: str) -> dict[str, Any]:
+    (found,) = [each for each in report["checks"] if each["name"].startswith(name)]
+    return dict(found)
+
+
+def test_a_flight_that_kept_everything_is_fine(tmp_path: Path) -> None:
+    file = truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20), moves(10, 0, -20, (1.0, 0.0, -0.5)))
+    code, report = judged(file, "--config", "demo")
+    assert (code, report["verdict"], report["based_on"], report["vehicles"]) == (
+        0,
+        "kept",
+        "true positions",
+        2,
+    )
+    assert check(report, "separation")["worst"] == pytest.approx(5.0, abs=0.01)  # 10 m over a floor of 2
+    assert check(report, "speed sideways")["worst"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_two_that_meet_between_two_samples_are_found(tmp_path: Path) -> None:
+    """At 8 m/s each, 0.4 m a sample: they are 0.4 m apart in both samples, and touch between them."""
+    paths = moves(-9.8, 0, -20, (8.0, 0.0, 0.0)), moves(9.8 + 0.4 / 2, 0, -20, (-8.0, 0.0, 0.0))
+    code, report = judged(truth(tmp_path / "truth-1.jsonl", *paths), "--config", "demo")
+    assert (code, report["verdict"]) == (1, "broken")
+    (pair,) = report["nearest_pairs"]
+    assert (pair["vehicles"], pair["distance_m"]) == (["1", "2"], pytest.approx(0.0, abs=0.01))
+    assert pair["at_s"] == pytest.approx(1.2, abs=0.1)
+    assert not check(report, "separation")["kept"]
+
+
+def test_the_floor_is_taller_than_wide(tmp_path: Path) -> None:
+    over = truth(tmp_path / "a.jsonl", stands(0, 0, -20), stands(0, 0, -22.5))
+    beside = truth(tmp_path / "b.jsonl", stands(0, 0, -20), stands(2.5, 0, -20))
+    assert judged(over, "--config", "demo")[0] == 1
+    assert judged(beside, "--config", "demo")[0] == 0
+
+
+def test_low_over_their_pads_vehicles_may_stand_close(tmp_path: Path) -> None:
+    code, report = judged(
+        truth(tmp_path / "a.jsonl", stands(0, 0, -1), stands(1.5, 0, -1)), "--config", "demo"
+    )
+    assert (code, check(report, "separation")["worst"]) == (0, None)
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [
+        (stands(400, 0, -20), "greatest distance"),
+        (stands(0, 0, -150), "greatest height"),
+        (moves(0, 0, -20, (9.5, 0, 0)), "speed sideways"),
+        (moves(0, 0, -20, (0, 0, -3.5)), "speed up"),
+        (moves(0, 0, -40, (0, 0, 2.5)), "speed down"),
+        (lambda s: np.stack([6.0 * np.sin(1.1 * s), 0 * s, -20 + 0 * s], axis=1), "acceleration"),
+    ],
+)
+def test_what_is_broken_is_named_with_vehicle_and_time(tmp_path: Path, path: Path3, name: str) -> None:
+    file = truth(tmp_path / "truth-1.jsonl", stands(0, 50, -20), path)
+    code, report = judged(file, "--config", "demo")
+    broken = [each["name"] for each in report["checks"] if not each["kept"]]
+    assert (code, broken) == (1, [name])
+    assert check(report, name)["vehicle"] == "2"
+
+
+def test_several_truth_files_are_one_flight_and_a_heading_is_minded(tmp_path: Path) -> None:
+    raw = CONFIG.model_dump(mode="json")
+    raw["show_frame"]["heading_deg"] = 70.0
+    turned = configuration.Config.model_validate(raw)
+    truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20), frame=turned.frame)
+    truth(tmp_path / "truth-2.jsonl", moves(6, 0, -20, (1.0, 0.0, 0.0)), frame=turned.frame, first=2)
+    tracks = true(sorted(tmp_path.glob("truth-*.jsonl")), turned.frame, None, ())
+    assert tracks.ids == ("1", "2")
+    np.testing.assert_allclose(tracks.position_m[0, 1], [6.0, 0.0, -20.0], atol=2e-3)
+    np.testing.assert_allclose(tracks.velocity_m_s[10, 1], [1.0, 0.0, 0.0], atol=1e-3)
+
+
+def flight(folder: Path, *, apart_m: float, uncertainty_m: float = 0.35, count: int = 40) -> Path:
+    about = layout.about("s1", CONFIG.model_dump_json(), dict.fromkeys(ids_of(2), (1, "a")))
+    file = FlightFile(folder, about)
+    file.open()
+    for tick in range(count):
+        place_m = np.array([[0.0, 0.0, -20.0], [apart_m, 0.0, -20.0]])
+        file.put(
+            moment(
+                time_s=100.0 + tick * STEP_S,
+                position_m=place_m,
+                phases=[Phase.FORMATION, Phase.FORMATION],
+                uncertainty_m=uncertainty_m,
+            )
+        )
+    file.close()
+    return folder / "flight.mcap"
+
+
+def test_estimates_are_judged_too_and_their_uncertainty_is_told(tmp_path: Path) -> None:
+    code, report = judged(flight(tmp_path, apart_m=3.0))
+    assert (code, report["based_on"]) == (0, "estimated positions")
+    assert "up to 0.35 m sideways" in str(report["uncertainty"])
+    (pair,) = report["nearest_pairs"]
+    assert (pair["vehicles"], pair["floor_ratio"]) == (["d1", "d2"], pytest.approx(1.5, abs=0.01))
+    assert pair["floor_ratio_if_off"] == pytest.approx(1.5 - 0.7 * 2.0 / 3.0, abs=0.01)
+    assert check(report, "setpoint sideways")["worst"] == pytest.approx(1.0)
+    assert judged(flight(tmp_path / "near", apart_m=1.9))[0] == 1
+
+
+def test_truth_beside_a_record_is_believed_before_it_and_takes_its_names(tmp_path: Path) -> None:
+    flight(tmp_path, apart_m=30.0)
+    truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20), stands(1, 0, -20))
+    code, report = judged(tmp_path / "flight.mcap", tmp_path / "truth-1.jsonl")
+    assert (code, report["based_on"]) == (1, "true positions")
+    assert report["nearest_pairs"][0]["vehicles"] == ["d1", "d2"]
+    code, report = judged(tmp_path / "flight.mcap", tmp_path / "truth-1.jsonl", "--positions", "estimated")
+    assert (code, report["based_on"]) == (0, "estimated positions")
+
+
+def test_a_file_that_is_cut_off_is_judged_as_far_as_it_goes_and_says_so(tmp_path: Path) -> None:
+    whole = flight(tmp_path, apart_m=10.0).read_bytes()
+    (tmp_path / "flight.mcap").write_bytes(whole[:-100])
+    code, report = judged(tmp_path / "flight.mcap")
+    assert code == 0
+    assert "cut off or damaged after" in str(report["remarks"])
+    text = truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20), stands(9, 0, -20)).read_text()
+    (tmp_path / "truth-1.jsonl").write_text(text[:-40])
+    code, report = judged(tmp_path / "truth-1.jsonl", "--config", "demo")
+    assert "its last line is cut off" in str(report["remarks"])
+
+
+def test_the_page_holds_everything_and_needs_nothing_else(tmp_path: Path) -> None:
+    file = flight(tmp_path, apart_m=1.9)
+    assert main(["certify", str(file), "--html", str(tmp_path / "page.html")]) == 1
+    text = (tmp_path / "page.html").read_text()
+    assert "estimated positions" in text
+    assert "<svg" in text
+    assert text.count("Nearest pairs") == 1
+    assert "src=" not in text
+    assert "http://" not in text.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("a.mcap", b"no mcap", "not flight data of this program"),
+        ("a.jsonl", b"", "no true states were written"),
+        ("a.jsonl", b"\xff\xfe\x00", "not text"),
+        ("a.jsonl", b"[1, 2]\n[3]\n", "line 1: not a sample of true states"),
+        ("a.jsonl", b'{"time_s": 1.0, "vehicles": [{"vehicle": 1}]}\n', "line 1: not a sample"),
+        ("a.jsonl", b'{"time_s": 1.0, "vehicles": []}\n{"time_s": 1.0, "vehicles": []}\n', "do not increase"),
+    ],
+)
+def test_what_is_no_record_is_refused_with_file_and_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: bytes, reason: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert main(["certify", str(tmp_path / name), "--config", "demo"]) == 2
+    told = capsys.readouterr().err
+    assert name in told
+    assert reason in told
+
+
+def test_what_cannot_be_judged_says_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20))
+    assert main(["certify", str(file)]) == 2
+    assert "give flight.mcap too, or --config FILE" in capsys.readouterr().err
+    assert main(["certify", str(tmp_path / "absent.mcap")]) == 2
+    assert "there is no such file" in capsys.readouterr().err
+    (tmp_path / "empty").mkdir()
+    assert main(["certify", str(tmp_path / "empty")]) == 2
+    assert "there is no flight*.mcap" in capsys.readouterr().err
+
+
+def test_the_nearest_pairs_are_those_of_all_pairs(tmp_path: Path) -> None:
+    rng, n = np.random.default_rng(4), 40
+    starts_m = np.hstack([rng.uniform(-40, 40, (n, 3)) - [0, 0, 60], rng.uniform(-3, 3, (n, 3))])
+    paths = [moves(x, y, z, (u, v, w)) for x, y, z, u, v, w in starts_m.tolist()]
+    tracks = true([truth(tmp_path / "a.jsonl", *paths, seconds=2.0)], FRAME, None, ())
+    floor = Floor()
+    pairs, least_m = nearest_approaches(tracks, floor)
+    away_m = np.linalg.norm(tracks.position_m[:, :, None] - tracks.position_m[:, None], axis=-1)
+    away_m[:, np.tri(n, dtype=bool)] = np.inf
+    np.testing.assert_allclose(least_m, away_m.min(axis=(1, 2)), atol=0.35)  # between samples even less
+    assert (least_m <= away_m.min(axis=(1, 2)) + 1e-4).all()
+    i, j = pairs.nearest(1)[0]
+    scaled = np.linalg.norm((tracks.position_m[:, i] - tracks.position_m[:, j]) * floor.scale, axis=-1).min()
+    assert pairs.ratio[i, j] <= scaled / floor.horizontal_m + 1e-5

@@ -1,0 +1,219 @@
+"""Flight data: what was recorded is read back, by us and by the mcap library, whatever ended the file."""
+
+import json
+import os
+import random
+import time
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from records_moment import moment
+
+from gcs.errors import GcsError
+from gcs.lifecycle import Phase
+from gcs.plan import Obstacle
+from gcs.records import layout
+from gcs.records.flightfile import WAITING_MAX, FlightFile, Said
+from gcs.records.flown import FlightData
+from gcs.records.moment import Moment
+from gcs.state import Mode
+
+ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})
+
+
+def soon(holds: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 20.0
+    while not holds():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+def flight(folder: Path, moments: list[Moment]) -> Path:
+    file = FlightFile(folder, ABOUT)
+    file.open()
+    for each in moments:
+        file.put(each)
+    file.close()
+    assert not file.problem
+    return folder / "flight.mcap"
+
+
+def moving(count: int) -> list[Moment]:
+    return [
+        moment(
+            time_s=100.0 + tick / 20,
+            position_m=np.array([[0.05 * tick, 0.0, -20.0], [10.0, 0.1 * tick, -20.0]]),
+            velocity_m_s=np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]]),
+            phases=[Phase.FORMATION, Phase.LANDING if tick > 50 else Phase.FORMATION],
+            reasons=["flies", "comes down" if tick > 50 else "flies"],
+        )
+        for tick in range(count)
+    ]
+
+
+def test_every_tick_is_read_back_as_it_was(tmp_path: Path) -> None:
+    data = FlightData(flight(tmp_path, moments := moving(100)))
+    assert (data.about.ids, data.about.system_ids) == (("d1", "d2"), (1, 2))
+    assert data.about.config == {"tick_rate_hz": 20.0}
+    ticks = list(data.ticks())
+    assert not data.cut
+    assert len(ticks) == len(moments)
+    for tick, was in zip(ticks, moments, strict=True):
+        assert tick.unix_s == pytest.approx(was.unix_time_s, abs=2e-6)
+        np.testing.assert_allclose(layout.positions_m(tick.vehicles), was.fleet.position_m, atol=1e-5)
+        np.testing.assert_allclose(layout.velocities_m_s(tick.vehicles), was.fleet.velocity_m_s)
+        np.testing.assert_allclose(layout.setpoints_m_s(tick.vehicles)[0], [1.0, 0.0, -0.5])
+        assert np.isnan(layout.setpoints_m_s(tick.vehicles)[1]).all()
+        assert [data.about.phases[number] for number in tick.vehicles["phase"]] == list(was.phases)
+        assert [data.about.modes[number] for number in tick.vehicles["mode"]] == [Mode.OFFBOARD] * 2
+        assert tick.status["reasons"] == list(was.reasons)
+        assert tick.status["plan"]["formation"] == asdict(was.plan.formation)
+        assert tick.tick["restrained_by"] == {"d2": "separation from d1"}
+        assert tick.tick["time_s"] == was.fleet.time_s
+
+
+def test_the_mcap_library_reads_it_and_finds_the_schemas_that_foxglove_draws(tmp_path: Path) -> None:
+    box = Obstacle("tower", 5.0, 6.0, 1.0, 2.0, 30.0)
+    whole = [replace(each, plan=replace(each.plan, obstacles=(box,))) for each in moving(60)]
+    path = flight(tmp_path, whole)
+    seen: dict[str, list[dict[str, object]]] = {}
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.channel_message_counts[1] == 60
+        for schema, channel, message in reader.iter_messages():
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            told = json.loads(message.data)
+            declared = json.loads(schema.data)["properties"]
+            assert set(told) <= set(declared), channel.topic
+            seen.setdefault(f"{channel.topic} {schema.name}", []).append(told)
+    assert {"/fleet/vehicles foxglove.PointCloud", "/fleet/tick gcs.Tick", "/fleet/status gcs.Status"} <= set(
+        seen
+    )
+    assert {"/fleet/scene foxglove.SceneUpdate", "/tf foxglove.FrameTransform"} <= set(seen)
+    cloud = seen["/fleet/vehicles foxglove.PointCloud"][0]
+    assert cloud["point_stride"] == layout.VEHICLE.itemsize
+    assert cloud["frame_id"] == seen["/tf foxglove.FrameTransform"][0]["child_frame_id"]
+    scene = seen["/fleet/scene foxglove.SceneUpdate"][0]
+    assert [each["id"] for each in scene["entities"]] == [  # type: ignore[attr-defined]
+        "target",
+        "formation",
+        "obstacle tower",
+        "names",
+    ]
+
+
+def test_events_stand_in_the_files_log(tmp_path: Path) -> None:
+    file = FlightFile(tmp_path, ABOUT)
+    file.open()
+    file.put(moment())
+    file.put(Said(1.7e9, "warning", "vehicle_phase", "d1 was=hold phase=lost"))
+    file.close()
+    with (tmp_path / "flight.mcap").open("rb") as found:
+        (logged,) = [json.loads(m.data) for _, _, m in make_reader(found).iter_messages(topics=["/log"])]
+    assert (logged["level"], logged["message"]) == (3, "vehicle_phase d1 was=hold phase=lost")
+
+
+def test_what_is_not_known_is_no_number_but_null(tmp_path: Path) -> None:
+    unheard = moment(position_m=np.full((2, 3), np.nan))
+    (tick,) = FlightData(flight(tmp_path, [replace(unheard, minimum_separation_m=None)])).ticks()
+    assert np.isnan(layout.positions_m(tick.vehicles)).all()
+    assert tick.tick["minimum_separation_m"] is None
+
+
+def test_a_file_cut_off_anywhere_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    file = FlightFile(tmp_path, ABOUT)
+    file.open()
+    for count, each in enumerate(moving(60)):
+        file.put(each)
+        if count % 20 == 19:
+            soon(lambda count=count: file.written > count)  # type: ignore[misc]
+            time.sleep(1.0)  # a chunk is closed
+    file.close()
+    whole = (tmp_path / "flight.mcap").read_bytes()
+    count = len(list(FlightData(tmp_path / "flight.mcap").ticks()))
+    counts, places = set(), random.Random(3)
+    for _ in range(40):
+        (tmp_path / "cut.mcap").write_bytes(whole[: places.randrange(2500, len(whole) - 20)])
+        data = FlightData(tmp_path / "cut.mcap")
+        found = len(list(data.ticks()))
+        assert "cut off or damaged" in data.cut
+        assert found <= count
+        counts.add(found)
+    assert len(counts) >= 3, "chunk after chunk is there"
+
+
+def test_a_damaged_chunk_is_not_believed(tmp_path: Path) -> None:
+    whole = bytearray(flight(tmp_path, moving(60)).read_bytes())
+    whole[len(whole) // 4] ^= 0xFF  # behind it is the index
+    (tmp_path / "flight.mcap").write_bytes(whole)
+    data = FlightData(tmp_path / "flight.mcap")
+    assert list(data.ticks()) == []
+    assert "cut off or damaged before the first tick" in data.cut
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0", b"no mcap at all" * 100, os.urandom(5000)])
+def test_a_foreign_file_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "other.mcap").write_bytes(content)
+    with pytest.raises(GcsError, match=r"other\.mcap: not flight data of this program"):
+        FlightData(tmp_path / "other.mcap")
+    with pytest.raises(GcsError, match=r"absent\.mcap: cannot be read: No such file"):
+        FlightData(tmp_path / "absent.mcap")
+
+
+def test_somebody_elses_mcap_is_refused(tmp_path: Path) -> None:
+    with (tmp_path / "other.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema_id = writer.register_schema("birds", "jsonschema", b"{}")
+        writer.add_message(writer.register_channel("/birds", "json", schema_id), 1, b"{}", 1)
+        writer.finish()
+    with pytest.raises(GcsError, match="an MCAP file, but not flight data of this program"):
+        FlightData(tmp_path / "other.mcap")
+
+
+def test_another_version_is_refused(tmp_path: Path) -> None:
+    file = FlightFile(tmp_path, {**ABOUT, "version": "9"})
+    file.open()
+    file.put(moment())
+    file.close()
+    with pytest.raises(
+        GcsError,
+        match=r"flight\.mcap: not flight data of this program: they are of version 9; this program knows 1",
+    ):
+        FlightData(tmp_path / "flight.mcap")
+
+
+def test_a_disk_that_fails_is_told_of_and_there_is_another_file_once_it_works(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = tmp_path / "s1"
+    folder.touch()  # a file where the folder should be
+    file = FlightFile(folder, ABOUT)
+    file.open()
+    file.put(moment())
+    soon(lambda: "flight data are not recorded" in file.problem)
+    assert file.dropped == 1
+    folder.unlink()
+    file.put(moment(time_s=101.0))
+    soon(lambda: file.problem == "1 ticks of flight data were not kept")
+    assert file.written == 1
+    file.close()
+    assert len(list(FlightData(folder / "flight.mcap").ticks())) == 1
+    assert [line.msg for line in caplog.records] == ["flight_data_failed", "flight_data_go_on"]
+
+
+def test_more_than_the_disk_takes_is_counted_not_kept(tmp_path: Path) -> None:
+    file = FlightFile(tmp_path, ABOUT)  # nobody writes yet: a disk that hangs
+    for _ in range(WAITING_MAX + 100):
+        file.put(moment())
+    assert file.dropped == 100
+    assert file.problem == "100 ticks of flight data were not kept"

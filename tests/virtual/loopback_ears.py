@@ -1,0 +1,79 @@
+"""What a loopback link hears of one vehicle, and whether that shows that it obeyed."""
+
+import asyncio
+import struct
+from math import nan
+from typing import Any
+
+from pymavlink.dialects.v20 import common
+
+from gcs.links import Order, ParameterValue, Verb
+from gcs.links.heard import Heard
+from gcs.links.mavlink_frames import Frame
+from gcs.state import Landed, Mode
+
+BATTERY_STATUS, EXTENDED_SYS_STATE, PARAM_VALUE = 147, 245, 22
+INT32 = 6
+WANTED_MODE = {
+    Verb.HOLD: Mode.HOLD,
+    Verb.OFFBOARD: Mode.OFFBOARD,
+    Verb.RETURN: Mode.RETURN,
+}
+
+
+class Ears(Heard):
+    """What the production link reads, and the numbers that MAVSDK reads for it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.battery_remaining = nan
+        self.landed = Landed.UNKNOWN
+        self.parameters: dict[str, ParameterValue] = {}  # as last announced
+        self._mav = common.MAVLink(None)
+
+    def take(self, frame: Frame, time_s: float) -> None:
+        """Read one frame of this vehicle."""
+        super().take(frame, time_s)
+        if frame.message_id not in {EXTENDED_SYS_STATE, BATTERY_STATUS, PARAM_VALUE}:
+            return
+        said: Any = self._mav.decode(bytearray(frame.raw))
+        if frame.message_id == EXTENDED_SYS_STATE:
+            self.landed = Landed(said.landed_state)
+        elif frame.message_id == PARAM_VALUE:
+            whole = said.param_type == INT32  # bytewise: the four bytes of an int in the float's place
+            value = struct.unpack("<i", struct.pack("<f", said.param_value))[0] if whole else said.param_value
+            self.parameters[said.param_id] = value
+        else:
+            self.battery_remaining = said.battery_remaining / 100 if said.battery_remaining >= 0 else nan
+
+
+def obeyed(verb: Verb, heard: Ears) -> bool:
+    """Whether a vehicle's heartbeat shows that it obeyed, by the same rules as the production link's."""
+    match verb:
+        case Verb.ARM:
+            return heard.armed
+        case Verb.DISARM:
+            return not heard.armed
+        case Verb.TAKEOFF:
+            climbs = heard.mode is Mode.TAKEOFF or heard.landed in {Landed.IN_AIR, Landed.TAKEOFF}
+            return heard.armed and climbs
+        case Verb.LAND:
+            return heard.mode is Mode.LAND or (heard.landed is Landed.ON_GROUND and not heard.armed)
+        case _:
+            return heard.mode is WANTED_MODE[verb]
+
+
+def failure(order: Order, heard: Ears, began_s: float) -> str:
+    """Why an order failed, with what the vehicle itself said since."""
+    said = f'; it says "{heard.text}"' if heard.text_time_s >= began_s else ""
+    state = f"it reports {heard.mode}, {'armed' if heard.armed else 'disarmed'}"
+    return f"{order.vehicle_id}: {order.verb} sent, but not seen to happen: {state}{said}"
+
+
+async def news(heard: Ears, wait_s: float) -> None:
+    """Until the next heartbeat, or `wait_s`."""
+    try:
+        async with asyncio.timeout(wait_s):
+            await heard.news.wait()
+    except TimeoutError:
+        return

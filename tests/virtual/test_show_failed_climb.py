@@ -1,0 +1,163 @@
+"""A take-off that fails in the air: that vehicle comes down, and keeps nobody waiting."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from virtual_show import Show, Track, fly, show_config
+
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.links import Verb
+from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.state import Mode, VehicleId
+
+TIMEOUT_S = 8.0
+
+
+class Failed(NamedTuple):
+    track: Track
+    record: OrderRecord
+    reason: str  # of the vehicle, while it comes down
+    setpoints: int  # that were sent to it
+    violations: int
+
+
+def hangs(show: Show) -> None:
+    """It ends its climb a metre above its pad, and stays there."""
+    show.fleet.state.target_m[1, 2] += 4.0
+
+
+def refuses_to_hold(show: Show) -> None:
+    """It climbs, and is heard to refuse what comes next."""
+    show.link.refusing.add(("d2", Verb.HOLD))
+
+
+def refuses_to_climb(show: Show) -> None:
+    """Its motors run, on the ground."""
+    show.link.refusing.add(("d2", Verb.TAKEOFF))
+
+
+async def climbing(show: Show, vehicle_id: VehicleId) -> None:
+    """Wait until its autopilot has begun to climb."""
+    await show.until(lambda: show.vehicle(vehicle_id).mode is Mode.TAKEOFF)
+
+
+async def with_failure(show: Show, fault: Callable[[Show], Any], *, in_the_air: bool) -> Failed:
+    """d2 suffers `fault` before its turn, or while it climbs; the other two fly."""
+    await show.standby()
+    record = show.service.command_show(ShowAction.START)
+    if in_the_air:
+        await climbing(show, "d2")
+    fault(show)
+    await show.phase("d2", Phase.LANDING)
+    reason = show.vehicle("d2").reason
+    await show.reach(ShowPhase.RUNNING)
+    record = await show.settled(record)
+    return Failed(show.track, record, reason, len(show.link.sent["d2"]), show.floor_violations())
+
+
+@pytest.mark.parametrize(
+    ("fault", "in_the_air", "says"),
+    [
+        (hangs, True, "d2 did not reach 5 m within 8 s"),
+        (refuses_to_hold, True, "d2: hold refused"),
+        (refuses_to_climb, False, "d2: takeoff refused"),
+    ],
+)
+def test_one_whose_climb_fails_is_landed_on_its_pad_and_named_and_the_others_fly(
+    fault: Callable[[Show], Any], in_the_air: bool, says: str
+) -> None:
+    config = show_config(3, operation={"takeoff_timeout_s": TIMEOUT_S})
+    failed = fly(lambda show: with_failure(show, fault, in_the_air=in_the_air), config)
+    track, outcomes = failed.track, failed.record.outcomes
+    assert {outcomes[name].outcome for name in ("d1", "d3")} == {Outcome.DONE}
+    assert outcomes["d2"].outcome is Outcome.FAILED
+    assert says in outcomes["d2"].reason
+    assert failed.reason.startswith("its take-off failed, its autopilot lands it: ")
+    assert says in failed.reason
+    assert track.phases("d2")[-2:] == [Phase.LANDING, Phase.STANDBY]
+    assert not track.moments[-1].armed[1]
+    assert np.linalg.norm(track.true_m[-1, 1] - track.true_m[0, 1]) < 1.0, "on its own pad"
+    assert failed.setpoints == 0
+    assert failed.violations == 0
+
+
+async def stuck_in_the_air(show: Show) -> tuple[list[Phase], str, bool]:
+    """d2 hangs a metre above its pad, and refuses even to land."""
+    await show.standby()
+    show.service.command_show(ShowAction.START)
+    await climbing(show, "d2")
+    hangs(show)
+    show.link.refusing.add(("d2", Verb.LAND))
+    await show.reach(ShowPhase.RUNNING)
+    reason = show.vehicle("d2").reason
+    phases = [vehicle.phase for vehicle in show.view.vehicles]
+    show.link.refusing.clear()
+    await show.phase("d2", Phase.STANDBY)
+    return phases, reason, show.view.show is ShowPhase.RUNNING
+
+
+def test_one_that_refuses_even_to_land_keeps_nobody_waiting_and_is_landed_once_it_obeys() -> None:
+    config = show_config(3, operation={"takeoff_timeout_s": TIMEOUT_S})
+    phases, reason, still_running = fly(stuck_in_the_air, config)
+    assert phases == [Phase.FORMATION, Phase.LANDING, Phase.FORMATION]
+    assert "did not reach 5 m" in reason
+    assert still_running
+
+
+async def hold_refused_by_one_that_climbs(show: Show) -> tuple[Outcome, Phase]:
+    """An operator's order to hold ends what d2 was led through, and is refused."""
+    await show.standby()
+    show.service.command_show(ShowAction.START)
+    await climbing(show, "d2")
+    show.link.refusing.add(("d2", Verb.HOLD))
+    held = await show.order("d2", VehicleAction.HOLD)
+    await show.reach(ShowPhase.RUNNING)
+    return held.outcome, show.vehicle("d1").phase
+
+
+def test_one_whose_climb_nobody_watches_any_more_keeps_nobody_waiting() -> None:
+    assert fly(hold_refused_by_one_that_climbs, show_config(3)) == (Outcome.FAILED, Phase.FORMATION)
+
+
+async def one_alone(show: Show) -> tuple[list[ShowPhase], OrderRecord]:
+    await show.standby()
+    record = show.service.command_show(ShowAction.START)
+    await climbing(show, "d1")
+    show.link.refusing.add(("d1", Verb.HOLD))
+    await show.reach(ShowPhase.LANDED)
+    await show.wait(0.1)
+    return show.track.show_phases(), await show.settled(record)
+
+
+def test_a_show_whose_only_climb_fails_is_over_when_that_vehicle_is_down() -> None:
+    phases, record = fly(one_alone, show_config(1))
+    assert phases == [ShowPhase.IDLE, ShowPhase.ARMING, ShowPhase.LANDED]
+    assert record.outcome is Outcome.FAILED
+
+
+class Nobody(NamedTuple):
+    shows: list[ShowPhase]
+    reason: str
+    armed: tuple[bool, ...]
+
+
+async def nobody_can_join(show: Show) -> Nobody:
+    """All are up, and every autopilot refuses OFFBOARD; then all are ordered home."""
+    await show.standby()
+    show.service.command_show(ShowAction.START)
+    show.link.refusing |= {(name, Verb.OFFBOARD) for name in show.config.ids}
+    await show.reach(ShowPhase.PAUSED)
+    reason = show.view.reason
+    await show.settled(show.service.command_show(ShowAction.STOP))
+    await show.reach(ShowPhase.LANDED)
+    return Nobody(show.track.show_phases(), reason, show.track.moments[-1].armed)
+
+
+def test_a_show_that_nobody_can_join_is_paused_and_says_why_and_can_be_stopped() -> None:
+    flight = fly(nobody_can_join, show_config(2))
+    assert flight.shows[-4:] == [ShowPhase.ARMING, ShowPhase.PAUSED, ShowPhase.RETURNING, ShowPhase.LANDED]
+    assert flight.reason.startswith("nobody flies in formation; waiting for orders: d1 (up, but cannot join:")
+    assert "d2: offboard refused" in flight.reason
+    assert flight.armed == (False, False)

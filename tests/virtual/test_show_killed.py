@@ -1,0 +1,71 @@
+"""A vehicle whose motors are stopped on order, while the others fly on."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from virtual_show import Refusal, Show, Track, fly, refused
+
+from gcs.errors import RefusedError
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+
+
+class Killed(NamedTuple):
+    track: Track
+    kill_s: float
+    off_s: float
+    outcome: OrderRecord
+    again: OrderRecord
+    sent: int
+    start: Refusal
+    confirmed: OrderRecord
+
+
+async def killed(show: Show) -> Killed:
+    await show.start()
+    await show.wait(3.0)
+    kill_s = show.now_s
+    record = show.service.command_vehicle("d2", VehicleAction.KILL)
+    await show.until(lambda: not show.link.autopilot("d2").commander.armed)
+    off_s = show.now_s
+    outcome = await show.settled(record)
+    again = await show.order("d2", VehicleAction.KILL)
+    await show.wait(5.0)
+    sent = sum(setpoint.time_s > kill_s + 0.06 for setpoint in show.link.sent["d2"])
+    await show.show(ShowAction.STOP)
+    await show.reach(ShowPhase.LANDED)
+    await show.wait(3.0)
+    start = await refused(show, lambda: show.service.command_show(ShowAction.START))
+    confirmed = await show.order("d2", VehicleAction.CONFIRM_DOWN)
+    await show.wait(1.0)
+    return Killed(show.track, kill_s, off_s, outcome, again, sent, start, confirmed)
+
+
+@pytest.fixture(scope="module")
+def kill() -> Killed:
+    return fly(killed)
+
+
+def test_kill_stops_the_motors_at_once(kill: Killed) -> None:
+    assert kill.off_s - kill.kill_s < 0.15
+    assert kill.outcome.outcomes["d2"].outcome is Outcome.DONE
+
+
+def test_a_killed_vehicle_gets_nothing_more_and_stays_out_until_it_is_confirmed_down(kill: Killed) -> None:
+    assert kill.sent == 0
+    assert kill.track.between(kill.kill_s + 0.06).phases("d2") == [Phase.KILLED, Phase.STANDBY]
+    assert kill.start.kind is RefusedError
+    assert "d2 is killed" in kill.start.text
+    assert kill.confirmed.outcome is Outcome.DONE
+
+
+def test_a_kill_may_be_repeated(kill: Killed) -> None:
+    assert kill.again.outcome is Outcome.DONE
+
+
+def test_the_others_fly_on_after_a_kill_and_come_home(kill: Killed) -> None:
+    last = kill.track.moments[-1]
+    off_m = np.hypot(*(last.true_m - kill.track.moments[0].true_m)[:, :2].T)
+    assert off_m[[0, 2, 3]].max() < 1.5
+    assert last.armed == (False,) * 4

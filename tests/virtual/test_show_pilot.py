@@ -1,0 +1,196 @@
+"""Vehicles that a person, or their own failsafe, takes over, while the others fly on."""
+
+from typing import NamedTuple
+
+import pytest
+from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
+
+from gcs.errors import RefusedError
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.links import Verb
+from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.state import Mode, VehicleId
+from sim.modes import Mode as PilotMode
+
+
+class TakenOver(NamedTuple):
+    track: Track
+    change_s: dict[VehicleId, float]
+    pilot_s: dict[VehicleId, float]
+    sent_to_pilots: dict[VehicleId, int]  # setpoints after the takeover was seen
+    orders_to_pilots: dict[VehicleId, int]
+    stopped: OrderRecord
+    handed_back: OrderRecord
+    after_hand_back: Track
+    refusals: dict[str, Refusal]
+
+
+async def taken_over(show: Show) -> TakenOver:
+    """A person takes d3; d1 hears nothing any more and fails safe, while we still hear it."""
+    await show.start()
+    change_s: dict[VehicleId, float] = {"d3": show.now_s}
+    pilot_s: dict[VehicleId, float] = {}
+    show.link.pilot("d3", PilotMode.HOLD)
+    await show.phase("d3", Phase.PILOT)
+    pilot_s["d3"] = show.now_s
+    change_s["d1"] = show.now_s
+    show.link.silence("d1", down=False)
+    await show.phase("d1", Phase.PILOT)
+    pilot_s["d1"] = show.now_s
+    show.link.restore("d1")
+    orders_before = {name: len(show.link.orders[name]) for name in ("d1", "d3")}
+    await show.wait(4.0)
+    refusals = {
+        name: await refused(show, lambda action=action: show.service.command_vehicle("d3", action))  # type: ignore[misc]
+        for name, action in (("join", VehicleAction.JOIN), ("hold", VehicleAction.HOLD))
+    }
+    sent = {
+        name: sum(setpoint.time_s > pilot_s[name] for setpoint in show.link.sent[name])
+        for name in ("d1", "d3")
+    }
+    orders = {name: len(show.link.orders[name]) - orders_before[name] for name in ("d1", "d3")}
+    back_s = show.now_s
+    handed_back = await show.order("d3", VehicleAction.HAND_BACK)
+    await show.wait(2.0)
+    await show.order("d3", VehicleAction.JOIN)
+    await show.wait(5.0)
+    after = show.track.between(back_s)
+    stopped = await show.show(ShowAction.STOP)
+    await show.reach(ShowPhase.LANDED)
+    return TakenOver(show.track, change_s, pilot_s, sent, orders, stopped, handed_back, after, refusals)
+
+
+@pytest.fixture(scope="module")
+def takeover() -> TakenOver:
+    return fly(taken_over)
+
+
+@pytest.mark.parametrize("name", ["d1", "d3"])
+def test_a_mode_that_nobody_here_ordered_makes_the_vehicle_the_pilots(
+    takeover: TakenOver, name: VehicleId
+) -> None:
+    waited_s = takeover.pilot_s[name] - takeover.change_s[name]
+    assert waited_s < 2.3  # failing safe takes a second, and the next heartbeat another
+    seen = takeover.track.between(takeover.pilot_s[name]).of(name)[0]
+    assert seen.phase is Phase.PILOT
+    assert "ordered by nobody here" in seen.reason
+
+
+def test_the_autopilots_own_failsafe_counts_as_a_pilot(takeover: TakenOver) -> None:
+    assert Mode.POSITION in {seen.mode for seen in takeover.track.of("d1") if seen.phase is Phase.PILOT}
+
+
+@pytest.mark.parametrize("name", ["d1", "d3"])
+def test_a_pilots_vehicle_gets_neither_setpoints_nor_orders(takeover: TakenOver, name: VehicleId) -> None:
+    assert takeover.sent_to_pilots[name] == 0
+    assert takeover.orders_to_pilots[name] == 0
+
+
+def test_orders_to_a_pilots_vehicle_are_refused(takeover: TakenOver) -> None:
+    for refusal in takeover.refusals.values():
+        assert refusal.kind is RefusedError
+        assert "d3: " in refusal.text
+        assert "not possible while pilot" in refusal.text
+
+
+def test_handed_back_it_holds_and_joins_on_order_without_a_jump(takeover: TakenOver) -> None:
+    assert takeover.handed_back.outcome is Outcome.DONE
+    assert takeover.after_hand_back.phases("d3") == [Phase.PILOT, Phase.HOLD, Phase.FORMATION]
+    assert takeover.after_hand_back.hardest_change_m_s() < JUMP_M_S
+
+
+def test_stop_leaves_a_pilots_vehicle_alone_and_the_show_ends_without_it(takeover: TakenOver) -> None:
+    left_out = takeover.stopped.outcomes["d1"]
+    assert (left_out.outcome, left_out.reason[:6]) == (Outcome.NOT_INCLUDED, "pilot:")
+    assert takeover.stopped.outcome is Outcome.DONE
+
+
+def test_a_vehicle_that_fails_safe_and_sinks_to_the_ground_is_on_standby_again(takeover: TakenOver) -> None:
+    assert takeover.track.phases("d1")[-2:] == [Phase.PILOT, Phase.STANDBY]
+
+
+async def taken_over_while_it_joins(show: Show) -> tuple[OrderRecord, set[Verb]]:
+    """The pilot is heard of while setpoints flow already, and OFFBOARD is about to be ordered."""
+    await show.start()
+    await show.order("d1", VehicleAction.HOLD)
+    await show.until(lambda: 0.9 < (show.vehicle("d1").heartbeat_age_s or 0.0) < 0.98)
+    began_s = show.now_s
+    show.link.pilot("d1", PilotMode.RETURN)
+    joined = await show.order("d1", VehicleAction.JOIN)
+    await show.wait(2.0)
+    return joined, {order.verb for order in show.link.orders["d1"] if order.time_s > began_s}
+
+
+def test_a_takeover_ends_what_the_vehicle_was_about_to_do() -> None:
+    joined, verbs = fly(taken_over_while_it_joins, show_config(2))
+    assert joined.outcome is Outcome.FAILED
+    assert "d1 is pilot now: mode return was ordered by nobody here" in joined.outcomes["d1"].reason
+    assert verbs == set()
+
+
+class SilentPilot(NamedTuple):
+    track: Track  # from the moment it is heard again
+    sent: int  # setpoints and orders since the takeover
+    hold_while_lost: Refusal
+    reason: str
+    handed_back: OrderRecord
+    after_hand_back: list[Phase]
+
+
+async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> SilentPilot:
+    """A person takes d2, it falls silent, is lost, and is heard again in HOLD, where its pilot left it."""
+    await show.start()
+    show.link.pilot("d2", PilotMode.HOLD)
+    await show.phase("d2", Phase.PILOT)
+    taken_s = show.now_s
+    show.link.silence("d2")
+    await show.phase("d2", Phase.LOST)
+    if action is not None:
+        show.service.command_show(action)
+    hold = await refused(show, lambda: show.service.command_vehicle("d2", VehicleAction.HOLD))
+    await show.wait(2.0)
+    back_s = show.now_s
+    show.link.restore("d2")
+    await show.phase("d2", Phase.PILOT, 5.0)
+    reason = show.vehicle("d2").reason
+    await show.wait(30.0)
+    track = show.track.between(back_s)
+    sent = sum(setpoint.time_s > taken_s for setpoint in show.link.sent["d2"])
+    sent += sum(order.time_s > taken_s for order in show.link.orders["d2"])
+    given_s = show.now_s
+    handed_back = await show.order("d2", VehicleAction.HAND_BACK)
+    await show.wait(5.0)
+    return SilentPilot(track, sent, hold, reason, handed_back, show.track.between(given_s).phases("d2"))
+
+
+@pytest.mark.parametrize("action", [None, ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT])
+def test_a_pilots_vehicle_that_falls_silent_is_the_pilots_still_when_it_is_heard_again_in_hold(
+    action: ShowAction | None,
+) -> None:
+    config = show_config(3, operation=HOLDS_WHEN_LOST)
+    flight = fly(lambda show: silent_while_a_pilot_has_it(show, action), config)
+    assert flight.track.phases("d2") == [Phase.LOST, Phase.PILOT]
+    assert flight.sent == 0
+    assert "nobody has handed it back" in flight.reason
+    assert flight.hold_while_lost.kind is RefusedError
+    assert "taken over before it fell silent" in flight.hold_while_lost.text
+    assert flight.handed_back.outcome is Outcome.DONE
+    assert flight.after_hand_back == [Phase.PILOT, Phase.HOLD], "handed back it waits for orders"
+
+
+async def heard_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
+    """Its own failsafe would have it sink; it is found in HOLD: a person's doing."""
+    await show.start()
+    show.link.silence("d2")
+    await show.phase("d2", Phase.LOST)
+    show.link.pilot("d2", PilotMode.HOLD)
+    back_s = show.now_s
+    show.link.restore("d2")
+    await show.wait(10.0)
+    verbs = [order.verb for order in show.link.orders["d2"] if order.time_s > back_s]
+    return show.track.between(back_s).phases("d2"), verbs
+
+
+def test_hold_after_a_silence_is_a_pilots_where_the_failsafe_is_another() -> None:
+    phases, verbs = fly(heard_again_in_hold, show_config(2))
+    assert (phases, verbs) == ([Phase.LOST, Phase.PILOT], [])

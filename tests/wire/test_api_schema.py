@@ -1,0 +1,103 @@
+"""The API against its own OpenAPI: schemathesis' default checks, with the real service over a fake fleet."""
+
+import asyncio
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, Phase, settings
+from schemathesis import Case
+
+from api.app import create_app
+from api.door import Door
+from api.server import serve
+from gcs.access import Role
+from gcs.orchestrator import Orchestrator
+from gcs.parameters import requirements, settings_of
+from gcs.tokens import Tokens, create_token
+from sim.fleet import Fleet, Settings
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "virtual"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
+
+from api_fake_service import FakeService
+from loopback_link import LoopbackLink, system_ids
+from virtual_show import show_config
+
+EXAMPLES = 20
+"""Of each operation and of each way to make one wrong; so that all of it takes less than a minute."""
+
+config = show_config(3)
+
+
+async def serve_fleet(tokens: Tokens, up: list[tuple[asyncio.AbstractEventLoop, asyncio.Event, int]]) -> None:
+    """Orchestrator, fake fleet and API, until the event is set."""
+    loop, enough = asyncio.get_running_loop(), asyncio.Event()
+    asked = settings_of(requirements(config.operation, config.control))
+    fleet = Fleet(Settings(count=len(config.ids), grid_columns=2, parameters=asked), start_s=loop.time())
+    link = LoopbackLink("loop", system_ids(config.ids), fleet, config.frame, deadman_s=config.deadman_s)
+    service = Orchestrator(config, [link])
+    listening = loop.create_future()
+    app = create_app(service, door=Door(tokens))
+    tasks = [
+        asyncio.create_task(service.run()),
+        asyncio.create_task(serve(app, port=0, listening=listening)),
+    ]
+    async for view in service.view.values():
+        if all(vehicle.ready for vehicle in view.vehicles):
+            break
+    up.append((loop, enough, await listening))
+    ended = asyncio.create_task(enough.wait())
+    await asyncio.wait({*tasks, ended}, return_when=asyncio.FIRST_COMPLETED)
+    for task in tasks:
+        task.cancel()
+    await asyncio.wait(tasks)
+
+
+class Served(NamedTuple):
+    """Where the service is, and how to be let in."""
+
+    url: str
+    headers: dict[str, str]
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    file = tmp_path_factory.mktemp("access") / "tokens.json"
+    token = create_token(file, "tester", Role.OPERATE)
+    up: list[tuple[asyncio.AbstractEventLoop, asyncio.Event, int]] = []
+    thread = threading.Thread(target=lambda: asyncio.run(serve_fleet(Tokens(file), up)))
+    thread.start()
+    while not up:
+        thread.join(0.05)
+        assert thread.is_alive()
+    loop, enough, port = up[0]
+    yield Served(f"http://127.0.0.1:{port}", {"Authorization": f"Bearer {token}"})
+    assert thread.is_alive(), "neither control nor the API has ended by itself"
+    loop.call_soon_threadsafe(enough.set)
+    thread.join(30)
+    assert not thread.is_alive()
+
+
+schema = schemathesis.openapi.from_dict(create_app(FakeService()).openapi())
+
+# Beyond the default: what fence, fleet and speed allow is in no schema, so a proper value may be 422.
+proper = schema.config.checks.positive_data_acceptance
+proper.expected_statuses = [*proper.expected_statuses, "422"]
+
+
+@schema.parametrize()
+@settings(
+    max_examples=EXAMPLES,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    phases=(Phase.explicit, Phase.generate),
+    suppress_health_check=list(HealthCheck),
+)
+def test_every_operation_does_what_its_description_says(case: Case[Any], served: Served) -> None:
+    case.call_and_validate(base_url=served.url, headers=served.headers)

@@ -1,0 +1,269 @@
+"""The commands that call a running service, over real TCP: all of the API, its errors, its exit codes."""
+
+import json
+import re
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from api.app import create_app
+from api.door import Door
+from gcs.access import Role
+from gcs.cli import status
+from gcs.cli.main import main
+from gcs.cli.remote import CALLS, VEHICLE_HELP
+from gcs.client import Client
+from gcs.lifecycle import Phase as LifePhase
+from gcs.service import Outcome
+from gcs.tokens import Tokens, create_token
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
+
+from api_background import in_background
+from api_fake_service import FakeService
+
+EVERYTHING = [
+    "health",
+    "ready",
+    "metrics",
+    "state",
+    "phase",
+    "vehicle list",
+    "vehicle show d1",
+    "start d1 d2 d3",
+    "order list",
+    "order show o1",
+    "!",
+    "pause",
+    "resume",
+    "formation",
+    "radius 12",
+    "height 30",
+    "target show",
+    "target set -3 4 --velocity-x-m-s -0.5",
+    "target set-geodetic 47.3977 8.5456",
+    "orbit show",
+    "orbit set --radius-m 5 --direction clockwise",
+    "yaw show",
+    "yaw set --policy fixed --heading-deg 45",
+    "obstacle add 50 -20 2 3 15 --obstacle-id tower",
+    "obstacle list",
+    "obstacle show tower",
+    "obstacle change tower 50 -20 2 3 9",
+    "obstacle remove tower",
+    "hold d1",
+    "join d1",
+    "land d1",
+    "!",
+    "return d1",
+    "stop",
+    "!",
+    "kill d1 d2",
+    "confirm-down d1",
+    "pilot d3",
+    "hand-back d3",
+    "abort",
+]
+"""In an order in which each is possible; `!` brings everybody into the formation."""
+
+
+class Listening:
+    """The app, and which operations were asked of it."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+        self.asked: set[tuple[str, str]] = set()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http":
+            self.asked.add((scope["method"].lower(), scope["path"]))
+        await self._app(scope, receive, send)
+
+
+@contextmanager
+def station(
+    service: FakeService, monkeypatch: pytest.MonkeyPatch, door: Door | None = None
+) -> Iterator[Listening]:
+    """A service that `gcs` finds by its environment."""
+    heard = Listening(create_app(service, door=door))
+    with in_background(heard) as port:
+        monkeypatch.setenv("GCS_URL", f"http://127.0.0.1:{port}")
+        yield heard
+
+
+def asked_of(service: FakeService, line: str) -> int:
+    """Carry out a line of EVERYTHING."""
+    service.tick()
+    word, *names = line.split()
+    if word == "!":
+        service.fly()
+        return 0
+    if word == "pilot":
+        service.phases[names[0]] = LifePhase.PILOT
+        return 0
+    return main(line.split())
+
+
+def test_there_is_a_command_for_every_operation_and_it_does_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = FakeService()
+    with station(service, monkeypatch) as heard:
+        failed = {line: capsys.readouterr() for line in EVERYTHING if asked_of(service, line)}
+    assert failed == {}
+    document = create_app(service).openapi()["paths"]
+    never_asked = {
+        (method, path)
+        for path, operations in document.items()
+        for method in operations
+        if not any(
+            method == asked and re.fullmatch(re.sub(r"\{\w+\}", "[^/]+", path), where)
+            for asked, where in heard.asked
+        )
+    }
+    assert never_asked == set()
+    begun = {" ".join(line.split()[:2]) for line in EVERYTHING} | {line.split()[0] for line in EVERYTHING}
+    assert {call.name for call in CALLS} | set(VEHICLE_HELP) <= begun
+
+
+def test_every_method_of_the_client_is_a_command() -> None:
+    methods = {name for name in vars(Client) if not name.startswith("_")}
+    assert methods - {call.method.__name__ for call in CALLS} == {
+        "close",
+        "wait_for",
+        "command",
+        "one",
+        "many",
+        "call",
+    }
+
+
+def test_an_order_is_told_with_who_takes_part_and_what_is_read_is_json(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = FakeService()
+    with station(service, monkeypatch):
+        assert main(["start", "d1", "d2"]) == 0
+        assert capsys.readouterr().out == "o1 show start: pending\n  d1: pending\n  d2: pending\n"
+        service.finish("o1", Outcome.FAILED, "no GPS")
+        assert main(["order", "show", "o1"]) == 1
+        assert capsys.readouterr().out.endswith("  d1: failed, no GPS\n  d2: failed, no GPS\n")
+        assert main(["order", "show", "o1", "--json"]) == 1
+        assert json.loads(capsys.readouterr().out)["vehicles"]["d1"]["reason"] == "no GPS"
+        service.tick()
+        assert main(["state"]) == 0
+        assert json.loads(capsys.readouterr().out)["show"]["phase"] == "preflight"
+
+
+def test_an_order_can_be_waited_for_and_what_fails_is_the_exit_code(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = FakeService()
+    with station(service, monkeypatch):
+        assert main(["start", "--wait", "0.2"]) == 1
+        assert "show start not done after 0.2 s by d1, d2, d3" in capsys.readouterr().err
+        service.fly()
+        timer = threading.Timer(0.2, lambda: service.finish("o2", Outcome.FAILED, "it did not land"))
+        timer.start()
+        assert main(["stop", "--wait", "30"]) == 1
+        timer.join()
+        assert "d1: failed, it did not land" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "said"),
+    [
+        ("radius 1", 2, "radius_m = 1.0: at least 5.2 m for 3 vehicles"),
+        ("target set nan 0", 2, "x_m = NaN"),
+        ("orbit set", 2, "at least one field"),
+        ("orbit set --direction up", 2, "direction = up: 'clockwise' or 'counterclockwise'"),
+        ("pause", 1, "not possible while the show is idle"),
+        ("kill d9", 1, "there is no vehicle 'd9'"),
+        ("vehicle show ../d1", 1, "there is no /api/v1/vehicles/../d1 here"),
+        ("order show o9", 1, "there is no order 'o9'"),
+        ("state --url http://127.0.0.1:9", 3, "no answer from http://127.0.0.1:9"),
+        ("state --url nonsense", 3, "no answer from nonsense"),
+        ("state --ca-file none.pem", 2, "none.pem: no PEM certificate"),
+    ],
+)
+def test_what_is_refused_is_told_with_an_exit_code_of_its_kind(
+    line: str, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with station(FakeService(), monkeypatch):
+        assert main(line.split()) == code
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "line", ["target set 1", "radius big", "kill", "obstacle", "dance", "hold --wait x d1"]
+)
+def test_arguments_that_make_no_sense_reach_no_service(
+    line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with station(FakeService(), monkeypatch) as heard, pytest.raises(SystemExit) as ended:
+        main(line.split())
+    assert (ended.value.code, heard.asked) == (2, set())
+    assert "usage: gcs" in capsys.readouterr().err
+
+
+def test_one_vehicle_that_is_refused_keeps_no_other_from_its_order(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = FakeService()
+    service.fly()
+    with station(service, monkeypatch):
+        assert main(["kill", "d1", "d9", "d2"]) == 1
+    assert [service.phases[name] for name in ("d1", "d2", "d3")] == [
+        LifePhase.KILLED,
+        LifePhase.KILLED,
+        LifePhase.FORMATION,
+    ]
+    assert "d9" in capsys.readouterr().err
+
+
+def test_a_token_comes_from_the_environment_or_the_command_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "tokens.json"
+    watch, crew = (create_token(file, role.value, role) for role in (Role.WATCH, Role.OPERATE))
+    with station(FakeService(), monkeypatch, Door(Tokens(file))):
+        assert main(["state"]) == 4
+        assert "a token is needed" in capsys.readouterr().err
+        monkeypatch.setenv("GCS_TOKEN", watch)
+        assert main(["state"]) == 0
+        assert main(["start"]) == 4
+        assert "watch may not: this needs a token of role operate" in capsys.readouterr().err
+        assert main(["start", "--token", crew]) == 0
+        assert main(["state", "--token", "käse"]) == 2
+
+
+def test_status_shows_who_is_where_and_what_is_wrong(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = FakeService()
+    service.fly()
+    service.phases["d3"] = LifePhase.LOST
+    service.tick()
+    monkeypatch.setenv("COLUMNS", "140")
+    with station(service, monkeypatch):
+        assert main(["status", "--once"]) == 0
+        shown = capsys.readouterr().out
+        assert main(["status", "--once", "--url", "http://127.0.0.1:9"]) == 3
+    for words in (["running"], ["nearest two 5.0 m"], ["d1", "formation", "75%"], ["d3", "lost", "?"]):
+        assert any(all(word in line for word in words) for line in shown.splitlines()), words
+    assert "separation from d9" in shown
+    assert "no answer" in capsys.readouterr().err
+
+
+def test_status_says_so_when_nobody_answers_instead_of_showing_what_was() -> None:
+    with Client("http://127.0.0.1:9") as client:
+        console = Console(width=100)
+        with console.capture() as shown:
+            console.print(status.newest(client))
+    assert shown.get().startswith("NO STATE: no answer from http://127.0.0.1:9")

@@ -1,0 +1,114 @@
+"""The disk is full, really: what was kept is whole, the operator is told, and it goes on once it can."""
+
+import asyncio
+import multiprocessing
+import resource
+import time
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.orders import OrderBook
+from gcs.plan import Formation, Plan
+from gcs.records.flown import FlightData
+from gcs.records.known import last_known, orders
+from gcs.records.moment import Moment
+from gcs.records.record import Record
+from gcs.records.replay import NOTHING_COUNTED
+from gcs.service import TickView
+from gcs.state import FleetState, Landed, Mode, Setpoints
+
+VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 101)}
+ROOM_BYTES = 150_000
+PLAN = Plan(Formation(10.0, 20.0))
+
+
+def moment(tick: int) -> Moment:
+    n, noise = len(VEHICLES), np.random.default_rng(tick)
+    here_m, still = noise.normal(size=(n, 3)), np.zeros((n, 3))
+    return Moment(
+        unix_time_s=1.7e9 + tick / 20,
+        fleet=FleetState(tick / 20, tuple(VEHICLES), here_m, still, np.zeros(n), np.zeros(n)),
+        setpoints=Setpoints(tick / 20, (), np.zeros((0, 3)), np.zeros(0)),
+        uncertainty_m=np.zeros(n),
+        heartbeat_age_s=np.zeros(n),
+        battery_remaining=np.ones(n),
+        phases=(Phase.STANDBY,) * n,
+        reasons=("on the ground",) * n,
+        modes=(Mode.HOLD,) * n,
+        armed=(False,) * n,
+        landed=(Landed.ON_GROUND,) * n,
+        ready=(True,) * n,
+        homes=(None,) * n,
+        restrained_by={},
+        show=ShowPhase.IDLE,
+        reason="",
+        plan=PLAN,
+        selected=None,
+        start_unix_time_s=None,
+        center_m=None,
+        center_velocity_m_s=None,
+        radius_m=None,
+        minimum_separation_m=None,
+        timing=TickView(20.0, tick, 0, 0.0, 0.0, 0.0, NOTHING_COUNTED, NOTHING_COUNTED),
+        control_alive=True,
+        setpoints_sent=0,
+        problems=(),
+    )
+
+
+def fill_the_disk(root: Path, told: Connection) -> None:
+    """Record until nothing more fits, then with room again. A file may have so many bytes."""
+    hardest = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+    resource.setrlimit(resource.RLIMIT_FSIZE, (ROOM_BYTES, hardest))
+    ticks = iter(range(100_000))
+
+    def tick_until(holds: Callable[[], bool]) -> None:
+        end_s = time.monotonic() + 60.0
+        while not holds():
+            assert time.monotonic() < end_s
+            record.note(moment(next(ticks)), [])
+            book.open("hold", list(VEHICLES), {})
+            time.sleep(0.01)
+
+    with Record(root, "{}", VEHICLES) as record:
+        book = OrderBook(record.audit)
+        assert asyncio.run(record.audit.kept())
+        tick_until(lambda: len(record.problems) == 2 and "nothing is recorded" in record.problems[0])
+        full = record.problems
+        refused = not asyncio.run(record.audit.kept())
+        resource.setrlimit(resource.RLIMIT_FSIZE, (hardest, hardest))
+        tick_until(lambda: len(record.problems) == 1 and "were not kept" in record.problems[0])
+        last = book.open("stop", list(VEHICLES), {})
+        told.send((full, refused, asyncio.run(record.audit.kept()), last.id))
+
+
+def test_a_full_disk_is_told_of_and_the_record_goes_on_when_there_is_room(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("forkserver")
+    hear, tell = context.Pipe(duplex=False)
+    process = context.Process(target=fill_the_disk, args=(tmp_path, tell))
+    process.start()
+    tell.close()
+    full, refused, kept, last = hear.recv()
+    process.join()
+    assert "nothing is recorded" in full[0]
+    assert "flight data are not recorded" in full[1]
+    assert refused
+    assert kept
+    found = orders(tmp_path)
+    assert [order.id for order in found] == [f"o{number}" for number in range(1, len(found) + 1)], (
+        "none is lost"
+    )
+    assert (found[-1].id, found[-1].action) == (last, "stop")
+    session = last_known(tmp_path).session
+    assert session is not None
+    first, second = sorted(session.folder.glob("*.mcap"), key=lambda path: len(path.name))
+    assert first.stat().st_size <= ROOM_BYTES
+    before, after = FlightData(first), FlightData(second)
+    assert len(list(before.ticks())) > 0
+    assert "cut off" in before.cut
+    assert len(list(after.ticks())) > 0
+    assert not after.cut

@@ -1,0 +1,68 @@
+"""The service's process is killed at any moment: what anybody was told of is in the record."""
+
+import asyncio
+import multiprocessing
+import os
+import random
+import signal
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from gcs.orders import OrderBook
+from gcs.records.known import last_known, orders
+from gcs.records.record import Record
+from gcs.service import Outcome
+
+KILLS = 20
+VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 21)}
+
+
+def order_for_ever(root: Path, told: Connection) -> None:
+    """Accept orders as fast as the disk takes them, four at a time, and tell of each once it is kept."""
+
+    async def orders_of_one(record: Record, book: OrderBook) -> None:
+        while True:
+            order = book.open("hold", list(VEHICLES), {})
+            for name in VEHICLES:
+                book.close(order.id, name, Outcome.DONE)
+            assert await record.audit.kept()
+            told.send((record.session, order.id))
+
+    async def main() -> None:
+        with Record(root, "{}", VEHICLES) as record:
+            book = OrderBook(record.audit)
+            async with asyncio.TaskGroup() as group:
+                for _ in range(4):
+                    group.create_task(orders_of_one(record, book))
+
+    asyncio.run(main())
+
+
+def test_no_order_that_was_acknowledged_is_missing_after_kill_9_at_any_moment(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["gcs.records.record", "gcs.orders"])
+    moments, acknowledged = random.Random(5), set()
+    for _ in range(KILLS):
+        hear, tell = context.Pipe(duplex=False)
+        process = context.Process(target=order_for_ever, args=(tmp_path, tell))
+        process.start()
+        tell.close()
+        acknowledged.add(hear.recv())  # it works
+        process.join(moments.uniform(0.0, 0.15))
+        assert process.pid is not None
+        os.kill(process.pid, signal.SIGKILL)
+        process.join()
+        while hear.poll():
+            try:
+                acknowledged.add(hear.recv())
+            except (EOFError, OSError):  # killed while it told
+                break
+    kept = {(order.session, order.id): order for order in orders(tmp_path)}
+    assert len({session for session, _ in acknowledged}) == KILLS
+    assert len(acknowledged) > 5 * KILLS
+    assert not acknowledged - kept.keys()
+    for key in acknowledged:
+        assert kept[key].outcomes == dict.fromkeys(VEHICLES, ("done", ""))
+    newest = last_known(tmp_path).session
+    assert newest is not None
+    assert newest.ended_unix_s is None, "it did not end as it should"

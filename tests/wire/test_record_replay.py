@@ -1,0 +1,139 @@
+"""`gcs replay`: the API over a recorded flight, as if live, but nothing can be ordered."""
+
+import asyncio
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from websockets.asyncio.client import connect
+
+from gcs import config as configuration
+from gcs.cli.main import main
+from gcs.client import Client
+from gcs.errors import RefusedError
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.plan import Formation, Obstacle, Plan
+from gcs.records import layout
+from gcs.records.flightfile import FlightFile
+from gcs.records.moment import Moment
+from gcs.records.replay import NOTHING_COUNTED
+from gcs.service import TickView
+from gcs.state import FleetState, Landed, Mode, Setpoints
+
+SECONDS, SPEED = 20.0, 10.0
+BOX = Obstacle("tower", 5.0, 0.0, 1.0, 1.0, 30.0, velocity_x_m_s=1.0, time_s=500.0)
+
+
+def moment(at_s: float) -> Moment:
+    place_m = np.array([[at_s, 0.0, -20.0], [0.0, 10.0, -20.0]])
+    ids = ("d1", "d2")
+    return Moment(
+        unix_time_s=1.7e9 + at_s,
+        fleet=FleetState(500.0 + at_s, ids, place_m, np.zeros((2, 3)), np.zeros(2), np.full(2, 0.1)),
+        setpoints=Setpoints(500.0 + at_s, ("d1",), np.array([[1.0, 0.0, 0.0]]), np.zeros(1)),
+        uncertainty_m=np.full(2, 0.35),
+        heartbeat_age_s=np.full(2, 0.4),
+        battery_remaining=np.array([0.8, np.nan]),
+        phases=(Phase.FORMATION, Phase.LOST),
+        reasons=("flies", "silent for 2.1 s in the air"),
+        modes=(Mode.OFFBOARD, Mode.HOLD),
+        armed=(True, True),
+        landed=(Landed.IN_AIR, Landed.IN_AIR),
+        ready=(True, False),
+        homes=(None, None),
+        restrained_by={"d1": "limits"},
+        show=ShowPhase.RUNNING,
+        reason="the sphere stands",
+        plan=Plan(Formation(10.0, 20.0), obstacles=(BOX,)),
+        selected=None,
+        start_unix_time_s=None,
+        center_m=(0.0, 0.0, -20.0),
+        center_velocity_m_s=(0.0, 0.0, 0.0),
+        radius_m=10.0,
+        minimum_separation_m=9.0,
+        timing=TickView(20.0, round(at_s * 20), 0, 1.0, 2.0, 3.0, NOTHING_COUNTED, NOTHING_COUNTED),
+        control_alive=True,
+        setpoints_sent=7,
+        problems=(),
+    )
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("flight")
+    config = configuration.load(configuration.find("demo"))
+    file = FlightFile(folder, layout.about("s1", config.model_dump_json(), {"d1": (1, "a"), "d2": (2, "a")}))
+    for tick in range(round(SECONDS * 20)):
+        file.put(moment(tick / 20))
+    file.open()
+    file.close()
+    return folder
+
+
+@contextmanager
+def replay(*arguments: str) -> Iterator[str]:
+    """The API's address while `gcs replay` runs."""
+    command = [sys.executable, "-m", "gcs", "replay", *arguments, "--port", "0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        address = re.search(r"http://\S+:\d+", process.stdout.readline())
+        assert address is not None
+        yield address[0]
+    finally:
+        process.terminate()
+        process.communicate(timeout=30)
+    assert process.returncode == 0
+
+
+async def watched(address: str, count: int) -> list[dict[str, Any]]:
+    async with connect(f"{address.replace('http', 'ws')}/api/v1/stream?rate_hz=20") as stream:
+        return [json.loads(await stream.recv()) for _ in range(count)]
+
+
+def test_the_stream_shows_the_flight_in_its_time_and_orders_are_refused(recorded: Path) -> None:
+    with replay(str(recorded), "--speed", f"{SPEED:g}") as address, Client(address, timeout_s=30.0) as client:
+        fleet = client.fleet()
+        assert fleet.notices[0].startswith(f"replay of {recorded / 'flight.mcap'} at 10 times its speed")
+        assert "d2: lost: in the air when last heard, and sent nothing" in fleet.notices
+        d1, d2 = fleet.vehicles
+        assert (d1.phase, d1.mode, d1.restrained_by, d2.phase) == ("formation", "offboard", "limits", "lost")
+        assert d1.battery_remaining == pytest.approx(0.8)
+        assert d2.battery_remaining is None
+        assert d1.setpoint is not None
+        assert d2.setpoint is None
+        assert d1.position.latitude_deg == pytest.approx(47.3977, abs=0.01)
+        for order in (client.stop, client.start, lambda: client.change_orbit(radius_m=5.0)):
+            with pytest.raises(
+                RefusedError, match=r"this is a replay of .*: nothing can be ordered or changed"
+            ):
+                order()
+        seen = asyncio.run(watched(address, 10))
+        passed_s = float(str(seen[-1]["unix_time_s"])) - float(str(seen[0]["unix_time_s"]))
+        live_s = float(str(seen[-1]["time_s"])) - float(str(seen[0]["time_s"]))
+        assert 0.5 * SPEED < passed_s / live_s < 1.5 * SPEED or "has ended" in str(seen[-1]["notices"])
+        for state in seen:  # what moves is where it was then
+            (box,) = state["obstacles"]
+            flown_s = float(str(state["unix_time_s"])) - 1.7e9
+            assert box["x_m"] == pytest.approx(5.0 + flown_s, abs=0.1)
+
+
+def test_what_is_no_flight_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "other.mcap").write_bytes(b"no mcap")
+    assert main(["replay", str(tmp_path / "other.mcap")]) == 2
+    assert "other.mcap: not flight data of this program" in capsys.readouterr().err
+    assert main(["replay", str(tmp_path / "other.mcap"), "--speed", "0"]) == 2
+    assert "--speed 0: above 0" in capsys.readouterr().err
+    file = FlightFile(tmp_path, layout.about("s1", '{"show_frame": {}}', {}))
+    file.open()
+    file.put(moment(0.0))
+    file.close()
+    assert main(["replay", str(tmp_path)]) == 2
+    assert "its configuration has no show frame" in capsys.readouterr().err
