@@ -43,10 +43,10 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Track]:
 def test_every_order_is_there_with_its_outcome_per_vehicle(flown: tuple[Path, Track]) -> None:
     done = dict.fromkeys(CONFIG.ids, ("done", ""))
     assert [(order.action, order.who, dict(order.outcomes)) for order in orders(flown[0])] == [
-        ("start", "local", done),
-        ("hold", "local", {"d2": ("done", "")}),
-        ("join", "local", {"d2": ("done", "")}),
-        ("stop", "local", done),
+        ("start", "service", done),
+        ("hold", "service", {"d2": ("done", "")}),
+        ("join", "service", {"d2": ("done", "")}),
+        ("stop", "service", done),
     ]
 
 

@@ -1,5 +1,6 @@
 """A written show, flown by the service: the clock leads, pauses cost nothing, and it ends at home."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,10 @@ from written_show import NAME, TEXT, config, select
 from gcs.errors import RefusedError
 from gcs.lifecycle import ShowPhase
 from gcs.plan import Formation, Obstacle, Orbit, Target
+from gcs.records import last_known
+from gcs.records.flown import FlightData
+from gcs.records.known import events
+from gcs.records.record import Record
 from gcs.service import OrderRecord, Outcome, SelectedShow, ShowAction
 from gcs.show import Timeline, parse
 
@@ -68,8 +73,17 @@ def selected(show: Show) -> SelectedShow:
 
 
 @pytest.fixture(scope="module")
-def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
-    return fly(whole_show, config(tmp_path_factory.mktemp("shows")))
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the flight is recorded."""
+    return tmp_path_factory.mktemp("runs")
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory, runs: Path) -> Flight:
+    asked = config(tmp_path_factory.mktemp("shows"))
+    vehicles = {name: (row + 1, "loop") for row, name in enumerate(asked.ids)}
+    with Record(runs, asked.model_dump_json(), vehicles) as record:
+        return fly(whole_show, asked, record=record)
 
 
 def running(flight: Flight) -> Track:
@@ -183,6 +197,23 @@ def test_what_the_show_decides_is_refused_with_what_can_be_done(flight: Flight) 
 
 def test_obstacles_of_the_show_and_of_the_operator_stand_together(flight: Flight) -> None:
     assert {box.id for box in running(flight).moments[-1].view.plan.obstacles} == {"crane", "tower"}
+
+
+def test_the_record_tells_which_show_was_flown_and_when_each_cue_was_played(
+    flight: Flight, runs: Path
+) -> None:
+    told = events(runs)
+    cues = [event["detail"]["cue"] for event in told if event["event"] == "cue"]
+    assert cues == ["stand", "walk", "turn", "guest", "tower", "stand"]
+    show_hash = flight.timeline.show.digest
+    assert {event["detail"]["hash"] for event in told if event["event"] == "cue"} == {show_hash}
+    assert sum(event["event"] == "plan" for event in told) < 12  # not one for every tick
+    session = last_known(runs).session
+    assert session is not None
+    flown = list(FlightData(session.folder / "flight.mcap").ticks())
+    assert {tick.status["selected"]["cue"] for tick in flown if tick.status["selected"]} == set(cues)
+    clocks = [tick.status["selected"]["clock_s"] for tick in flown if tick.status["show"] == "running"]
+    assert np.diff(clocks).max() < 1.1  # s; told again that often
 
 
 def test_afterwards_the_show_is_at_its_beginning_again(flight: Flight) -> None:
