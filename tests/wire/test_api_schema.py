@@ -66,10 +66,11 @@ class Served(NamedTuple):
     headers: dict[str, str]
 
 
-@pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+# With a parameter every operation is a test with a name of its own; xdist runs but one of namesakes.
+@pytest.fixture(scope="module", params=[Role.OPERATE])
+def served(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Served]:
     file = tmp_path_factory.mktemp("access") / "tokens.json"
-    token = create_token(file, "tester", Role.OPERATE)
+    token = create_token(file, "tester", request.param)
     up: list[tuple[asyncio.AbstractEventLoop, asyncio.Event, int]] = []
     thread = threading.Thread(
         target=lambda: asyncio.run(serve_fleet(Tokens(file), file.parent / "shows", up))
