@@ -4,6 +4,7 @@ Plain data and questions about it; `director` changes it on orders and events, `
 """
 
 import asyncio
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -14,9 +15,10 @@ import numpy as np
 from gcs.accuracy import uncertainty_m
 from gcs.config import Config
 from gcs.control import Memory, Tasks
+from gcs.errors import UnknownError
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.landing import STOP_S, swept_segments_m
-from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.lifecycle import AIRBORNE, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.link_quality import LinkQuality
 from gcs.links import Link, Order, ParameterValue
 from gcs.performance import Performance
@@ -24,6 +26,8 @@ from gcs.plan import Plan
 from gcs.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
 from gcs.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -113,6 +117,7 @@ class Flight:
         self.performance: Performance | None = None
         self.show = ShowPhase.IDLE
         self.reason = "nothing has been started"
+        self.came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.telemetry = Newest(())
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
@@ -240,6 +245,24 @@ class Flight:
         if center is None or not rows:
             return False
         return stands(self.fleet.position_m[rows] - center.position_m, radius_m, self.traits.charge[rows])
+
+    def vehicle(self, vehicle_id: VehicleId) -> Vehicle:
+        """One of ours. Raises: UnknownError."""
+        try:
+            return self.vehicles[vehicle_id]
+        except KeyError:
+            known = ", ".join(self.vehicles)
+            raise UnknownError(f"there is no vehicle {vehicle_id}; there are {known}") from None
+
+    def move_show(self, event: ShowEvent, reason: str) -> None:
+        """Let the show go on to its next phase. Raises: RefusedError when that is not possible now."""
+        before, self.show = self.show, advance_show(self.show, event)
+        self.reason = reason
+        if event is ShowEvent.ALL_DOWN:
+            self.came_down_by = before if before in {ShowPhase.RETURNING, ShowPhase.ABORTING} else None
+        if self.performance is not None:
+            self.performance.follow(self.show, self.fleet.time_s)
+        log.info("show_phase", extra={"was": before.value, "phase": self.show.value, "reason": reason})
 
     def tasks(self) -> Tasks:
         """What everybody is to do in this tick."""
