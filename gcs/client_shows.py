@@ -49,7 +49,10 @@ class Shows:
         return self._caller.one(wire_shows.ShowText, "GET", _path(name)).text
 
     def upload(self, name: str, file: Path | str) -> wire_shows.StoredShow:
-        """Keep a show under a name: the file that has it, or its YAML. Raises: InvalidError for no file."""
+        """Keep a show under a name: the file that has it, or its YAML.
+
+        Raises: InvalidError where there is no such file.
+        """
         try:
             content = file.read_bytes() if isinstance(file, Path) else file.encode()
         except OSError as error:
