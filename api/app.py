@@ -11,7 +11,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Match, Route
 
-from api import docs, metrics, routes, stream, wire
+from api import docs, metrics, problem_docs, routes, show_routes, stream, wire
 from api.audit import Audited
 from api.desk import Desk
 from api.door import Door
@@ -28,7 +28,8 @@ STATUS: Final[dict[type[GcsError], HTTPStatus]] = {
 }
 
 DESCRIPTION: Final = """
-Fly a formation: start and stop the show; change formation, target, orbit and obstacles while it flies.
+Fly a formation: start and stop the show; change formation, target, orbit and obstacles while it flies. Or fly
+a show that was written beforehand: upload it, check it, select it, start it by the hash that its check told.
 
 Lengths are metres, positions are in the show frame (x along the show's heading, y to its right, heights
 positive up) or latitude and longitude; headings are degrees clockwise from north. Commands answer 202 with an
@@ -57,13 +58,15 @@ def create_app(
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
-        responses=routes.errors(401, 403, 429, 500),
+        responses=problem_docs.errors(401, 403, 429, 500),
     )
     app.state.desk = Desk(service, door)
     app.include_router(docs.router)
     app.include_router(routes.health)
     app.include_router(metrics.router)
     app.include_router(routes.api, prefix="/api/v1")
+    app.include_router(show_routes.selected, prefix="/api/v1")
+    app.include_router(show_routes.files, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")
     app.add_middleware(Guard, names=host_names, door=door)
     app.add_middleware(Audited, audit=service.audit)  # the last added is the outermost

@@ -1,17 +1,25 @@
 """Between the service's types and the wire's, in both directions."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from math import degrees, hypot, pi, radians
 from typing import Final
 
 import numpy as np
 
-from api import wire
+from api import wire, wire_shows
 from gcs import plan
 from gcs.errors import InvalidError, RefusedError
 from gcs.frames import ShowFrame
 from gcs.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
-from gcs.service import FleetView, OrderRecord, ShowAction, VehicleView
+from gcs.service import (
+    FleetView,
+    OrderRecord,
+    SelectedShow,
+    ShowAction,
+    ShowCheck,
+    StoredShow,
+    VehicleView,
+)
 
 Triple = tuple[float, float, float]
 
@@ -101,6 +109,7 @@ def vehicle(view: VehicleView, frame: ShowFrame) -> wire.Vehicle:
         setpoint=_velocity(view.setpoint_m_s),
         link_quality=view.link_quality,
         restrained_by=view.restrained_by,
+        light=view.light,
     )
 
 
@@ -115,7 +124,29 @@ def _possible(phase: ShowPhase, action: ShowAction) -> bool:
 def show(view: FleetView) -> wire.Show:
     """The show for the wire."""
     possible = [action for action in ShowAction if _possible(view.show, action)]
-    return wire.Show(phase=view.show, reason=view.reason, possible=possible)
+    return wire.Show(
+        phase=view.show,
+        reason=view.reason,
+        possible=possible,
+        selected=None if view.selected is None else selected_show(view.selected),
+        start_unix_time_s=view.start_unix_time_s,
+        countdown_s=view.countdown_s,
+    )
+
+
+def selected_show(selected: SelectedShow) -> wire.SelectedShow:
+    """The selected show for the wire."""
+    return wire.SelectedShow(**asdict(selected))
+
+
+def stored_show(stored: StoredShow) -> wire_shows.StoredShow:
+    """A show file for the wire."""
+    return wire_shows.StoredShow(**asdict(stored))
+
+
+def show_check(check: ShowCheck) -> wire_shows.ShowCheck:
+    """A show's check for the wire."""
+    return wire_shows.ShowCheck(**asdict(check))
 
 
 def order(record: OrderRecord) -> wire.Order:

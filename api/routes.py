@@ -3,53 +3,20 @@
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from http import HTTPStatus
-from typing import Any, Final
+from typing import Final
 
-from fastapi import APIRouter, Depends, Response
-from fastapi.security import HTTPBearer
+from fastapi import APIRouter, Response
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
 
 from api import convert, wire
 from api.desk import Desk, DeskDep
+from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.errors import InvalidError, UnknownError
 from gcs.plan import Obstacle
 from gcs.service import ShowAction, VehicleAction
 
-MEANING: Final = {
-    400: "The body cannot be read.",
-    401: "No token, or one that is not known.",
-    403: "A token whose role may not do this, a foreign web page, or a host name that is not this service's.",
-    404: "No such thing.",
-    408: "The body did not come in time.",
-    409: "Proper, but not now; `detail` says why and what to do.",
-    413: "The body is too large.",
-    429: "Too many calls; `Retry-After` says when to come again.",
-    422: "Bad input; `problems` names each field, its value and what is allowed.",
-    500: "A bug of this service.",
-    503: "Control is not alive; `detail` says why.",
-}
-
-
-def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """How the errors that a route may answer are documented."""
-    return {status: {"model": wire.ErrorBody, "description": MEANING[status]} for status in statuses}
-
-
-async def _no_body(request: Request) -> None:
-    """Whoever sends details with a command that has none means something that would not happen."""
-    body = await request.body()
-    if body.strip() not in (b"", b"{}", b"null"):
-        raise InvalidError("body", body.decode(errors="replace"), "empty: this request has no fields")
-
-
-NO_BODY: Final = [Depends(_no_body)]
-READ: Final = errors(422)
-WRITE: Final = errors(400, 408, 413, 422)
-COMMAND: Final = WRITE | errors(409, 503)
-
 health = APIRouter(tags=["health"])
-api = APIRouter(dependencies=[Depends(HTTPBearer(auto_error=False, description="See `gcs token create`."))])
+api = APIRouter(dependencies=TOKEN)
 
 
 @health.get("/healthz", summary="Is control alive?", responses=errors(503))
@@ -170,9 +137,15 @@ async def get_show(desk: DeskDep) -> wire.Show:
     responses=COMMAND | errors(404),
 )
 async def start_show(desk: DeskDep, response: Response, body: wire.StartBody | None = None) -> wire.Order:
-    """Start with the vehicles named, or with all that are online."""
-    vehicles = None if body is None else body.vehicles
-    return _accepted(response, convert.order(desk.service.command_show(ShowAction.START, vehicles)))
+    """With the vehicles named, or all online; now, or at a clock time. A selected show by its hash."""
+    given = body or wire.StartBody()
+    record = desk.service.command_show(
+        ShowAction.START,
+        given.vehicles,
+        show_hash=given.show_hash,
+        at_unix_time_s=given.at_unix_time_s,
+    )
+    return _accepted(response, convert.order(record))
 
 
 for _show_action, _summary in SHOW_SUMMARY.items():

@@ -41,6 +41,10 @@ def _without_defaults(schema: dict[str, Any]) -> None:
         field.pop("default", None)
 
 
+HASH_PATTERN: Final = r"^[0-9a-f]{64}$"
+HASH_EXAMPLE: Final = "4f0c8dd7e2a6b1935c7e0f8a9b6d5c4e3f2a1b0c9d8e7f6a5b4c3d2e1f0a9b8c"
+
+
 def _at_least_one(schema: dict[str, Any]) -> None:
     """And a change without any is refused."""
     _without_defaults(schema)
@@ -190,6 +194,12 @@ class StartBody(Inward):
     vehicles: Annotated[list[str], Field(min_length=1, max_length=10_000, examples=[["d1", "d2"]])] = Field(
         default=ABSENT, description="Absent: every vehicle that is online."
     )
+    show_hash: Annotated[str, Field(pattern=HASH_PATTERN, examples=[HASH_EXAMPLE])] = Field(
+        default=ABSENT, description="Of the selected show, as its check tells it. Absent: none is selected."
+    )
+    at_unix_time_s: Annotated[float, Field(gt=0, le=1e11, examples=[1795000000.0])] = Field(
+        default=ABSENT, description="When they take off, in s since 1970. Absent: now."
+    )
 
 
 # Out
@@ -276,6 +286,22 @@ class Vehicle(Outward):
     )
     setpoint: VelocityOut | None = Field(description="Sent in the last tick; null: not commanded.")
     restrained_by: str = Field(description="What the safety filter held it back for, empty when it did not.")
+    light: str | None = Field(
+        description="Colour that the show gives it now; null: it has no part in one.", examples=["#ff8000"]
+    )
+
+
+class SelectedShow(Outward):
+    """The written show that will be, or is, flown, and how far it has got."""
+
+    name: str
+    hash: str
+    cue: str = Field(description="The newest.")
+    cues: list[str]
+    clock_s: float = Field(description="The show's own time; 0 when the first sphere stands.")
+    duration_s: float
+    runs: bool = Field(description="Its clock; false before it begins and while it is paused.")
+    target_is_live: bool = Field(description="Whether PUT target leads it now.")
 
 
 class Show(Outward):
@@ -284,6 +310,9 @@ class Show(Outward):
     phase: ShowPhase
     reason: str
     possible: list[ShowAction]
+    selected: SelectedShow | None = Field(description="null: formation, target and orbit are as told.")
+    start_unix_time_s: float | None = Field(description="Ordered, and not reached yet.")
+    countdown_s: float | None
 
 
 class OrderPart(Outward):

@@ -4,6 +4,7 @@
         order = client.start()
         client.wait_for(order.id, timeout_s=120)
         client.change_formation(radius_m=15)
+        client.shows.upload("lighthouse", Path("lighthouse.yaml"))
 
 Where the service asks for a token, give it: `Client(url, token="gcs_...")`. With `emergency_url` the calls
 that pause, stop, land and kill go to the listener which answers nothing else; when nobody answers there, to
@@ -21,6 +22,7 @@ from urllib.parse import quote
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from api import wire
+from gcs.client_shows import Shows
 from gcs.errors import LinkError, OrderError
 from gcs.exchange import Exchange
 
@@ -66,6 +68,7 @@ class Client:
         Raises: ConfigError for a certificate file that is none.
         """
         self._exchange = Exchange(url, token, emergency_url, ca_file, timeout_s)
+        self.shows = Shows(self)
 
     def __enter__(self) -> Self:
         return self
@@ -112,10 +115,16 @@ class Client:
         """Where the show stands."""
         return self.one(wire.Show, "GET", "/api/v1/show")
 
-    def start(self, vehicles: list[str] | None = None) -> wire.Order:
-        """Start the show with `vehicles`, or with all that are online."""
-        body = None if vehicles is None else {"vehicles": vehicles}
-        return self.one(wire.Order, "POST", "/api/v1/show/start", body)
+    def start(
+        self,
+        vehicles: list[str] | None = None,
+        *,
+        show_hash: str | None = None,
+        at_unix_time_s: float | None = None,
+    ) -> wire.Order:
+        """Start with `vehicles`, or with all that are online; a selected show by its hash; now, or later."""
+        body = _given(vehicles=vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s)
+        return self.one(wire.Order, "POST", "/api/v1/show/start", body or None)
 
     def stop(self) -> wire.Order:
         """Everybody comes home and lands."""

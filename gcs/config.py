@@ -215,6 +215,12 @@ class YawSettings(Settings):
     heading_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 
 
+class ShowsSettings(Settings):
+    """Where the service keeps the shows that it is given."""
+
+    folder: Path
+
+
 class Config(Settings):
     """A whole configuration file."""
 
@@ -227,6 +233,7 @@ class Config(Settings):
     api: ApiSettings = ApiSettings()
     access: AccessSettings = AccessSettings()
     record: RecordSettings | None = None
+    shows: ShowsSettings | None = None  # None: no shows can be uploaded
     operation: OperationSettings = OperationSettings()
     control: ControlSettings = ControlSettings()
     positioning: Positioning = Positioning()
@@ -395,10 +402,10 @@ def parse_mapping(text: str, source: str, needed: str) -> dict[str, object]:
 
 def explained(error: ValidationError, source: str) -> ConfigError:
     """What a reader of `source` can mend: every key, its value and what would be right."""
-    return ConfigError(f"{source}: " + "; ".join(_plain(problem) for problem in error.errors()))
+    return ConfigError(f"{source}: " + "; ".join(plain(problem) for problem in error.errors()))
 
 
-def _plain(problem: ErrorDetails) -> str:
+def plain(problem: ErrorDetails) -> str:
     """Key, value and what would be right; without the value where it is a whole section."""
     key = ".".join(str(part) for part in problem["loc"])
     value = "" if isinstance(problem["input"], dict) else f" = {problem['input']!r}"

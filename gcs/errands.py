@@ -33,11 +33,17 @@ UP_SHARE, ENDED_SHARE = 0.85, 0.6
 """Of the height that was ordered: enough in any case, and enough where the autopilot holds already."""
 
 IN_PLACE_M = 0.8
+WELL_IN_PLACE_M = 0.4
+"""Where a slanting way ends: there is little height left to come nearer on the way down."""
+
 SETPOINTS_FIRST_S = 0.3
 RETRY_S = 1.0
 ENGAGE_TRIES = 3
 NO_PROGRESS_S = 30.0
 """A way home or down that takes longer than this is worth a word to the operator."""
+
+WAY_S = 90.0
+"""Likewise, for ways on which some wait for others."""
 
 
 class Surroundings(Protocol):
@@ -67,6 +73,35 @@ class Surroundings(Protocol):
 
     def may_sink(self, vehicle: Vehicle) -> bool:
         """Whether everybody lower has come to its column, so that this one may come down."""
+        ...
+
+
+class Homecoming(Protocol):
+    """What errands need of a collective return, see `gcs.homecoming`."""
+
+    @property
+    def is_planned(self) -> bool:
+        """Whether the ways are found."""
+        ...
+
+    def stopping(self, vehicle: Vehicle) -> None:
+        """It is under control, and stops."""
+        ...
+
+    def takes_part(self, vehicle: Vehicle) -> bool:
+        """Whether it is, or may still be, part of the plan."""
+        ...
+
+    def goal_m(self, vehicle: Vehicle) -> Array | None:
+        """(3,) where it shall be now."""
+        ...
+
+    def has_way(self, vehicle: Vehicle) -> bool:
+        """Whether a way was found for it that meets nobody."""
+        ...
+
+    def is_over(self, vehicle: Vehicle) -> bool:
+        """Whether its way has led it above its start."""
         ...
 
 
@@ -152,6 +187,36 @@ class Errands(ErrandTasks):
         vehicle.apply(Event.DESCEND, "above its start, comes down")
         await self._sink(vehicle, home_m)
 
+    def come_home_together(self, homecoming: Homecoming, stops_m: Array) -> Errand:
+        """Stop at `stops_m` (3,), then fly the way that is found for everybody, and land."""
+
+        async def errand(vehicle: Vehicle) -> None:
+            home_m = vehicle.home_m
+            if vehicle.comes_down_alone or home_m is None:
+                await self.autopilot_land(vehicle)
+                return
+            if not await self._under_control(vehicle, Event.COME_HOME, "stops, before all come home"):
+                return
+            vehicle.goal_m = stops_m
+            homecoming.stopping(vehicle)
+            await self._until(vehicle, lambda: homecoming.is_planned or not homecoming.takes_part(vehicle))
+            if not homecoming.takes_part(vehicle):
+                await self.come_home(vehicle)
+                return
+            vehicle.on_a_way, vehicle.reason = homecoming.has_way(vehicle), "on its way home"
+            await self._until(vehicle, lambda: self._led(vehicle, homecoming, home_m), patience_s=WAY_S)
+            vehicle.apply(Event.DESCEND, "above its start, comes down")
+            await self._sink(vehicle, home_m)
+
+        return errand
+
+    def _led(self, vehicle: Vehicle, homecoming: Homecoming, home_m: Array) -> bool:
+        """Move its goal on. Returns: whether it is above its start, where its way led it."""
+        goal_m = homecoming.goal_m(vehicle)
+        if goal_m is not None:
+            vehicle.goal_m = goal_m
+        return homecoming.is_over(vehicle) and self._above(vehicle, home_m, WELL_IN_PLACE_M)
+
     def descend(self, place_m: Array) -> Errand:
         """Come down on `place_m` (3,), the lowest of all first."""
 
@@ -226,12 +291,17 @@ class Errands(ErrandTasks):
         share = self._height_m(vehicle, vehicle.home_m) / self._settings.takeoff_height_m
         return share > UP_SHARE or (share > ENDED_SHARE and self._around.mode(vehicle) is Mode.HOLD)
 
-    def _above(self, vehicle: Vehicle, place_m: Array) -> bool:
+    def _above(self, vehicle: Vehicle, place_m: Array, within_m: float = IN_PLACE_M) -> bool:
         here_m = self._position_m(vehicle)
-        return bool(np.hypot(here_m[0] - place_m[0], here_m[1] - place_m[1]) < IN_PLACE_M)
+        return bool(np.hypot(here_m[0] - place_m[0], here_m[1] - place_m[1]) < within_m)
 
     async def _until(
-        self, vehicle: Vehicle, reached: Callable[[], bool], phases: frozenset[Phase] = FLOWN
+        self,
+        vehicle: Vehicle,
+        reached: Callable[[], bool],
+        phases: frozenset[Phase] = FLOWN,
+        *,
+        patience_s: float = NO_PROGRESS_S,
     ) -> None:
         """Wait while it is in one of `phases`. Raises: RefusedError when it leaves them."""
         loop = asyncio.get_running_loop()
@@ -239,8 +309,8 @@ class Errands(ErrandTasks):
         while not reached():
             if vehicle.phase not in phases:
                 raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
-            if phases is FLOWN and loop.time() - since_s > NO_PROGRESS_S:
-                vehicle.reason = f"{vehicle.phase} for more than {NO_PROGRESS_S:g} s: something is in its way"
+            if phases is FLOWN and loop.time() - since_s > patience_s:
+                vehicle.reason = f"{vehicle.phase} for more than {patience_s:g} s: something is in its way"
                 log.warning("no_progress", extra={"vehicle": vehicle.id, "phase": vehicle.phase.value})
                 since_s = loop.time()
             await self._around.ticked()

@@ -3,6 +3,7 @@
 GcsError
 ├── ShapeError       an array has the wrong shape (a bug in the caller)
 ├── ConfigError      a configuration file says something impossible
+│   └── ShowError    a show file does; names line and cue of every problem
 ├── InvalidError     a value from outside is out of range; names the field and what is allowed
 ├── AccessError      the caller may not do this, or calls too often
 ├── RefusedError     a proper request at the wrong moment; says why
@@ -10,6 +11,9 @@ GcsError
 └── LinkError        a transport does not work; the supervisor retries
     └── OrderError   a vehicle refused an order or did not answer
 """
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 
 class GcsError(Exception):
@@ -22,6 +26,33 @@ class ShapeError(GcsError):
 
 class ConfigError(GcsError):
     """A configuration that cannot be flown; the text names file and key."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong with a show, and where to mend it."""
+
+    line: int  # of the file, from 1
+    cue: str | None  # None: not in the timeline
+    text: str  # what is wrong, and what would be right
+
+    def __str__(self) -> str:
+        cue = "" if self.cue is None else f" cue '{self.cue}':"
+        return f"line {self.line}:{cue} {self.text}"
+
+
+class ShowError(ConfigError):
+    """A show that cannot be flown.
+
+    Attributes:
+        file: its name.
+        problems: all that are known, by line.
+    """
+
+    def __init__(self, file: str, problems: Sequence[Problem]) -> None:
+        self.file = file
+        self.problems = tuple(sorted(problems, key=lambda problem: problem.line))
+        super().__init__("\n".join(f"{file}: {problem}" for problem in self.problems))
 
 
 class InvalidError(GcsError):

@@ -4,6 +4,7 @@ Plain data and questions about it; `director` changes it on orders and events, `
 """
 
 import asyncio
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -14,15 +15,19 @@ import numpy as np
 from gcs.accuracy import uncertainty_m
 from gcs.config import Config
 from gcs.control import Memory, Tasks
+from gcs.errors import UnknownError
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.landing import STOP_S, swept_segments_m
-from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.lifecycle import AIRBORNE, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.link_quality import LinkQuality
 from gcs.links import Link, Order, ParameterValue
+from gcs.performance import Performance
 from gcs.plan import Plan
-from gcs.state import Array, FleetState, Landed, Mode, Telemetry, Traits, VehicleId
+from gcs.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
 from gcs.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -35,7 +40,22 @@ SPREAD_SHARE = 0.7
 """And when the two nearest directions are apart by this share of what they are in the best shape known."""
 
 
+BEHIND_M = 8.0
+"""Farther from where the plan has it, a vehicle does not fly the plan any more."""
+
+
 FLIES = AIRBORNE | {Phase.PILOT}
+
+
+def stands(offset_m: Array, radius_m: float, charge: Array) -> bool:
+    """Whether everybody at (n, 3) from the centre, n at least 1, is on the sphere, spread over all of it."""
+    distance_m = np.linalg.norm(offset_m, axis=1)
+    near = np.abs(distance_m - radius_m) < ASSEMBLED_M + ASSEMBLED_SHARE * radius_m
+    if not near.all() or len(offset_m) < 2:
+        return bool(near.all())
+    evenly = NEAREST_FACTOR_FEW.get(len(offset_m), NEAREST_FACTOR) / np.sqrt(len(offset_m))
+    least = SPREAD_SHARE * evenly * np.sqrt(charge.min() / charge.mean())  # small charges settle closer
+    return bool(nearest_m(offset_m / distance_m[:, None]) >= least)
 
 
 class Newest(Mapping[VehicleId, tuple[Telemetry, int]]):
@@ -93,8 +113,11 @@ class Flight:
             np.full(len(config.fleet), config.control.safety.floor.uncertainty_m),
         )
         self.plan: Plan = replace(config.plan, target=replace(config.plan.target, time_s=now_s))
+        self.control = config.control  # narrower while a show is selected
+        self.performance: Performance | None = None
         self.show = ShowPhase.IDLE
         self.reason = "nothing has been started"
+        self.came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.telemetry = Newest(())
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
@@ -125,7 +148,7 @@ class Flight:
         """Give every vehicle the margin that its reported accuracy, or a jump, asks for."""
         parts = self.telemetry.parts
         wide_m = uncertainty_m(
-            self.config.control.safety.floor.uncertainty_m,
+            self.control.safety.floor.uncertainty_m,
             self.in_rows([part.horizontal_accuracy_m for part in parts]),
             self.in_rows([part.vertical_accuracy_m for part in parts]),
             now_s - self._table.reset_time_s,
@@ -221,15 +244,25 @@ class Flight:
         rows = [vehicle.row for vehicle in self.in_phase(Phase.FORMATION)]
         if center is None or not rows:
             return False
-        offset_m = self.fleet.position_m[rows] - center.position_m
-        distance_m = np.linalg.norm(offset_m, axis=1)
-        near = np.abs(distance_m - radius_m) < ASSEMBLED_M + ASSEMBLED_SHARE * radius_m
-        if not near.all() or len(rows) < 2:
-            return bool(near.all())
-        charge = self.traits.charge[rows]  # those with small ones settle closer together
-        evenly = NEAREST_FACTOR_FEW.get(len(rows), NEAREST_FACTOR) / np.sqrt(len(rows))
-        least = SPREAD_SHARE * evenly * np.sqrt(charge.min() / charge.mean())
-        return bool(nearest_m(offset_m / distance_m[:, None]) >= least)
+        return stands(self.fleet.position_m[rows] - center.position_m, radius_m, self.traits.charge[rows])
+
+    def vehicle(self, vehicle_id: VehicleId) -> Vehicle:
+        """One of ours. Raises: UnknownError."""
+        try:
+            return self.vehicles[vehicle_id]
+        except KeyError:
+            known = ", ".join(self.vehicles)
+            raise UnknownError(f"there is no vehicle {vehicle_id}; there are {known}") from None
+
+    def move_show(self, event: ShowEvent, reason: str) -> None:
+        """Let the show go on to its next phase. Raises: RefusedError when that is not possible now."""
+        before, self.show = self.show, advance_show(self.show, event)
+        self.reason = reason
+        if event is ShowEvent.ALL_DOWN:
+            self.came_down_by = before if before in {ShowPhase.RETURNING, ShowPhase.ABORTING} else None
+        if self.performance is not None:
+            self.performance.follow(self.show, self.fleet.time_s)
+        log.info("show_phase", extra={"was": before.value, "phase": self.show.value, "reason": reason})
 
     def tasks(self) -> Tasks:
         """What everybody is to do in this tick."""
@@ -256,7 +289,14 @@ class Flight:
             np.concatenate(segments_m),
             center_moves=self.show is ShowPhase.RUNNING,
             formation_waits=self.show is ShowPhase.PAUSED,
+            on_a_way=self._on_a_way(goal_m),
         )
+
+    def _on_a_way(self, goal_m: Array) -> Mask:
+        """(n,) who follows the way found for it; who has fallen far behind keeps the rules of the road."""
+        follows = np.array([vehicle.on_a_way for vehicle in self.vehicles.values()], dtype=np.bool_)
+        behind_m = np.linalg.norm(goal_m - self.fleet.position_m, axis=1)
+        return np.asarray(follows & (behind_m < BEHIND_M))
 
     def _swept_m(self, vehicle: Vehicle, last_m: Array) -> Array:
         operation = self.config.operation

@@ -3,12 +3,16 @@
 Asked before take-off: then another action can still be chosen.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from gcs.control import ControlSettings
 from gcs.errors import RefusedError
 from gcs.formation.law import begun, directions_from
 from gcs.formation.repulsion import sweep
+from gcs.formation.spin import turned
 from gcs.plan import Plan
 from gcs.safety.loss import ACTIONS, Action, Clash, clashes, turned_upright
 from gcs.state import Array, VehicleId
@@ -23,6 +27,12 @@ GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
 PAIRS_NAMED = 4
 
+LOOKED_AT_MAX = 12
+"""Plans of a show, for those who would fly home."""
+
+TURNS_RAD = (0.5 * np.pi, np.pi, 1.5 * np.pi)
+"""As a formation that spins will also stand to its pads."""
+
 
 def formation_m(ids: tuple[VehicleId, ...], home_m: Array, plan: Plan, control: ControlSettings) -> Array:
     """(n, 3) where the law will lead everybody, as it can be known: from their pads, by its own places.
@@ -33,15 +43,19 @@ def formation_m(ids: tuple[VehicleId, ...], home_m: Array, plan: Plan, control: 
         plan: the sphere, its target, its orbit.
         control: the law's settings.
     """
-    center_m = _center_m(plan)
+    formed_m: Array = _center_m(plan) + plan.formation.radius_m * _places(ids, home_m, plan, control)
+    return formed_m
+
+
+def _places(ids: tuple[VehicleId, ...], home_m: Array, plan: Plan, control: ControlSettings) -> Array:
+    """(n, 3) unit vectors from the centre to where the law will lead everybody."""
     if len(ids) > PREDICTED_MAX:
-        return center_m + plan.formation.radius_m * _lattice(len(ids))
+        return _lattice(len(ids))
     rows = np.arange(len(ids), dtype=np.intp)
-    direction, _ = directions_from(home_m, center_m)
+    direction, _ = directions_from(home_m, _center_m(plan))
     place = begun(direction, ids, rows, control.law)
     place, _ = sweep(place, np.zeros_like(place), place.copy(), np.ones(len(ids)), SWEEPS, 0.0)
-    found_m: Array = center_m + plan.formation.radius_m * place
-    return found_m
+    return place
 
 
 def _lattice(count: int) -> Array:
@@ -54,7 +68,7 @@ def _lattice(count: int) -> Array:
 def check_setpoint_loss(
     ids: tuple[VehicleId, ...],
     home_m: Array,
-    plan: Plan,
+    plans: Sequence[tuple[str, Plan]],
     control: ControlSettings,
     uncertainty_m: Array,
     action: Action,
@@ -65,7 +79,7 @@ def check_setpoint_loss(
     Args:
         ids: n vehicles that are to fly.
         home_m: (n, 3) their pads, show frame.
-        plan: what they are to fly.
+        plans: what they are to fly, one after the other, each with the cue that asks for it ("" without).
         control: law and floor.
         uncertainty_m: (n,) of each position.
         action: `operation.setpoint_loss_action`.
@@ -73,17 +87,21 @@ def check_setpoint_loss(
 
     Raises: RefusedError naming the pairs, and an action that would keep it.
     """
-    begins_m = formation_m(ids, home_m, plan, control)
+    places = _places(ids, home_m, plans[0][1], control)  # everybody is led to the same place all along
 
-    def found_by(what: Action) -> list[Clash]:
-        return _first_clashes(begins_m, home_m, plan, control, uncertainty_m, what, return_height_m)
+    def found_by(what: Action) -> tuple[str, list[Clash]]:
+        for cue, plan in _worst(plans) if what != "return" else _spread(plans):
+            found = _first_clashes(places, home_m, plan, control, uncertainty_m, what, return_height_m)
+            if found:
+                return f" at cue '{cue}'" if cue else "", found
+        return "", []
 
-    found = found_by(action)
+    when, found = found_by(action)
     if not found:
         return
     named = ", ".join(f"{ids[clash.first]} and {ids[clash.second]}" for clash in found[:PAIRS_NAMED])
     more = f" and {len(found) - PAIRS_NAMED} pairs more" if len(found) > PAIRS_NAMED else ""
-    better = next((other for other in ACTIONS if not found_by(other)), None)
+    better = next((other for other in ACTIONS if not found_by(other)[1]), None)
     mend = (
         "no action would keep them apart: a larger radius is needed"
         if better is None
@@ -91,13 +109,39 @@ def check_setpoint_loss(
         " and run: gcs params apply --config FILE"
     )
     raise RefusedError(
-        f"if everybody lost this ground station at once, '{action}' would bring {named}{more} closer than"
-        f" the floor ({found[0].sideways_m:.1f} m, seen from above; the formation may turn). {mend}"
+        f"if everybody lost this ground station at once{when}, '{action}' would bring {named}{more} closer"
+        f" than the floor ({found[0].sideways_m:.1f} m, seen from above; the formation may turn). {mend}"
     )
 
 
+def _worst(plans: Sequence[tuple[str, Plan]]) -> Sequence[tuple[str, Plan]]:
+    """For those who stay where they are: the smallest sphere, taken to be as fast as any other."""
+    cue, smallest = min(plans, key=lambda entry: entry[1].formation.radius_m)
+    fastest = max((plan for _, plan in plans), key=_speed_m_s)
+    spin_rad_s = _rim_m_s(fastest) / smallest.formation.radius_m
+    formation = replace(smallest.formation, spin_rad_s=spin_rad_s)
+    return [(cue, replace(smallest, formation=formation, orbit=fastest.orbit, target=fastest.target))]
+
+
+def _spread(plans: Sequence[tuple[str, Plan]]) -> Sequence[tuple[str, Plan]]:
+    """For those who fly home: from everywhere, but only so many that a start need not wait for long."""
+    if len(plans) <= LOOKED_AT_MAX:
+        return plans
+    return [plans[row] for row in np.linspace(0, len(plans) - 1, LOOKED_AT_MAX).astype(int).tolist()]
+
+
+def _rim_m_s(plan: Plan) -> float:
+    """How fast the spin moves whoever is farthest from its axis."""
+    return abs(plan.formation.spin_rad_s) * plan.formation.radius_m
+
+
+def _speed_m_s(plan: Plan) -> float:
+    """At most, of anybody: one of a pair may stop later than the other by as much as that takes it."""
+    return plan.orbit.speed_m_s * (plan.orbit.radius_m > 0.0) + plan.target.speed_m_s + _rim_m_s(plan)
+
+
 def _first_clashes(
-    begins_m: Array,
+    places: Array,
     home_m: Array,
     plan: Plan,
     control: ControlSettings,
@@ -106,8 +150,12 @@ def _first_clashes(
     return_height_m: float,
 ) -> list[Clash]:
     """Of the formation as it begins, as it may have turned, and all round its orbit: the first."""
-    speed_m_s = plan.orbit.speed_m_s * (plan.orbit.radius_m > 0.0) + plan.target.speed_m_s
-    for place_m in (begins_m, turned_upright(begins_m, _center_m(plan))):
+    center_m = _center_m(plan)
+    begins_m = center_m + plan.formation.radius_m * places
+    shapes_m = [begins_m, turned_upright(begins_m, center_m)]
+    if plan.formation.spin_rad_s and action == "return":  # to the others it matters only how fast it turns
+        shapes_m += [center_m + plan.formation.radius_m * turned(places, turn) for turn in TURNS_RAD]
+    for place_m in shapes_m:
         for shift_m in _shifts_m(plan, action):
             found = clashes(
                 place_m + shift_m,
@@ -115,7 +163,7 @@ def _first_clashes(
                 action,
                 floor=control.safety.floor,
                 uncertainty_m=uncertainty_m,
-                speed_m_s=speed_m_s,
+                speed_m_s=_speed_m_s(plan),
                 return_height_m=return_height_m,
             )
             if found:

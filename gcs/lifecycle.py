@@ -113,6 +113,7 @@ class ShowPhase(StrEnum):
     """Where the show stands."""
 
     IDLE = "idle"
+    COUNTDOWN = "countdown"  # on the ground, to a start at a clock time
     PREFLIGHT = "preflight"
     ARMING = "arming"  # arming and taking off, one after the other
     ASSEMBLING = "assembling"
@@ -127,6 +128,7 @@ class ShowEvent(StrEnum):
     """What can happen to the show."""
 
     START = "start"
+    SCHEDULE = "schedule"  # a start at a clock time
     CHECKED = "checked"
     CHECK_FAILED = "check failed"
     ALL_UP = "all up"
@@ -139,6 +141,9 @@ class ShowEvent(StrEnum):
     TAKEN_ON = "taken on"  # a vehicle in the air is ours while no show flies
 
 
+ON_THE_GROUND: Final = frozenset({ShowPhase.IDLE, ShowPhase.COUNTDOWN, ShowPhase.LANDED})
+"""Nobody flies, nor is about to arm."""
+
 IN_THE_AIR: Final = frozenset(
     {ShowPhase.ARMING, ShowPhase.ASSEMBLING, ShowPhase.RUNNING, ShowPhase.PAUSED, ShowPhase.RETURNING}
 )
@@ -146,6 +151,12 @@ IN_THE_AIR: Final = frozenset(
 SHOW_NEXT: Final[dict[tuple[ShowPhase, ShowEvent], ShowPhase]] = {
     (ShowPhase.IDLE, ShowEvent.START): ShowPhase.PREFLIGHT,
     (ShowPhase.LANDED, ShowEvent.START): ShowPhase.PREFLIGHT,
+    (ShowPhase.IDLE, ShowEvent.SCHEDULE): ShowPhase.COUNTDOWN,
+    (ShowPhase.LANDED, ShowEvent.SCHEDULE): ShowPhase.COUNTDOWN,
+    (ShowPhase.COUNTDOWN, ShowEvent.START): ShowPhase.PREFLIGHT,
+    (ShowPhase.COUNTDOWN, ShowEvent.CHECK_FAILED): ShowPhase.IDLE,
+    (ShowPhase.COUNTDOWN, ShowEvent.STOP): ShowPhase.IDLE,
+    (ShowPhase.COUNTDOWN, ShowEvent.ABORT): ShowPhase.IDLE,
     (ShowPhase.PREFLIGHT, ShowEvent.CHECKED): ShowPhase.ARMING,
     (ShowPhase.PREFLIGHT, ShowEvent.CHECK_FAILED): ShowPhase.IDLE,
     (ShowPhase.PREFLIGHT, ShowEvent.ABORT): ShowPhase.IDLE,

@@ -22,13 +22,25 @@ from gcs.errors import LinkError, RefusedError, UnknownError
 from gcs.feasibility import check_formation, check_obstacle, check_orbit, check_target, followed
 from gcs.flight import Flight
 from gcs.frames import ShowFrame
+from gcs.homeward import warm_up as warm_up_ways
 from gcs.inspection import Inspection
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.lifecycle import ON_THE_GROUND, Phase
 from gcs.links import Link
 from gcs.orders import OrderBook
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
 from gcs.records.record import Record
-from gcs.service import Audit, FleetView, Latest, NoAudit, OrderRecord, ShowAction, VehicleAction
+from gcs.repertoire import Repertoire
+from gcs.service import (
+    Audit,
+    FleetView,
+    Latest,
+    NoAudit,
+    OrderRecord,
+    SelectedShow,
+    ShowAction,
+    VehicleAction,
+)
+from gcs.stage import Stage
 from gcs.state import Setpoints, VehicleId
 from gcs.timing import TickClock, ticks
 from gcs.vehicle import Vehicle
@@ -71,21 +83,33 @@ class Shares:
 class Orchestrator:
     """Flies the fleet of one configuration. A `gcs.service.Service`."""
 
-    def __init__(self, config: Config, links: Sequence[Link], record: Record | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        links: Sequence[Link],
+        record: Record | None = None,
+        *,
+        unix_s: Callable[[], float] = time.time,
+    ) -> None:
         """Nothing moves before `run`; must be made on the running event loop.
 
         Args:
             config: checked.
             links: one for each of the configuration's, with its vehicles.
             record: where orders, events and every tick are noted; opened and closed by whoever made it.
+            unix_s: the clock that people read, in s since 1970.
         """
         warm_up()
+        warm_up_ways()
         now_s = asyncio.get_running_loop().time()
         self._config = config
         self._flight = Flight(config, links, now_s)
         self._record = record
         self._audit: Audit = NoAudit() if record is None else record.audit
         self._book = OrderBook(None if record is None else record.audit)
+        self._unix_s = unix_s
+        self.shows = Repertoire(None if config.shows is None else config.shows.folder)
+        self._stage = Stage(self._flight, self.shows)
         self._clock = TickClock(config.tick_rate_hz)
         self._interventions = 0
         self._director: Director | None = None
@@ -96,13 +120,18 @@ class Orchestrator:
 
     async def run(self) -> None:
         """Fly until cancelled."""
-        async with asyncio.TaskGroup() as group:
-            errands = Errands(group, self._flight, self._config.operation)
-            inspection = Inspection(group, self._flight)
-            self._director = Director(self._flight, errands, self._book, inspection)
-            for link in self._flight.links:
-                group.create_task(keep_open(link), name=f"link/{link.name}")
-            group.create_task(self._control(self._director), name="control")
+        try:
+            async with asyncio.TaskGroup() as group:
+                errands = Errands(group, self._flight, self._config.operation)
+                inspection = Inspection(group, self._flight)
+                self._director = Director(
+                    self._flight, errands, self._book, inspection, self._stage, self._unix_s
+                )
+                for link in self._flight.links:
+                    group.create_task(keep_open(link), name=f"link/{link.name}")
+                group.create_task(self._control(self._director), name="control")
+        finally:
+            await self.shows.close()
 
     async def _control(self, director: Director) -> None:
         loop = asyncio.get_running_loop()
@@ -119,6 +148,7 @@ class Orchestrator:
         flight = self._flight
         flight.hear(now_s)
         director.watch()
+        self._stage.lead()
         result = self._decide()
         flight.memory = result.memory
         self._interventions += sum(reason != "" for reason in result.restrained_by)
@@ -129,9 +159,7 @@ class Orchestrator:
 
     def _decide(self) -> Tick:
         flight = self._flight
-        return tick(
-            flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, self._config.control
-        )
+        return tick(flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, flight.control)
 
     @property
     def _control_alive(self) -> bool:
@@ -143,6 +171,12 @@ class Orchestrator:
         recorded = () if self._record is None else self._record.problems
         return [*(problem for link in self._flight.links for problem in link.problems), *recorded]
 
+    @property
+    def _start_unix_s(self) -> float | None:
+        """Of a start that is ordered for a clock time."""
+        countdown = None if self._director is None else self._director.countdown
+        return None if countdown is None else countdown.at_unix_s
+
     def _note(self, result: Tick) -> None:
         """Leave this tick to the record."""
         if self._record is not None:
@@ -151,8 +185,9 @@ class Orchestrator:
                 result,
                 timing=self._clock.summary(),
                 control_alive=self._control_alive,
-                problems=self._problems,
-                unix_time_s=time.time(),
+                problems=[*self._stage.waits, *self._problems],
+                unix_time_s=self._unix_s(),
+                start_unix_time_s=self._start_unix_s,
             )
             self._record.note(moment, self._flight.links)
 
@@ -176,7 +211,10 @@ class Orchestrator:
             link_quality=flight.link_quality.share,
             setpoints_sent=sum(link.setpoints_sent for link in flight.links),
             problems=self._problems,
-            unix_time_s=time.time(),
+            unix_time_s=self._unix_s(),
+            performance=flight.performance,
+            waits=self._stage.waits,
+            start_unix_s=self._start_unix_s,
         )
 
     # the service
@@ -204,9 +242,37 @@ class Orchestrator:
         """The last orders, the newest first."""
         return self._book.newest()
 
-    def command_show(self, action: ShowAction, vehicles: Sequence[VehicleId] | None = None) -> OrderRecord:
+    def command_show(
+        self,
+        action: ShowAction,
+        vehicles: Sequence[VehicleId] | None = None,
+        *,
+        show_hash: str | None = None,
+        at_unix_time_s: float | None = None,
+    ) -> OrderRecord:
         """Order the whole show."""
-        return self._running().command_show(action, vehicles)
+        return self._running().command_show(
+            action, vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s
+        )
+
+    def select_show(self, name: str, show_hash: str) -> SelectedShow:
+        """Have a checked show fly next."""
+        self._need_no_countdown()
+        return self._stage.select(name, show_hash)
+
+    def deselect_show(self) -> None:
+        """Fly what is told instead."""
+        self._need_no_countdown()
+        self._stage.deselect()
+
+    def seek_show(self, cue: str) -> SelectedShow:
+        """Have the selected show begin at a cue."""
+        self._need_no_countdown()
+        return self._stage.seek(cue)
+
+    def _need_no_countdown(self) -> None:
+        if self._running().countdown is not None:
+            raise RefusedError("a start is being counted down: stop calls it off")
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
         """Order one vehicle."""
@@ -220,32 +286,30 @@ class Orchestrator:
     def set_formation(self, formation: Formation) -> None:
         """Change radius and height; refused with what would work."""
         flight = self._flight
-        show_is_over = flight.show in {ShowPhase.IDLE, ShowPhase.LANDED}
-        count = 1 if show_is_over else max(1, len(self._taking_part()))
-        check_formation(formation, count, self._config.control.safety)
-        target, control = self._followed(), self._config.control
+        self._stage.need_free("formation")
+        count = 1 if flight.show in ON_THE_GROUND else max(1, len(self._taking_part()))
+        check_formation(formation, count, flight.control.safety)
+        target, control = self._followed(), flight.control
         check_target(target, flight.plan.orbit, formation, control, changed="formation")
         flight.plan = replace(flight.plan, formation=formation)
 
     def set_orbit(self, orbit: Orbit) -> None:
         """Change how the centre circles the target."""
         flight = self._flight
-        control = self._config.control
+        self._stage.need_free("orbit")
+        control = flight.control
         check_orbit(orbit, control.law)
         check_target(self._followed(), orbit, flight.plan.formation, control, changed="orbit")
         flight.plan = replace(flight.plan, orbit=orbit)
 
     def set_target(self, target: Target) -> None:
         """Tell where the target is now and how it moves."""
-        flight = self._flight
-        now = replace(target, time_s=asyncio.get_running_loop().time())
-        check_target(now, flight.plan.orbit, flight.plan.formation, self._config.control)
-        flight.plan = replace(flight.plan, target=now)
+        self._stage.tell_target(replace(target, time_s=asyncio.get_running_loop().time()))
 
     def _followed(self) -> Target:
         """The target where it is followed now."""
         now_s = asyncio.get_running_loop().time()
-        return followed(self._flight.plan, now_s, self._config.control.safety.fence)
+        return followed(self._flight.plan, now_s, self._flight.control.safety.fence)
 
     def set_yaw(self, yaw: Yaw) -> None:
         """Change where the vehicles look."""
@@ -253,9 +317,10 @@ class Orchestrator:
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
         """Add a box."""
+        self._stage.need_own_obstacle(obstacle.id)
         if any(known.id == obstacle.id for known in self._flight.plan.obstacles):
             raise RefusedError(f"there is an obstacle {obstacle.id} already; change or remove it")
-        if len(self._flight.plan.obstacles) >= MAX_OBSTACLES:
+        if len(self._flight.plan.obstacles) + self._stage.reserved >= MAX_OBSTACLES:
             raise RefusedError(f"there are {MAX_OBSTACLES} obstacles already, the most possible; remove one")
         self._place_obstacle(obstacle)
 
@@ -270,6 +335,7 @@ class Orchestrator:
         self._set_obstacles([known for known in self._flight.plan.obstacles if known.id != obstacle_id])
 
     def _need_obstacle(self, obstacle_id: str) -> None:
+        self._stage.need_own_obstacle(obstacle_id)
         known = [obstacle.id for obstacle in self._flight.plan.obstacles]
         if obstacle_id not in known:
             raise UnknownError(f"there is no obstacle {obstacle_id}; there are {', '.join(known) or 'none'}")
@@ -283,13 +349,13 @@ class Orchestrator:
         }
         check_obstacle(
             obstacle,
-            self._config.control.law.avoidance,
+            flight.control.law.avoidance,
             {vehicle.id: flight.position_m(vehicle) for vehicle in flight.airborne},
             {name: place_m for name, place_m in comes_down_m.items() if place_m is not None},
             velocities_m_s={
                 vehicle.id: flight.fleet.velocity_m_s[vehicle.row] for vehicle in flight.airborne
             },
-            braking=self._config.control.safety.braking,
+            braking=flight.control.safety.braking,
         )
         others = [known for known in flight.plan.obstacles if known.id != obstacle.id]
         self._set_obstacles([*others, obstacle])

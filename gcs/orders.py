@@ -2,7 +2,7 @@
 
 import time
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -56,6 +56,10 @@ class OrderBook:
             self._records[order_id] = replace(record, outcomes=changed)
             if self._listener is not None:
                 self._listener.closed(order_id, vehicle_id, outcome, reason)
+
+    def closer(self, record: OrderRecord, vehicle_id: VehicleId) -> Callable[[Outcome, str], None]:
+        """Closes one vehicle's part, once its outcome and the reason are known."""
+        return lambda outcome, reason: self.close(record.id, vehicle_id, outcome, reason)
 
     def newest(self) -> Sequence[OrderRecord]:
         """All that are kept, the newest first."""

@@ -45,14 +45,18 @@ def require_positive(**values: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Formation:
-    """The virtual sphere: its radius, and its centre's height above the show's origin."""
+    """The virtual sphere: its radius, its centre's height above the show's origin, how fast it turns.
+
+    It turns about the vertical; a positive `spin_rad_s` is clockwise from above.
+    """
 
     radius_m: float
     height_m: float
+    spin_rad_s: float = 0.0
 
     def __post_init__(self) -> None:
         require_positive(radius_m=self.radius_m)
-        require_finite(height_m=self.height_m)
+        require_finite(height_m=self.height_m, spin_rad_s=self.spin_rad_s)
 
 
 @dataclass(frozen=True, slots=True)

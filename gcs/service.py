@@ -9,8 +9,9 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, Protocol, TypeVar
 
+from gcs.errors import Problem
 from gcs.frames import ShowFrame
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
@@ -107,6 +108,52 @@ class VehicleView:
     setpoint_m_s: tuple[float, float, float] | None  # sent in the last tick; None: not commanded
     link_quality: float | None  # share of the positions asked for that arrive, 0 to 1
     restrained_by: str  # what the safety filter held it back for, "" when it did not
+    light: str | None = None  # colour that the show gives it now, #rrggbb; None: it has no part in one
+
+
+@dataclass(frozen=True, slots=True)
+class StoredShow:
+    """A show file that the service keeps."""
+
+    name: str
+    size_bytes: int
+    sha256: str  # of the file; what is flown has a hash of its own
+
+
+class CheckState(StrEnum):
+    """How far the check of a show has got."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"  # the check itself: it says nothing of the show
+
+
+@dataclass(frozen=True, slots=True)
+class ShowCheck:
+    """What is known of a show that is, or was, checked. Only a good one may be started."""
+
+    name: str
+    state: CheckState
+    reason: str = ""  # why it failed
+    hash: str | None = None  # of everything that is flown; what a start must name
+    good: bool = False
+    problems: tuple[Problem, ...] = ()
+    figures: dict[str, Any] | None = None  # as `gcs show check --json` tells them; None: not flown
+
+
+@dataclass(frozen=True, slots=True)
+class SelectedShow:
+    """The show that will be, or is, flown, and how far it has got."""
+
+    name: str
+    hash: str
+    cue: str  # the newest
+    cues: tuple[str, ...]
+    clock_s: float  # the show's own time
+    duration_s: float  # loops played
+    runs: bool  # the clock; False: before it begins, and while it is paused
+    target_is_live: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +199,9 @@ class FleetView:
     setpoints_sent: int
     interventions: int  # of the safety filter, since the beginning: for each vehicle and tick that it changed
     notices: tuple[str, ...] = ()  # what an operator should know now, in words: the most urgent first
+    selected: SelectedShow | None = None  # None: formation, target and orbit are as told
+    start_unix_time_s: float | None = None  # ordered, and not reached yet
+    countdown_s: float | None = None
 
 
 class Latest(Generic[T]):
@@ -190,6 +240,37 @@ class Latest(Generic[T]):
             changed = self._changed  # taken first, so that no change is missed
             yield self.value
             await changed.wait()
+
+
+class Shows(Protocol):
+    """The show files that the service keeps. Nothing here waits in the control loop.
+
+    Raises: InvalidError, RefusedError, UnknownError; then nothing has changed.
+    """
+
+    async def listed(self) -> list[StoredShow]:
+        """All of them, by name."""
+        ...
+
+    async def text(self, name: str) -> str:
+        """The file, as it was given."""
+        ...
+
+    async def store(self, name: str, text: bytes) -> StoredShow:
+        """Keep a file under a name, in place of what had it: all of it or nothing."""
+        ...
+
+    async def remove(self, name: str) -> None:
+        """Forget a file."""
+        ...
+
+    def check(self, name: str) -> ShowCheck:
+        """Begin `gcs show check` in a process of its own."""
+        ...
+
+    def checked(self, name: str) -> ShowCheck:
+        """How far the newest check has got."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,8 +332,39 @@ class Service(Protocol):
         """Where calls are noted, and what an answer waits for."""
         ...
 
-    def command_show(self, action: ShowAction, vehicles: Sequence[VehicleId] | None = None) -> OrderRecord:
-        """Order the whole show. `vehicles`, for START only: those that fly; None: all that are online."""
+    @property
+    def shows(self) -> Shows:
+        """The show files that can be selected."""
+        ...
+
+    def command_show(
+        self,
+        action: ShowAction,
+        vehicles: Sequence[VehicleId] | None = None,
+        *,
+        show_hash: str | None = None,
+        at_unix_time_s: float | None = None,
+    ) -> OrderRecord:
+        """Order the whole show.
+
+        Args:
+            action: what.
+            vehicles: for START only: those that fly; None: all that are online.
+            show_hash: for START only: of the selected show; None where none is selected.
+            at_unix_time_s: for START only: when they take off; None: now.
+        """
+        ...
+
+    def select_show(self, name: str, show_hash: str) -> SelectedShow:
+        """Have a checked show fly next; on the ground only. `show_hash` is the check's."""
+        ...
+
+    def deselect_show(self) -> None:
+        """Fly what is told instead; on the ground only. No effect where none is selected."""
+        ...
+
+    def seek_show(self, cue: str) -> SelectedShow:
+        """Have the selected show begin at a cue; on the ground only."""
         ...
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:

@@ -41,6 +41,7 @@ class Vehicle:
     goal_m: Array | None = None  # (3,) of RETURN and LANDING
     engaging: bool = False  # in HOLD, setpoints already flow so that OFFBOARD can be accepted
     frozen_until_s: float = -inf  # its position jumped: until then it stands still
+    on_a_way: bool = False  # in RETURN, its goal leads it along a way found for the whole fleet
     handed_over: bool = False  # in LANDING, the autopilot's own LAND touches down
     pilots: bool = False  # a person's (or its failsafe's) until handed back, silent or not
     last_velocity_m_s: Array | None = None  # (3,) with last_m
@@ -60,7 +61,7 @@ class Vehicle:
         if self.phase not in FLOWN:
             self.goal_m = None
         self.engaging = False
-        self.handed_over = False
+        self.handed_over = self.on_a_way = False
         log.log(
             logging.WARNING if self.phase in {Phase.LOST, Phase.PILOT} else logging.INFO,
             "vehicle_phase",

@@ -6,6 +6,7 @@ import numpy as np
 
 from gcs.control import Tick
 from gcs.lifecycle import ShowPhase, not_ours
+from gcs.performance import Performance
 from gcs.plan import Plan
 from gcs.service import FleetView, TickView, VehicleView
 from gcs.state import Array, FleetState, Telemetry, Traits, VehicleId
@@ -36,11 +37,16 @@ def fleet_view(
     link_quality: Array,
     problems: Sequence[str],
     unix_time_s: float,
+    performance: Performance | None = None,
+    waits: Sequence[str] = (),
+    start_unix_s: float | None = None,
 ) -> FleetView:
     """Put one tick's state together; rows of `fleet` and `vehicles` correspond.
 
-    `known` are those whose parameters have been read: only they are ready. `problems` are the links'.
+    `known` are those whose parameters have been read: only they are ready. `problems` are the links', `waits`
+    say which obstacles of the selected show do not stand yet, `start_unix_s` is that of a countdown.
     """
+    lights = {} if performance is None else performance.lights(fleet.ids, fleet.time_s)
     sent = dict(zip(tick.setpoints.ids, tick.setpoints.velocity_m_s, strict=True))
     center = tick.memory.center
     return FleetView(
@@ -57,6 +63,7 @@ def fleet_view(
                 sent.get(vehicle.id),
                 is_known=vehicle.id in known,
                 uncertainty_m=float(traits.uncertainty_m[vehicle.row]),
+                light=lights.get(vehicle.id),
                 link_quality=float(link_quality[vehicle.row]),
             )
             for vehicle in vehicles
@@ -71,7 +78,10 @@ def fleet_view(
         control_alive=control_alive,
         setpoints_sent=setpoints_sent,
         interventions=interventions,
-        notices=(*not_ours((vehicle.id, vehicle.phase) for vehicle in vehicles), *problems),
+        notices=(*not_ours((vehicle.id, vehicle.phase) for vehicle in vehicles), *waits, *problems),
+        selected=None if performance is None else performance.view(fleet.time_s),
+        start_unix_time_s=start_unix_s,
+        countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
     )
 
 
@@ -84,6 +94,7 @@ def _vehicle_view(
     *,
     is_known: bool,
     uncertainty_m: float,
+    light: str | None,
     link_quality: float,
 ) -> VehicleView:
     telemetry, at = heard
@@ -111,4 +122,5 @@ def _vehicle_view(
         setpoint_m_s=None if setpoint_m_s is None else tuple3(setpoint_m_s),
         link_quality=link_quality,
         restrained_by=tick.restrained_by[row],
+        light=light,
     )

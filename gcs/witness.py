@@ -19,6 +19,7 @@ def moment_of(
     control_alive: bool,
     problems: Sequence[str],
     unix_time_s: float,
+    start_unix_time_s: float | None,
 ) -> Moment:
     """Put together what one tick believed, wanted and sent; rows as in `flight.fleet`."""
     fleet, newest, vehicles = flight.fleet, flight.newest(), flight.vehicles.values()
@@ -43,6 +44,8 @@ def moment_of(
         show=flight.show,
         reason=flight.reason,
         plan=flight.plan,
+        selected=None if flight.performance is None else flight.performance.view(fleet.time_s),
+        start_unix_time_s=start_unix_time_s,
         center_m=None if center is None else tuple3(center.position_m),
         center_velocity_m_s=None if center is None else tuple3(center.velocity_m_s),
         radius_m=None if center is None else tick.memory.radius_m,

@@ -14,6 +14,7 @@ import gcs.cli.params as params_command
 import gcs.cli.remote as remote_commands
 import gcs.cli.replay as replay_command
 import gcs.cli.serve as serve_command
+import gcs.cli.shows.command as show_command
 import gcs.cli.simulation.command as simulate_command
 import gcs.cli.status as status_command
 import gcs.cli.token as token_command
@@ -41,6 +42,10 @@ def build_parser() -> argparse.ArgumentParser:
     serve_parser.add_argument("--port", type=int, help="of the API; 8000 unless told otherwise")
     serve_parser.add_argument("--quiet", action="store_true", help="log warnings only")
     serve_parser.set_defaults(run=_serve)
+
+    show_parser = commands.add_parser("show", help="check, draw or hash a show file")
+    show_command.add_arguments(show_parser)
+    show_parser.set_defaults(run=show_command.run)
 
     params_parser = commands.add_parser("params", help="check or set the parameters that decide what is safe")
     params_command.add_arguments(params_parser)

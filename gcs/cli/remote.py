@@ -14,6 +14,7 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,6 +22,7 @@ from pydantic import BaseModel
 
 from api import wire
 from gcs.client import URL, Client
+from gcs.client_shows import Shows
 from gcs.errors import AccessError, ConfigError, GcsError, InvalidError, LinkError, OrderError
 from gcs.service import Outcome, VehicleAction
 
@@ -43,6 +45,7 @@ class Call:
     asked: tuple[str, ...] = ()
     text: str = ""  # absent: the method's own
     alone: bool = False  # what is asked for, and no option
+    of: Callable[[Client], Any] = lambda client: client  # whose method it is
 
     @property
     def help(self) -> str:
@@ -79,6 +82,15 @@ CALLS: Final = (
     Call("obstacle add", Client.add_obstacle, BOX),
     Call("obstacle change", Client.change_obstacle, BOX),
     Call("obstacle remove", Client.remove_obstacle),
+    Call("shows list", Shows.stored, of=attrgetter("shows")),
+    Call("shows text", Shows.text, of=attrgetter("shows")),
+    Call("shows upload", Shows.upload, of=attrgetter("shows")),
+    Call("shows remove", Shows.remove, of=attrgetter("shows")),
+    Call("shows check", Shows.check, of=attrgetter("shows")),
+    Call("shows checked", Shows.checked, of=attrgetter("shows")),
+    Call("shows select", Shows.select, of=attrgetter("shows")),
+    Call("shows deselect", Shows.deselect, of=attrgetter("shows")),
+    Call("shows seek", Shows.seek, of=attrgetter("shows")),
     Call("order list", Client.orders),
     Call("order show", Client.order),
     Call("state", Client.fleet),
@@ -95,6 +107,7 @@ GROUPS: Final = {
     "orbit": "how the formation circles it",
     "yaw": "where the vehicles look",
     "obstacle": "what the fleet keeps clear of",
+    "shows": "show files that the service keeps, and the one that is flown next",
     "order": "what was ordered, and what became of it",
     "vehicle": "what is known of each vehicle",
 }
@@ -122,7 +135,7 @@ def add_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]"
         names = _add_parameters(parser, call)
         returns = typing.get_type_hints(call.method).get("return")
         _add_common(parser, is_order=returns is wire.Order)
-        parser.set_defaults(run=partial(_run, call.method, names))
+        parser.set_defaults(run=partial(_run, call, names))
     for action, text in VEHICLE_HELP.items():
         parser = commands.add_parser(action.value, help=text, description=text)
         everybody = action is VehicleAction.LAND
@@ -184,7 +197,7 @@ def _add_parameters(parser: argparse.ArgumentParser, call: Call) -> tuple[str, .
 
 
 def _kind(hint: Any) -> tuple[type, bool]:
-    """What an argument is read as, and whether there may be several."""
+    """What an argument is read as, of several kinds the first, and whether there may be several arguments."""
     is_union = typing.get_origin(hint) in {typing.Union, types.UnionType}  # with None: it may be left out
     only = next(each for each in typing.get_args(hint) if each is not types.NoneType) if is_union else hint
     if typing.get_origin(only) is list:
@@ -192,13 +205,13 @@ def _kind(hint: Any) -> tuple[type, bool]:
     return only, False
 
 
-def _run(method: Callable[..., Any], names: Sequence[str], arguments: argparse.Namespace) -> int:
+def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int:
     given: Mapping[str, Any] = {
         name: value for name in names if (value := getattr(arguments, name)) not in (None, [])
     }
     try:
         with connected(arguments) as client:
-            answer = method(client, **given)
+            answer = call.method(call.of(client), **given)
             return _told(client, [answer], arguments) if isinstance(answer, wire.Order) else _printed(answer)
     except GcsError as error:
         return failed(error)

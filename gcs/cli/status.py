@@ -80,6 +80,12 @@ def _head(fleet: wire.Fleet) -> RenderableType:
     alive = "[green]alive[/]" if fleet.control_alive else f"[bold red]DEAD: {escape(fleet.control_reason)}[/]"
     tick = fleet.tick
     table.add_row("show", f"[bold]{fleet.show.phase}[/]", escape(fleet.show.reason))
+    if fleet.show.selected is not None:
+        selected = fleet.show.selected
+        at = f"{_number(selected.clock_s)} of {_number(selected.duration_s)} s"
+        table.add_row("", escape(f"{selected.name}: {selected.cue}"), at)
+    if fleet.show.countdown_s is not None:
+        table.add_row("", "countdown", f"{_number(fleet.show.countdown_s)} s")
     table.add_row(
         "control",
         alive,

@@ -85,6 +85,10 @@ def _in_traffic(now: Moment, wanted_m_s: Array) -> Array:
         return wanted_m_s
     safety, goal_m = now.settings.safety, now.tasks.goal_m
     under_way = now.to_goal & ~now.tasks.descending
+    if now.tasks.on_a_way is not None:
+        under_way &= ~now.tasks.on_a_way
+        if not under_way.any():
+            return wanted_m_s
     flatness = safety.floor.horizontal_m / safety.floor.vertical_m
     kept_m_s = keep_right(
         wanted_m_s,

@@ -15,6 +15,7 @@ from gcs.formation.neighbours import Sight, sighted_velocity
 from gcs.formation.orbit import Center
 from gcs.formation.repulsion import sweep, sweeps_for
 from gcs.formation.response import scale_to_limits, shrink_relative
+from gcs.formation.spin import spin_velocity, turned
 from gcs.formation.steering import avoid_all
 from gcs.state import Array
 
@@ -45,11 +46,19 @@ def spread(now: Moment, lead: Lead, memory: Memory) -> Spread:
     if len(joining):
         places[joining] = begun(direction[joining], now.fleet.ids, rows[joining], law)
         changes[joining] = 0.0
+    spin_rad_s = now.plan.formation.spin_rad_s
+    if spin_rad_s:
+        places, changes = (turned(each, spin_rad_s * now.dt_s) for each in (places, changes))
     charge, sweeps = now.of_formed(now.traits.charge), sweeps_for(len(rows), law.sweeps)
     places, changes = sweep(places, changes, direction, charge, sweeps, law.pull)
+    own_m_s = place_velocity(
+        direction, distance_m, places, lead.radius_m, law.place_rate_per_s, law.speed_m_s
+    )
+    if spin_rad_s:
+        own_m_s += spin_velocity(distance_m[:, None] * direction, spin_rad_s, now.settings.response_s)
     velocity_m_s = shrink_relative(
         center.velocity_m_s,
-        place_velocity(direction, distance_m, places, lead.radius_m, law.place_rate_per_s, law.speed_m_s),
+        own_m_s,
         limits.horizontal_m_s,
         limits.up_m_s,
         limits.down_m_s,

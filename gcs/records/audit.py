@@ -11,7 +11,7 @@ from gcs.lifecycle import Phase, ShowPhase
 from gcs.links.roster import Address
 from gcs.plan import Plan
 from gcs.records.journal import Journal, Row, Value
-from gcs.records.moment import Moment
+from gcs.records.moment import Moment, Told
 from gcs.service import Call, OrderRecord, Outcome
 from gcs.state import Array, Mode, VehicleId
 
@@ -62,7 +62,8 @@ class Audit:
         self._homes: Sequence[Array | None] = (None,) * count
         self._addresses: dict[VehicleId, Address] = {}
         self._show: ShowPhase = ShowPhase.IDLE
-        self._plan: Plan | None = None
+        self._told: Told | None = None
+        self._cue: tuple[str, str, str] | None = None
 
     def begin(self, folder: Path, config_json: str) -> None:
         """Note that the session began."""
@@ -136,14 +137,23 @@ class Audit:
         )
 
     def _watch_show(self, moment: Moment) -> None:
-        before, self._plan = self._plan, moment.plan
-        is_changed = before is not None and moment.plan is not before
+        before, self._told = self._told, moment.told
+        is_changed = before is not None and self._told != before
         if is_changed:
             self.event(moment.unix_time_s, "info", "plan", None, asdict(moment.plan))
+        self._watch_cue(moment)
         if is_changed or moment.show is not self._show:
             told = (moment.show.value, moment.reason, plan_json(moment.plan))
             self._put(_SHOW, self._session, moment.unix_time_s, *told)
         self._show = moment.show
+
+    def _watch_cue(self, moment: Moment) -> None:
+        selected = moment.selected
+        cue = None if selected is None else (selected.name, selected.hash, selected.cue)
+        if selected is not None and cue != self._cue:
+            detail = {"name": selected.name, "hash": selected.hash, "cue": selected.cue}
+            self.event(moment.unix_time_s, "info", "cue", None, detail)
+        self._cue = cue
 
     def whereabouts(self, addresses: Mapping[VehicleId, Address]) -> None:
         """Note where vehicles speak from, as far as that is new."""

@@ -53,7 +53,7 @@ CREATE TABLE events (              -- what the service's log says, and changes o
   session TEXT NOT NULL,
   unix_s REAL NOT NULL,
   level TEXT NOT NULL,
-  event TEXT NOT NULL,             -- vehicle_phase, show_phase, vehicle_mode, plan, link_failed ...
+  event TEXT NOT NULL,             -- vehicle_phase, show_phase, vehicle_mode, plan, cue, link_failed ...
   vehicle TEXT,
   detail TEXT NOT NULL             -- JSON
 );

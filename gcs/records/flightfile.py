@@ -33,6 +33,7 @@ WAITING_MAX: Final = 400
 """Moments, 20 s of them: as long as a disk may think."""
 
 STATUS_S: Final = 5.0  # again, though nothing changed, for who begins in the middle
+LED_S: Final = 1.0  # likewise, while a written show moves the plan
 SCENE_S: Final = 0.5
 
 
@@ -166,9 +167,10 @@ class _OpenFile:
             self._add("/log", what.unix_s, layout.log_message(*what))
             return
         unix_s, time_s = what.unix_time_s, what.fleet.time_s
-        status = (what.show, what.reason, what.plan, what.reasons, what.problems)
+        status = (what.show, what.reason, what.told, what.start_unix_time_s, what.reasons, what.problems)
         if time_s >= self._status_due_s or status != self._status:
-            self._status, self._status_due_s = status, time_s + STATUS_S
+            again_s = STATUS_S if what.selected is None else LED_S
+            self._status, self._status_due_s = status, time_s + again_s
             self._add("/fleet/status", unix_s, layout.status_message(what))
         if time_s >= self._scene_due_s:
             self._scene_due_s = time_s + SCENE_S

@@ -156,6 +156,8 @@ def status_message(moment: Moment) -> bytes:
             "show": moment.show.value,
             "reason": moment.reason,
             "plan": asdict(moment.plan),
+            "selected": None if moment.selected is None else asdict(moment.selected),
+            "start_unix_time_s": moment.start_unix_time_s,
             "reasons": moment.reasons,
             "problems": moment.problems,
         }

@@ -2,11 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from gcs.lifecycle import Phase, ShowPhase
-from gcs.plan import Plan
-from gcs.service import TickView
+from gcs.plan import Obstacle, Plan, Yaw
+from gcs.service import SelectedShow, TickView
 from gcs.state import Array, FleetState, Landed, Mode, Setpoints
+
+Told: TypeAlias = Plan | tuple[str, str, str, tuple[Obstacle, ...], Yaw]
+"""A plan, or the name, hash and cue of the show that leads it, with what that leaves to others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +34,8 @@ class Moment:
     show: ShowPhase
     reason: str
     plan: Plan
+    selected: SelectedShow | None  # the written show that leads the plan
+    start_unix_time_s: float | None  # ordered, and not reached yet
     center_m: tuple[float, float, float] | None
     center_velocity_m_s: tuple[float, float, float] | None
     radius_m: float | None
@@ -37,4 +43,12 @@ class Moment:
     timing: TickView
     control_alive: bool
     setpoints_sent: int
-    problems: tuple[str, ...]  # of links and record, in words
+    problems: tuple[str, ...]  # of the show, links and record, in words
+
+    @property
+    def told(self) -> Told:
+        """What was told: a written show moves the plan in every tick, and that is no news."""
+        show = self.selected
+        if show is None:
+            return self.plan
+        return show.name, show.hash, show.cue, self.plan.obstacles, self.plan.yaw

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite, nan
+from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from gcs.errors import GcsError, RefusedError, UnknownError
@@ -20,7 +21,11 @@ from gcs.service import (
     Latest,
     NoAudit,
     OrderRecord,
+    SelectedShow,
     ShowAction,
+    ShowCheck,
+    Shows,
+    StoredShow,
     TickView,
     VehicleAction,
     VehicleView,
@@ -52,6 +57,38 @@ def plan_of(raw: Mapping[str, Any], shift_s: float) -> Plan:
     )
 
 
+class NoShows:
+    """The show files of a replay: none, and none are taken. A `gcs.service.Shows`."""
+
+    def __init__(self, path: Path) -> None:
+        """`path` of the record."""
+        self._why = f"this is a replay of {path}: it keeps no shows"
+
+    async def listed(self) -> list[StoredShow]:
+        """None."""
+        return []
+
+    async def text(self, _name: str) -> str:
+        """Refused."""
+        raise RefusedError(self._why)
+
+    async def store(self, _name: str, _text: bytes) -> StoredShow:
+        """Refused."""
+        raise RefusedError(self._why)
+
+    async def remove(self, _name: str) -> None:
+        """Refused."""
+        raise RefusedError(self._why)
+
+    def check(self, _name: str) -> ShowCheck:
+        """Refused."""
+        raise RefusedError(self._why)
+
+    def checked(self, name: str) -> ShowCheck:
+        """Raises: UnknownError."""
+        raise UnknownError(f"{name} was never checked here: {self._why}")
+
+
 class Replay:
     """A `gcs.service.Service` over a recorded flight. Must be made on the running event loop."""
 
@@ -60,6 +97,7 @@ class Replay:
         self._data = data
         self._speed = speed
         self._audit = NoAudit()
+        self._shows = NoShows(data.path)
         try:
             self._frame = ShowFrame(**data.about.config["show_frame"])
         except (KeyError, TypeError, GcsError) as error:
@@ -88,6 +126,7 @@ class Replay:
 
     def _state(self, flown: Flown, *, alive: bool) -> FleetView:
         tick, status = flown.tick, flown.status
+        selected, start_unix_s = status["selected"], status["start_unix_time_s"]
         now_s = asyncio.get_running_loop().time()
         vehicles = self._vehicles(flown)
         problems: Sequence[str] = status["problems"]
@@ -115,6 +154,11 @@ class Replay:
                 *not_ours((v.id, v.phase) for v in vehicles),
                 *problems,
             ),
+            selected=None
+            if selected is None
+            else SelectedShow(**{**selected, "cues": tuple(selected["cues"])}),
+            start_unix_time_s=start_unix_s,
+            countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - flown.unix_s),
         )
 
     def _notice(self, flown: Flown, *, alive: bool) -> str:
@@ -183,7 +227,31 @@ class Replay:
     def _refuse(self) -> NoReturn:
         raise RefusedError(f"this is a replay of {self._data.path}: nothing can be ordered or changed")
 
-    def command_show(self, _action: ShowAction, _vehicles: Sequence[VehicleId] | None = None) -> OrderRecord:
+    @property
+    def shows(self) -> Shows:
+        """None."""
+        return self._shows
+
+    def command_show(
+        self,
+        _action: ShowAction,
+        _vehicles: Sequence[VehicleId] | None = None,
+        *,
+        show_hash: str | None = None,  # noqa: ARG002 (callers name it)
+        at_unix_time_s: float | None = None,  # noqa: ARG002
+    ) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
+    def select_show(self, _name: str, _show_hash: str) -> SelectedShow:
+        """Refused."""
+        self._refuse()
+
+    def deselect_show(self) -> None:
+        """Refused."""
+        self._refuse()
+
+    def seek_show(self, _cue: str) -> SelectedShow:
         """Refused."""
         self._refuse()
 

@@ -83,7 +83,13 @@ SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
     "/fleet/status": (
         "gcs.Status",
         _object(
-            show=_TEXT, reason=_TEXT, plan={"type": "object"}, reasons=_list(_TEXT), problems=_list(_TEXT)
+            show=_TEXT,
+            reason=_TEXT,
+            plan={"type": "object"},
+            selected={"type": ["object", "null"]},
+            start_unix_time_s=_MAYBE,
+            reasons=_list(_TEXT),
+            problems=_list(_TEXT),
         ),
     ),
     "/fleet/scene": (

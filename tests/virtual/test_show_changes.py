@@ -212,7 +212,7 @@ def test_nobody_is_ever_truly_inside_the_floor_whatever_changes(flight: Flight) 
         ("no such obstacle", UnknownError, "there are mast"),
         ("changed, not there", UnknownError, "no obstacle over"),
         ("resume", RefusedError, "it is from paused"),
-        ("start", RefusedError, "it is from idle, landed"),
+        ("start", RefusedError, "it is from countdown, idle, landed"),
         ("chosen stop", InvalidError, "only with start"),
         ("unknown order", UnknownError, "no order o999"),
     ],

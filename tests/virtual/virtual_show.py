@@ -134,11 +134,24 @@ class Track:
         return commanded / (len(self.moments) * period_s)
 
 
+class UnixClock:
+    """The clock that people read, which can be set wrong."""
+
+    def __init__(self) -> None:
+        self.ahead_s = 1_700_000_000.0  # of the loop's
+
+    def __call__(self) -> float:
+        return asyncio.get_running_loop().time() + self.ahead_s
+
+
 class Show:
     """A running service and its fake fleet, for a story to play with."""
 
-    def __init__(self, config: Config, fleet: Fleet, link: LoopbackLink, service: Orchestrator) -> None:
+    def __init__(
+        self, config: Config, fleet: Fleet, link: LoopbackLink, service: Orchestrator, unix: UnixClock
+    ) -> None:
         self.config = config
+        self.unix = unix
         self.fleet = fleet
         self.link = link
         self.service = service
@@ -308,7 +321,8 @@ def fly(
         link = LoopbackLink("loop", system_ids(plan.ids), fleet, plan.frame, deadman_s=plan.deadman_s)
         link.failures.extend(failures)
         links: list[Link] = [link]
-        show = Show(plan, fleet, link, Orchestrator(plan, links, record))
+        unix = UnixClock()
+        show = Show(plan, fleet, link, Orchestrator(plan, links, record, unix_s=unix), unix)
         services = {
             asyncio.create_task(show.service.run(), name="service"),
             asyncio.create_task(show.record(), name="record"),

@@ -3,6 +3,7 @@
 import socket
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -14,6 +15,7 @@ from api.app import create_app
 from gcs.client import Client
 from gcs.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
 from gcs.service import Outcome
+from gcs.show import load, shipped
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 
@@ -79,6 +81,38 @@ def test_the_client_calls_everything() -> None:
         assert [box.id for box in client.obstacles()] == [made.id, "tower"]
         client.remove_obstacle("tower")
         assert [box.id for box in service.plan.obstacles] == [made.id]
+
+
+def test_the_client_keeps_checks_and_selects_shows(tmp_path: Path) -> None:
+    service = FakeService(folder=tmp_path)
+    lighthouse = next(path for path in shipped() if path.stem == "lighthouse")
+    model = load(lighthouse).show
+    with client_of(service) as client:
+        shows = client.shows
+        assert shows.upload("lighthouse", lighthouse).size_bytes == lighthouse.stat().st_size
+        assert shows.upload("short", "about: nothing else").name == "short"
+        assert [each.name for each in shows.stored()] == ["lighthouse", "short"]
+        assert shows.text("short") == "about: nothing else"
+        assert shows.check("short").state == "waiting"
+        found = shows.wait_for_check("short", timeout_s=60)
+        assert (found.state, found.good) == ("done", False)
+        assert "origin" in " ".join(problem.text for problem in found.problems)
+        shows.remove("short")
+        with pytest.raises(UnknownError, match="no show 'short'"):
+            shows.text("short")
+        answer = {"good": True, "problems": [], "model": model.model_dump(mode="json")}
+        service.shows.found("lighthouse", lighthouse.read_bytes(), answer)
+        with pytest.raises(RefusedError, match="was checked with the hash"):
+            shows.select("lighthouse", "0" * 64)
+        assert shows.select("lighthouse", model.digest).name == "lighthouse"
+        assert shows.seek("up the tower").cue == "up the tower"
+        ahead_s = time.time() + 60.0
+        assert client.start(["d1"], show_hash=model.digest, at_unix_time_s=ahead_s).outcome == "pending"
+        service.tick()
+        assert client.show().start_unix_time_s == pytest.approx(ahead_s)
+        service.reset()
+        shows.deselect()
+        assert client.show().selected is None
 
 
 def test_the_client_waits_for_an_order_and_names_who_is_late() -> None:

@@ -31,12 +31,13 @@ from virtual_show import show_config
 EXAMPLES = 20
 """Of each operation and of each way to make one wrong; so that all of it takes less than a minute."""
 
-config = show_config(3)
 
-
-async def serve_fleet(tokens: Tokens, up: list[tuple[asyncio.AbstractEventLoop, asyncio.Event, int]]) -> None:
+async def serve_fleet(
+    tokens: Tokens, shows: Path, up: list[tuple[asyncio.AbstractEventLoop, asyncio.Event, int]]
+) -> None:
     """Orchestrator, fake fleet and API, until the event is set."""
     loop, enough = asyncio.get_running_loop(), asyncio.Event()
+    config = show_config(3, shows={"folder": shows})
     asked = settings_of(requirements(config.operation, config.control))
     fleet = Fleet(Settings(count=len(config.ids), grid_columns=2, parameters=asked), start_s=loop.time())
     link = LoopbackLink("loop", system_ids(config.ids), fleet, config.frame, deadman_s=config.deadman_s)
@@ -65,12 +66,15 @@ class Served(NamedTuple):
     headers: dict[str, str]
 
 
-@pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+# With a parameter every operation is a test with a name of its own; xdist runs but one of namesakes.
+@pytest.fixture(scope="module", params=[Role.OPERATE])
+def served(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Served]:
     file = tmp_path_factory.mktemp("access") / "tokens.json"
-    token = create_token(file, "tester", Role.OPERATE)
+    token = create_token(file, "tester", request.param)
     up: list[tuple[asyncio.AbstractEventLoop, asyncio.Event, int]] = []
-    thread = threading.Thread(target=lambda: asyncio.run(serve_fleet(Tokens(file), up)))
+    thread = threading.Thread(
+        target=lambda: asyncio.run(serve_fleet(Tokens(file), file.parent / "shows", up))
+    )
     thread.start()
     while not up:
         thread.join(0.05)

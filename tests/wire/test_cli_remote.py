@@ -4,6 +4,7 @@ import json
 import re
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,8 +20,10 @@ from gcs.cli import status
 from gcs.cli.main import main
 from gcs.cli.remote import CALLS, VEHICLE_HELP
 from gcs.client import Client
+from gcs.client_shows import Shows
 from gcs.lifecycle import Phase as LifePhase
-from gcs.service import Outcome
+from gcs.service import Outcome, SelectedShow
+from gcs.show import load, shipped
 from gcs.tokens import Tokens, create_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
@@ -36,6 +39,16 @@ EVERYTHING = [
     "phase",
     "vehicle list",
     "vehicle show d1",
+    "shows upload lighthouse FILE",
+    "shows list",
+    "shows text lighthouse",
+    "shows check lighthouse",
+    "shows checked lighthouse",
+    "good",
+    "shows select lighthouse HASH",
+    "shows seek lamp",
+    "shows deselect",
+    "shows remove lighthouse",
     "start d1 d2 d3",
     "order list",
     "order show o1",
@@ -70,7 +83,10 @@ EVERYTHING = [
     "hand-back d3",
     "abort",
 ]
-"""In an order in which each is possible; `!` brings everybody into the formation."""
+"""In an order in which each is possible; `!` has everybody in the formation, `good` has a check end well."""
+
+LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse")
+SHOW = load(LIGHTHOUSE).show
 
 
 class Listening:
@@ -107,13 +123,18 @@ def asked_of(service: FakeService, line: str) -> int:
     if word == "pilot":
         service.phases[names[0]] = LifePhase.PILOT
         return 0
-    return main(line.split())
+    if word == "good":
+        answer = {"good": True, "problems": [], "model": SHOW.model_dump(mode="json")}
+        service.shows.found("lighthouse", LIGHTHOUSE.read_bytes(), answer)
+        return 0
+    given = {"FILE": str(LIGHTHOUSE), "HASH": SHOW.digest}
+    return main([given.get(each, each) for each in line.split()])
 
 
 def test_there_is_a_command_for_every_operation_and_it_does_it(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    service = FakeService()
+    service = FakeService(folder=tmp_path)
     with station(service, monkeypatch) as heard:
         failed = {line: capsys.readouterr() for line in EVERYTHING if asked_of(service, line)}
     assert failed == {}
@@ -133,8 +154,9 @@ def test_there_is_a_command_for_every_operation_and_it_does_it(
 
 
 def test_every_method_of_the_client_is_a_command() -> None:
-    methods = {name for name in vars(Client) if not name.startswith("_")}
+    methods = {name for kind in (Client, Shows) for name in vars(kind) if not name.startswith("_")}
     assert methods - {call.method.__name__ for call in CALLS} == {
+        "wait_for_check",
         "close",
         "wait_for",
         "command",
@@ -190,6 +212,12 @@ def test_an_order_can_be_waited_for_and_what_fails_is_the_exit_code(
         ("state --url http://127.0.0.1:9", 3, "no answer from http://127.0.0.1:9"),
         ("state --url nonsense", 3, "no answer from nonsense"),
         ("state --ca-file none.pem", 2, "none.pem: no PEM certificate"),
+        ("shows upload mine none.yaml", 2, "file = none.yaml: a file to read: No such file"),
+        ("shows checked mine", 1, "mine"),
+        ("shows seek turn", 1, "no show is selected"),
+        (f"start --show-hash {'0' * 64}", 1, "not the hash of the show that is selected"),
+        ("start --show-hash 12", 2, "show_hash = 12"),
+        ("start --at-unix-time-s nan", 2, "at_unix_time_s = NaN"),
     ],
 )
 def test_what_is_refused_is_told_with_an_exit_code_of_its_kind(
@@ -249,12 +277,16 @@ def test_status_shows_who_is_where_and_what_is_wrong(
     service = FakeService()
     service.fly()
     service.phases["d3"] = LifePhase.LOST
+    service.selected = SelectedShow("tour", "ab" * 32, "walk", ("walk",), 3.25, 60.0, True, False)
+    service.start_unix_s = time.time() + 3600.0
     service.tick()
     monkeypatch.setenv("COLUMNS", "140")
     with station(service, monkeypatch):
         assert main(["status", "--once"]) == 0
         shown = capsys.readouterr().out
         assert main(["status", "--once", "--url", "http://127.0.0.1:9"]) == 3
+    assert re.search(r"tour: walk +3\.2 of 60\.0 s", shown)
+    assert re.search(r"countdown +3\d{3}\.\d s", shown)
     for words in (["running"], ["nearest two 5.0 m"], ["d1", "formation", "75%"], ["d3", "lost", "?"]):
         assert any(all(word in line for word in words) for line in shown.splitlines()), words
     assert "separation from d9" in shown

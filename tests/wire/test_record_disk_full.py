@@ -47,6 +47,8 @@ def moment(tick: int) -> Moment:
         show=ShowPhase.IDLE,
         reason="",
         plan=PLAN,
+        selected=None,
+        start_unix_time_s=None,
         center_m=None,
         center_velocity_m_s=None,
         radius_m=None,

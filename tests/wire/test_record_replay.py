@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from gcs.records import layout
 from gcs.records.flightfile import FlightFile
 from gcs.records.moment import Moment
 from gcs.records.replay import NOTHING_COUNTED
-from gcs.service import TickView
+from gcs.service import SelectedShow, TickView
 from gcs.state import FleetState, Landed, Mode, Setpoints
 
 SECONDS, SPEED = 20.0, 10.0
@@ -52,6 +53,8 @@ def moment(at_s: float) -> Moment:
         show=ShowPhase.RUNNING,
         reason="the sphere stands",
         plan=Plan(Formation(10.0, 20.0), obstacles=(BOX,)),
+        selected=SelectedShow("small", "ab" * 32, "walk", ("stand", "walk"), at_s, 42.0, True, False),
+        start_unix_time_s=1.7e9 + 60.0,
         center_m=(0.0, 0.0, -20.0),
         center_velocity_m_s=(0.0, 0.0, 0.0),
         radius_m=10.0,
@@ -108,7 +111,14 @@ def test_the_stream_shows_the_flight_in_its_time_and_orders_are_refused(recorded
         assert d1.setpoint is not None
         assert d2.setpoint is None
         assert d1.position.latitude_deg == pytest.approx(47.3977, abs=0.01)
-        for order in (client.stop, client.start, lambda: client.change_orbit(radius_m=5.0)):
+        assert fleet.show.selected is not None
+        assert (fleet.show.selected.name, fleet.show.selected.cue) == ("small", "walk")
+        assert fleet.show.start_unix_time_s == pytest.approx(1.7e9 + 60.0)
+        assert client.shows.stored() == []
+        with pytest.raises(RefusedError, match=r"this is a replay of .*: it keeps no shows"):
+            client.shows.upload("small", "about: nothing")
+        seek = partial(client.shows.seek, "stand")
+        for order in (client.stop, client.start, lambda: client.change_orbit(radius_m=5.0), seek):
             with pytest.raises(
                 RefusedError, match=r"this is a replay of .*: nothing can be ordered or changed"
             ):

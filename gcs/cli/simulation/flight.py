@@ -17,7 +17,9 @@ from gcs.cli.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
 from gcs.errors import RefusedError
 from gcs.feasibility import check_obstacle
+from gcs.flight import BEHIND_M
 from gcs.formation.neighbours import Sight
+from gcs.homeward import Planner, Ways, plan_ways
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.state import Array, FleetState, Mask, Traits
@@ -45,6 +47,8 @@ class SimulatedFlight:
         self.descending = np.zeros(n, dtype=bool)
         self.present = np.ones(n, dtype=bool)
         self.center_moves = False
+        self.pads_m: Array | None = None  # (n, 3) where everybody comes down; None: below where it began
+        self._ways: Ways | None = None
         self.memory = Memory.fresh(n, 0.0)
         uncertainty_m = self.floor.uncertainty_m * min(1.0, scenario.world.noise)
         self.traits = Traits.alike(n, uncertainty_m)
@@ -93,6 +97,7 @@ class SimulatedFlight:
             self.descending.copy(),
             np.zeros((0, 2, 3)),
             center_moves=self.center_moves,
+            on_a_way=self._on_a_way(),
             sight=self.sight(),
         )
         began_s = time.thread_time()
@@ -138,6 +143,53 @@ class SimulatedFlight:
             self.record.violating.update(pairs)
         return float(distance_m)
 
+    def come_home(self, takeoff_height_m: float, *, begin: bool) -> None:
+        """Lead everybody home and down through the filter; once a tick, `begin` the first time."""
+        here_m = self.world.heard_m
+        if begin:
+            self.record.changed_s = self.time_s
+            self.task[self.present] = Task.GOAL
+            pads_m = self.record.start_m * (1.0, 1.0, 0.0) if self.pads_m is None else self.pads_m
+            self.record.goal_m = pads_m
+            self._ways = self._ways_home(here_m, pads_m, takeoff_height_m)
+        flown = (self.task == Task.GOAL) & self.present
+        pads_m, ways, since_s = self.record.goal_m, self._ways, self.time_s - self.record.changed_s
+        if ways is None:
+            return
+        for row in np.flatnonzero(flown & ~self.descending).tolist():
+            self.goal_m[row] = ways.goal_m(row, since_s)
+        over = flown & (np.hypot(*(here_m - pads_m)[:, :2].T) < ABOVE_HOME_M) & (since_s >= ways.over_s)
+        arrived = over & ~self.descending
+        self.descending = self.descending | arrived
+        self.goal_m[arrived] = pads_m[arrived]
+        low = flown & self.descending & (-here_m[:, 2] < HANDOVER_HEIGHT_M)
+        self.task[low] = Task.NONE
+        self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
+
+    def _on_a_way(self) -> Mask | None:
+        """As `gcs.flight`."""
+        if self._ways is None:
+            return None
+        near = np.linalg.norm(self.goal_m - self.world.heard_m, axis=1) < BEHIND_M
+        near[list(self._ways.unplanned)] = False
+        return np.asarray(near & ~self.descending)
+
+    def _ways_home(self, here_m: Array, pads_m: Array, takeoff_height_m: float) -> Ways:
+        """As the director plans them."""
+        return plan_ways(
+            Planner(
+                here_m,
+                pads_m,
+                takeoff_height_m,
+                HANDOVER_HEIGHT_M,
+                speed_m_s=self.settings.law.speed_m_s,
+                goal_rate_per_s=self.settings.law.goal_rate_per_s,
+                limits=self.settings.safety.limits,
+                floor=self.floor,
+                uncertainty_m=2.0 * float(np.array(self.traits.uncertainty_m).max()),
+            )
+        )
+
     def vanish(self, rows: Mask) -> None:
         """Gone, from one moment to the next."""
         self.present = self.present & ~rows
@@ -167,6 +219,9 @@ class FormationRun(SimulatedFlight):
             start_m = start_m + np.array([drawn.orbit_radius_m, 0.0, 0.0])
         plan = Plan(Formation(radius_m, height_m), orbit)
         super().__init__(scenario, start_m, np.full((everyone, 3), np.nan), plan, seed)
+        if flight.pads == "shuffled":
+            grid_m = layout.grid_m(everyone, flight.spacing_m, 0.0)
+            self.pads_m = grid_m[self._random.permutation(everyone)]
         self.record.orbit_radius_m = orbit.radius_m
         self.task[:count] = Task.FORMATION
         self._joining = np.arange(everyone) >= count
@@ -249,30 +304,13 @@ class FormationRun(SimulatedFlight):
     def _end(self) -> None:
         """Home and down through the filter, or everybody at once by the autopilot's own means."""
         if self.flight.ending == "return":
-            self._come_home(begin=not self._ended)
+            self.come_home(self.flight.takeoff_height_m, begin=not self._ended)
         elif not self._ended:
             flying = self.present & self.world.in_air
             self.task[:] = Task.NONE
             sinking_m_s = {"descend": DESCEND_M_S, "land": TOUCHDOWN_M_S, "hold": 0.0}[self.flight.ending]
             self.world.leave_to_themselves(flying, sinking_m_s)
         self._ended = True
-
-    def _come_home(self, *, begin: bool) -> None:
-        pads_m = self.record.start_m * (1.0, 1.0, 0.0)
-        here_m = self.world.heard_m
-        if begin:
-            self.record.changed_s = self.time_s
-            self.task[self.present] = Task.GOAL
-            self.goal_m = pads_m.copy()
-            self.goal_m[:, 2] = np.minimum(here_m[:, 2], -self.flight.takeoff_height_m)
-            self.record.goal_m = pads_m
-        flown = (self.task == Task.GOAL) & self.present
-        arrived = flown & (np.hypot(*(here_m - pads_m)[:, :2].T) < ABOVE_HOME_M) & ~self.descending
-        self.descending = self.descending | arrived
-        self.goal_m[arrived] = pads_m[arrived]
-        low = flown & self.descending & (-here_m[:, 2] < HANDOVER_HEIGHT_M)
-        self.task[low] = Task.NONE
-        self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
     def finished(self) -> bool:
         """When all are down; among random boxes some time after the last came nearer to one."""

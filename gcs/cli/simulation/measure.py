@@ -260,11 +260,15 @@ def _on_orbit_s(record: Record, flight: FormationFlight | ArticleFlight) -> floa
     return None
 
 
+TOTAL_SHARE, TOTAL_SPARE_S = 1.5, 10.0
+"""`arrival.late_s`: how much later the last came than that share of the longest straight line and so much."""
+
+
 def arrival(record: Record) -> dict[str, object]:
     """Who arrived, and how much later than straight flight at the limits would have been."""
     flight, scenario = record.scenario.flight, record.scenario
     if not np.isfinite(record.goal_m).all():
-        return dict.fromkeys(("arrived", "median_ratio", "worst_ratio"))
+        return dict.fromkeys(("arrived", "median_ratio", "worst_ratio", "total_s", "late_s"))
     limits = scenario.control.safety.limits
     begin = int(np.searchsorted(record.time_s, record.changed_s - 1e-9))
     way_m = record.goal_m - record.position_m[begin]
@@ -281,6 +285,8 @@ def arrival(record: Record) -> dict[str, object]:
         "arrived": int(ever.sum()),
         "median_ratio": rounded(float(np.median(ratio))),
         "worst_ratio": rounded(float(ratio.max())),
+        "total_s": rounded(float(took_s.max())),
+        "late_s": rounded(float(took_s.max() - (TOTAL_SHARE * straight_s.max() + TOTAL_SPARE_S))),
     }
 
 

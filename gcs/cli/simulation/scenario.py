@@ -139,6 +139,7 @@ class FormationFlight(Settings):
 
     kind: Literal["formation"]
     start: Literal["grid", "random", "square", "sphere"] = "grid"
+    pads: Literal["below", "shuffled"] = "below"  # below the start; a grid on the ground, anybody's anywhere
     spacing_m: Positive = 4.0
     takeoff_height_m: Positive = 5.0
     radius_m: Positive | None = None  # None: max(10, 1.4 sqrt(N))

@@ -7,11 +7,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import sqrt
+from pathlib import Path
 
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
+from gcs.repertoire import Repertoire
 from gcs.service import (
     WHO,
     Audit,
@@ -21,6 +23,7 @@ from gcs.service import (
     NoAudit,
     OrderRecord,
     Outcome,
+    SelectedShow,
     ShowAction,
     TickView,
     VehicleAction,
@@ -46,8 +49,11 @@ EVENT = {
 class FakeService:
     """Vehicles d1, d2 ... on the ground, 5 m apart along y."""
 
-    def __init__(self, count: int = 3, clock_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, count: int = 3, clock_s: Callable[[], float] = time.monotonic, folder: Path | None = None
+    ) -> None:
         self._clock_s = clock_s
+        self.shows = Repertoire(folder)
         self.phases: dict[str, Phase] = {}
         self.orders_by_id: dict[str, OrderRecord] = {}
         self.ticks = 0
@@ -72,6 +78,8 @@ class FakeService:
     def _begin(self, count: int) -> None:
         self.phases = {f"d{index + 1}": Phase.STANDBY for index in range(count)}
         self.show = ShowPhase.IDLE
+        self.selected: SelectedShow | None = None
+        self.start_unix_s: float | None = None
         self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
         self.orders_by_id = {}
 
@@ -93,11 +101,43 @@ class FakeService:
         self.phases = dict.fromkeys(self.phases, Phase.FORMATION)
         self.tick()
 
-    def command_show(self, action: ShowAction, vehicles: Sequence[str] | None = None) -> OrderRecord:
+    def command_show(
+        self,
+        action: ShowAction,
+        vehicles: Sequence[str] | None = None,
+        *,
+        show_hash: str | None = None,
+        at_unix_time_s: float | None = None,
+    ) -> OrderRecord:
         for name in vehicles or ():
             self._require(name)
-        self.show = advance_show(self.show, ShowEvent(action.value))
+        if show_hash != (None if self.selected is None else self.selected.hash):
+            raise RefusedError("that is not the hash of the show that is selected")
+        if at_unix_time_s is not None and at_unix_time_s <= time.time():
+            raise InvalidError("at_unix_time_s", at_unix_time_s, "ahead")
+        event = ShowEvent(action.value) if at_unix_time_s is None else ShowEvent.SCHEDULE
+        self.show = advance_show(self.show, event)
+        self.start_unix_s = at_unix_time_s
         return self._accept(f"show {action}", vehicles or tuple(self.phases))
+
+    def select_show(self, name: str, show_hash: str) -> SelectedShow:
+        timeline = self.shows.cleared(name, show_hash)
+        cues = tuple(one.cue.cue for one in timeline.played)
+        self.selected = SelectedShow(
+            name, show_hash, cues[0], cues, 0.0, timeline.duration_s, runs=False, target_is_live=False
+        )
+        return self.selected
+
+    def deselect_show(self) -> None:
+        self.selected = None
+
+    def seek_show(self, cue: str) -> SelectedShow:
+        if self.selected is None:
+            raise RefusedError("no show is selected")
+        if cue not in self.selected.cues:
+            raise UnknownError(f"there is no cue {cue}")
+        self.selected = replace(self.selected, cue=cue)
+        return self.selected
 
     def command_vehicle(self, vehicle_id: str, action: VehicleAction) -> OrderRecord:
         self._require(vehicle_id)
@@ -200,6 +240,9 @@ class FakeService:
             control_alive=self.control_alive,
             setpoints_sent=self.ticks * len(self.phases),
             interventions=7,
+            selected=self.selected,
+            start_unix_time_s=self.start_unix_s,
+            countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
         )
 
     def _vehicle(self, index: int) -> VehicleView:

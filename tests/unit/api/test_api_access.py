@@ -54,7 +54,10 @@ def station(tmp_path: Path) -> Station:
     return Station(tmp_path)
 
 
-READS = ["/api/v1/fleet", "/api/v1/orders", "/metrics", "/api/v1/no-such-place"]
+READS = [
+    *("/api/v1/fleet", "/api/v1/orders", "/api/v1/shows", "/api/v1/shows/lighthouse/check"),
+    *("/metrics", "/api/v1/no-such-place"),
+]
 ORDERS = [
     ("POST", "/api/v1/show/start"),
     ("POST", "/api/v1/show/resume"),
@@ -64,6 +67,12 @@ ORDERS = [
     ("PATCH", "/api/v1/formation"),
     ("PUT", "/api/v1/target"),
     ("DELETE", "/api/v1/obstacles/land"),
+    ("PUT", "/api/v1/shows/lighthouse"),
+    ("DELETE", "/api/v1/shows/stop"),
+    ("POST", "/api/v1/shows/stop/check"),
+    ("POST", "/api/v1/shows/lighthouse/select"),
+    ("POST", "/api/v1/show/seek"),
+    ("POST", "/api/v1/show/deselect"),
     ("POST", "/api/v1/obstacles"),
     ("POST", "/api/v1/no-such-place"),
     ("POST", "/api/v1/obstacles/stop"),

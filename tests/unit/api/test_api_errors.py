@@ -267,7 +267,7 @@ def test_an_unknown_path_or_method_has_the_same_error_shape(
 class BrokenService(FakeService):
     """Raises what no request should be able to cause, and what a lost transport causes."""
 
-    def command_show(self, action: ShowAction, vehicles: object = None) -> OrderRecord:
+    def command_show(self, action: ShowAction, vehicles: object = None, **_: object) -> OrderRecord:
         if action is ShowAction.STOP:
             raise LinkError("control does not answer")
         if action is ShowAction.PAUSE:

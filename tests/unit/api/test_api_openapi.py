@@ -21,7 +21,7 @@ def operations(document: Any) -> dict[str, Any]:
 
 def test_every_operation_has_a_name_of_its_own_a_summary_and_a_tag(operations: dict[str, Any]) -> None:
     names = [operation["operationId"] for operation in operations.values()]
-    assert len(names) == len(set(names)) == 34
+    assert len(names) == len(set(names)) == 43
     assert all(name.isidentifier() for name in names)
     assert all(operation["summary"] and operation["description"] for operation in operations.values())
     assert all(len(operation["tags"]) == 1 for operation in operations.values())
@@ -46,7 +46,7 @@ def test_every_command_documents_what_it_may_answer(operations: dict[str, Any]) 
         assert documented >= {"401", "403", "429", "500"}, name
         if not name.startswith("get"):
             assert documented >= {"400", "409", "413", "422", "503"}, name
-        if "{" in name:
+        if "{" in name and name != "put /api/v1/shows/{name}":  # what is not there, it makes
             assert documented >= {"404", "422"}, name
     assert "202" in operations["post /api/v1/show/start"]["responses"]
     assert "201" in operations["post /api/v1/obstacles"]["responses"]
@@ -73,7 +73,8 @@ def test_every_number_names_its_unit(document: Any) -> None:
         for field, described in schema.get("properties", {}).items()
         if "number" in json.dumps(described) and not field.endswith(units)
     }
-    assert without == {"battery_remaining", "link_quality", "value"}  # shares of 1, and what was wrong
+    # shares of 1, and what was wrong
+    assert without == {"battery_remaining", "battery_need", "link_quality", "value"}
 
 
 def test_the_docs_are_at_docs_and_need_no_internet(document: Any) -> None:

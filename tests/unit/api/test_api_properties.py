@@ -18,6 +18,8 @@ NAMES = st.sampled_from(
             *wire.GeodeticTarget.model_fields,
             *wire.ObstaclePost.model_fields,
             *wire.StartBody.model_fields,
+            "hash",
+            "cue",
             "\ud800",
         }
     )
@@ -55,6 +57,10 @@ ENDPOINTS = st.sampled_from(
         ("PUT", "/obstacles/box-1"),
         ("POST", "/show/start"),
         ("POST", "/show/stop"),
+        ("POST", "/show/seek"),
+        ("POST", "/shows/lighthouse/select"),
+        ("PUT", "/shows/lighthouse"),
+        ("DELETE", "/shows/lighthouse"),
         ("POST", "/vehicles/d1/kill"),
         ("POST", "/vehicles/d1/land"),
     ]

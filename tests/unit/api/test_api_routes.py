@@ -22,7 +22,14 @@ def test_the_fleet_shows_everything_at_one_instant(api: Api) -> None:
     api.service.fly()
     fleet = api("GET", "/api/v1/fleet").json()
     assert fleet["control_alive"] is True
-    assert fleet["show"] == {"phase": "running", "reason": "", "possible": ["stop", "pause", "abort"]}
+    assert fleet["show"] == {
+        "phase": "running",
+        "reason": "",
+        "possible": ["stop", "pause", "abort"],
+        "selected": None,
+        "start_unix_time_s": None,
+        "countdown_s": None,
+    }
     assert fleet["formation"] == {
         "radius_m": 10.0,
         "height_m": 20.0,

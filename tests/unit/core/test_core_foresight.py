@@ -132,7 +132,7 @@ def refusal(count: int, action: Action, radius_m: float = 15.0, *, orbit_m: floa
         check_setpoint_loss(
             tuple(f"d{i + 1}" for i in range(count)),
             pads(count),
-            Plan(Formation(radius_m, radius_m + 10.0), Orbit(orbit_m, 2.5), Target(6.0, 4.0)),
+            [("", Plan(Formation(radius_m, radius_m + 10.0), Orbit(orbit_m, 2.5), Target(6.0, 4.0)))],
             CONTROL,
             np.full(count, 0.35),
             action,
@@ -168,3 +168,26 @@ def test_a_sphere_too_small_for_any_action_says_so() -> None:
 @pytest.mark.parametrize("action", ACTIONS)
 def test_one_vehicle_may_do_as_it_likes(action: Action) -> None:
     assert refusal(1, action) == ""
+
+
+def test_a_formation_that_spins_needs_more_room_and_the_cue_that_asks_for_it_is_named() -> None:
+    def refused_at(spin_rad_s: float) -> str:
+        standing = Plan(Formation(12.0, 22.0), target=Target(6.0, 4.0))
+        small = Plan(Formation(5.0, 22.0, spin_rad_s), target=Target(6.0, 4.0))
+        try:
+            check_setpoint_loss(
+                tuple(f"d{i + 1}" for i in range(8)),
+                pads(8),
+                [("wide", standing), ("small", small)],
+                CONTROL,
+                np.full(8, 0.35),
+                "hold",
+                30.0,
+            )
+        except RefusedError as refused:
+            return str(refused)
+        return ""
+
+    assert refused_at(0.0) == ""
+    assert "at cue 'small'" in refused_at(3.0)
+    assert "at cue 'small'" in refused_at(-3.0)

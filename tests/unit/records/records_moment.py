@@ -8,7 +8,7 @@ from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Formation, Plan
 from gcs.records.moment import Moment
 from gcs.records.replay import NOTHING_COUNTED
-from gcs.service import TickView
+from gcs.service import SelectedShow, TickView
 from gcs.state import Array, FleetState, Landed, Mode, Setpoints
 
 PLAN = Plan(Formation(radius_m=10.0, height_m=20.0))
@@ -30,6 +30,7 @@ def moment(
     homes: Sequence[Array | None] | None = None,
     show: ShowPhase = ShowPhase.RUNNING,
     plan: Plan = PLAN,
+    selected: SelectedShow | None = None,
     reasons: Sequence[str] | None = None,
     uncertainty_m: float = 0.35,
 ) -> Moment:
@@ -56,6 +57,8 @@ def moment(
         show=show,
         reason="the sphere stands",
         plan=plan,
+        selected=selected,
+        start_unix_time_s=None,
         center_m=(0.0, 0.0, -20.0),
         center_velocity_m_s=(1.0, 0.0, 0.0),
         radius_m=10.0,

@@ -6,6 +6,7 @@ import sqlite3
 import time
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,13 @@ from gcs.errors import GcsError
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.links.roster import Address
 from gcs.orders import OrderBook
-from gcs.plan import Formation, Plan
+from gcs.plan import Formation, Obstacle, Plan
 from gcs.records import last_known
 from gcs.records.database import VERSION
 from gcs.records.journal import Journal, Row
 from gcs.records.known import AUDIT, calls, events, orders
 from gcs.records.record import Record
-from gcs.service import WHO, Call, Outcome
+from gcs.service import WHO, Call, Outcome, SelectedShow
 from gcs.state import Mode
 
 VEHICLES = {"d1": (1, "radio"), "d2": (2, "radio")}
@@ -134,6 +135,22 @@ def test_what_changes_nothing_writes_nothing(tmp_path: Path) -> None:
             record.note(moment(time_s=100.0 + tick / 20), [])
     assert len(events(tmp_path)) == 2  # the modes as first heard
     assert PLAN.formation.radius_m == last_known(tmp_path).show.plan["formation"]["radius_m"]  # type: ignore[union-attr]
+
+
+def test_a_written_show_moves_the_plan_all_the_time_and_is_told_cue_by_cue(tmp_path: Path) -> None:
+    cues = ("stand", "walk")
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        for tick in range(100):
+            show = SelectedShow("small", "ab" * 32, cues[tick // 50], cues, tick / 20, 5.0, True, False)
+            plan = Plan(Formation(radius_m=10.0 + tick / 100, height_m=20.0))
+            record.note(moment(time_s=100.0 + tick / 20, plan=plan, selected=show), [])
+        tower = Obstacle("tower", 5.0, 6.0, 1.0, 2.0, 30.0)
+        told = replace(plan, obstacles=(tower,))
+        record.note(moment(time_s=105.0, plan=told, selected=show), [])
+    shown = [event for event in events(tmp_path) if event["event"] != "vehicle_mode"]
+    assert [event["event"] for event in shown] == ["cue", "plan", "cue", "plan"]
+    assert shown[2]["detail"] == {"name": "small", "hash": "ab" * 32, "cue": "walk"}
+    assert shown[3]["detail"]["obstacles"][0]["id"] == "tower"
 
 
 def test_an_audit_is_read_while_the_service_writes(tmp_path: Path) -> None:

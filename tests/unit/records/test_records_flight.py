@@ -5,7 +5,7 @@ import os
 import random
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +72,7 @@ def test_every_tick_is_read_back_as_it_was(tmp_path: Path) -> None:
         assert [data.about.phases[number] for number in tick.vehicles["phase"]] == list(was.phases)
         assert [data.about.modes[number] for number in tick.vehicles["mode"]] == [Mode.OFFBOARD] * 2
         assert tick.status["reasons"] == list(was.reasons)
-        assert tick.status["plan"]["formation"] == {"radius_m": 10.0, "height_m": 20.0}
+        assert tick.status["plan"]["formation"] == asdict(was.plan.formation)
         assert tick.tick["restrained_by"] == {"d2": "separation from d1"}
         assert tick.tick["time_s"] == was.fleet.time_s
 

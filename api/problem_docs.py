@@ -1,0 +1,43 @@
+"""What routes have in common: how their errors and the token are documented, and what no fields means."""
+
+from typing import Any, Final
+
+from fastapi import Depends
+from fastapi.security import HTTPBearer
+from starlette.requests import Request
+
+from api import wire
+from gcs.errors import InvalidError
+
+MEANING: Final = {
+    400: "The body cannot be read.",
+    401: "No token, or one that is not known.",
+    403: "A token whose role may not do this, a foreign web page, or a host name that is not this service's.",
+    404: "No such thing.",
+    408: "The body did not come in time.",
+    409: "Proper, but not now; `detail` says why and what to do.",
+    413: "The body is too large.",
+    429: "Too many calls; `Retry-After` says when to come again.",
+    422: "Bad input; `problems` names each field, its value and what is allowed.",
+    500: "A bug of this service.",
+    503: "Control is not alive; `detail` says why.",
+}
+
+
+def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """How the errors that a route may answer are documented."""
+    return {status: {"model": wire.ErrorBody, "description": MEANING[status]} for status in statuses}
+
+
+async def _no_body(request: Request) -> None:
+    """Whoever sends details with a command that has none means something that would not happen."""
+    body = await request.body()
+    if body.strip() not in (b"", b"{}", b"null"):
+        raise InvalidError("body", body.decode(errors="replace"), "empty: this request has no fields")
+
+
+TOKEN: Final = [Depends(HTTPBearer(auto_error=False, description="See `gcs token create`."))]
+NO_BODY: Final = [Depends(_no_body)]
+READ: Final = errors(422)
+WRITE: Final = errors(400, 408, 413, 422)
+COMMAND: Final = WRITE | errors(409, 503)

@@ -1,0 +1,107 @@
+"""The JSON names of show files and their checks."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from api.wire import HASH_EXAMPLE, HASH_PATTERN, Inward, Measured, Outward
+from gcs.service import CheckState
+
+NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,59}$"
+
+ShowHash = Annotated[
+    str,
+    Field(
+        pattern=HASH_PATTERN,
+        description="Of everything that is flown, as the show's check tells it.",
+        examples=[HASH_EXAMPLE],
+    ),
+]
+
+
+# In
+
+
+class SelectBody(Inward):
+    """Which show is meant: the one that was checked."""
+
+    hash: ShowHash
+
+
+class SeekBody(Inward):
+    """Where the show begins."""
+
+    cue: Annotated[str, Field(min_length=1, max_length=60, examples=["walk round"])]
+
+
+# Out
+
+
+class StoredShow(Outward):
+    """A show file that the service keeps."""
+
+    name: str
+    size_bytes: int
+    sha256: str = Field(description="Of the file; what is flown has a hash of its own.")
+
+
+class ShowText(Outward):
+    """A show file and what is in it."""
+
+    name: str
+    text: str = Field(description="YAML, as it was uploaded.")
+
+
+class ShowProblem(Outward):
+    """One thing that is wrong with a show, and where to mend it."""
+
+    line: int
+    cue: str | None
+    text: str
+
+
+class CueFigures(Outward):
+    """One passage of a cue, as it flew in virtual time."""
+
+    cue: str
+    line: int
+    at_s: float
+    radius_m: float
+    height_m: float
+    separation_m: Measured = Field(description="Smallest, in the floor's metric.")
+    speed_m_s: Measured
+    radius_error_m: Measured
+    center_off_m: Measured
+    held_back: int
+
+
+class ShowFigures(Outward):
+    """How a show flew in virtual time, by true positions."""
+
+    vehicles: int
+    show_s: float
+    assembled_s: float
+    home_s: Measured
+    floor_m: float
+    separation_min_m: float
+    separation_min_at: str
+    pairs_below_floor: int
+    speed_max_m_s: float
+    climb_max_m_s: float
+    sink_max_m_s: float
+    fence_distance_margin_m: float
+    fence_height_margin_m: float
+    battery_need: float = Field(description="Share of a full battery, reserve included.")
+    cues: list[CueFigures]
+
+
+class ShowCheck(Outward):
+    """What is known of a show that is, or was, checked; only a good one may be selected."""
+
+    name: str
+    state: CheckState
+    reason: str = Field(description="Why the check itself failed; it says nothing of the show then.")
+    hash: str | None
+    good: bool
+    problems: list[ShowProblem]
+    figures: ShowFigures | None = Field(description="null: not flown.")

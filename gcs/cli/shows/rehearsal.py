@@ -1,0 +1,127 @@
+"""A show flown in virtual time: hovering, assembling, the timeline, home."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gcs.cli.simulation.flight import SimulatedFlight
+from gcs.cli.simulation.record import Record
+from gcs.cli.simulation.scenario import FormationFlight, Judged, Scenario, World
+from gcs.control import Task
+from gcs.errors import RefusedError
+from gcs.feasibility import check_obstacle
+from gcs.flight import stands
+from gcs.plan import Obstacle, Plan
+from gcs.show import Flaw, LoadedShow, Played
+from gcs.state import Array
+
+ASSEMBLED_BY_S = 120.0
+"""A sphere that does not stand by then never will."""
+
+HOME_BY_S = 400.0
+"""Nor will somebody come home who has not by then."""
+
+
+class Rehearsal(SimulatedFlight):
+    """One flight of a show; what was wrong on the way is in `flaws`."""
+
+    def __init__(self, loaded: LoadedShow, world: World, seed: int) -> None:
+        """`world` is how vehicles and links are."""
+        show, timeline = loaded.show, loaded.timeline
+        self.loaded, self.timeline = loaded, timeline
+        self.began_s: float | None = None  # the show's clock: when the sphere stood
+        self.ended_s: float | None = None  # when everybody was sent home
+        self.flaws: list[Flaw] = []
+        self._refused: set[str] = set()
+        first = timeline.plan_at(0.0)
+        flight = FormationFlight(
+            kind="formation",
+            radius_m=first.formation.radius_m,
+            height_m=first.formation.height_m,
+            takeoff_height_m=show.fleet.takeoff_height_m,
+        )
+        scenario = Scenario(
+            name=loaded.name,
+            about=show.about,
+            duration_s=ASSEMBLED_BY_S + timeline.duration_s + HOME_BY_S,
+            flight=flight,
+            judged=Judged(vehicles=(show.fleet.vehicles,)),
+            world=world,
+            control=show.control,
+        )
+        start_m = show.pads_m - (0.0, 0.0, show.fleet.takeoff_height_m)
+        super().__init__(scenario, start_m, np.full_like(start_m, np.nan), first, seed)
+        self.task[:] = Task.FORMATION
+
+    def show_time_s(self, time_s: float) -> float:
+        """The show's time at a virtual time; below 0 before it began, past its duration on the way home."""
+        return -1.0 if self.began_s is None else time_s - self.began_s
+
+    def before_tick(self) -> None:
+        """What the director would do now."""
+        if self.began_s is None:
+            self._assemble()
+        if self.began_s is not None and self.ended_s is None:
+            self._play(self.time_s - self.began_s)
+        if self.ended_s is not None:
+            begin = self.center_moves
+            self.center_moves = False
+            self.come_home(self.loaded.show.fleet.takeoff_height_m, begin=begin)
+
+    def finished(self) -> bool:
+        """When everybody is down."""
+        return self.ended_s is not None and not self.record.in_air[-1].any()
+
+    def _assemble(self) -> None:
+        center = self.memory.center
+        charge = np.array(self.traits.charge)
+        if center is not None and stands(
+            self.world.heard_m - center.position_m, self.memory.radius_m, charge
+        ):
+            self.began_s = self.time_s
+        elif self.time_s > ASSEMBLED_BY_S:
+            words = f"the sphere does not stand after {ASSEMBLED_BY_S:g} s"
+            self.flaws.append(Flaw(("timeline", 0), words))
+            self.began_s = self.time_s
+        self.center_moves = self.began_s is not None
+
+    def _play(self, show_s: float) -> None:
+        plan = self.timeline.plan_at(show_s, clock_s=self.time_s)
+        self.plan = self._with_possible_obstacles(plan, self.timeline.cue_at(show_s))
+        if show_s >= self.timeline.duration_s:
+            self.ended_s = self.time_s
+
+    def _with_possible_obstacles(self, plan: Plan, one: Played) -> Plan:
+        """Obstacles that appear on somebody, or too close ahead, are refused as in flight."""
+        known = {box.id for box in self.plan.obstacles}
+        possible: list[Obstacle] = []
+        for box in plan.obstacles:
+            if box.id not in known and box.id not in self._refused:
+                self._try(box, one)
+            if box.id not in self._refused:
+                possible.append(box)
+        self._refused &= {box.id for box in plan.obstacles}
+        return Plan(plan.formation, plan.orbit, plan.target, tuple(possible), plan.yaw)
+
+    def _try(self, box: Obstacle, one: Played) -> None:
+        try:
+            check_obstacle(
+                box,
+                self.settings.law.avoidance,
+                self._by_name(self.world.position_m),
+                {},
+                velocities_m_s=self._by_name(self.world.velocity_m_s),
+                braking=self.settings.safety.braking,
+            )
+        except RefusedError as error:
+            self._refused.add(box.id)
+            self.flaws.append(Flaw(("timeline", one.index, "obstacles"), str(error)))
+
+    def _by_name(self, rows: Array) -> Mapping[str, Array]:
+        return dict(zip(self.world.ids, rows, strict=True))
+
+
+def rehearse(loaded: LoadedShow, seed: int = 1) -> tuple[Rehearsal, Record]:
+    """Fly it once, with the recorded errors of the vehicles' own positions."""
+    flight = Rehearsal(loaded, World(noise=1.0), seed)
+    return flight, flight.fly()

@@ -1,0 +1,94 @@
+"""The show that is selected: its clock, who plays which part, and what it was told."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from gcs.lifecycle import ShowPhase
+from gcs.plan import Obstacle, Plan, Target
+from gcs.service import SelectedShow
+from gcs.show import ShowClock, Timeline
+from gcs.show.timeline import Live
+from gcs.state import VehicleId
+
+OVER = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
+
+
+@dataclass(slots=True, eq=False)
+class Performance:
+    """Runtime state of one show. Changed only on the event loop; every `now_s` is the tick's own time."""
+
+    name: str
+    timeline: Timeline
+    clock: ShowClock = ShowClock()
+    live: Target | None = None  # as it was told last, since the target became live
+    started: bool = False  # by an order that named its hash; False again once everybody is down
+    parts: dict[VehicleId, int] = field(default_factory=dict)  # rows of the lights
+
+    @property
+    def hash(self) -> str:
+        """Of everything that is flown."""
+        return self.timeline.show.digest
+
+    @property
+    def obstacle_ids(self) -> frozenset[str]:
+        """Every obstacle that stands at any time of the show."""
+        return frozenset(box.id for box in self.obstacles)
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """All of them, at whatever time they stand."""
+        return tuple({box: None for _, standing in self.timeline.obstacles for box in standing})
+
+    def follow(self, phase: ShowPhase, now_s: float) -> None:
+        """Let the clock run while the show does; a pause stops it, and the end sets it back."""
+        if phase is ShowPhase.RUNNING:
+            self.clock = self.clock.run(now_s)
+        else:
+            self.clock = self.clock.stop(now_s)
+        if phase in OVER and self.started:
+            self.clock, self.started, self.live = ShowClock(), False, None
+
+    def is_live(self, now_s: float) -> bool:
+        """Whether the show takes its target from whoever tells it now."""
+        return isinstance(self.timeline.leg_at(self._within(now_s)), Live)
+
+    def is_over(self, now_s: float) -> bool:
+        """Whether everybody is to come home."""
+        return self.clock.ended(self.timeline, now_s)
+
+    def cue(self, now_s: float) -> str:
+        """The cue that was played last."""
+        return self.timeline.cue_at(self._within(now_s)).cue.cue
+
+    def wanted(self, now_s: float) -> Plan:
+        """What the show wants now, all its obstacles standing. Targets are told in the tick's time."""
+        if not self.is_live(now_s):
+            self.live = None  # what was told once says nothing of the next live target
+        return self.timeline.plan_at(
+            self.clock.show_s(now_s), clock_s=now_s, runs=self.clock.runs, live=self.live
+        )
+
+    def lights(self, vehicle_ids: Sequence[VehicleId], now_s: float) -> dict[VehicleId, str]:
+        """Of all who play a part."""
+        colours = self.timeline.colours_at(self._within(now_s)).tolist()
+        return {
+            name: "#{:02x}{:02x}{:02x}".format(*colours[self.parts[name]])
+            for name in vehicle_ids
+            if name in self.parts
+        }
+
+    def view(self, now_s: float) -> SelectedShow:
+        """For people and programs."""
+        return SelectedShow(
+            name=self.name,
+            hash=self.hash,
+            cue=self.cue(now_s),
+            cues=tuple(dict.fromkeys(one.cue.cue for one in self.timeline.played)),
+            clock_s=self._within(now_s),
+            duration_s=self.timeline.duration_s,
+            runs=self.clock.runs,
+            target_is_live=self.is_live(now_s),
+        )
+
+    def _within(self, now_s: float) -> float:
+        return min(max(self.clock.show_s(now_s), 0.0), self.timeline.duration_s)

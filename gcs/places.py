@@ -1,0 +1,42 @@
+"""Where vehicles come down when they cannot, or shall not, come home."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gcs.control import ellipses_of
+from gcs.flight import Flight
+from gcs.landing import distinct_places_m
+from gcs.lifecycle import AIRBORNE, Phase
+from gcs.state import Array, VehicleId
+from gcs.vehicle import Vehicle
+
+
+def landing_places_m(flight: Flight, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
+    """(3,) for each: where it comes down, clear of obstacles, of everybody's pads, and of the others."""
+    if not vehicles:
+        return {}
+    wanted_m = np.array([flight.position_m(vehicle)[:2] for vehicle in vehicles])
+    coming_down = {vehicle.id for vehicle in vehicles}
+    taken_m = [
+        place_m[:2]
+        for vehicle in flight.vehicles.values()
+        if vehicle.id not in coming_down
+        for place_m in (
+            vehicle.home_m,
+            vehicle.last_m if vehicle.phase not in AIRBORNE or vehicle.handed_over else None,
+            vehicle.goal_m if vehicle.phase is Phase.LANDING else None,
+        )
+        if place_m is not None
+    ]
+    places_m = distinct_places_m(
+        wanted_m,
+        np.array(taken_m).reshape(-1, 2),
+        flight.config.operation.place_spacing_m,
+        ellipses_of(flight.plan, flight.control, flight.fleet.time_s),
+    )
+    ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
+    return {
+        vehicle.id: np.array([place_m[0], place_m[1], z_m])
+        for vehicle, place_m, z_m in zip(vehicles, places_m, ground_z_m, strict=True)
+    }

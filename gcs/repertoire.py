@@ -1,0 +1,274 @@
+"""The show files that the service keeps, and their checks: each in a process of its own, beside the flight.
+
+Files are read and written in a thread, for a slow disk must not delay a tick. A check is `gcs show check`
+on a copy of the file, at the lowest priority. What it found is kept in memory: after a restart a show is
+checked again before it is flown.
+"""
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import re
+import sys
+import tempfile
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from gcs.errors import GcsError, InvalidError, Problem, RefusedError, UnknownError
+from gcs.service import CheckState, ShowCheck, StoredShow
+from gcs.show import Show, Timeline
+
+log = logging.getLogger(__name__)
+
+SIZE_MAX_BYTES = 64 * 1024
+"""Of a show file; a long one has some tens of thousands of characters."""
+
+FILES_MAX = 200
+CHECKS_MAX = 2
+"""One runs, one waits: the machine that flies has little to spare."""
+
+CHECK_WITHIN_S = 900.0
+LOWEST_PRIORITY = 19
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Checked:
+    """A check, of which file, and what may be flown if it is good."""
+
+    told: ShowCheck
+    sha256: str | None = None  # of the file that was checked
+    show: Show | None = None
+
+
+class Repertoire:
+    """The shows of one folder. A `gcs.service.Shows`."""
+
+    def __init__(self, folder: Path | None) -> None:
+        """`folder` is made with the first file; None: nothing can be kept."""
+        self._folder = folder
+        self._checks: dict[str, _Checked] = {}
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._turn = asyncio.Lock()
+        self._writing = asyncio.Lock()
+
+    async def close(self) -> None:
+        """End the checks that run."""
+        tasks = dict(self._tasks)
+        for task in tasks.values():
+            task.cancel()
+        await asyncio.gather(*tasks.values(), return_exceptions=True)
+        for name in tasks:
+            self._failed(name, "the service has ended")
+
+    # files
+
+    async def listed(self) -> list[StoredShow]:
+        """All of them, by name."""
+        return await asyncio.to_thread(self._listed)
+
+    async def text(self, name: str) -> str:
+        """The file, as it was given. Raises: UnknownError, RefusedError when it cannot be read."""
+        return (await asyncio.to_thread(self._read, name)).decode(errors="replace")
+
+    async def store(self, name: str, text: bytes) -> StoredShow:
+        """Keep a file under a name, in place of what had it: all of it or nothing.
+
+        Raises: InvalidError, RefusedError when it cannot be kept.
+        """
+        _check_name(name)
+        if not text.strip() or len(text) > SIZE_MAX_BYTES:
+            raise InvalidError(
+                "body", f"{len(text)} bytes", f"a show in YAML, at most {SIZE_MAX_BYTES} bytes"
+            )
+        try:
+            text.decode()
+        except UnicodeDecodeError as error:
+            raise InvalidError("body", str(error), "a show in YAML, in UTF-8") from None
+        async with self._writing:
+            return await asyncio.to_thread(self._write, name, text)
+
+    async def remove(self, name: str) -> None:
+        """Forget a file. Raises: UnknownError, RefusedError."""
+        async with self._writing:
+            await asyncio.to_thread(self._remove, name)
+
+    def _place(self, name: str) -> Path:
+        _check_name(name)
+        if self._folder is None:
+            raise RefusedError(
+                "this service keeps no shows: name a folder in its configuration, shows.folder"
+            )
+        return self._folder / f"{name}.yaml"
+
+    def _listed(self) -> list[StoredShow]:
+        if self._folder is None:
+            return []
+        found = [path for path in sorted(self._folder.glob("*.yaml")) if NAME.fullmatch(path.stem)]
+        return [_stored(path.stem, self._read(path.stem)) for path in found[:FILES_MAX]]
+
+    def _read(self, name: str) -> bytes:
+        path = self._place(name)
+        try:
+            with path.open("rb") as file:
+                text = file.read(SIZE_MAX_BYTES + 1)
+        except FileNotFoundError:
+            raise UnknownError(f"there is no show {name!r}: upload it first") from None
+        except OSError as error:
+            raise RefusedError(f"show {name!r} cannot be read: {error.strerror}") from None
+        if len(text) > SIZE_MAX_BYTES:
+            raise RefusedError(f"show {name!r} is larger than {SIZE_MAX_BYTES} bytes")
+        return text
+
+    def _write(self, name: str, text: bytes) -> StoredShow:
+        path = self._place(name)
+        beside = path.with_suffix(".part")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if not path.exists() and len(list(path.parent.glob("*.yaml"))) >= FILES_MAX:
+                raise RefusedError(f"there are {FILES_MAX} shows already: remove one")
+            with beside.open("wb") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            beside.replace(path)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                beside.unlink(missing_ok=True)
+            raise RefusedError(
+                f"show {name!r} cannot be kept: {error.strerror}; nothing has changed"
+            ) from None
+        return _stored(name, text)
+
+    def _remove(self, name: str) -> None:
+        try:
+            self._place(name).unlink()
+        except FileNotFoundError:
+            raise UnknownError(f"there is no show {name!r}") from None
+        except OSError as error:
+            raise RefusedError(f"show {name!r} cannot be removed: {error.strerror}") from None
+
+    # checks
+
+    def check(self, name: str) -> ShowCheck:
+        """Begin a check. Raises: InvalidError, RefusedError while it, or too much, is being checked."""
+        self._place(name)
+        if name in self._tasks:
+            raise RefusedError(f"show {name!r} is being checked already")
+        if len(self._tasks) >= CHECKS_MAX:
+            raise RefusedError(f"{CHECKS_MAX} shows are being checked: wait for {', '.join(self._tasks)}")
+        self._checks[name] = _Checked(ShowCheck(name, CheckState.WAITING))
+        task = asyncio.create_task(self._check(name), name=f"check/{name}")
+        self._tasks[name] = task
+        task.add_done_callback(lambda _: self._tasks.pop(name, None))
+        return self._checks[name].told
+
+    def checked(self, name: str) -> ShowCheck:
+        """How far the newest check has got. Raises: UnknownError when there was none."""
+        _check_name(name)
+        if name not in self._checks:
+            raise UnknownError(f"show {name!r} has not been checked since this service began: check it")
+        return self._checks[name].told
+
+    async def _check(self, name: str) -> None:
+        async with self._turn:
+            self._checks[name] = _Checked(ShowCheck(name, CheckState.RUNNING))
+            try:
+                text = await asyncio.to_thread(self._read, name)
+                self.found(name, text, await _checked_apart(name, text))
+            except TimeoutError:
+                self._failed(name, f"not done within {CHECK_WITHIN_S:g} s")
+            except (
+                GcsError,
+                OSError,
+                ValueError,
+                LookupError,
+                TypeError,
+            ) as error:  # or an answer that is none
+                self._failed(name, str(error))
+
+    def _failed(self, name: str, reason: str) -> None:
+        log.warning("show_check_failed", extra={"show": name, "reason": reason})
+        self._checks[name] = _Checked(ShowCheck(name, CheckState.FAILED, reason))
+
+    def found(self, name: str, text: bytes, answer: dict[str, Any]) -> ShowCheck:
+        """Note what `gcs show check --json --model` said of a file with that text.
+
+        Raises: ValueError (pydantic's) when the answer is none.
+        """
+        model = answer.pop("model", None)
+        show = None if model is None else Show.model_validate_json(json.dumps(model))
+        problems = tuple(Problem(**problem) for problem in answer.pop("problems"))
+        told = ShowCheck(
+            name,
+            CheckState.DONE,
+            hash=None if show is None else show.digest,
+            good=bool(answer.pop("good")) and show is not None,
+            problems=problems,
+            figures=answer if show is not None else None,
+        )
+        self._checks[name] = _Checked(told, sha256(text).hexdigest(), show)
+        return told
+
+    def cleared(self, name: str, show_hash: str) -> Timeline:
+        """The show, ready to be flown. Reads the file, on the ground.
+
+        Raises: UnknownError; RefusedError when it was never checked, is not good, or has changed since.
+        """
+        text = self._read(name)
+        checked = self._checks.get(name)
+        if checked is None or checked.told.state is not CheckState.DONE:
+            now = "" if checked is None else f" (its check: {checked.told.state})"
+            raise RefusedError(f"show {name!r} has not been checked{now}: check it first")
+        if checked.sha256 != sha256(text).hexdigest():
+            raise RefusedError(f"show {name!r} has changed since it was checked: check it again")
+        if checked.show is None or not checked.told.good:
+            first = "; ".join(str(problem) for problem in checked.told.problems[:2])
+            raise RefusedError(f"show {name!r} is not good to fly: {first}")
+        if checked.told.hash != show_hash:
+            raise RefusedError(
+                f"show {name!r} was checked with the hash {checked.told.hash}, not {show_hash[:64]!r}"
+            )
+        return Timeline.of(checked.show)
+
+
+def _check_name(name: str) -> None:
+    if not NAME.fullmatch(name):
+        raise InvalidError("name", name[:60], "1 to 60 of A-Z a-z 0-9 _ -, the first no _ or -")
+
+
+def _stored(name: str, text: bytes) -> StoredShow:
+    return StoredShow(name, len(text), sha256(text).hexdigest())
+
+
+async def _checked_apart(name: str, text: bytes) -> dict[str, Any]:
+    """What `gcs show check` says of a text, in a process of its own. Raises: RefusedError, OSError."""
+    with tempfile.TemporaryDirectory(prefix="gcs-check-") as folder:
+        path = Path(folder) / f"{name}.yaml"
+        path.write_bytes(text)
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "gcs", "show", "check", str(path), "--json", "--model"),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+        )
+        try:
+            with contextlib.suppress(ProcessLookupError):  # it has ended already
+                os.setpriority(os.PRIO_PROCESS, process.pid, LOWEST_PRIORITY)
+            async with asyncio.timeout(CHECK_WITHIN_S):
+                said, complaint = await process.communicate()
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+    if process.returncode not in (0, 1) or not said:
+        words = complaint.decode(errors="replace").strip().replace(f"{path}: ", "")
+        raise RefusedError(f"it ended with {process.returncode}: {words[-300:]}")
+    answer = json.loads(said)
+    if not isinstance(answer, dict):
+        raise RefusedError("it answered no JSON object")
+    return answer

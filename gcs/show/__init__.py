@@ -1,0 +1,20 @@
+"""Shows: written beforehand, checked on the ground, flown by the same tick as everything else."""
+
+from gcs.show.clock import ShowClock
+from gcs.show.loading import LoadedShow, find, load, parse, shipped
+from gcs.show.model import Show
+from gcs.show.rules import Flaw
+from gcs.show.timeline import Played, Timeline
+
+__all__ = [
+    "Flaw",
+    "LoadedShow",
+    "Played",
+    "Show",
+    "ShowClock",
+    "Timeline",
+    "find",
+    "load",
+    "parse",
+    "shipped",
+]

@@ -1,0 +1,49 @@
+"""A show's own time: it runs with the show, stops with a pause, and is set on the ground. Pure."""
+
+from dataclasses import dataclass, replace
+
+from gcs.errors import RefusedError, UnknownError
+from gcs.show.timeline import Timeline
+
+
+@dataclass(frozen=True, slots=True)
+class ShowClock:
+    """The show's time. Every `clock_s` is the tick's own time; a change is a new value."""
+
+    begins_s: float = 0.0  # the show's time at which it begins, or began to run last
+    since_s: float | None = None  # the tick's time at that moment; None: it stands
+
+    @property
+    def runs(self) -> bool:
+        """Whether the show goes on."""
+        return self.since_s is not None
+
+    def show_s(self, clock_s: float) -> float:
+        """The show's time in s."""
+        return self.begins_s if self.since_s is None else self.begins_s + (clock_s - self.since_s)
+
+    def run(self, clock_s: float) -> "ShowClock":
+        """Go on: the sphere stands, or stands again. No effect while it runs."""
+        return self if self.runs else replace(self, since_s=clock_s)
+
+    def stop(self, clock_s: float) -> "ShowClock":
+        """Stand still: a pause of any length costs the show nothing."""
+        return ShowClock(self.show_s(clock_s))
+
+    def seek(self, timeline: Timeline, cue: str, *, grounded: bool) -> "ShowClock":
+        """Begin at a cue, the first time that it is played.
+
+        Raises: UnknownError naming the cues there are; RefusedError when somebody is in the air: the
+            formation would jump from one place of the show to another.
+        """
+        times_s = {one.cue.cue: one.at_s for one in reversed(timeline.played)}
+        if cue not in times_s:
+            known = ", ".join(one.cue for one in timeline.show.timeline)
+            raise UnknownError(f"there is no cue {cue}; there are {known}")
+        if not grounded:
+            raise RefusedError("a show is set to a cue on the ground only: bring everybody home first")
+        return ShowClock(times_s[cue])
+
+    def ended(self, timeline: Timeline, clock_s: float) -> bool:
+        """Whether everybody is to come home."""
+        return self.runs and self.show_s(clock_s) >= timeline.duration_s

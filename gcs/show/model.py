@@ -1,0 +1,243 @@
+"""What a show file says: strict, frozen, every key with its unit. What it means is `gcs.show.timeline`'s."""
+
+import json
+from functools import cached_property
+from hashlib import sha256
+from typing import Annotated, Literal, TypeAlias
+
+import numpy as np
+from pydantic import AfterValidator, Discriminator, Field, StrictInt, StrictStr, Tag
+
+from gcs.control import ControlSettings
+from gcs.frames import ShowFrame
+from gcs.plan import MAX_OBSTACLES, Direction
+from gcs.safety.filter import Limits
+from gcs.safety.walls import Fence
+from gcs.settings import Settings
+from gcs.state import Array
+
+Number: TypeAlias = Annotated[float, Field(strict=True)]
+"""A text is no number, nor is yes or no; a whole number is one with decimals."""
+
+Positive: TypeAlias = Annotated[Number, Field(gt=0)]
+NotNegative: TypeAlias = Annotated[Number, Field(ge=0)]
+Name: TypeAlias = Annotated[StrictStr, Field(min_length=1, max_length=60)]
+Colour: TypeAlias = Annotated[StrictStr, Field(pattern=r"^#[0-9a-fA-F]{6}$"), AfterValidator(str.lower)]
+
+MAX_VEHICLES = 1000
+MAX_CUES = 500
+"""Written out: a loop counts as often as it is played."""
+
+
+class Origin(Settings):
+    """Where the show's frame lies, and where its x axis points: clockwise from north."""
+
+    latitude_deg: Annotated[Number, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[Number, Field(ge=-180, le=180)]
+    altitude_amsl_m: Number
+    heading_deg: Annotated[Number, Field(ge=-360, le=360)]
+
+    @property
+    def frame(self) -> ShowFrame:
+        """The show frame."""
+        return ShowFrame(**self.model_dump())
+
+
+class Pads(Settings):
+    """The start pattern: rows along the show's x axis, filled one after the other, about a middle."""
+
+    columns: Annotated[StrictInt, Field(ge=1)]  # vehicles in a row, along y
+    spacing_m: Positive
+    x_m: Number = 0.0  # the middle of the pattern
+    y_m: Number = 0.0
+
+
+class Fleet(Settings):
+    """Who flies, from where, and how long a battery lasts."""
+
+    vehicles: Annotated[StrictInt, Field(ge=1, le=MAX_VEHICLES)]
+    pads: Pads
+    takeoff_height_m: Positive = 5.0
+    takeoff_stagger_s: NotNegative = 1.0
+    endurance_s: Positive  # in the air, from full to empty
+    reserve: Annotated[Number, Field(ge=0.1, lt=1.0)] = 0.25  # share of a battery that nobody plans to use
+
+
+class ShowLimits(Settings):
+    """How fast vehicles and formation may be; never more than the law and the filter allow by default."""
+
+    speed_max_m_s: Annotated[Positive, Field(le=8.0)] = 8.0  # of a vehicle, sideways
+    climb_max_m_s: Annotated[Positive, Field(le=2.5)] = 2.5
+    sink_max_m_s: Annotated[Positive, Field(le=1.4)] = 1.4
+    separation_min_m: Annotated[Number, Field(ge=2.0)] = 2.0  # sideways; half as much more up and down
+    formation_speed_max_m_s: Annotated[Positive, Field(le=4.0)] = 4.0  # of its centre, over the ground
+    formation_climb_max_m_s: Annotated[Positive, Field(le=1.0)] = 1.0
+    formation_acceleration_max_m_s2: Annotated[Positive, Field(le=1.0)] = 1.0
+    radius_rate_max_m_s: Annotated[Positive, Field(le=1.0)] = 1.0
+
+
+class ShowFence(Settings):
+    """Heights above the show's origin, and distance from it over the ground."""
+
+    height_min_m: Positive
+    height_max_m: Positive
+    distance_max_m: Positive
+
+
+class Place(Settings):
+    """A place on the ground, show frame: x along the heading, y to its right."""
+
+    x_m: Number
+    y_m: Number
+
+
+class Waypoint(Place):
+    """Where the target is so many seconds after its cue."""
+
+    after_s: NotNegative
+
+
+class Path(Settings):
+    """The way of a target: a smooth curve through the points, at rest at both ends."""
+
+    path: Annotated[tuple[Waypoint, ...], Field(min_length=1, max_length=200)]
+
+
+class CueOrbit(Settings):
+    """How the formation's centre circles the target; radius 0: it sits above the target."""
+
+    radius_m: NotNegative
+    speed_m_s: Positive = 2.0
+    direction: Direction = Direction.COUNTERCLOCKWISE
+
+
+class Spin(Settings):
+    """How fast the formation turns about its own vertical, seen from above."""
+
+    rate_deg_s: Annotated[Number, Field(ge=0, le=90)]
+    direction: Direction = Direction.CLOCKWISE
+
+
+class Box(Settings):
+    """A standing obstacle, edges along the show frame's axes."""
+
+    id: Name
+    x_m: Number  # centre
+    y_m: Number
+    half_length_x_m: Positive
+    half_length_y_m: Positive
+    height_m: Positive  # of its top
+
+
+class Obstacles(Settings):
+    """What appears with a cue, and what goes."""
+
+    appear: Annotated[tuple[Box, ...], Field(max_length=MAX_OBSTACLES)] = ()
+    go: tuple[Name, ...] = ()
+
+
+def _kind(value: object) -> str:
+    """Which sort of target this is meant to be."""
+    if isinstance(value, str):
+        return "live"
+    return "path" if isinstance(value, Path) or (isinstance(value, dict) and "path" in value) else "place"
+
+
+CueTarget: TypeAlias = Annotated[
+    Annotated[Literal["live"], Tag("live")] | Annotated[Place, Tag("place")] | Annotated[Path, Tag("path")],
+    Discriminator(_kind),
+]
+
+
+class Cue(Settings):
+    """What changes at a time; what a cue does not say goes on."""
+
+    cue: Name
+    at_s: NotNegative
+    over_s: Positive | None = None  # of all its transitions; None: the shortest that the limits allow
+    radius_m: Positive | None = None
+    height_m: Positive | None = None  # of the centre, above the show's origin
+    target: CueTarget | None = None
+    orbit: CueOrbit | None = None
+    spin: Spin | None = None
+    obstacles: Obstacles = Obstacles()
+    lights: Annotated[tuple[Colour, ...], Field(min_length=1)] | None = None
+
+
+class Loop(Settings):
+    """The cues from one up to another, without it, are played so many times."""
+
+    from_cue: Name
+    to_cue: Name
+    times: Annotated[StrictInt, Field(ge=2, le=100)]
+
+
+class Show(Settings):
+    """A whole show file."""
+
+    about: Annotated[StrictStr, Field(min_length=1)]
+    origin: Origin
+    fleet: Fleet
+    limits: ShowLimits = ShowLimits()
+    fence: ShowFence
+    timeline: Annotated[tuple[Cue, ...], Field(min_length=1, max_length=MAX_CUES)]
+    loops: tuple[Loop, ...] = ()
+    duration_s: Positive  # as written, loops played once
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256, hexadecimal, of everything that is flown (docs/decisions/0011)."""
+        said = self.model_dump(mode="json", exclude={"about"})
+        return sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def pads_m(self) -> Array:
+        """(n, 3) where everybody stands before the start, show frame, on the ground."""
+        pads, count = self.fleet.pads, self.fleet.vehicles
+        index = np.arange(count)
+        cells = np.stack([index // pads.columns, index % pads.columns, np.zeros(count)], axis=1)
+        place_m: Array = pads.spacing_m * cells.astype(np.float64)
+        place_m[:, :2] -= (place_m[:, :2].min(axis=0) + place_m[:, :2].max(axis=0)) / 2.0
+        place_m[:, :2] += (pads.x_m, pads.y_m)
+        return place_m
+
+    @property
+    def control(self) -> ControlSettings:
+        """What the tick is set to for this show: defaults, within the show's limits and fence."""
+        return control_of(self.limits, self.fence)
+
+
+def control_of(limits: ShowLimits, fence: ShowFence, usual: ControlSettings | None = None) -> ControlSettings:
+    """Law and safety as `usual`, or at their defaults, within these limits and this fence."""
+    usual = usual or ControlSettings()
+    safety, law = usual.safety, usual.law
+    scale = limits.separation_min_m / safety.floor.horizontal_m
+    return usual.model_copy(
+        update={
+            "radius_rate_m_s": limits.radius_rate_max_m_s,
+            "law": law.model_copy(
+                update={
+                    "speed_m_s": min(law.speed_m_s, limits.speed_max_m_s),
+                    "center_speed_max_m_s": limits.formation_speed_max_m_s,
+                    "center_acceleration_max_m_s2": limits.formation_acceleration_max_m_s2,
+                    "climb_max_m_s": limits.formation_climb_max_m_s,
+                }
+            ),
+            "safety": safety.model_copy(
+                update={
+                    "limits": Limits(
+                        horizontal_m_s=limits.speed_max_m_s,
+                        up_m_s=limits.climb_max_m_s,
+                        down_m_s=limits.sink_max_m_s,
+                    ),
+                    "floor": safety.floor.model_copy(
+                        update={
+                            "horizontal_m": limits.separation_min_m,
+                            "vertical_m": safety.floor.vertical_m * scale,
+                        }
+                    ),
+                    "fence": Fence(**fence.model_dump()),
+                }
+            ),
+        }
+    )

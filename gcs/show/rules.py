@@ -1,0 +1,363 @@
+"""What is wrong with a show, found without flying it. Pure.
+
+The same limits that the tick keeps are asked of everything the show wants, at every moment of every
+transition: what is found here would otherwise be flown late, elsewhere or not at all.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from math import hypot, inf
+
+import numpy as np
+
+from gcs.control import ControlSettings
+from gcs.errors import InvalidError, RefusedError
+from gcs.feasibility import check_formation, check_obstacle, check_orbit, check_target
+from gcs.plan import MAX_OBSTACLES, Plan
+from gcs.show.glide import Glide, shortest_s
+from gcs.show.model import MAX_CUES, Cue, Path, Show
+from gcs.show.source import Loc
+from gcs.show.timeline import Curve, Live, Played, Timeline, obstacle_of, total_s, turning, written_out
+
+SAMPLED_S = 0.1
+"""Every so often the whole plan is looked at."""
+
+NEARLY = 1e-6
+"""What arithmetic may lose; nothing is refused for that."""
+
+LONGEST_S = 7200.0
+"""Loops included; no battery lasts as long."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flaw:
+    """Something that is wrong, and where: the way to it in the file."""
+
+    loc: Loc
+    text: str
+
+
+def flaws(show: Show) -> list[Flaw]:
+    """Everything that is wrong with a show as far as can be told without flying it."""
+    found = [*_fleet(show), *_structure(show), *_loops(show)]
+    if found:
+        return found  # what follows needs a sound timeline
+    found = [*_paths(show), *_obstacles(show)]
+    if found:
+        return found
+    timeline = Timeline.of(show)
+    return [*_transitions(timeline), *_moments(timeline)]
+
+
+# before anything is written out
+
+
+def _fleet(show: Show) -> Iterator[Flaw]:
+    """Fence and start pattern."""
+    fence, fleet, floor = show.fence, show.fleet, show.control.safety.floor
+    if not fence.height_min_m < fence.height_max_m:
+        yield Flaw(("fence", "height_max_m"), f"height_max_m = {fence.height_max_m:g}: above height_min_m")
+    if fleet.takeoff_height_m < fence.height_min_m:
+        yield Flaw(
+            ("fleet", "takeoff_height_m"),
+            f"takeoff_height_m = {fleet.takeoff_height_m:g}: at least the fence's {fence.height_min_m:g} m",
+        )
+    least_m = floor.horizontal_m + floor.margin_m + 2.0 * floor.uncertainty_m
+    if fleet.vehicles > 1 and fleet.pads.spacing_m < least_m - NEARLY:
+        yield Flaw(
+            ("fleet", "pads", "spacing_m"),
+            f"spacing_m = {fleet.pads.spacing_m:g}: at least {least_m:.3g} m, or who climbs comes too close",
+        )
+    farthest_m = float(np.hypot(*show.pads_m[:, :2].T).max())
+    if farthest_m > fence.distance_max_m:
+        yield Flaw(
+            ("fleet", "pads"),
+            f"a pad lies {farthest_m:.1f} m from the origin, beyond the fence at {fence.distance_max_m:g} m",
+        )
+
+
+def _structure(show: Show) -> Iterator[Flaw]:
+    """Names and times of the cues."""
+    cues = show.timeline
+    first = cues[0]
+    if first.at_s != 0.0:
+        yield Flaw(("timeline", 0, "at_s"), f"at_s = {first.at_s:g}: the first cue begins at 0")
+    for key in ("radius_m", "height_m"):
+        if getattr(first, key) is None:
+            yield Flaw(("timeline", 0), f"{key} is missing: the first cue says where the show begins")
+    named = Counter(cue.cue for cue in cues)
+    for index, (before, cue) in enumerate(pairwise(cues), start=1):
+        if not cue.at_s > before.at_s:
+            yield Flaw(
+                ("timeline", index, "at_s"),
+                f"at_s = {cue.at_s:g}: after the {before.at_s:g} s of '{before.cue}'",
+            )
+        if named[cue.cue] > 1 and cue.cue in {one.cue for one in cues[:index]}:
+            yield Flaw(("timeline", index, "cue"), f"cue = {cue.cue}: the name is there twice")
+    if show.duration_s <= cues[-1].at_s:
+        yield Flaw(
+            ("duration_s",),
+            f"duration_s = {show.duration_s:g}: longer than the {cues[-1].at_s:g} s of the last cue",
+        )
+
+
+def _loops(show: Show) -> Iterator[Flaw]:
+    """Ends and order of the loops, and how long they make the show."""
+    index_of = {cue.cue: index for index, cue in enumerate(show.timeline)}
+    taken: set[int] = set()
+    sound = True
+    for at, loop in enumerate(show.loops):
+        unknown = [key for key in ("from_cue", "to_cue") if getattr(loop, key) not in index_of]
+        for key in unknown:
+            yield Flaw(("loops", at, key), f"{key} = {getattr(loop, key)}: there is no such cue")
+        if unknown:
+            sound = False
+            continue
+        inside = set(range(index_of[loop.from_cue], index_of[loop.to_cue]))
+        if not inside:
+            sound = False
+            yield Flaw(("loops", at, "to_cue"), f"to_cue = {loop.to_cue}: a cue after '{loop.from_cue}'")
+        if inside & taken:
+            sound = False
+            yield Flaw(
+                ("loops", at), f"the loop from '{loop.from_cue}' lies in another one; loops follow each other"
+            )
+        taken |= inside
+    if not sound:
+        return
+    long_s = total_s(show)
+    if long_s > LONGEST_S:
+        yield Flaw(("duration_s",), f"{long_s:g} s with the loops: at most {LONGEST_S:g} s")
+    count = len(written_out(show.timeline, show.loops)) if long_s <= LONGEST_S else 0
+    if count > MAX_CUES:
+        yield Flaw(("loops",), f"{count} cues with the loops: at most {MAX_CUES}")
+
+
+def _paths(show: Show) -> Iterator[Flaw]:
+    """Times of the points; whether a path begins where the target is."""
+    for index, cue in enumerate(show.timeline):
+        if not isinstance(cue.target, Path):
+            continue
+        for at, (before, point) in enumerate(pairwise(cue.target.path), start=1):
+            if not point.after_s > before.after_s:
+                yield Flaw(
+                    ("timeline", index, "target", "path", at, "after_s"),
+                    f"after_s = {point.after_s:g}: more than the {before.after_s:g} s of the point before",
+                )
+
+
+def _obstacles(show: Show) -> Iterator[Flaw]:
+    """What appears and goes, loops played."""
+    avoidance = show.control.law.avoidance
+    pads_m = {f"pad {row + 1}": place_m for row, place_m in enumerate(show.pads_m)}
+    standing: set[str] = set()
+    told: set[tuple[int, str]] = set()
+    for one in written_out(show.timeline, show.loops):
+        loc = ("timeline", one.index, "obstacles")
+        for at, name in enumerate(one.cue.obstacles.go):
+            if name not in standing and (one.index, name) not in told:
+                told.add((one.index, name))
+                yield Flaw((*loc, "go", at), f"go = {name}: {_again(one)}no such obstacle stands")
+            standing.discard(name)
+        for at, box in enumerate(one.cue.obstacles.appear):
+            if box.id in standing and (one.index, box.id) not in told:
+                told.add((one.index, box.id))
+                yield Flaw((*loc, "appear", at, "id"), f"id = {box.id}: {_again(one)}it stands already")
+            standing.add(box.id)
+            try:
+                check_obstacle(obstacle_of(box), avoidance, {}, pads_m)
+            except RefusedError as error:
+                if one.passage == 1:
+                    yield Flaw((*loc, "appear", at), str(error))
+        if len(standing) > MAX_OBSTACLES and one.passage == 1:
+            yield Flaw(loc, f"{len(standing)} obstacles at once: at most {MAX_OBSTACLES}")
+
+
+def _again(one: Played) -> str:
+    """Which passage of a loop is meant."""
+    return "" if one.passage == 1 else f"in passage {one.passage} of its loop: "
+
+
+# every transition
+
+
+def _transitions(timeline: Timeline) -> list[Flaw]:
+    """Whether each is slow enough, and ends before the next begins and before the show does."""
+    limits = timeline.show.limits
+    acceleration = limits.formation_acceleration_max_m_s2
+    found: dict[Loc, Flaw] = {}
+
+    def tell(loc: Loc, text: str) -> None:
+        found.setdefault(loc, Flaw(loc, text))
+
+    kinds: tuple[tuple[str, tuple[Glide | Curve | Live, ...], str, float, float], ...] = (
+        ("radius_m", timeline.radius_m.glides, "m", limits.radius_rate_max_m_s, acceleration),
+        ("height_m", timeline.height_m.glides, "m", limits.formation_climb_max_m_s, acceleration),
+        ("spin", timeline.spin_rad_s.glides, "rad/s", inf, inf),
+        ("lights", timeline.lights.glides, "", inf, inf),
+        ("target", timeline.legs, "m", limits.formation_speed_max_m_s, acceleration),
+    )
+    for key, legs, unit, rate, rate_change in kinds:
+        for leg in legs:
+            if isinstance(leg, Glide):
+                _slow_enough(tell, key, leg, unit, rate, rate_change)
+        for before, leg in pairwise(legs):
+            if before.to_s > leg.from_s + NEARLY:
+                cue = timeline.show.timeline[before.cue].cue
+                tell(
+                    ("timeline", leg.cue, key),
+                    f"{key}: '{cue}' is on its way until {before.to_s:.1f} s, this begins at {leg.from_s:g} s"
+                    f" of the show{_written(timeline, leg.cue, leg.from_s)}",
+                )
+        last = legs[-1]
+        if last.to_s > timeline.duration_s + NEARLY:
+            tell(
+                ("timeline", last.cue, key),
+                f"{key} is on its way until {last.to_s:.1f} s, the show ends at {timeline.duration_s:g} s",
+            )
+    _paths_begin(timeline, tell)
+    return list(found.values())
+
+
+def _written(timeline: Timeline, index: int, at_s: float) -> str:
+    """Where the two differ, the time that stands in the file."""
+    written_s = timeline.show.timeline[index].at_s
+    return "" if abs(written_s - at_s) < NEARLY else f" (its loop repeats the cue of {written_s:g} s)"
+
+
+def _slow_enough(
+    tell: Callable[[Loc, str], None], key: str, glide: Glide, unit: str, rate: float, rate_change: float
+) -> None:
+    size = float(np.linalg.norm(glide.after - glide.before)) if key == "target" else 0.0
+    size = size or float(np.abs(glide.after - glide.before).max())
+    if glide.to_s <= glide.from_s or key in {"spin", "lights"}:
+        return
+    needed_s, given_s = shortest_s(size, rate, rate_change), glide.to_s - glide.from_s
+    if given_s < needed_s - NEARLY:
+        tell(
+            ("timeline", glide.cue, "over_s"),
+            f"over_s = {given_s:g}: {key} changes by {size:.3g} {unit}, that takes at least {needed_s:.1f} s"
+            f" at {rate:g} {unit}/s and {rate_change:g} {unit}/s^2",
+        )
+
+
+def _paths_begin(timeline: Timeline, tell: Callable[[Loc, str], None]) -> None:
+    """Each where the target is by then."""
+    for before, leg in pairwise(timeline.legs):
+        if isinstance(before, Live) or not isinstance(leg, Curve):
+            continue
+        off_m = leg.value(leg.from_s) - before.value(leg.from_s)
+        if hypot(*off_m.tolist()) > 0.05:
+            there = "({:.1f}, {:.1f}) m".format(*before.value(leg.from_s).tolist())
+            tell(
+                ("timeline", leg.cue, "target", "path", 0),
+                f"the path begins {hypot(*off_m.tolist()):.1f} m from the target, which is at {there} at"
+                f" {leg.from_s:g} s of the show{_written(timeline, leg.cue, leg.from_s)}",
+            )
+
+
+# every moment
+
+
+def _moments(timeline: Timeline) -> list[Flaw]:
+    """The plan at every moment, against the limits that orders to a service are held to."""
+    found: dict[tuple[int, str], Flaw] = {}
+    began_s: dict[tuple[int, str], float] = {}
+    control = timeline.show.control
+    for time_s in np.arange(0.0, timeline.duration_s + SAMPLED_S / 2, SAMPLED_S).tolist():
+        one = timeline.cue_at(time_s)
+        for key, text in _moment(timeline, time_s, control):
+            index = _asked_by(timeline, key, one, time_s)
+            if (index, key) in found and key == "target":
+                continue  # a way is told of where it goes wrong, a size or speed of where it ends
+            from_s = began_s.setdefault((index, key), time_s)
+            cue = timeline.show.timeline[index]
+            loc = ("timeline", index, key) if _says(cue, key) else ("timeline", index)
+            found[index, key] = Flaw(loc, f"{text} (from {from_s:.1f} s of the show)")
+    return list(found.values())
+
+
+def _says(cue: Cue, key: str) -> bool:
+    return getattr(cue, key) is not None
+
+
+def _asked_by(timeline: Timeline, key: str, one: Played, time_s: float) -> int:
+    """The newest cue that says something of `key` until now."""
+    said = [other.index for other in timeline.played if other.at_s <= time_s and _says(other.cue, key)]
+    return said[-1] if said else one.index
+
+
+def _moment(timeline: Timeline, time_s: float, control: ControlSettings) -> Iterator[tuple[str, str]]:
+    """Key and words of everything that is wrong at one moment."""
+    plan, limits = timeline.plan_at(time_s), timeline.show.limits
+    try:
+        check_formation(plan.formation, timeline.show.fleet.vehicles, control.safety)
+    except InvalidError as error:
+        yield error.field, str(error)
+    try:
+        check_orbit(plan.orbit, control.law)
+    except InvalidError as error:
+        yield "orbit", f"orbit: {error}"
+    if plan.target.speed_m_s > limits.formation_speed_max_m_s + NEARLY:
+        yield (
+            "target",
+            f"target: {plan.target.speed_m_s:.2f} m/s, at most {limits.formation_speed_max_m_s:g} m/s",
+        )
+    else:
+        yield from _reach(plan, control)
+        yield from _together(timeline, plan, time_s)
+
+
+def _reach(plan: Plan, control: ControlSettings) -> Iterator[tuple[str, str]]:
+    try:
+        check_target(plan.target, plan.orbit, plan.formation, control)
+    except InvalidError as error:
+        yield "target", f"target: {error}"
+
+
+def _together(timeline: Timeline, plan: Plan, time_s: float) -> Iterator[tuple[str, str]]:
+    """What target, orbit and spin ask of the centre and of the vehicles at the same time."""
+    limits, (orbit_m_s, turn_m_s2) = timeline.show.limits, turning(plan.orbit)
+    along_m_s = plan.target.speed_m_s + orbit_m_s
+    fastest_m_s = limits.formation_speed_max_m_s
+    if orbit_m_s <= fastest_m_s < along_m_s - NEARLY:
+        yield (
+            "target",
+            (
+                f"target: its {plan.target.speed_m_s:.2f} m/s and the orbit's {orbit_m_s:g} m/s are more than"
+                f" the formation's {fastest_m_s:g} m/s"
+            ),
+        )
+    ahead = timeline.plan_at(min(time_s + SAMPLED_S, timeline.duration_s)).target
+    change_m_s = np.subtract(ahead.velocity_m_s, plan.target.velocity_m_s)
+    strongest_m_s2 = limits.formation_acceleration_max_m_s2
+    push_m_s2 = hypot(*change_m_s.tolist()) / SAMPLED_S + turn_m_s2
+    if turn_m_s2 <= strongest_m_s2 and push_m_s2 > 1.02 * strongest_m_s2 and time_s < timeline.duration_s:
+        yield (
+            "target",
+            (
+                f"target: it turns or speeds up by {push_m_s2:.2f} m/s^2 with the orbit, at most"
+                f" {strongest_m_s2:g} m/s^2: give it more time"
+            ),
+        )
+    radius_m, spin_rad_s = plan.formation.radius_m, abs(plan.formation.spin_rad_s)
+    rim_m_s, pull_m_s2 = spin_rad_s * radius_m, spin_rad_s**2 * radius_m
+    if spin_rad_s and rim_m_s + along_m_s > limits.speed_max_m_s + NEARLY:
+        yield (
+            "spin",
+            (
+                f"spin: {rim_m_s:.1f} m/s at the rim of {radius_m:g} m and {along_m_s:.1f} m/s of the centre:"
+                f" at most the vehicles' {limits.speed_max_m_s:g} m/s"
+            ),
+        )
+    elif pull_m_s2 > strongest_m_s2 + NEARLY:
+        most_deg_s = np.degrees(np.sqrt(strongest_m_s2 / radius_m))
+        yield (
+            "spin",
+            (
+                f"spin: {pull_m_s2:.2f} m/s^2 at the rim of {radius_m:g} m, at most {strongest_m_s2:g} m/s^2:"
+                f" {np.floor(10.0 * most_deg_s) / 10.0:.1f} deg/s"
+            ),
+        )

@@ -1,0 +1,343 @@
+"""A show with its loops written out, and what it wants at any time. Pure.
+
+Time is the show's own, in seconds: 0 is the moment in which the first cue's sphere stands (decision 0011).
+"""
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from math import hypot, inf, radians
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from gcs.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
+from gcs.show.glide import Glide, Track, shortest_s
+from gcs.show.model import Box, Cue, CueOrbit, Loop, Path, Place, Show, Spin
+from gcs.state import Array
+
+LEAST_SHARE = 0.05
+"""Of a limit that an orbit leaves to the target, at least: that it leaves too little is told by the rules."""
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """A cue as it is played."""
+
+    index: int  # in the file's timeline
+    at_s: float
+    cue: Cue
+    passage: int = 1  # of its loop
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """A target on its path."""
+
+    from_s: float
+    to_s: float
+    spline: CubicSpline  # (2,) over seconds from `from_s`
+    cue: int
+
+    def value(self, time_s: float) -> Array:
+        """(2,) m."""
+        return np.asarray(self.spline(min(max(time_s, self.from_s), self.to_s) - self.from_s))
+
+    def rate(self, time_s: float) -> Array:
+        """(2,) m/s."""
+        inside = self.from_s <= time_s <= self.to_s
+        return np.asarray(self.spline(time_s - self.from_s, 1)) if inside else np.zeros(2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Live:
+    """A target of which the show knows only where it was when it became live."""
+
+    from_s: float
+    last_m: Array  # (2,)
+    cue: int
+
+    @property
+    def to_s(self) -> float:
+        """Nothing is on its way."""
+        return self.from_s
+
+    def value(self, time_s: float) -> Array:  # noqa: ARG002  (as of the other legs)
+        """(2,) m."""
+        return self.last_m
+
+    def rate(self, time_s: float) -> Array:  # noqa: ARG002
+        """(2,) m/s."""
+        return np.zeros(2)
+
+
+Leg: TypeAlias = Glide | Curve | Live
+
+
+def written_out(cues: tuple[Cue, ...], loops: tuple[Loop, ...]) -> tuple[Played, ...]:
+    """Every cue as often and whenever it is played. Loops must be in order: see `gcs.show.rules`."""
+    index_of = {cue.cue: index for index, cue in enumerate(cues)}
+    ends = {index_of[loop.to_cue] - 1: (index_of[loop.from_cue], loop.times) for loop in loops}
+    played: list[Played] = []
+    later_s = 0.0
+    for index, cue in enumerate(cues):
+        played.append(Played(index, cue.at_s + later_s, cue))
+        if index not in ends:
+            continue
+        first, times = ends[index]
+        length_s = cues[index + 1].at_s - cues[first].at_s
+        for passage in range(2, times + 1):
+            later_s += length_s
+            played += [
+                Played(at, cues[at].at_s + later_s, cues[at], passage) for at in range(first, index + 1)
+            ]
+    return tuple(played)
+
+
+def total_s(show: Show) -> float:
+    """How long the show is with its loops."""
+    at_s = {cue.cue: cue.at_s for cue in show.timeline}
+    again_s = ((loop.times - 1) * (at_s[loop.to_cue] - at_s[loop.from_cue]) for loop in show.loops)
+    return show.duration_s + sum(again_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Timeline:
+    """What a show wants, at any of its times."""
+
+    show: Show
+    duration_s: float
+    played: tuple[Played, ...]
+    radius_m: Track
+    height_m: Track
+    spin_rad_s: Track
+    lights: Track  # (n, 3) red, green, blue, from 0 to 255
+    legs: tuple[Leg, ...]
+    orbits: tuple[tuple[float, Orbit], ...]  # from when on
+    obstacles: tuple[tuple[float, tuple[Obstacle, ...]], ...]  # from when on
+
+    @staticmethod
+    def of(show: Show) -> "Timeline":
+        """Write the loops out and lay down every transition. The show's structure must be sound (`rules`)."""
+        return _Writer(show).written()
+
+    def plan_at(
+        self, time_s: float, *, clock_s: float | None = None, runs: bool = True, live: Target | None = None
+    ) -> Plan:
+        """What the tick is to fly at the show's time `time_s`.
+
+        Args:
+            time_s: from 0 to `duration_s`; before and after, the first and the last moment count.
+            clock_s: the tick's own time at that moment, which targets are told in; None: the show's.
+            runs: False while the show's clock is stopped: then the target does not move either.
+            live: the target as it was told last, in the tick's time; None: where it was last.
+        """
+        now_s = min(max(time_s, 0.0), self.duration_s)
+        leg = self.leg_at(now_s)
+        (x_m, y_m), (x_m_s, y_m_s) = leg.value(now_s).tolist(), leg.rate(now_s).tolist()
+        if not runs or now_s != time_s:
+            x_m_s = y_m_s = 0.0
+        told = Target(x_m, y_m, x_m_s, y_m_s, time_s if clock_s is None else clock_s)
+        return Plan(
+            Formation(*(float(track.value(now_s)[0]) for track in self._formation)),
+            self.orbit_at(now_s),
+            live if live is not None and isinstance(leg, Live) else told,
+            self.obstacles_at(now_s),
+        )
+
+    def stages(self) -> tuple[tuple[str, Plan], ...]:
+        """Cue and plan where something begins, is reached or turns, in order, like ones only once."""
+        times_s = {one.at_s for one in self.played}
+        for track in self._formation:
+            times_s |= {glide.to_s for glide in track.glides}
+        for leg in self.legs:
+            knots_s = leg.spline.x + leg.from_s if isinstance(leg, Curve) else [leg.from_s, leg.to_s]
+            times_s |= set(np.asarray(knots_s).tolist())
+        found: list[tuple[str, Plan]] = []
+        seen: set[tuple[Formation, Orbit, float, float]] = set()
+        for time_s in sorted(time_s for time_s in times_s if time_s <= self.duration_s):
+            plan = self.plan_at(time_s)
+            known = (plan.formation, plan.orbit, round(plan.target.x_m), round(plan.target.y_m))
+            if known not in seen:
+                seen.add(known)
+                found.append((self.cue_at(time_s).cue.cue, plan))
+        return tuple(found)
+
+    @property
+    def _formation(self) -> tuple[Track, Track, Track]:
+        return self.radius_m, self.height_m, self.spin_rad_s
+
+    def colours_at(self, time_s: float) -> NDArray[np.uint8]:
+        """(n, 3) red, green and blue of every vehicle's light, in the fleet's order."""
+        colours: NDArray[np.uint8] = np.rint(self.lights.value(time_s)).astype(np.uint8)
+        return colours
+
+    def cue_at(self, time_s: float) -> Played:
+        """The cue that was played last."""
+        return self.played[max(bisect_right(self.played, time_s, key=lambda one: one.at_s) - 1, 0)]
+
+    def leg_at(self, time_s: float) -> Leg:
+        """What the target does."""
+        return self.legs[max(bisect_right(self.legs, time_s, key=lambda leg: leg.from_s) - 1, 0)]
+
+    def orbit_at(self, time_s: float) -> Orbit:
+        """The orbit that is flown, or flown to."""
+        return self.orbits[max(bisect_right(self.orbits, time_s, key=lambda one: one[0]) - 1, 0)][1]
+
+    def obstacles_at(self, time_s: float) -> tuple[Obstacle, ...]:
+        """Everything that stands in the way."""
+        return self.obstacles[max(bisect_right(self.obstacles, time_s, key=lambda one: one[0]) - 1, 0)][1]
+
+
+class _Writer:
+    """Lays down one cue after the other."""
+
+    def __init__(self, show: Show) -> None:
+        self._show, self._limits = show, show.limits
+        self._glides: dict[str, list[Glide]] = {"radius_m": [], "height_m": [], "spin": [], "lights": []}
+        self._legs: list[Leg] = []
+        self._orbits: list[tuple[float, Orbit]] = []
+        self._obstacles: list[tuple[float, tuple[Obstacle, ...]]] = []
+
+    def written(self) -> Timeline:
+        show = self._show
+        played = written_out(show.timeline, show.loops)
+        for one in played:
+            self._begin(one) if one is played[0] else self._change(one)
+        radius, height, spin, lights = (Track(tuple(glides)) for glides in self._glides.values())
+        return Timeline(
+            show,
+            total_s(show),
+            played,
+            radius,
+            height,
+            spin,
+            lights,
+            tuple(self._legs),
+            tuple(self._orbits),
+            tuple(self._obstacles),
+        )
+
+    def _begin(self, one: Played) -> None:
+        """Where the show begins: everything that the first cue says stands at once."""
+        cue, count = one.cue, self._show.fleet.vehicles
+        self._set("radius_m", one, np.array([cue.radius_m or 0.0]))
+        self._set("height_m", one, np.array([cue.height_m or 0.0]))
+        self._set("spin", one, np.array([_rate_rad_s(cue.spin)]))
+        self._set("lights", one, _colours(cue.lights or ("#000000",), count))
+        self._orbits.append((0.0, _orbit(cue.orbit or CueOrbit(radius_m=0.0))))
+        self._obstacles.append((0.0, tuple(map(obstacle_of, cue.obstacles.appear))))
+        place = cue.target if isinstance(cue.target, Place) else Place(x_m=0.0, y_m=0.0)
+        if isinstance(cue.target, Path) and cue.target.path[0].after_s == 0.0:
+            place = cue.target.path[0]
+        place_m = np.array([place.x_m, place.y_m])
+        self._legs.append(Glide(0.0, 0.0, place_m, place_m, one.index))
+        if isinstance(cue.target, Path) or cue.target == "live":
+            self._target(one)
+
+    def _set(self, what: str, one: Played, value: Array) -> None:
+        self._glides[what].append(Glide(0.0, 0.0, value, value, one.index))
+
+    def _change(self, one: Played) -> None:
+        """What a later cue says, over its time or the shortest."""
+        cue, limits = one.cue, self._limits
+        if cue.orbit is not None:
+            self._orbits.append((one.at_s, _orbit(cue.orbit)))
+        if cue.obstacles.appear or cue.obstacles.go:
+            stays = [box for box in self._obstacles[-1][1] if box.id not in cue.obstacles.go]
+            self._obstacles.append((one.at_s, (*stays, *map(obstacle_of, cue.obstacles.appear))))
+        acceleration_m_s2 = limits.formation_acceleration_max_m_s2
+        if cue.radius_m is not None:
+            self._glide(
+                "radius_m", one, np.array([cue.radius_m]), limits.radius_rate_max_m_s, acceleration_m_s2
+            )
+        if cue.height_m is not None:
+            self._glide(
+                "height_m", one, np.array([cue.height_m]), limits.formation_climb_max_m_s, acceleration_m_s2
+            )
+        if cue.spin is not None:
+            self._glide("spin", one, np.array([_rate_rad_s(cue.spin)]), self.spin_change_max(one.at_s), inf)
+        if cue.lights is not None:
+            self._glide("lights", one, _colours(cue.lights, self._show.fleet.vehicles), inf, inf)
+        if cue.target is not None:
+            self._target(one)
+
+    def spin_change_max(self, at_s: float) -> float:
+        """The rate in rad/s^2 at which nobody's speed changes faster than the formation's may."""
+        glide = Track(tuple(self._glides["radius_m"])).at(at_s)
+        rim_m = max(float(glide.value(at_s)[0]), float(glide.after[0]))
+        return self._limits.formation_acceleration_max_m_s2 / rim_m
+
+    def _glide(self, what: str, one: Played, after: Array, rate_max: float, acceleration_max: float) -> None:
+        before = Track(tuple(self._glides[what])).value(one.at_s)
+        size = float(np.abs(after - before).max())
+        over_s = one.cue.over_s or shortest_s(size, rate_max, acceleration_max)
+        self._glides[what].append(Glide(one.at_s, one.at_s + over_s, before, after, one.index))
+
+    def _target(self, one: Played) -> None:
+        target, leg = one.cue.target, self._legs[-1]
+        here_m = leg.value(one.at_s)
+        if isinstance(target, Path):
+            points = [(point.after_s, point.x_m, point.y_m) for point in target.path]
+            if points[0][0] > 0.0:
+                points.insert(0, (0.0, float(here_m[0]), float(here_m[1])))
+            when_s, *place_m = np.array(points).T
+            if len(points) == 1:
+                self._legs.append(Glide(one.at_s, one.at_s, here_m, np.array(points[0][1:]), one.index))
+                return
+            spline = CubicSpline(when_s, np.column_stack(place_m), bc_type="clamped")
+            self._legs.append(Curve(one.at_s, one.at_s + float(when_s[-1]), spline, one.index))
+        elif isinstance(target, Place):
+            there_m = np.array([target.x_m, target.y_m])
+            speed_m_s, acceleration_m_s2 = self._left_to_target()
+            size_m = hypot(*(there_m - here_m).tolist())
+            over_s = one.cue.over_s or shortest_s(size_m, speed_m_s, acceleration_m_s2)
+            if isinstance(leg, Live):
+                over_s = 0.0  # from where is not known: the centre flies there within its own limits
+            self._legs.append(Glide(one.at_s, one.at_s + over_s, here_m, there_m, one.index))
+        else:
+            self._legs.append(Live(one.at_s, here_m, one.index))
+
+    def _left_to_target(self) -> tuple[float, float]:
+        """Speed and acceleration that the orbit leaves of the centre's."""
+        limits, orbit = self._limits, self._orbits[-1][1]
+        speed_m_s, turn_m_s2 = turning(orbit)
+        return (
+            max(limits.formation_speed_max_m_s - speed_m_s, LEAST_SHARE * limits.formation_speed_max_m_s),
+            max(
+                limits.formation_acceleration_max_m_s2 - turn_m_s2,
+                LEAST_SHARE * limits.formation_acceleration_max_m_s2,
+            ),
+        )
+
+
+def turning(orbit: Orbit) -> tuple[float, float]:
+    """Speed in m/s and acceleration in m/s^2 of the centre on its orbit; none where it sits on the target."""
+    if not orbit.radius_m:
+        return 0.0, 0.0
+    return orbit.speed_m_s, orbit.speed_m_s**2 / orbit.radius_m
+
+
+def _orbit(orbit: CueOrbit) -> Orbit:
+    return Orbit(orbit.radius_m, orbit.speed_m_s, orbit.direction)
+
+
+def obstacle_of(box: Box) -> Obstacle:
+    """What the tick knows of it: it stands."""
+    return Obstacle(**box.model_dump())
+
+
+def _rate_rad_s(spin: Spin | None) -> float:
+    if spin is None:
+        return 0.0
+    return radians(spin.rate_deg_s) * (1.0 if spin.direction is Direction.CLOCKWISE else -1.0)
+
+
+def _colours(lights: tuple[str, ...], count: int) -> Array:
+    """(n, 3), the colours given to the vehicles in turn."""
+    rgb = np.array(
+        [[int(colour[at : at + 2], 16) for at in (1, 3, 5)] for colour in lights], dtype=np.float64
+    )
+    given: Array = rgb[np.arange(count) % len(rgb)]
+    return given

@@ -1,0 +1,232 @@
+"""What is done with the selected show on an order, and how it leads the flight, tick by tick."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+from gcs.errors import RefusedError
+from gcs.feasibility import check_obstacle, check_target
+from gcs.flight import Flight
+from gcs.lifecycle import ON_THE_GROUND
+from gcs.performance import Performance
+from gcs.plan import MAX_OBSTACLES, Obstacle, Plan, Target
+from gcs.repertoire import Repertoire
+from gcs.service import SelectedShow
+from gcs.show.fitting import misfits
+from gcs.show.model import control_of
+from gcs.state import VehicleId
+
+log = logging.getLogger(__name__)
+
+
+class Stage:
+    """Selects shows, and lets the one that is selected decide the plan."""
+
+    def __init__(self, flight: Flight, repertoire: Repertoire) -> None:
+        self._flight = flight
+        self._repertoire = repertoire
+        self._told: Plan = flight.plan  # what is flown without a show
+        self.waits: tuple[str, ...] = ()  # why obstacles of the show do not stand yet
+
+    # on the ground
+
+    def select(self, name: str, show_hash: str) -> SelectedShow:
+        """Have a checked show fly next.
+
+        Raises: UnknownError; RefusedError when it is not cleared to fly, or does not fit this service.
+        """
+        flight, config = self._flight, self._flight.config
+        self._need_ground("select a show")
+        timeline = self._repertoire.cleared(name, show_hash)
+        show = timeline.show
+        wrong = misfits(show, config.frame, config.control, config.operation)
+        if show.fleet.vehicles > len(flight.vehicles):
+            wrong.append(f"fleet.vehicles = {show.fleet.vehicles}: the service has {len(flight.vehicles)}")
+        if wrong:
+            raise RefusedError(f"show {name!r} does not fit this service: {'; '.join(wrong)}")
+        performance = Performance(name, timeline)
+        own = self._told_obstacles
+        twice = sorted(performance.obstacle_ids & {box.id for box in own})
+        if twice:
+            raise RefusedError(
+                f"show {name!r} has obstacles of its own called {', '.join(twice)}: remove them"
+            )
+        if len(own) + len(performance.obstacles) > MAX_OBSTACLES:
+            raise RefusedError(
+                f"{len(own)} obstacles and the {len(performance.obstacles)} of show {name!r}: at most"
+                f" {MAX_OBSTACLES} together"
+            )
+        if flight.performance is None:
+            self._told = flight.plan
+        flight.performance = performance
+        flight.control = control_of(show.limits, show.fence, config.control)
+        flight.plan = replace(flight.plan, obstacles=own)
+        self.lead()
+        log.info("show_selected", extra={"show": name, "hash": performance.hash})
+        return performance.view(flight.fleet.time_s)
+
+    def deselect(self) -> None:
+        """Fly what is told instead. Raises: RefusedError in the air."""
+        flight = self._flight
+        self._need_ground("deselect the show")
+        if flight.performance is None:
+            return
+        own, yaw = self._own_obstacles(flight.performance), flight.plan.yaw
+        flight.performance, flight.control, self.waits = None, flight.config.control, ()
+        target = replace(self._told.target, time_s=flight.fleet.time_s)
+        flight.plan = replace(self._told, target=target, obstacles=own, yaw=yaw)
+
+    def seek(self, cue: str) -> SelectedShow:
+        """Have the show begin at a cue. Raises: UnknownError; RefusedError in the air, or without a show."""
+        flight = self._flight
+        performance = self._selected("seek")
+        grounded = flight.show in ON_THE_GROUND and not flight.airborne
+        performance.clock = performance.clock.seek(performance.timeline, cue, grounded=grounded)
+        self.lead()
+        return performance.view(flight.fleet.time_s)
+
+    def check_start(self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool) -> None:
+        """Whether the selected show may be started by these.
+
+        Args:
+            chosen: who would fly.
+            show_hash: that the order names.
+            named: whether the order names them, too.
+
+        Raises: RefusedError.
+        """
+        performance = self._flight.performance
+        if performance is None:
+            if show_hash is not None:
+                raise RefusedError("no show is selected: select one, or start without a show's hash")
+            return
+        if show_hash is None:
+            raise RefusedError(
+                f"show {performance.name!r} is selected: start with its hash {performance.hash},"
+                " or deselect it"
+            )
+        if show_hash != performance.hash:
+            raise RefusedError(
+                f"show {performance.name!r} is selected with the hash {performance.hash}, not"
+                f" {show_hash[:64]!r}"
+            )
+        self._repertoire.cleared(performance.name, show_hash)
+        needed, count = performance.timeline.show.fleet.vehicles, len(chosen)
+        if count > needed or (count < needed and not named):
+            mend = "name those who fly" + (", to take the others out" if count < needed else "")
+            raise RefusedError(
+                f"show {performance.name!r} is for {needed} vehicles, {count} would start: {mend}"
+            )
+
+    def begin(self, chosen: Sequence[VehicleId]) -> None:
+        """The selected show is started by these."""
+        performance = self._flight.performance
+        if performance is not None:
+            performance.started = True
+            performance.parts = {name: part for part, name in enumerate(chosen)}
+
+    def plans(self) -> Sequence[tuple[str, Plan]]:
+        """What is to be flown, from first to last, by cue."""
+        performance = self._flight.performance
+        return [("", self._flight.plan)] if performance is None else performance.timeline.stages()
+
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Everything that stands at some time."""
+        performance, plan = self._flight.performance, self._flight.plan
+        if performance is None:
+            return plan.obstacles
+        return (*self._own_obstacles(performance), *performance.obstacles)
+
+    def _need_ground(self, what: str) -> None:
+        flight = self._flight
+        if flight.show not in ON_THE_GROUND or flight.airborne:
+            raise RefusedError(f"cannot {what} while the show is {flight.show}: stop it, and wait for landed")
+
+    def _selected(self, what: str) -> Performance:
+        if self._flight.performance is None:
+            raise RefusedError(f"no show is selected: {what} is for one that is")
+        return self._flight.performance
+
+    # in the air
+
+    def lead(self) -> None:
+        """Let the show decide formation, orbit, target and its own obstacles; once a tick."""
+        flight, performance = self._flight, self._flight.performance
+        if performance is None:
+            return
+        wanted = performance.wanted(flight.fleet.time_s)
+        standing = {box.id for box in flight.plan.obstacles}
+        own = self._own_obstacles(performance)
+        admitted, waits = [], []
+        for box in wanted.obstacles:
+            why = "" if box.id in standing else self._in_the_way(box)
+            if why:
+                waits.append(why)
+            else:
+                admitted.append(box)
+        self.waits = tuple(waits)
+        flight.plan = replace(wanted, obstacles=(*own, *admitted), yaw=flight.plan.yaw)
+
+    def _in_the_way(self, box: Obstacle) -> str:
+        """Why an obstacle of the show cannot appear now; empty when it can."""
+        flight = self._flight
+        try:
+            check_obstacle(
+                box,
+                flight.control.law.avoidance,
+                {vehicle.id: flight.position_m(vehicle) for vehicle in flight.airborne},
+                {},
+                velocities_m_s={
+                    vehicle.id: flight.fleet.velocity_m_s[vehicle.row] for vehicle in flight.airborne
+                },
+                braking=flight.control.safety.braking,
+            )
+        except RefusedError as error:
+            return f"{error}; it waits"
+        return ""
+
+    @property
+    def _told_obstacles(self) -> tuple[Obstacle, ...]:
+        """Those that are not the selected show's."""
+        performance = self._flight.performance
+        return self._flight.plan.obstacles if performance is None else self._own_obstacles(performance)
+
+    def _own_obstacles(self, performance: Performance) -> tuple[Obstacle, ...]:
+        """Those that were told, and are not the show's."""
+        ids = performance.obstacle_ids
+        return tuple(box for box in self._flight.plan.obstacles if box.id not in ids)
+
+    # what may be told meanwhile
+
+    def need_free(self, what: str) -> None:
+        """Raises: RefusedError while a show decides it."""
+        performance = self._flight.performance
+        if performance is not None:
+            raise RefusedError(
+                f"show {performance.name!r} decides the {what}: it can be paused or stopped, and deselected"
+                " once everybody is down"
+            )
+
+    def need_own_obstacle(self, obstacle_id: str) -> None:
+        """Raises: RefusedError when it is one of the show's."""
+        performance = self._flight.performance
+        if performance is not None and obstacle_id in performance.obstacle_ids:
+            self.need_free(f"obstacle {obstacle_id}")
+
+    @property
+    def reserved(self) -> int:
+        """Obstacles that the show will want, and that do not stand."""
+        performance = self._flight.performance
+        if performance is None:
+            return 0
+        return len(performance.obstacle_ids - {box.id for box in self._flight.plan.obstacles})
+
+    def tell_target(self, target: Target) -> None:
+        """Take a target, where nothing or a live cue asks for it. Raises: RefusedError, InvalidError."""
+        flight, performance = self._flight, self._flight.performance
+        if performance is not None and not performance.is_live(target.time_s):
+            self.need_free(f"target at cue {performance.cue(target.time_s)!r}")
+        check_target(target, flight.plan.orbit, flight.plan.formation, flight.control)
+        if performance is not None:
+            performance.live = target
+        flight.plan = replace(flight.plan, target=target)

@@ -1,0 +1,102 @@
+"""What is done with one vehicle on an order."""
+
+import logging
+
+from gcs.errand_tasks import Errand
+from gcs.errands import Errands
+from gcs.errors import InvalidError, OrderError, RefusedError
+from gcs.feasibility import check_formation
+from gcs.flight import Flight
+from gcs.lifecycle import FLOWN, IN_THE_AIR, Event, Phase, ShowPhase
+from gcs.links import Order, Verb
+from gcs.orders import OrderBook
+from gcs.places import landing_places_m
+from gcs.service import OrderRecord, Outcome, VehicleAction
+from gcs.state import VehicleId
+from gcs.vehicle import Vehicle, require_phase
+
+log = logging.getLogger(__name__)
+
+EVENT_OF = {
+    VehicleAction.HOLD: Event.HOLD,
+    VehicleAction.JOIN: Event.ENGAGE,
+    VehicleAction.RETURN: Event.COME_HOME,
+    VehicleAction.LAND: Event.DESCEND,
+    VehicleAction.KILL: Event.KILL,
+    VehicleAction.HAND_BACK: Event.HANDED_BACK,
+    VehicleAction.CONFIRM_DOWN: Event.CONFIRMED_DOWN,
+}
+
+
+class VehicleOrders:
+    """Turns orders to one vehicle into errands."""
+
+    def __init__(self, flight: Flight, errands: Errands, book: OrderBook) -> None:
+        self._flight = flight
+        self._errands = errands
+        self._book = book
+
+    def command(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
+        """Carry out an order to one vehicle. Raises: RefusedError, UnknownError."""
+        vehicle = self._flight.vehicle(vehicle_id)
+        if not (action is VehicleAction.HOLD and vehicle.phase is Phase.HOLD):
+            require_phase(vehicle, EVENT_OF[action])
+        if action is VehicleAction.HOLD and vehicle.pilots:
+            raise RefusedError(
+                f"{vehicle_id} was taken over before it fell silent: hand-back, once it is heard"
+            )
+        if action is VehicleAction.KILL:
+            return self._kill(vehicle)
+        if action is VehicleAction.CONFIRM_DOWN:
+            vehicle.apply(Event.CONFIRMED_DOWN, "an operator has seen it on the ground")
+            vehicle.last_m = None
+            record = self._book.open(action, [vehicle.id], {})
+            self._book.close(record.id, vehicle.id, Outcome.DONE)
+            return self._book.get(record.id)
+        if action is VehicleAction.JOIN and self._flight.show not in IN_THE_AIR - {ShowPhase.RETURNING}:
+            raise RefusedError(f"{vehicle_id} has no formation to join: the show is {self._flight.show}")
+        if action is VehicleAction.JOIN:
+            self._check_room(vehicle)
+        if action is VehicleAction.RETURN and vehicle.home_m is None:
+            raise RefusedError(f"{vehicle_id} cannot return: where it started is not known; use land")
+        if action is VehicleAction.RETURN and vehicle.handed_over:
+            raise RefusedError(f"{vehicle_id} cannot return: its autopilot touches it down already")
+        errands: dict[VehicleAction, Errand] = {
+            VehicleAction.HOLD: self._errands.hold,
+            VehicleAction.JOIN: self._errands.join,
+            VehicleAction.RETURN: self._errands.come_home,
+            VehicleAction.HAND_BACK: self._errands.hand_back,
+        }
+        if action is VehicleAction.LAND:
+            place_m = landing_places_m(self._flight, [vehicle])[vehicle.id]
+            return self._send(vehicle, self._errands.descend(place_m), action)
+        return self._send(vehicle, errands[action], action)
+
+    def _check_room(self, vehicle: Vehicle) -> None:
+        """Raises: RefusedError when the sphere is too small for one more."""
+        flight = self._flight
+        others = [other for other in flight.airborne if other is not vehicle]
+        formed = [other for other in others if other.engaging or other.phase is Phase.FORMATION]
+        try:
+            check_formation(flight.plan.formation, len(formed) + 1, flight.control.safety)
+        except InvalidError as error:
+            raise RefusedError(f"{vehicle.id} cannot join: {error}") from None
+
+    def _kill(self, vehicle: Vehicle) -> OrderRecord:
+        """Motors off. The phase changes at once: nothing else is sent from here on."""
+        flown = vehicle.phase in FLOWN
+        vehicle.apply(Event.KILL, "motors stopped on order")
+        log.warning("kill", extra={"vehicle": vehicle.id, "was_flown": flown})
+
+        async def errand(killed: Vehicle) -> None:
+            try:
+                await self._flight.execute(Order(killed.id, Verb.KILL))
+            except OrderError as error:
+                raise RefusedError(f"the kill was sent, but not seen to work: {error}") from None
+
+        return self._send(vehicle, errand, "kill")
+
+    def _send(self, vehicle: Vehicle, errand: Errand, action: str) -> OrderRecord:
+        record = self._book.open(action, [vehicle.id], {})
+        self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
+        return record

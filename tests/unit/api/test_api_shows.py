@@ -1,0 +1,184 @@
+"""Show files and their checks over REST: what is kept, what is refused, and what that changes."""
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from api_fake_service import FakeService
+from api_harness import Api
+
+from gcs.repertoire import FILES_MAX, SIZE_MAX_BYTES
+from gcs.show import load, shipped
+
+LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse").read_text()
+SHOW = load(next(path for path in shipped() if path.stem == "lighthouse")).show
+PATH = "/api/v1/shows/lighthouse"
+
+
+@pytest.fixture
+def api(tmp_path: Path) -> Api:
+    return Api(FakeService(folder=tmp_path / "shows"))
+
+
+def kept(api: Api) -> dict[str, str]:
+    names = [each["name"] for each in api("GET", "/api/v1/shows").json()]
+    return {name: api("GET", f"/api/v1/shows/{name}").json()["text"] for name in names}
+
+
+def pass_check(api: Api, text: str = LIGHTHOUSE, *, good: bool = True) -> str:
+    """As a check that found nothing wrong, or something. Returns: the hash."""
+    answer: dict[str, Any] = {
+        "good": good,
+        "problems": [] if good else [{"line": 3, "cue": "lamp", "text": "too fast"}],
+        "model": SHOW.model_dump(mode="json"),
+    }
+    told = api.service.shows.found("lighthouse", text.encode(), answer)
+    assert told.hash == SHOW.digest
+    return SHOW.digest
+
+
+def detail(answer: httpx.Response, status: int) -> str:
+    assert answer.status_code == status, answer.text
+    return str(answer.json()["detail"])
+
+
+def test_a_show_that_was_uploaded_is_listed_and_read_as_it_was_given(api: Api) -> None:
+    assert api("GET", "/api/v1/shows").json() == []
+    answer = api("PUT", PATH, content=LIGHTHOUSE.encode())
+    assert answer.status_code == 200
+    assert answer.json()["size_bytes"] == len(LIGHTHOUSE.encode())
+    assert kept(api) == {"lighthouse": LIGHTHOUSE}
+    assert api("PUT", PATH, content=b"about: another").status_code == 200
+    assert kept(api) == {"lighthouse": "about: another"}
+
+
+def test_a_show_that_is_removed_is_gone(api: Api) -> None:
+    api("PUT", PATH, content=LIGHTHOUSE.encode())
+    assert api("DELETE", PATH).status_code == 204
+    assert kept(api) == {}
+    assert "no show" in detail(api("DELETE", PATH), 404)
+    assert "no show" in detail(api("GET", PATH), 404)
+
+
+@pytest.mark.parametrize(
+    ("content", "status", "says"),
+    [
+        (b"", 422, "at most"),
+        (b" \n", 422, "at most"),
+        (b"\xff\xfe", 422, "UTF-8"),
+        (b"x" * (SIZE_MAX_BYTES + 1), 413, "larger than"),
+    ],
+)
+def test_what_is_no_text_or_too_much_is_refused_and_what_was_there_stays(
+    api: Api, content: bytes, status: int, says: str
+) -> None:
+    api("PUT", PATH, content=LIGHTHOUSE.encode())
+    assert says in detail(api("PUT", PATH, content=content), status)
+    assert kept(api) == {"lighthouse": LIGHTHOUSE}
+
+
+@pytest.mark.parametrize("name", ["..%2Fetc", ".hidden", "a.b", "-x", "a" * 61, "a%00b", "%C3%A4"])
+def test_names_that_could_lead_elsewhere_are_refused(api: Api, tmp_path: Path, name: str) -> None:
+    answer = api("PUT", f"/api/v1/shows/{name}", content=LIGHTHOUSE.encode())
+    assert answer.status_code in {404, 422}
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_a_folder_that_is_full_or_cannot_be_written_is_said_so(api: Api, tmp_path: Path) -> None:
+    folder = tmp_path / "shows"
+    folder.mkdir()
+    for number in range(FILES_MAX):
+        (folder / f"s{number}.yaml").write_text("about: x")
+    assert f"{FILES_MAX} shows already" in detail(api("PUT", PATH, content=b"about: x"), 409)
+    assert api("PUT", "/api/v1/shows/s1", content=b"about: y").status_code == 200
+    blocked = Api(FakeService(folder=folder / "s1.yaml" / "inside"))
+    assert "cannot be kept" in detail(blocked("PUT", PATH, content=b"about: x"), 409)
+
+
+def test_a_service_without_a_folder_says_what_is_missing() -> None:
+    api = Api()
+    assert api("GET", "/api/v1/shows").json() == []
+    for method, path in (("PUT", PATH), ("GET", PATH), ("POST", f"{PATH}/check")):
+        content = LIGHTHOUSE.encode() if method == "PUT" else None
+        assert "shows.folder" in detail(api(method, path, content=content), 409)
+
+
+def test_only_the_show_that_was_checked_can_be_selected(api: Api) -> None:
+    def select(show_hash: str) -> httpx.Response:
+        return api("POST", f"{PATH}/select", json={"hash": show_hash})
+
+    assert "no show" in detail(select(SHOW.digest), 404)
+    api("PUT", PATH, content=LIGHTHOUSE.encode())
+    assert "has not been checked" in detail(select(SHOW.digest), 409)
+    pass_check(api, good=False)
+    assert "not good to fly: line 3: cue 'lamp': too fast" in detail(select(SHOW.digest), 409)
+    pass_check(api)
+    assert "was checked with the hash" in detail(select("0" * 64), 409)
+    assert detail(select("lighthouse"), 422)
+    assert select(SHOW.digest).json()["cue"] == "lamp"
+    api("PUT", PATH, content=LIGHTHOUSE.replace("radius_m: 10", "radius_m: 11").encode())
+    assert "has changed since it was checked" in detail(select(SHOW.digest), 409)
+
+
+def test_the_selected_show_is_seen_sought_started_by_its_hash_and_deselected(api: Api) -> None:
+    api("PUT", PATH, content=LIGHTHOUSE.encode())
+    show_hash = pass_check(api)
+    assert "no show is selected" in detail(api("POST", "/api/v1/show/seek", json={"cue": "lamp"}), 409)
+    api("POST", f"{PATH}/select", json={"hash": show_hash})
+    assert "no cue nowhere" in detail(api("POST", "/api/v1/show/seek", json={"cue": "nowhere"}), 404)
+    assert api("POST", "/api/v1/show/seek", json={"cue": "up the tower"}).json()["cue"] == "up the tower"
+    api.service.tick()
+    seen = api("GET", "/api/v1/show").json()["selected"]
+    assert (seen["name"], seen["hash"], seen["cue"], seen["runs"]) == (
+        "lighthouse",
+        show_hash,
+        "up the tower",
+        False,
+    )
+    assert detail(api("POST", "/api/v1/show/start"), 409)
+    assert detail(api("POST", "/api/v1/show/start", json={"show_hash": "0" * 64}), 409)
+    past = {"show_hash": show_hash, "at_unix_time_s": 1000.0}
+    assert "ahead" in detail(api("POST", "/api/v1/show/start", json=past), 422)
+    ahead = {"show_hash": show_hash, "at_unix_time_s": 9e9}
+    assert api("POST", "/api/v1/show/start", json=ahead).status_code == 202
+    api.service.tick()
+    show = api("GET", "/api/v1/show").json()
+    assert (show["phase"], show["start_unix_time_s"]) == ("countdown", 9e9)
+    assert show["countdown_s"] > 1e9
+    assert set(show["possible"]) == {"start", "stop", "abort"}
+    api.service.reset()
+    assert api("POST", "/api/v1/show/deselect").status_code == 204
+    assert api("GET", "/api/v1/show").json()["selected"] is None
+
+
+def test_a_check_that_was_never_made_is_unknown_and_a_missing_file_is_a_check_that_failed(api: Api) -> None:
+    assert "has not been checked" in detail(api("GET", f"{PATH}/check"), 404)
+    shows = api.service.shows
+
+    async def checked() -> None:
+        assert shows.check("lighthouse").state == "waiting"
+        async with asyncio.timeout(30):
+            while shows.checked("lighthouse").state in {"waiting", "running"}:  # noqa: ASYNC110
+                await asyncio.sleep(0.01)
+
+    asyncio.run(checked())
+    answer = api("GET", f"{PATH}/check").json()
+    assert (answer["state"], answer["good"]) == ("failed", False)
+    assert "no show 'lighthouse'" in answer["reason"]
+
+
+def test_at_most_two_checks_are_under_way(api: Api) -> None:
+    async def three() -> None:
+        shows = api.service.shows
+        shows.check("one")
+        with pytest.raises(Exception, match="being checked already"):
+            shows.check("one")
+        shows.check("two")
+        with pytest.raises(Exception, match="wait for one, two"):
+            shows.check("three")
+        await shows.close()
+        assert shows.checked("two").state == "failed"
+
+    asyncio.run(three())

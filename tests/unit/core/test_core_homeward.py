@@ -1,0 +1,103 @@
+"""Ways home for a whole fleet: nobody meets anybody, everybody gets down; where none is found it is said."""
+
+import numpy as np
+import pytest
+
+from gcs.homeward import STEP_S, Planner, Ways, plan_ways
+from gcs.safety.filter import Limits
+from gcs.safety.separation import Floor
+from gcs.state import Array
+
+FLOOR = Floor()
+UNSURE_M = 0.7
+OVER_M, HANDOVER_M = 5.0, 1.5
+
+
+def planned(start_m: Array, pad_m: Array, **changes: object) -> Ways:
+    settings = {
+        "speed_m_s": 4.0,
+        "goal_rate_per_s": 0.8,
+        "limits": Limits(),
+        "floor": FLOOR,
+        "uncertainty_m": UNSURE_M,
+    }
+    return plan_ways(Planner(start_m, pad_m, OVER_M, HANDOVER_M, **{**settings, **changes}))  # type: ignore[arg-type]
+
+
+def fleet(count: int, seed: int) -> tuple[Array, Array]:
+    """Hovering 9 m apart at random heights, each with a pad that lies anywhere on a grid."""
+    random = np.random.default_rng(seed)
+    side = int(np.ceil(np.sqrt(count)))
+    index = np.arange(count)
+    cells = np.stack([index // side, index % side], axis=1).astype(float)
+    start_m = np.column_stack([9.0 * (cells - side / 2), -random.uniform(8.0, 30.0, count)])
+    pad_m = np.column_stack([4.0 * (cells - side / 2), np.zeros(count)])[random.permutation(count)]
+    return start_m, pad_m
+
+
+def flown(ways: Ways, start_m: Array) -> Array:
+    """(t, n, 3) of points that are drawn to their goals at the law's rate."""
+    here_m, found = start_m.copy(), []
+    for step in range(int(ways.down_s.max() / STEP_S) + 1):
+        goal_m = np.array([ways.goal_m(row, step * STEP_S) for row in range(len(start_m))])
+        wanted = 0.8 * (goal_m - here_m)
+        size = np.linalg.norm(wanted, axis=1, keepdims=True)
+        here_m = here_m + STEP_S * wanted * np.minimum(1.0, 4.0 / np.maximum(size, 1e-9))
+        found.append(here_m)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_fleet_whose_ways_cross_comes_down_without_anybody_inside_the_floor(seed: int) -> None:
+    start_m, pad_m = fleet(25, seed)
+    ways = planned(start_m, pad_m)
+    assert ways.unplanned == ()
+    path_m = flown(ways, start_m)
+    scaled = path_m * FLOOR.scale
+    for t, here in enumerate(scaled):
+        apart_m = np.linalg.norm(here[:, None] - here[None], axis=2) + 1e9 * np.eye(len(here))
+        low = -path_m[t, :, 2] < FLOOR.pad_height_m
+        apart_m[low[:, None] & low[None]] = 1e9
+        assert apart_m.min() > FLOOR.horizontal_m + FLOOR.margin_m
+    assert np.hypot(*(path_m[-1] - pad_m)[:, :2].T).max() < 0.5
+    assert (-path_m[-1, :, 2]).max() < HANDOVER_M
+
+
+def test_one_vehicle_flies_straight_away() -> None:
+    start_m, pad_m = np.array([[20.0, 0.0, -15.0]]), np.zeros((1, 3))
+    ways = planned(start_m, pad_m)
+    assert ways.down_s[0] < 1.5 * (15.0 / 1.4) + 10.0
+    assert np.linalg.norm(ways.goal_m(0, 1.0) - start_m[0]) > 1.0
+    assert ways.goal_m(0, 1e6) == pytest.approx(pad_m[0])
+    assert ways.goal_m(0, -1.0) == pytest.approx(ways.goal_m(0, 0.0))
+
+
+def test_two_above_each_others_pads_both_come_down() -> None:
+    pad_m = np.array([[0.0, 0.0, 0.0], [14.0, 0.0, 0.0]])
+    start_m = pad_m[::-1] - (0.0, 0.0, 6.0)
+    ways = planned(start_m, pad_m)
+    assert ways.unplanned == ()
+    apart_m = np.linalg.norm((flown(ways, start_m)[:, 0] - flown(ways, start_m)[:, 1]) * FLOOR.scale, axis=1)
+    high = flown(ways, start_m)[:, :, 2].min(axis=1) < -FLOOR.pad_height_m
+    assert apart_m[high].min() > FLOOR.horizontal_m + FLOOR.margin_m
+
+
+def test_ways_keep_clear_of_what_stands_where_one_can() -> None:
+    start_m, pad_m = np.array([[30.0, 0.0, -10.0]]), np.zeros((1, 3))
+
+    def is_free(path_m: Array) -> bool:
+        return not (np.hypot(path_m[:, 0] - 15.0, path_m[:, 1]) < 3.0).any()
+
+    path_m = planned(start_m, pad_m, is_free=is_free).path_m[0]
+    assert np.hypot(path_m[:, 0] - 15.0, path_m[:, 1]).min() > 2.9
+
+
+def test_who_finds_no_way_is_named_and_follows_when_the_others_are_down() -> None:
+    start_m = np.array([[0.0, 0.0, -10.0], [2.0, 0.0, -10.0], [20.0, 0.0, -10.0]])
+    pad_m = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [20.0, 0.0, 0.0]])  # two pads too close to each other
+    ways = planned(start_m, pad_m)
+    assert len(ways.unplanned) == 1
+    last = ways.unplanned[0]
+    others = [row for row in range(3) if row != last]
+    assert ways.down_s[last] > ways.down_s[others].max()
+    assert ways.goal_m(last, ways.down_s[others].max() - 0.5) == pytest.approx(start_m[last], abs=0.5)

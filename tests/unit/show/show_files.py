@@ -1,0 +1,39 @@
+"""Show files for tests: the shipped ones, the broken ones, and variations of a sound one."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gcs.errors import Problem, ShowError
+from gcs.show import LoadedShow, parse
+
+BROKEN = Path(__file__).parents[2] / "data" / "shows"
+
+SOUND: dict[str, Any] = {
+    "about": "A trial.",
+    "origin": {"latitude_deg": 47.4, "longitude_deg": 8.5, "altitude_amsl_m": 488.0, "heading_deg": 0.0},
+    "fleet": {"vehicles": 8, "pads": {"columns": 4, "spacing_m": 4.0}, "endurance_s": 900.0},
+    "fence": {"height_min_m": 3.0, "height_max_m": 60.0, "distance_max_m": 80.0},
+    "duration_s": 60.0,
+}
+
+BEGIN = {"cue": "begin", "at_s": 0, "radius_m": 8, "height_m": 20}
+
+
+def text_of(*cues: dict[str, Any], **changes: Any) -> str:
+    """A show that begins like the others, with these cues and changed keys."""
+    return yaml.safe_dump(SOUND | {"timeline": [BEGIN, *cues]} | changes, sort_keys=False)
+
+
+def loaded(*cues: dict[str, Any], **changes: Any) -> LoadedShow:
+    return parse(text_of(*cues, **changes), "trial.yaml")
+
+
+def problems(*cues: dict[str, Any], **changes: Any) -> tuple[Problem, ...]:
+    """What is wrong with it."""
+    try:
+        loaded(*cues, **changes)
+    except ShowError as error:
+        return error.problems
+    return ()

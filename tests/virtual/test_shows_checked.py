@@ -1,0 +1,79 @@
+"""`gcs show` as its users call it: shows flown in virtual time."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs.cli import main
+from gcs.show import load, shipped
+
+BROKEN = Path(__file__).parents[1] / "data" / "shows"
+
+FLOWN = {
+    "battery-too-small": (7, None, "s in the air and a reserve of 25% need"),
+    "orbit-never-reached": (17, "change", "the formation never reaches its orbit or target"),
+    "tower-in-the-sphere": (19, "change", "obstacle tower would stand on"),
+}
+
+
+def checked(capsys: pytest.CaptureFixture[str], file: Path) -> tuple[int, dict[str, Any]]:
+    code = main(["show", "check", str(file), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("path", shipped(), ids=lambda path: path.stem)
+def test_a_shipped_show_is_good_to_fly(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, verdict = checked(capsys, path)
+    assert (code, verdict["good"], verdict["problems"]) == (0, True, [])
+    assert verdict["pairs_below_floor"] == 0
+    assert verdict["separation_min_m"] >= verdict["floor_m"]
+    assert verdict["fence_distance_margin_m"] > 0.0
+    assert verdict["fence_height_margin_m"] > 0.0
+    assert verdict["battery_need"] < 1.0
+    assert max(cue["center_off_m"] for cue in verdict["cues"]) < 1.0
+    assert max(cue["radius_error_m"] for cue in verdict["cues"]) < 2.0
+    assert verdict["hash"] == load(path).show.digest
+
+
+@pytest.mark.parametrize("name", FLOWN)
+def test_what_only_a_flight_shows_is_told_with_line_and_cue(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, verdict = checked(capsys, BROKEN / f"{name}.yaml")
+    line, cue, words = FLOWN[name]
+    (problem,) = verdict["problems"]
+    assert (code, verdict["good"]) == (1, False)
+    assert (problem["line"], problem["cue"]) == (line, cue)
+    assert words in problem["text"]
+
+
+def test_a_show_with_a_broken_rule_is_not_flown(capsys: pytest.CaptureFixture[str]) -> None:
+    code, verdict = checked(capsys, BROKEN / "too-small.yaml")
+    assert (code, verdict["good"]) == (1, False)
+    assert verdict["problems"][0]["line"] == 19
+    assert main(["show", "check", str(BROKEN / "too-small.yaml")]) == 1
+    assert "too-small.yaml: line 19: cue 'change'" in capsys.readouterr().err
+
+
+def test_the_table_names_every_cue(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "check", str(BROKEN / "battery-too-small.yaml")]) == 1
+    told = capsys.readouterr().out
+    assert all(name in told for name in ("begin", "change", "end", "battery", "closest"))
+
+
+def test_the_hash_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "hash", "lighthouse"]) == 0
+    assert len(capsys.readouterr().out.strip()) == 64
+
+
+def test_a_show_is_drawn(tmp_path: Path) -> None:
+    picture = tmp_path / "show.png"
+    assert main(["show", "plot", "figure-of-eight", str(picture)]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_picture_needs_a_folder_that_exists(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "plot", "lighthouse", "nowhere/show.png"]) == 2
+    assert "in a folder that exists" in capsys.readouterr().err

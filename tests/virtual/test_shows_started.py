@@ -1,0 +1,259 @@
+"""How a written show is started: only as it was checked, by whom it needs, at a clock time, from a cue."""
+
+from pathlib import Path
+
+import pytest
+from virtual_show import Show, fly, refused
+from written_show import NAME, TEXT, check, config, keep, select
+
+from gcs.errors import InvalidError, RefusedError, UnknownError
+from gcs.lifecycle import ShowPhase
+from gcs.plan import MAX_OBSTACLES, Formation, Obstacle
+from gcs.service import Outcome, ShowAction, VehicleAction
+from sim.modes import Mode as PilotMode
+
+ALL = ("d1", "d2", "d3", "d4")
+AHEAD_S = 20.0
+
+
+def box(name: str, y_m: float = -60.0) -> Obstacle:
+    return Obstacle(name, 60.0, y_m, 1.0, 1.0, 5.0)
+
+
+def test_a_start_is_refused_unless_it_names_the_show_that_was_checked(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        service = show.service
+        await show.standby()
+
+        async def start_refused(show_hash: str | None, *vehicles: str) -> str:
+            wanted = vehicles or None
+            refusal = await refused(
+                show, lambda: service.command_show(ShowAction.START, wanted, show_hash=show_hash)
+            )
+            assert refusal.kind is RefusedError
+            assert show.view.show is ShowPhase.IDLE
+            return refusal.text
+
+        assert "no show is selected" in await start_refused("0" * 64)
+        show_hash = check(show)
+        assert "no show is selected" in await start_refused(show_hash)
+        service.select_show(NAME, show_hash)
+        assert f"start with its hash {show_hash}" in await start_refused(None)
+        assert "is selected with the hash" in await start_refused("0" * 64)
+        assert "is for 4 vehicles, 3 would start" in await start_refused_with_one_silent(show, show_hash)
+        keep(show, TEXT.replace("radius_m: 7", "radius_m: 8"))
+        assert "has changed since it was checked" in await start_refused(show_hash)
+        keep(show)
+        record = service.command_show(ShowAction.START, ALL[:3], show_hash=show_hash)
+        await show.reach(ShowPhase.RUNNING)
+        assert service.order(record.id).outcomes["d4"].reason == "not chosen"
+        assert show.vehicle("d4").light is None
+        assert [show.vehicle(name).light for name in ALL[:3]] == ["#ff0000", "#0000ff", "#ff0000"]
+
+    async def start_refused_with_one_silent(show: Show, show_hash: str) -> str:
+        show.link.silence("d4")
+        await show.wait(5.0)
+        refusal = await refused(
+            show, lambda: show.service.command_show(ShowAction.START, show_hash=show_hash)
+        )
+        show.link.restore("d4")
+        await show.standby()
+        return refusal.text
+
+    fly(story, config(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("sections", "says"),
+    [
+        ({"show_frame": {"heading_deg": 37.0}}, "origin.heading_deg = 30: the service's is 37"),
+        ({"show_frame": {"latitude_deg": 47.397787}}, "origin: 5.0 m sideways"),
+        ({"control": {"safety": {"fence": {"distance_max_m": 90.0}}}}, "fence.distance_max_m = 100: at most"),
+        ({"control": {"safety": {"floor": {"horizontal_m": 2.5}}}}, "separation_min_m = 2: at least"),
+        ({"operation": {"takeoff_height_m": 6.0}}, "fleet.takeoff_height_m = 5: the service's"),
+    ],
+)
+def test_a_show_that_would_not_fly_as_it_was_checked_cannot_be_selected(
+    tmp_path: Path, sections: dict[str, dict[str, object]], says: str
+) -> None:
+    async def story(show: Show) -> None:
+        show_hash = check(show)
+        refusal = await refused(show, lambda: show.service.select_show(NAME, show_hash))
+        assert refusal.kind is RefusedError
+        assert says in refusal.text
+        assert show.view.selected is None
+
+    fly(story, config(tmp_path, **sections))
+
+
+def test_a_show_and_what_was_told_keep_their_obstacles_apart(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        service = show.service
+        show_hash = check(show)
+        service.add_obstacle(box("tower"))
+        refusal = await refused(show, lambda: service.select_show(NAME, show_hash))
+        assert "obstacles of its own called tower" in refusal.text
+        service.remove_obstacle("tower")
+        for number in range(MAX_OBSTACLES):
+            service.add_obstacle(box(f"b{number}", -20.0 - 4.0 * number))
+        refusal = await refused(show, lambda: service.select_show(NAME, show_hash))
+        assert f"at most {MAX_OBSTACLES} together" in refusal.text
+        service.remove_obstacle("b0")
+        service.select_show(NAME, show_hash)
+        refusal = await refused(show, lambda: service.add_obstacle(box("b0")))
+        assert "the most possible" in refusal.text
+        for change in (
+            lambda: service.remove_obstacle("tower"),
+            lambda: service.change_obstacle(box("tower")),
+        ):
+            assert "decides the obstacle tower" in (await refused(show, change)).text
+
+    fly(story, config(tmp_path))
+
+
+def test_a_show_that_is_deselected_leaves_what_was_told_before(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        service = show.service
+        service.set_formation(Formation(9.0, 16.0))
+        select(show)
+        await show.wait(1.0)
+        assert show.view.plan.formation == Formation(6.0, 14.0)
+        service.add_obstacle(box("crane"))
+        service.deselect_show()
+        await show.wait(1.0)
+        assert show.view.selected is None
+        assert show.view.plan.formation == Formation(9.0, 16.0)
+        assert [each.id for each in show.view.plan.obstacles] == ["crane"]
+        service.set_formation(Formation(8.0, 15.0))
+
+    fly(story, config(tmp_path))
+
+
+def test_a_start_at_a_clock_time_counts_down_and_takes_off_then(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        service = show.service
+        await show.standby()
+        show_hash = select(show)
+        at_s = show.unix() + AHEAD_S
+        record = service.command_show(ShowAction.START, show_hash=show_hash, at_unix_time_s=at_s)
+        begun_s = show.now_s
+        await show.wait(AHEAD_S / 2)
+        assert show.view.show is ShowPhase.COUNTDOWN
+        assert show.view.start_unix_time_s == at_s
+        assert show.view.countdown_s == pytest.approx(AHEAD_S / 2, abs=0.1)
+        assert service.order(record.id).outcome is Outcome.PENDING
+        for change in (lambda: service.seek_show("turn"), service.deselect_show):
+            assert "counted down" in (await refused(show, change)).text
+        await show.reach(ShowPhase.ARMING)
+        assert show.now_s - begun_s == pytest.approx(AHEAD_S, abs=0.1)
+        assert show.view.countdown_s is None
+        await show.reach(ShowPhase.RUNNING)
+        assert service.order(record.id).outcome is Outcome.DONE
+
+    fly(story, config(tmp_path))
+
+
+def test_a_countdown_that_is_called_off_fails_its_order_and_nobody_takes_off(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        service = show.service
+        await show.standby()
+        show_hash = select(show)
+        record = service.command_show(
+            ShowAction.START, show_hash=show_hash, at_unix_time_s=show.unix() + AHEAD_S
+        )
+        service.command_show(ShowAction.STOP)
+        await show.wait(2.0 * AHEAD_S)
+        assert show.view.show is ShowPhase.IDLE
+        assert {part.outcome for part in service.order(record.id).outcomes.values()} == {Outcome.FAILED}
+        assert not any(show.fleet.autopilots[row].commander.armed for row in range(4))
+
+    fly(story, config(tmp_path))
+
+
+@pytest.mark.parametrize("what", ["silent", "changed", "clock"])
+def test_what_has_changed_until_the_clock_time_calls_the_start_off_and_is_said(
+    tmp_path: Path, what: str
+) -> None:
+    async def story(show: Show) -> None:
+        service = show.service
+        await show.standby()
+        show_hash = select(show)
+        record = service.command_show(
+            ShowAction.START, show_hash=show_hash, at_unix_time_s=show.unix() + AHEAD_S
+        )
+        await show.wait(1.0)
+        if what == "silent":
+            show.link.silence("d3")
+        elif what == "changed":
+            keep(show, TEXT + "\n# a word\n")
+        else:
+            show.unix.ahead_s += 3600.0
+        await show.until(lambda: show.view.show is ShowPhase.IDLE, 2.0 * AHEAD_S)
+        expected = {"silent": "d3 is offline", "changed": "has changed", "clock": "missed by"}[what]
+        assert expected in show.view.reason
+        assert expected in service.order(record.id).outcomes["d1"].reason
+
+    fly(story, config(tmp_path))
+
+
+@pytest.mark.parametrize("ahead_s", [-1.0, 0.0, 2e5, float("nan")])
+def test_a_clock_time_that_is_past_or_far_is_refused(tmp_path: Path, ahead_s: float) -> None:
+    async def story(show: Show) -> None:
+        await show.standby()
+        at_s = show.unix() + ahead_s
+        refusal = await refused(
+            show, lambda: show.service.command_show(ShowAction.START, at_unix_time_s=at_s)
+        )
+        assert refusal.kind is InvalidError
+        assert "ahead by at most 24 h" in refusal.text
+
+    fly(story, config(tmp_path))
+
+
+def test_on_the_ground_a_show_is_set_to_a_cue_and_begins_there(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        service = show.service
+        await show.standby()
+        refusal = await refused(show, lambda: service.seek_show("turn"))
+        assert "no show is selected" in refusal.text
+        show_hash = select(show)
+        refusal = await refused(show, lambda: service.seek_show("nowhere"))
+        assert (refusal.kind, "there are stand, walk" in refusal.text) == (UnknownError, True)
+        assert service.seek_show("guest").clock_s == 26.0
+        service.command_show(ShowAction.START, show_hash=show_hash)
+        await show.reach(ShowPhase.RUNNING)
+        assert show.view.selected is not None
+        assert show.view.selected.cue == "guest"
+        assert show.view.selected.clock_s == pytest.approx(26.0, abs=0.1)
+        for change in (
+            lambda: service.seek_show("stand"),
+            lambda: service.select_show(NAME, show_hash),
+            service.deselect_show,
+        ):
+            assert "home first" in (text := (await refused(show, change)).text) or "stop it" in text
+        await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+        assert show.view.selected.clock_s < 42.0
+
+    fly(story, config(tmp_path))
+
+
+def test_a_vehicle_found_in_the_air_does_not_begin_a_show_that_was_never_started(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        service = show.service
+        await show.standby()
+        await show.start()
+        show.link.pilot("d1", PilotMode.HOLD)
+        await show.until(lambda: show.vehicle("d1").phase == "pilot")
+        await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+        show_hash = check(show)
+        service.select_show(NAME, show_hash)
+        await show.order("d1", VehicleAction.HAND_BACK)
+        await show.reach(ShowPhase.PAUSED)
+        refusal = await refused(show, lambda: service.command_show(ShowAction.RESUME))
+        assert "was never started: stop brings home" in refusal.text
+        await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+
+    fly(story, config(tmp_path))

@@ -1,0 +1,67 @@
+"""A small show for four vehicles of `virtual_show`, checked as `gcs show check` does."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from virtual_show import Show, show_config
+
+from gcs.cli.shows.rehearsal import rehearse
+from gcs.cli.shows.verdict import judge
+from gcs.config import Config
+from gcs.show import parse
+
+NAME = "small"
+TEXT = """
+about: Four vehicles stand, walk, turn and follow a guest.
+origin: {latitude_deg: 47.397742, longitude_deg: 8.545594, altitude_amsl_m: 488.0, heading_deg: 30.0}
+fleet:
+  vehicles: 4
+  pads: {columns: 2, spacing_m: 4.0}
+  endurance_s: 900.0
+fence: {height_min_m: 3.0, height_max_m: 60.0, distance_max_m: 100.0}
+duration_s: 42.0
+timeline:
+  - {cue: stand, at_s: 0, radius_m: 6, height_m: 14, target: {x_m: 3, y_m: 1}, lights: ["#ff0000", "#0000ff"]}
+  - {cue: walk, at_s: 8, target: {x_m: 11, y_m: 1}, over_s: 8, lights: ["#00ff00"]}
+  - {cue: turn, at_s: 18, spin: {rate_deg_s: 10}, over_s: 3}
+  - {cue: guest, at_s: 26, target: live, radius_m: 7, over_s: 3}
+  - cue: tower
+    at_s: 34
+    obstacles: {appear: [{id: tower, x_m: 50, y_m: 40, half_length_x_m: 2, half_length_y_m: 2, height_m: 20}]}
+"""
+
+
+@cache
+def answer(text: str) -> dict[str, Any]:
+    """What `gcs show check --json --model` says of a show."""
+    loaded = parse(text, NAME)
+    verdict = judge(*rehearse(loaded))
+    return verdict.told() | {"problems": [], "model": loaded.show.model_dump(mode="json")}
+
+
+def config(folder: Path, **sections: Any) -> Config:
+    """Four vehicles, and a folder for shows."""
+    return show_config(4, shows={"folder": folder}, **sections)
+
+
+def keep(show: Show, text: str = TEXT, name: str = NAME) -> None:
+    """Put the file where the service looks."""
+    assert show.config.shows is not None
+    (show.config.shows.folder / f"{name}.yaml").write_text(text)
+
+
+def check(show: Show, text: str = TEXT, name: str = NAME) -> str:
+    """Put the file there, and its check beside it. Returns: the hash to start with."""
+    keep(show, text, name)
+    told = show.service.shows.found(name, text.encode(), dict(answer(text)))
+    assert told.good
+    assert told.hash is not None
+    return told.hash
+
+
+def select(show: Show, text: str = TEXT) -> str:
+    """Check and select it."""
+    show_hash = check(show, text)
+    show.service.select_show(NAME, show_hash)
+    return show_hash
