@@ -124,8 +124,8 @@ def test_mavsdk_thread_stuck() -> None:
                     before = len(arrivals_s(peer))
                     await until(lambda before=before: len(arrivals_s(peer)) > before + 10)  # type: ignore[misc]
                     dropped = link.counters.setpoints_dropped
-                    fleet.take = lambda _room: 0  # type: ignore[method-assign, assignment]  # nothing comes, and all waits
-                    fleet.pass_on = lambda _sender: None  # type: ignore[method-assign, assignment]
+                    fleet.take = lambda room: 0  # type: ignore[method-assign]  # nothing comes, and all waits
+                    fleet.pass_on = lambda sender: None  # type: ignore[method-assign]
                     await asyncio.sleep(0.5)
                     fleet.take, fleet.pass_on = take, pass_on  # type: ignore[method-assign]
                     frees_s.append(time.monotonic())
