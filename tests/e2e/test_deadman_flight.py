@@ -77,16 +77,11 @@ async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkUdpLink, float, 
         last_tick_s = view.value.time_s
         truths = [folder / f"{i}.jsonl" for i in range(2)]
         await stop(lambda: all(failsafe_has_begun(last_truths(truth)[0]) for truth in truths))
-<<<<<<< HEAD
-        link.snapshot()  # takes in what waits, from MAVSDK too
-        assert link.counters.setpoints_dropped - dropped > 10, "MAVSDK went on repeating"
-=======
 
         def repeated() -> bool:
             return link.counters.setpoints_dropped - dropped > 10
 
         await until("MAVSDK went on repeating", SOON_S, repeated)
->>>>>>> mavsdk-batched
         if stop is block_the_loop:
             pilot = [Phase.PILOT, Phase.PILOT]
             # a tick that runs again sees the failsafe
