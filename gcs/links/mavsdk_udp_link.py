@@ -144,7 +144,12 @@ class MavsdkUdpLink(UdpLink):
         return self._is_met
 
     def _is_awaiting(self) -> bool:
-        return (self._orders is not None and self._orders.awaited) or len(self._met) < len(self._ids)
+        return (self._orders is not None and self._orders.awaited) or bool(self._to_meet().any())
+
+    def _to_meet(self) -> Mask:
+        """(n,) who was heard, but not by MAVSDK."""
+        to_meet: Mask = np.isfinite(self._addresses.heard_s) & ~self._is_met
+        return to_meet
 
     def _watch(self, now_s: float) -> None:
         """MAVSDK sets a rate itself when it meets a vehicle; ours come after."""
@@ -191,8 +196,8 @@ class MavsdkUdpLink(UdpLink):
         """Look for vehicles that MAVSDK has met since, for ever."""
         rows = {system_id: row for row, system_id in enumerate(self._system_ids.tolist())}
         while True:
-            missing = [system_id for system_id, row in rows.items() if row not in self._met]
-            if missing and np.isfinite(self._heard.heartbeat_time_s).any():
+            missing = self._system_ids[self._to_meet()].tolist()
+            if missing:
                 found = await asyncio.to_thread(fleet.discover, missing)
                 if found:
                     self._met = {**self._met, **{rows[system_id]: each for system_id, each in found.items()}}
