@@ -17,6 +17,7 @@ from gcs.access import Role
 from gcs.cli.serve import running
 from gcs.client import Client
 from gcs.config import Config
+from gcs.errors import LinkError
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.tokens import create_token
@@ -108,6 +109,15 @@ def fake_fleet(base: int, *options: str) -> Iterator[None]:
         fleet.wait(60)
 
 
+async def lane_of(client: Client) -> int | None:
+    """Asked until the service is well: the machine may have stood still for a moment."""
+    while True:
+        try:
+            return (await asyncio.to_thread(client.health)).emergency_port
+        except LinkError:
+            await asyncio.sleep(0.1)
+
+
 async def fly_and_flood(folder: Path, machine: Witness) -> Flooded:
     """Vehicles in formation, junk without a token at both listeners, and a token that may stop them."""
     base = free_ports(COUNT)
@@ -126,7 +136,7 @@ async def fly_and_flood(folder: Path, machine: Witness) -> Flooded:
             await until("flying", SOON_S, lambda: {each.phase for each in view.value.vehicles} == formed)
             url = f"http://127.0.0.1:{port}"
             with Client(url, token=crew, timeout_s=30.0) as client:
-                lane_port = (await asyncio.to_thread(client.health)).emergency_port
+                lane_port = await lane_of(client)
             ticks, began_s = view.value.tick.count, time.monotonic()
             lane = f"http://127.0.0.1:{lane_port}"
             junk, said = await asyncio.gather(
