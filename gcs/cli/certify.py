@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 from gcs import config as configuration
-from gcs.cli.certify_page import page
 from gcs.cli.record import session_folder
 from gcs.errors import GcsError
 from gcs.records.certify import Certificate, Standard, certify
@@ -46,6 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.report:
             _write(Path(arguments.report), text + "\n")
         if arguments.html:
+            from gcs.cli.certify_page import page  # noqa: PLC0415  (60 MB, for which a flight has no use)
+
             _write(Path(arguments.html), page(certificate, source))
     except GcsError as error:
         print(f"gcs certify: {error}", file=sys.stderr)

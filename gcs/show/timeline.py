@@ -9,8 +9,8 @@ from math import hypot, inf, radians
 from typing import TypeAlias
 
 import numpy as np
+import scipy  # whose parts are loaded when they are used: 30 MB, for which most flights have no use
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from gcs.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.show.glide import Glide, Track, shortest_s
@@ -37,7 +37,7 @@ class Curve:
 
     from_s: float
     to_s: float
-    spline: CubicSpline  # (2,) over seconds from `from_s`
+    spline: "scipy.interpolate.CubicSpline"  # (2,) over seconds from `from_s`
     cue: int
 
     def value(self, time_s: float) -> Array:
@@ -286,7 +286,7 @@ class _Writer:
             if len(points) == 1:
                 self._legs.append(Glide(one.at_s, one.at_s, here_m, np.array(points[0][1:]), one.index))
                 return
-            spline = CubicSpline(when_s, np.column_stack(place_m), bc_type="clamped")
+            spline = scipy.interpolate.CubicSpline(when_s, np.column_stack(place_m), bc_type="clamped")
             self._legs.append(Curve(one.at_s, one.at_s + float(when_s[-1]), spline, one.index))
         elif isinstance(target, Place):
             there_m = np.array([target.x_m, target.y_m])
