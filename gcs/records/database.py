@@ -5,7 +5,7 @@ version that we know is refused, and left as it is.
 """
 
 import sqlite3
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Final
 
@@ -90,8 +90,9 @@ def open_to_write(path: Path) -> sqlite3.Connection:
     Raises: sqlite3.Error or OSError when the disk does not let us; GcsError when the file is not ours.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    connection = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None)
-    try:
+    with ExitStack() as unless_good:
+        connection = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None)
+        unless_good.callback(connection.close)
         if _is_empty(connection, path):
             connection.execute("PRAGMA journal_mode = WAL")
             connection.executescript(
@@ -101,9 +102,7 @@ def open_to_write(path: Path) -> sqlite3.Connection:
         _require_ours(connection, path)
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
-    except BaseException:
-        connection.close()
-        raise
+        unless_good.pop_all()
     return connection
 
 
@@ -119,11 +118,10 @@ def open_to_read(path: Path) -> sqlite3.Connection:
         connection.row_factory = sqlite3.Row
     except sqlite3.Error as error:
         raise GcsError(f"{path}: cannot be read: {error}") from None
-    try:
+    with ExitStack() as unless_good:
+        unless_good.callback(connection.close)
         _require_ours(connection, path)
-    except BaseException:
-        connection.close()
-        raise
+        unless_good.pop_all()
     return connection
 
 

@@ -180,10 +180,9 @@ def _write(connection: sqlite3.Connection, batch: Sequence[Row]) -> None:
         for row in batch:
             connection.execute(row.sql, row.values)
         connection.execute("COMMIT")
-    except BaseException:
-        if connection.in_transaction:
+    finally:
+        if connection.in_transaction:  # it did not come so far
             connection.execute("ROLLBACK")
-        raise
 
 
 def _close(connection: sqlite3.Connection | None) -> None:

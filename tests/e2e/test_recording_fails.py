@@ -62,3 +62,5 @@ def test_a_disk_that_fills_in_flight_is_told_and_changes_nothing_else(tmp_path: 
     folder = tmp_path / "service"
     with vehicles(len(IDS), base, tmp_path, *proper(config)), service(config, folder) as (client, process):
         fly_on_a_full_disk(client, process, folder)
+    (path,) = folder.glob("*/*.tlog")
+    assert setpoints(path) == {1, 2}, "it can be read when the service is gone, too"

@@ -136,23 +136,24 @@ def test_the_client_sends_emergencies_down_their_lane_and_otherwise_where_somebo
     assert station.service.show is ShowPhase.ABORTING
 
 
-def over_tls(station: Station) -> None:
+def over_tls(station: Station) -> str:
     url, token = f"https://127.0.0.1:{station.port}", station.token[Role.WATCH]
     with Client(url, token=token, ca_file=TLS.certificate_file) as client:
-        assert client.show().phase == "idle"
+        phase = client.show().phase
     with Client(url, token=token) as client, pytest.raises(LinkError, match="certificate verify failed"):
         client.show()
     plain = Client(f"http://127.0.0.1:{station.port}", token=token)
     with plain as client, pytest.raises(LinkError, match="no answer"):
         client.show()
+    return phase
 
 
 def test_with_a_certificate_it_speaks_tls_and_nothing_else(station: Station) -> None:
-    async def main() -> None:
+    async def main() -> str:
         async with station.serving(TLS):
-            await asyncio.to_thread(over_tls, station)
+            return await asyncio.to_thread(over_tls, station)
 
-    asyncio.run(main())
+    assert asyncio.run(main()) == "idle"
 
 
 @pytest.mark.parametrize(
