@@ -14,7 +14,7 @@ import numpy as np
 
 from gcs.accuracy import uncertainty_m
 from gcs.config import Config
-from gcs.control import Memory, Tasks
+from gcs.control import Memory, Task, Tasks
 from gcs.errors import UnknownError
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.landing import STOP_S, swept_segments_m
@@ -25,7 +25,7 @@ from gcs.performance import Performance
 from gcs.plan import Plan
 from gcs.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
-from gcs.vehicle import Vehicle
+from gcs.vehicle import SHOW_FLIES, Vehicle
 
 log = logging.getLogger(__name__)
 
@@ -128,6 +128,8 @@ class Flight:
         self._in_order = self._order == list(range(len(heard_in)))
         self._may_sink: tuple[FleetState, float] | None = None  # of a tick: see `may_sink`
         self._table = Table(config.ids, config.frame)
+        self._seen_m = np.full((len(self.vehicles), 3), np.nan)  # where each was last known to be
+        self._seen_m_s = self._seen_m.copy()  # and how it moved
         looks_hz = config.tick_rate_hz
         asked_hz = [min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet]
         self.link_quality = LinkQuality(np.array(asked_hz))
@@ -160,6 +162,19 @@ class Flight:
     def reset_time_s(self) -> Array:
         """(n,) when each position last jumped; -inf where it never did."""
         return self._table.reset_time_s
+
+    def note_seen(self, rows: Mask | int) -> None:
+        """Keep where these vehicles are: they were heard, and are believed."""
+        self._seen_m[rows], self._seen_m_s[rows] = self.fleet.position_m[rows], self.fleet.velocity_m_s[rows]
+
+    def forget_seen(self, vehicle: Vehicle) -> None:
+        """It is not there any more."""
+        self._seen_m[vehicle.row] = np.nan
+
+    def last_m(self, vehicle: Vehicle) -> Array | None:
+        """(3,) where it was last known to be, show frame; None when it never was, or is forgotten."""
+        place_m: Array = self._seen_m[vehicle.row]
+        return place_m if np.isfinite(place_m).all() else None
 
     def at_row(self, row: int) -> Vehicle:
         """The vehicle of a row of FleetState."""
@@ -267,28 +282,29 @@ class Flight:
     def tasks(self) -> Tasks:
         """What everybody is to do in this tick."""
         vehicles = self.vehicles.values()  # rows as in FleetState
+        now_s, show = self.fleet.time_s, self.show
+        show_flies = show in SHOW_FLIES
+        task = np.full(len(vehicles), Task.FORMATION, dtype=np.int8)
         goal_m = np.full((len(vehicles), 3), np.nan)
-        segments_m = [np.zeros((0, 2, 3))]
-        task = []
-        for row, vehicle in enumerate(vehicles):
-            does, goal = vehicle.task(self.show, self.fleet.time_s)
-            task.append(does)
-            if goal is not None:
-                goal_m[row] = goal
+        for row, vehicle in enumerate(vehicles):  # in most ticks there is but one answer
+            if not show_flies or vehicle.phase is not Phase.FORMATION or now_s < vehicle.frozen_until_s:
+                task[row], goal = vehicle.task(show, now_s)
+                if goal is not None:
+                    goal_m[row] = goal
         phases = [vehicle.phase for vehicle in vehicles]
-        segments_m += [
-            self._swept_m(vehicle, vehicle.last_m)
+        swept_m = [
+            self._swept_m(vehicle, last_m)
             for vehicle in self.in_phase(Phase.LOST, Phase.KILLED)
-            if vehicle.last_m is not None
+            if (last_m := self.last_m(vehicle)) is not None
         ]
         return Tasks(
-            np.array(task, dtype=np.int8),
+            task,
             goal_m,
             np.array([phase in FLIES for phase in phases]),
             np.array([phase is Phase.LANDING for phase in phases]),
-            np.concatenate(segments_m),
-            center_moves=self.show is ShowPhase.RUNNING,
-            formation_waits=self.show is ShowPhase.PAUSED,
+            np.concatenate([np.zeros((0, 2, 3)), *swept_m]),
+            center_moves=show is ShowPhase.RUNNING,
+            formation_waits=show is ShowPhase.PAUSED,
             on_a_way=self._on_a_way(goal_m),
         )
 
@@ -299,11 +315,11 @@ class Flight:
         return np.asarray(follows & (behind_m < BEHIND_M))
 
     def _swept_m(self, vehicle: Vehicle, last_m: Array) -> Array:
-        operation = self.config.operation
+        operation, moved_m_s = self.config.operation, self._seen_m_s[vehicle.row]
         killed = vehicle.phase is Phase.KILLED
         return swept_segments_m(
             last_m,
-            vehicle.last_velocity_m_s,
+            moved_m_s if np.isfinite(moved_m_s).all() else None,
             vehicle.home_m,
             "land" if killed else operation.setpoint_loss_action,
             operation.return_height_m,

@@ -10,6 +10,8 @@ from gcs.errors import RefusedError
 class Phase(StrEnum):
     """Where one vehicle stands."""
 
+    __hash__ = str.__hash__  # Enum's own is Python: a tick asks thousands of times
+
     OFFLINE = "offline"  # not heard, and not known to be in the air
     STANDBY = "standby"  # heard, on the ground
     TAKEOFF = "takeoff"  # the autopilot climbs, straight up
@@ -111,6 +113,8 @@ def not_ours(phases: Iterable[tuple[str, Phase]]) -> list[str]:
 
 class ShowPhase(StrEnum):
     """Where the show stands."""
+
+    __hash__ = str.__hash__  # Enum's own is Python: a tick asks thousands of times
 
     IDLE = "idle"
     COUNTDOWN = "countdown"  # on the ground, to a start at a clock time

@@ -24,7 +24,7 @@ def landing_places_m(flight: Flight, vehicles: Sequence[Vehicle]) -> dict[Vehicl
         if vehicle.id not in coming_down
         for place_m in (
             vehicle.home_m,
-            vehicle.last_m if vehicle.phase not in AIRBORNE or vehicle.handed_over else None,
+            flight.last_m(vehicle) if vehicle.phase not in AIRBORNE or vehicle.handed_over else None,
             vehicle.goal_m if vehicle.phase is Phase.LANDING else None,
         )
         if place_m is not None

@@ -21,6 +21,8 @@ VehicleId: TypeAlias = str
 class Mode(StrEnum):
     """Flight mode as the autopilot's heartbeat names it; OTHER is any mode we never order."""
 
+    __hash__ = str.__hash__  # Enum's own is Python: a tick asks thousands of times
+
     UNKNOWN = "unknown"
     READY = "ready"
     TAKEOFF = "takeoff"

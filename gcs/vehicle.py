@@ -36,7 +36,6 @@ class Vehicle:
     phase: Phase = Phase.OFFLINE
     reason: str = "not heard yet"
     home_m: Array | None = None  # (3,) show frame, where it took off
-    last_m: Array | None = None  # (3,) where it was last known to be
     hold_m: Array | None = None  # (3,) where it waits while the show does not move it
     goal_m: Array | None = None  # (3,) of RETURN and LANDING
     engaging: bool = False  # in HOLD, setpoints already flow so that OFFBOARD can be accepted
@@ -44,7 +43,6 @@ class Vehicle:
     on_a_way: bool = False  # in RETURN, its goal leads it along a way found for the whole fleet
     handed_over: bool = False  # in LANDING, the autopilot's own LAND touches down
     pilots: bool = False  # a person's (or its failsafe's) until handed back, silent or not
-    last_velocity_m_s: Array | None = None  # (3,) with last_m
     try_again_s: float = 0.0  # when what the service does by itself may be tried again
     modes: frozenset[Mode] = field(default_factory=frozenset)  # those that an order of ours explains
 

@@ -49,7 +49,7 @@ class VehicleOrders:
             return self._kill(vehicle)
         if action is VehicleAction.CONFIRM_DOWN:
             vehicle.apply(Event.CONFIRMED_DOWN, "an operator has seen it on the ground")
-            vehicle.last_m = None
+            self._flight.forget_seen(vehicle)
             record = self._book.open(action, [vehicle.id], {})
             self._book.close(record.id, vehicle.id, Outcome.DONE)
             return self._book.get(record.id)

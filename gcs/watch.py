@@ -28,6 +28,7 @@ class Watch:
         self._errands = errands
         self._inspection = inspection
         self._come_back = come_back
+        self._calm: tuple[object, ...] | None = None  # in which nobody had to be looked at
 
     def look(self) -> None:
         """Once a tick: let the telemetry change phases, and end errands that no longer apply."""
@@ -37,26 +38,23 @@ class Watch:
         self._inspection.watch(heard_of)
         for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
             self._mind_reset(flight.at_row(row))
-        # row by row as plain numbers and views: a thousand vehicles are looked at in every tick
         known: Mask = np.asarray(np.isfinite(flight.fleet.position_m).all(axis=1))
         age_s: Array = now_s - np.minimum(heard_of.beat_s, heard_of.position_s)
-        fresh: list[bool] = (age_s <= silence_s).tolist()
-        rows = zip(
-            flight.vehicles.values(),
-            fresh,
-            known.tolist(),
-            heard_of.mode,
-            heard_of.armed,
-            flight.fleet.position_m,
-            flight.fleet.velocity_m_s,
-            strict=True,
-        )
-        for vehicle, is_fresh, is_known, mode, armed, here_m, velocity_m_s in rows:
-            if is_fresh and is_known:
-                vehicle.last_m, vehicle.last_velocity_m_s = here_m, velocity_m_s
-            if is_fresh and vehicle.is_calm(mode, armed=armed):
-                continue
-            self._look_at(vehicle, heard_of, is_known=is_known)
+        fresh: Mask = np.asarray(age_s <= silence_s)
+        flight.note_seen(fresh & known)
+        # A thousand vehicles are looked at in every tick: while nothing changes, all at once.
+        vehicles = flight.vehicles.values()
+        expected = [vehicle.phase for vehicle in vehicles], [vehicle.modes for vehicle in vehicles]
+        state = (*expected, heard_of.mode, heard_of.armed)
+        if fresh.all() and state == self._calm:
+            return
+        all_calm = True
+        rows = zip(vehicles, fresh.tolist(), known.tolist(), heard_of.mode, heard_of.armed, strict=True)
+        for vehicle, is_fresh, is_known, mode, armed in rows:
+            if not (is_fresh and vehicle.is_calm(mode, armed=armed)):
+                all_calm = False
+                self._look_at(vehicle, heard_of, is_known=is_known)
+        self._calm = state if all_calm else None
 
     def _look_at(self, vehicle: Vehicle, heard_of: Columns, *, is_known: bool) -> None:
         """Let the telemetry of one vehicle change its phase."""
@@ -65,9 +63,8 @@ class Watch:
         beats_may_lack_s = 0.0 if vehicle.phase in {Phase.OFFLINE, Phase.LOST} else BEATS_MAY_LACK_S
         beat_s = float(heard_of.beat_s[row]) + beats_may_lack_s
         age_s = flight.fleet.time_s - min(beat_s, float(heard_of.position_s[row]))
-        if age_s <= silence_s and is_known:
-            vehicle.last_m = flight.fleet.position_m[row]
-            vehicle.last_velocity_m_s = flight.fleet.velocity_m_s[row]
+        if age_s <= silence_s and is_known:  # though a heartbeat lacks
+            flight.note_seen(row)
         heard = Heard(age_s, heard_of.mode[row], heard_of.armed[row], heard_of.landed[row])
         lost_holds = flight.config.operation.setpoint_loss_action == "hold"
         if vehicle.observe(heard, silence_s, lost_holds=lost_holds):

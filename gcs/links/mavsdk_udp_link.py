@@ -9,6 +9,7 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
+from itertools import pairwise
 from math import inf
 from pathlib import Path
 from time import monotonic
@@ -40,6 +41,9 @@ _LOOKS_S: Final = (0.0005, 0.001, 0.002, 0.004, 0.008)
 _DISCOVER_S: Final = 0.25
 _HEALTH_SHARES: Final = 5
 """Of the vehicles one in so many is asked about its health at a time."""
+
+_PORTIONS: Final = (64, 256)
+"""So many vehicles are told in all before what MAVSDK has written until then leaves: the urgent are first."""
 
 _ROOM: Final = 1024
 _LONGEST_BYTES: Final = 300
@@ -107,7 +111,7 @@ class MavsdkUdpLink(UdpLink):
 
     def snapshot(self) -> Telemetry:
         """See `UdpLink`; whom MAVSDK has not met has no position, for it cannot be ordered yet."""
-        self._receive()
+        self._hear()
         return self._heard.telemetry(may_be_ready=self._healthy, met=self._is_met)
 
     def _poll_health(self) -> None:
@@ -121,10 +125,11 @@ class MavsdkUdpLink(UdpLink):
         # Forbidden first is what was asked before; what MAVSDK will not take is awaited in vain.
         self._outlet.ask(wanted)
         yaw_deg = np.degrees(wanted.yaw_rad)[:, None]
-        for row, values in zip(
-            wanted.rows.tolist(), np.hstack([wanted.velocity_ned_m_s, yaw_deg]).tolist(), strict=True
-        ):
-            self._met[row].set_velocity(*values)
+        rows, values = wanted.rows.tolist(), np.hstack([wanted.velocity_ned_m_s, yaw_deg]).tolist()
+        for first, end in pairwise((0, *_PORTIONS)):
+            for row, each in zip(rows[first:end], values[first:end], strict=True):
+                self._met[row].set_velocity(*each)
+            self._pass_on()  # the most urgent need not wait for the others
         self._move_bytes()
         if self._outlet.awaits:  # MAVSDK's threads were not through; a moment has passed
             self._pass_on()

@@ -34,7 +34,7 @@ from gcs.links.mavlink_frames import (
 from gcs.links.wire import Listen
 from gcs.state import Array
 
-STEP_S = 0.01
+STEP_S = 0.0097
 LAG_S = 0.3
 OFFBOARD = 6 << 16
 NOISE_BYTES, MAGIC = 280, 0xFD

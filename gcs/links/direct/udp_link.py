@@ -46,6 +46,9 @@ _IDLE_S: Final = 0.05
 """Between two looks at the sockets: while an answer is awaited, and otherwise. Each tick looks too, and then
 nobody else need look."""
 
+_AHEAD_S: Final = 0.004
+"""So long before a tick is due we look, too: then the tick itself finds little that is still to be read."""
+
 _WATCH_S: Final = 0.1
 """Between two looks at who has come, or has forgotten what it was asked."""
 
@@ -54,7 +57,7 @@ Works = Mapping[str, Coroutine[Any, Any, None]]
 
 
 class Wanted(NamedTuple):
-    """What a tick asks of the vehicles of a link that can be told so."""
+    """What a tick asks of the vehicles of a link that can be told so, the most urgent first."""
 
     rows: Whole  # (k,) none twice
     velocity_ned_m_s: Array  # (k, 3)
@@ -117,6 +120,7 @@ class UdpLink(LinkFacts, ABC):
         self._listed: tuple[tuple[VehicleId, ...], Whole, Whole] = ((), np.zeros(0, int), np.zeros(0, int))
         self._ticked_s = -np.inf
         self._received_s = -np.inf
+        self._asked_s = self._asked_before_s = -np.inf  # the newest snapshots
         self._orders: Orders | None = None  # while the link is open
         codec.warm_up()
 
@@ -185,8 +189,16 @@ class UdpLink(LinkFacts, ABC):
 
     def snapshot(self) -> Telemetry:
         """The newest known of every vehicle, with arrival times: what waits in the sockets is read first."""
-        self._receive()
+        self._hear()
         return self._heard.telemetry(may_be_ready=self._orders is not None)
+
+    def _hear(self) -> None:
+        """Read what waits in the sockets: a tick wants it, and the next one will in as long again."""
+        self._receive()
+        self._asked_before_s, self._asked_s = self._asked_s, self._received_s
+        ahead_s = 2.0 * self._asked_s - self._asked_before_s - _AHEAD_S
+        if self._asked_s < ahead_s < self._asked_s + _IDLE_S:
+            asyncio.get_running_loop().call_at(ahead_s, self._receive)
 
     def send(self, setpoints: Setpoints) -> None:
         """Send one tick's orders, now. Never blocks.
@@ -209,7 +221,8 @@ class UdpLink(LinkFacts, ABC):
         for row in [row for row in self._killed if self._latch.is_shut(int(self._system_ids[row]))]:
             fit &= rows != row
         until_s = min(now_s, setpoints.time_s) + self._hold_s
-        self._tell_setpoints(Wanted(rows[fit], velocity_ned_m_s[fit], yaw_rad[fit], until_s))
+        chosen = np.flatnonzero(fit)[self._by_urgency(rows[fit])]
+        self._tell_setpoints(Wanted(rows[chosen], velocity_ned_m_s[chosen], yaw_rad[chosen], until_s))
 
     async def execute(self, order: Order) -> None:
         """Order, and return when the vehicle is seen to obey. See `Link.execute`.
@@ -260,6 +273,12 @@ class UdpLink(LinkFacts, ABC):
         """The ids, which of them are ours (k,), and their rows here (k,); a later mention counts."""
         ours = {self._row[name]: at for at, name in enumerate(ids) if name in self._row}
         return ids, np.array(list(ours.values()), np.int64), np.array(list(ours), np.int64)
+
+    def _by_urgency(self, rows: Whole) -> Whole:
+        """(k,) an order of `rows`: first whose news have waited longest for this tick, last who has none."""
+        news_s = self._heard.position_time_s[rows]
+        order: Whole = np.argsort(np.where(news_s > self._asked_before_s, news_s, np.inf), kind="stable")
+        return order
 
     def _connected(self, now_s: float) -> Mask:
         connected: Mask = now_s - self._heard.heartbeat_time_s <= SILENT_AFTER_S

@@ -77,7 +77,9 @@ def test_one_lost_on_its_way_up_keeps_its_whole_climb_free_and_its_drift(phase: 
     subject = flight(1)
     (vehicle,) = subject.vehicles.values()
     vehicle.phase, vehicle.home_m = phase, np.zeros(3)
-    vehicle.last_m, vehicle.last_velocity_m_s = np.array([0.0, 0.0, -2.0]), np.array([1.0, 0.0, 0.0])
+    here_m, there_m_s = np.array([[0.0, 0.0, -2.0]]), np.array([[1.0, 0.0, 0.0]])
+    subject.fleet = replace(subject.fleet, position_m=here_m, velocity_m_s=there_m_s)
+    subject.note_seen(0)
     segments_m = subject.tasks().segments_m
     assert ([[0.0, 0.0, -6.0], [0.0, 0.0, 0.0]] in segments_m.tolist()) == climbs
     assert segments_m[:, :, 0].max() == pytest.approx(2.2)
