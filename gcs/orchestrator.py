@@ -28,6 +28,7 @@ from gcs.lifecycle import ON_THE_GROUND, Phase
 from gcs.links import Link
 from gcs.orders import OrderBook
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
+from gcs.reacting import told
 from gcs.records.record import Record
 from gcs.repertoire import Repertoire
 from gcs.service import (
@@ -125,7 +126,7 @@ class Orchestrator:
                 errands = Errands(group, self._flight, self._config.operation)
                 inspection = Inspection(group, self._flight)
                 self._director = Director(
-                    self._flight, errands, self._book, inspection, self._stage, self._unix_s
+                    self._flight, errands, self._book, inspection, self._stage, self._unix_s, self._clock
                 )
                 for link in self._flight.links:
                     group.create_task(keep_open(link), name=f"link/{link.name}")
@@ -167,9 +168,10 @@ class Orchestrator:
 
     @property
     def _problems(self) -> list[str]:
-        """Of links and record: what does not end the flight, but an operator should know."""
+        """Reactions, and of links and record what does not end the flight; an operator should know."""
         recorded = () if self._record is None else self._record.problems
-        return [*(problem for link in self._flight.links for problem in link.problems), *recorded]
+        reactions = () if self._director is None else told(self._director.reactions)
+        return [*reactions, *(problem for link in self._flight.links for problem in link.problems), *recorded]
 
     @property
     def _start_unix_s(self) -> float | None:
@@ -215,6 +217,7 @@ class Orchestrator:
             performance=flight.performance,
             waits=self._stage.waits,
             start_unix_s=self._start_unix_s,
+            reactions=() if self._director is None else self._director.reactions,
         )
 
     # the service
