@@ -24,7 +24,7 @@ from gcs.flight import Flight
 from gcs.frames import ShowFrame
 from gcs.homeward import warm_up as warm_up_ways
 from gcs.inspection import Inspection
-from gcs.lifecycle import ON_THE_GROUND, Phase
+from gcs.lifecycle import ON_THE_GROUND, Phase, ShowPhase
 from gcs.links import Link
 from gcs.orders import OrderBook
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
@@ -53,6 +53,8 @@ log = logging.getLogger(__name__)
 RETRY_S = 0.25  # well below the second after which vehicles in OFFBOARD begin their failsafe
 SETTLED_S = 1.0
 """A link that ran this long had worked: its next failure is news."""
+
+BEFORE_ASSEMBLING = frozenset({ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, ShowPhase.ARMING})
 
 
 class Shares:
@@ -171,7 +173,13 @@ class Orchestrator:
         """Reactions, and of links and record what does not end the flight; an operator should know."""
         recorded = () if self._record is None else self._record.problems
         reactions = () if self._director is None else told(self._director.reactions)
-        return [*reactions, *(problem for link in self._flight.links for problem in link.problems), *recorded]
+        columns = (self._flight.columns,) if self._flight.show in BEFORE_ASSEMBLING else ()
+        return [
+            *reactions,
+            *filter(None, columns),
+            *(problem for link in self._flight.links for problem in link.problems),
+            *recorded,
+        ]
 
     @property
     def _start_unix_s(self) -> float | None:

@@ -12,7 +12,7 @@ from gcs.reactions import SEVERITY, Action, Cause, ReactionSettings
 from gcs.safety.walls import Fence
 from gcs.state import Array, Mask
 
-LOST, LOW, CRITICAL, POOR, UNBELIEVED, OUT, BELOW = range(7)
+LOST, LOW, CRITICAL, POOR, SUDDEN, OUT, BELOW = range(7)
 """Rows of what can befall one vehicle."""
 
 OF_VEHICLES: Final = (
@@ -27,7 +27,7 @@ OF_VEHICLES: Final = (
 
 OF_THE_SHOW: Final = (Cause.WIND, Cause.VEHICLES_LOST, Cause.TARGET_STALE, Cause.SERVICE_LATE)
 
-UNBELIEVED_S = 0.3
+AT_ONCE_S = 0.3
 """Who has no position to believe is not commanded, and its autopilot notices that within a second."""
 
 SMOOTH_S = 1.0
@@ -165,8 +165,7 @@ def _conditions(seen: Seen, jumps_s: Array, commanded: Mask, settings: ReactionS
     on[LOW] = seen.battery < battery.below  # False for NaN
     on[CRITICAL] = seen.battery < battery.critical_below
     on[POOR] = (seen.horizontal_m > position.horizontal_max_m) | (seen.vertical_m > position.vertical_max_m)
-    on[POOR] |= seen.time_s - jumps_s[0] <= position.jumps_within_s
-    on[UNBELIEVED] = seen.unbelieved
+    on[SUDDEN] = seen.unbelieved | (seen.time_s - jumps_s[0] <= position.jumps_within_s)
     out_m, below_m = _beyond_m(seen, settings.fence.within_s)
     on[OUT] = out_m > settings.fence.beyond_m
     on[BELOW] = commanded & (below_m > settings.fence.beyond_m)
@@ -207,9 +206,9 @@ def advance(
     befalls[LOST] = roles.lost
     befalls[BELOW] &= roles.formed
     battery, position = settings.low_battery, settings.bad_position
-    unbelieved_s = min(position.for_s, UNBELIEVED_S)
+    sudden_s = min(position.for_s, AT_ONCE_S)
     fence_s = settings.fence.for_s
-    for_s = np.array([0.0, battery.for_s, battery.for_s, position.for_s, unbelieved_s, fence_s, fence_s])
+    for_s = np.array([0.0, battery.for_s, battery.for_s, position.for_s, sudden_s, fence_s, fence_s])
     vehicles = known.vehicles.next(befalls, now_s, for_s[:, None], settings.clear_s)
     gone = ~flies & ~roles.lost  # down, a pilot's, or not heard yet: nothing is left to react to
     if gone.any():
@@ -247,7 +246,8 @@ def _of_vehicles(latch: Latch, seen: Seen, known: Known, settings: ReactionSetti
         LOST: "silent, or killed: the others go on without",
         LOW: f"battery at {_least(seen.battery, latch.active[LOW]):.0%}, below {battery.below:.0%}",
         CRITICAL: f"battery at {_least(seen.battery, critical):.0%}, below {battery.critical_below:.0%}",
-        UNBELIEVED: "its position jumped to where it cannot be",
+        SUDDEN: _sudden(seen, known, latch.active[SUDDEN], settings),
+        POOR: _poor(seen, latch.active[POOR], settings),
         OUT: f"outside the fence within {settings.fence.within_s:g} s as it flies now",
         BELOW: f"below the fence within {settings.fence.within_s:g} s as it flies now",
     }
@@ -256,11 +256,9 @@ def _of_vehicles(latch: Latch, seen: Seen, known: Known, settings: ReactionSetti
         active = latch.active[kind]
         first, later = active, np.zeros_like(active)
         action = then = _ACTION_OF[kind](settings)
-        if kind in {POOR, UNBELIEVED} and position.then_land_after_s is not None:
+        if kind in {POOR, SUDDEN} and position.then_land_after_s is not None:
             later = active & (seen.time_s - latch.since_s[kind] >= position.then_land_after_s)
             first, then = active & ~later, Action.LAND
-        if kind == POOR:
-            told[POOR] = _poor(seen, known, active, settings)
         for does, rows in ((action, first), (then, later)):
             if rows.any():
                 since_s = float(latch.since_s[kind][rows].min())
@@ -274,7 +272,7 @@ _ACTION_OF: Final = {
     LOW: lambda settings: Action(settings.low_battery.action),
     CRITICAL: lambda settings: Action(settings.low_battery.critical_action),
     POOR: lambda settings: Action(settings.bad_position.action),
-    UNBELIEVED: lambda settings: Action(settings.bad_position.action),
+    SUDDEN: lambda settings: Action(settings.bad_position.action),
     OUT: lambda settings: Action(settings.fence.action),
     BELOW: lambda settings: Action(settings.fence.action),
 }
@@ -284,11 +282,17 @@ def _least(values: Array, rows: Mask) -> float:
     return float(np.nanmin(values[rows], initial=1.0))
 
 
-def _poor(seen: Seen, known: Known, rows: Mask, settings: ReactionSettings) -> str:
-    """Why these positions are bad."""
+def _sudden(seen: Seen, known: Known, rows: Mask, settings: ReactionSettings) -> str:
+    """Why these positions are bad at once."""
     position = settings.bad_position
     if (seen.time_s - known.jumps_s[0][rows] <= position.jumps_within_s).any():
         return f"its position jumped {position.jumps} times within {position.jumps_within_s:g} s"
+    return "its position jumped to where it cannot be"
+
+
+def _poor(seen: Seen, rows: Mask, settings: ReactionSettings) -> str:
+    """Why these positions are bad."""
+    position = settings.bad_position
     worst_m = float(np.nanmax(seen.horizontal_m[rows], initial=0.0))
     up_m = float(np.nanmax(seen.vertical_m[rows], initial=0.0))
     most = f"at most {position.horizontal_max_m:g} m and {position.vertical_max_m:g} m are flown with"

@@ -90,7 +90,7 @@ def test_critical_battery_lands_it_where_it_is_safe() -> None:
     async def story(show: Show) -> None:
         await show.start()
         await show.wait(4.0)
-        show.befall("d3", "battery", remaining=0.06)
+        show.befall("d3", "battery", remaining=0.09)
         told = await reacts(show, Cause.CRITICAL_BATTERY)
         assert (told.action, told.vehicles) == ("land", ("d3",))
         order = await carried_out(show, told)
@@ -134,9 +134,10 @@ def test_low_battery_of_many_brings_everybody_home_together() -> None:
         await show.reach(ShowPhase.RETURNING)
         assert "low battery" in show.view.reason
         await show.reach(ShowPhase.LANDED, 120.0)
-        ordered = by_itself(show)[1:]
-        assert [order.action for order in ordered] == ["stop"]
-        assert {part.outcome for part in ordered[0].outcomes.values()} == {Outcome.DONE}
+        (stop,) = by_itself(show)[1:]
+        stop = await show.settled(stop)
+        assert (stop.action, len(stop.outcomes)) == ("stop", 4)
+        assert {part.outcome for part in stop.outcomes.values()} == {Outcome.DONE}
         assert max(off_pad_m(show, name) for name in show.config.ids) < 1.5
         assert show.floor_violations() == 0
 
@@ -182,7 +183,7 @@ def test_bad_position_holds_then_lands() -> None:
         assert show.vehicle("d3").phase is Phase.HOLD
         await show.phase("d3", Phase.STANDBY)
         assert [order.action for order in by_itself(show)[1:]] == ["hold", "land"]
-        assert by_itself(show)[-1].outcome is Outcome.DONE
+        assert (await show.settled(by_itself(show)[-1])).outcome is Outcome.DONE
         assert show.view.show is ShowPhase.RUNNING
         assert off_sphere_m(show, *OTHERS) < 1.2
         await lands_all(show)

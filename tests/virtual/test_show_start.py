@@ -243,3 +243,30 @@ def test_the_pad_of_one_that_waits_for_its_turn_is_kept_free(arming: Arming) -> 
 def test_a_climb_can_be_stopped_in_hold(arming: Arming) -> None:
     assert arming.held.outcome is Outcome.DONE
     assert arming.phase is Phase.HOLD
+
+
+async def above_each_other(show: Show) -> tuple[str, list[tuple[float, float]], tuple[str, ...]]:
+    """Before take-off the notice; then, in truth, how far apart its pairs are sideways and in height."""
+    await show.standby()
+    show.service.command_show(ShowAction.START)
+    await show.reach(ShowPhase.ARMING)
+    assert all(not moment.armed[0] for moment in show.track.moments), "nobody has left the ground"
+    (notice,) = [text for text in show.view.notices if text.startswith("columns overlap")]
+    named = notice.split(": ")[1].split(";")[0].split(", ")
+    await show.reach(ShowPhase.RUNNING)
+    await show.wait(8.0)
+    apart = []
+    for upper, lower in (pair.split(" above ") for pair in named):
+        off_m = show.true_m[show.config.ids.index(lower)] - show.true_m[show.config.ids.index(upper)]
+        apart.append((float(np.hypot(off_m[0], off_m[1])), float(off_m[2])))
+    return notice, apart, show.view.notices
+
+
+def test_pairs_whose_columns_overlap_are_named_before_take_off() -> None:
+    notice, apart, notices = fly(above_each_other, show_config(8, formation={"radius_m": 6.0}))
+    assert "land now leads them apart first" in notice
+    assert apart
+    for sideways_m, lower_by_m in apart:
+        assert sideways_m < 4.5, "as it was known beforehand, they are apart by less than 3 m"
+        assert lower_by_m > 2.0
+    assert notice not in notices, "in the air it is no news"
