@@ -180,8 +180,8 @@ class Flight:
 
     def in_rows(self, parts: Sequence[Array]) -> Array:
         """(n,) of (k,) arrays, one for each link: rows as in FleetState."""
-        joined: Array = np.concatenate(parts)[self._order]
-        return joined
+        joined: Array = np.concatenate(parts)
+        return joined if self._in_order else joined[self._order]
 
     def ordered(self, parts: Sequence[Sequence[T]]) -> Sequence[T]:
         """What all links' vehicles say, rows as in FleetState."""

@@ -97,6 +97,7 @@ class Reacting:
         self._acted: dict[tuple[Cause, int], int] = {}
         self._ordered: dict[tuple[Cause, Action], str] = {}
         self._sent: dict[int, int] = {}  # severity of what was ordered of a vehicle that is on its errand
+        self._lost_before: set[str] = set()
         self._looked_s = -np.inf
         self._paused_since_s: float | None = None
         self.active: tuple[Reaction, ...] = ()
@@ -141,17 +142,21 @@ class Reacting:
         )
 
     def _roles(self, now_s: float) -> Roles:
+        """Who is what; those whom an earlier show lost are no news to this one."""
         vehicles = self._flight.vehicles.values()
         phases = [vehicle.phase for vehicle in vehicles]
-        lost = [
-            vehicle.phase is Phase.KILLED or (vehicle.phase is Phase.LOST and not vehicle.pilots)
+        lost = {
+            vehicle.id
             for vehicle in vehicles
-        ]
+            if vehicle.phase is Phase.KILLED or (vehicle.phase is Phase.LOST and not vehicle.pilots)
+        }
+        self._lost_before = lost if self._flight.show in ON_THE_GROUND else self._lost_before & lost
+        news = lost - self._lost_before
         since_s = self._paused_since_s
         return Roles(
             np.array([phase in AIRBORNE for phase in phases]),
             np.array([phase is Phase.FORMATION for phase in phases]),
-            np.array(lost),
+            np.array([vehicle.id in news for vehicle in vehicles]),
             0.0 if since_s is None else now_s - since_s,
         )
 
@@ -240,13 +245,16 @@ class Reacting:
         now_s, unix_s = self._flight.fleet.time_s, self._unix_s()
         active = []
         for wish in wishes:
-            before = began.get((wish.cause.value, wish.action.value))
+            before, named = began.get((wish.cause.value, wish.action.value)), self._named(wish)
+            reason = wish.reason
+            if before is not None and before.vehicles == named:
+                reason = before.reason  # its numbers may change in every tick
             active.append(
                 Reaction(
                     wish.cause.value,
                     wish.action.value,
-                    wish.reason,
-                    self._named(wish),
+                    reason,
+                    named,
                     wish.since_s,
                     unix_s - (now_s - wish.since_s) if before is None else before.since_unix_s,
                     self._ordered.get((wish.cause, wish.action)),

@@ -105,6 +105,27 @@ def test_too_many_vehicles_lost_brings_the_show_home() -> None:
     fly(story, show_config(6, operation=HOLDS_WHEN_LOST, formation={"radius_m": 7.0}))
 
 
+def test_whom_an_earlier_show_lost_is_no_loss_of_this_one() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.link.silence("d2")
+        await show.reach(ShowPhase.RETURNING)
+        assert show.view.reason.startswith("too many vehicles lost")
+        await show.reach(ShowPhase.LANDED, 120.0)
+        await show.wait(7.0)
+        assert show.view.reactions == (), "it is over; the notices tell who is lost"
+        show.service.command_show(ShowAction.START, ("d1", "d3"))
+        await show.reach(ShowPhase.RUNNING)
+        await show.wait(5.0)
+        assert show.view.show is ShowPhase.RUNNING
+        assert show.view.reactions == ()
+        show.link.silence("d3")
+        await show.reach(ShowPhase.RETURNING)
+
+    reactions = {"vehicles_lost": {"count": 1, "share": 0.3}}
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST, reactions=reactions))
+
+
 def test_target_stale_is_held_where_it_is_until_it_is_told_again(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         show_hash = written_show.select(show)
