@@ -76,7 +76,7 @@ class CueFigures(Outward):
 
 
 class ColumnPair(Outward):
-    """Two that stand one above the other in the formation: they cannot both come straight down."""
+    """Two that stood one above the other in the check: they cannot both come straight down."""
 
     upper: int = Field(description="Vehicle of the show, from 1.")
     lower: int

@@ -1,14 +1,14 @@
 """Who stands above whom: they cannot both come straight down. Pure."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.safety.separation import Floor
-from gcs.state import Array, VehicleId
+from gcs.state import Array
 
-NAMED_MAX = 8
+TURNS = 200
+
+GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def column_m(floor: Floor) -> float:
@@ -36,10 +36,30 @@ def overlapping(position_m: Array, width_m: float) -> tuple[NDArray[np.intp], Ar
     return pairs, apart_m[found]
 
 
-def told(ids: Sequence[VehicleId], pairs: NDArray[np.intp]) -> str:
+def most_overlapping(position_m: Array, width_m: float) -> int:
+    """At most how many pairs' columns overlap, whichever way the formation (n, 3) is turned.
+
+    The law gives nobody a certain place: how the shape will stand, and who is where, is not known beforehand.
+    """
+    first, second = np.triu_indices(len(position_m), 1)
+    chord_m = position_m[first] - position_m[second]
+    along_m = chord_m @ _upward().T
+    sideways_m2 = (chord_m**2).sum(axis=1)[:, None] - along_m**2
+    return int((sideways_m2 < width_m**2).sum(axis=0).max(initial=0))
+
+
+def _upward() -> Array:
+    """(TURNS, 3) unit vectors, evenly over half a sphere: each may be upwards in the formation's own frame."""
+    z = (np.arange(TURNS) + 0.5) / TURNS
+    level, turn = np.sqrt(1.0 - z**2), GOLDEN_ANGLE_RAD * np.arange(TURNS)
+    return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
+
+
+def told(pairs: int) -> str:
     """In words, empty where there are none."""
-    if not len(pairs):
+    if not pairs:
         return ""
-    named = ", ".join(f"{ids[upper]} above {ids[lower]}" for upper, lower in pairs[:NAMED_MAX].tolist())
-    more = f" and {len(pairs) - NAMED_MAX} pairs more" if len(pairs) > NAMED_MAX else ""
-    return f"columns overlap in the formation: {named}{more}; land now leads them apart first, lowest first"
+    return (
+        f"in the formation up to {pairs} pairs stand one above the other: land now leads them apart first,"
+        " and brings the lowest down first"
+    )

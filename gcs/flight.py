@@ -117,7 +117,7 @@ class Flight:
         self.performance: Performance | None = None
         self.show = ShowPhase.IDLE
         self.reason = "nothing has been started"
-        self.columns = ""  # who will stand above whom, in words; as of the last start
+        self.columns = ""  # how many will stand one above the other, in words; as of the last start
         self.came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.telemetry = Newest(())

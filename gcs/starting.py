@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.columns import column_m, overlapping
+from gcs.columns import column_m, most_overlapping
 from gcs.columns import told as told_columns
 from gcs.errands import Errands
 from gcs.errors import InvalidError, RefusedError, UnknownError
@@ -25,6 +25,9 @@ log = logging.getLogger(__name__)
 
 AHEAD_MAX_S = 24 * 3600.0
 """Nobody schedules a start for another day."""
+
+SWAYS_M = 0.5
+"""By which two vehicles may be nearer to each other than their places."""
 
 LATE_MAX_S = 2.0
 """A start that this machine missed by more (asleep, or its clock was set) is not made up for."""
@@ -100,15 +103,15 @@ class Starting:
             check_obstacle(obstacle, flight.control.law.avoidance, {}, pads_m)
 
     def _look_at_columns(self, chosen: Sequence[VehicleId]) -> None:
-        """Say who will stand above whom, as far as that can be known."""
+        """Say how many will stand above others, as far as that can be known."""
         flight = self._flight
-        _, plan = self._stage.plans()[0]
         home_m = np.array([flight.position_m(flight.vehicles[name]) for name in chosen])
-        formed_m = formation_m(tuple(chosen), home_m, plan, flight.control)
-        pairs, _ = overlapping(formed_m, column_m(flight.control.safety.floor))
-        known = len(chosen) <= PREDICTED_MAX
-        count = f"columns of {len(pairs)} pairs overlap in the formation" if len(pairs) else ""
-        words = told_columns(chosen, pairs) if known else count
+        width_m = column_m(flight.control.safety.floor)
+        plan = min((plan for _, plan in self._stage.plans()), key=lambda each: each.formation.radius_m)
+        words = ""
+        if len(chosen) <= PREDICTED_MAX:
+            formed_m = formation_m(tuple(chosen), home_m, plan, flight.control)
+            words = told_columns(most_overlapping(formed_m, width_m + SWAYS_M))
         if words and words != flight.columns:
             log.info("columns_overlap", extra={"reason": words})
         flight.columns = words

@@ -45,7 +45,10 @@ class CueFigures:
 
 @dataclass(frozen=True, slots=True)
 class ColumnPair:
-    """Two that stand one above the other in the formation: they cannot both come straight down."""
+    """Two that stood one above the other in the rehearsal: they cannot both come straight down.
+
+    In flight it may be others: the law gives nobody a certain place.
+    """
 
     upper: int  # vehicles of the show, from 1
     lower: int
