@@ -49,7 +49,7 @@ def most_overlapping(position_m: Array, width_m: float) -> int:
 
 
 def _upward() -> Array:
-    """(TURNS, 3) unit vectors, evenly over half a sphere: each may be upwards in the formation's own frame."""
+    """(TURNS, 3) unit vectors, evenly over half a sphere: ways in which a formation may lie."""
     z = (np.arange(TURNS) + 0.5) / TURNS
     level, turn = np.sqrt(1.0 - z**2), GOLDEN_ANGLE_RAD * np.arange(TURNS)
     return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
