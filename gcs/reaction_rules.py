@@ -85,6 +85,11 @@ class Latch:
         """(k, m)."""
         return ~np.isnan(self.since_s)
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing holds, nor is active: a tick in which nothing holds would change nothing."""
+        return bool(np.isnan(self.on_since_s).all() and np.isnan(self.since_s).all())
+
     def next(self, on: Mask, now_s: float, for_s: Array, clear_s: float) -> "Latch":
         """After a tick in which `on` (k, m) held; `for_s` (k, 1) says how long each must."""
         on_since_s = np.where(on, np.fmin(self.on_since_s, now_s), np.nan)
@@ -183,7 +188,7 @@ def is_calm(on: Mask, known: Known, seen: Seen, settings: ReactionSettings, *, t
     """Whether nothing happens, nor did: then `advance` would say so, too."""
     happens = bool(on.any()) or too_windy or known.late_s > settings.service_late.late_s
     stale = seen.target_age_s > settings.target_stale.after_s  # False for NaN
-    return not (happens or stale or known.vehicles.active.any() or known.show.active.any())
+    return known.vehicles.is_idle and known.show.is_idle and not (happens or stale)
 
 
 def advance(

@@ -48,7 +48,7 @@ def one(value: float, others: float) -> np.ndarray[Any, Any]:
 
 
 class Rules:
-    """Rules that are asked tick by tick."""
+    """Rules that are asked tick by tick, as in flight: nothing more than telemetry while it is calm."""
 
     def __init__(self, **settings: Any) -> None:
         self.settings = ReactionSettings(**settings)
@@ -64,12 +64,14 @@ class Rules:
         wishes: tuple[Wish, ...] = ()
         for _ in range(round(for_s / TICK_S)):
             self.now_s += TICK_S
-            now = replace(seen, time_s=self.now_s)
+            now = replace(seen, time_s=self.now_s, silent=self.lost.copy())
             known, on, too_windy = look(now, self.known, self.settings)
             self.was_calm = is_calm(on, known, now, self.settings, too_windy=too_windy)
+            if self.was_calm:
+                self.known, wishes = known, ()
+                continue
             roles = Roles(self.flying & ~self.lost, self.flying & ~self.lost, self.lost, self.paused_s)
             self.known, wishes = advance(on, roles, now, known, self.settings, too_windy=too_windy)
-            assert not (self.was_calm and wishes and not self.lost.any())
         return wishes
 
 
