@@ -159,6 +159,23 @@ def test_low_battery_of_a_pilots_vehicle_is_the_pilots_business() -> None:
     fly(story)
 
 
+def test_low_battery_on_the_way_up_is_landed_straight_down_and_the_others_go_on() -> None:
+    async def story(show: Show) -> None:
+        await show.standby()
+        show.service.command_show(ShowAction.START)
+        await show.phase("d2", Phase.TAKEOFF)
+        show.befall("d2", "battery", remaining=0.18)
+        order = await carried_out(show, await reacts(show, Cause.LOW_BATTERY))
+        assert (order.action, order.by, order.outcome) == ("return", "service", Outcome.DONE)
+        assert show.track.phases("d2")[-3:] == [Phase.TAKEOFF, Phase.LANDING, Phase.STANDBY]
+        assert off_pad_m(show, "d2") < 1.0
+        await show.reach(ShowPhase.RUNNING)
+        assert {show.vehicle(name).phase for name in ("d1", "d3")} == {Phase.FORMATION}
+        await lands_all(show)
+
+    fly(story, show_config(3, reactions={"low_battery": {"for_s": 0.5}}))
+
+
 def test_low_battery_is_left_to_the_autopilot_where_it_is_ignored() -> None:
     async def story(show: Show) -> None:
         await show.start()
