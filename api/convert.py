@@ -6,14 +6,16 @@ from typing import Final
 
 import numpy as np
 
-from api import wire, wire_shows
+from api import wire, wire_reactions, wire_shows
 from gcs import plan
 from gcs.errors import InvalidError, RefusedError
 from gcs.frames import ShowFrame
 from gcs.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
+from gcs.reactions import Action, Cause
 from gcs.service import (
     FleetView,
     OrderRecord,
+    Reaction,
     SelectedShow,
     ShowAction,
     ShowCheck,
@@ -233,6 +235,19 @@ def obstacle(box: plan.Obstacle, now_s: float) -> wire.Obstacle:
     )
 
 
+def reaction(told: Reaction) -> wire_reactions.Reaction:
+    """A reaction for the wire."""
+    return wire_reactions.Reaction(
+        cause=Cause(told.cause),
+        action=Action(told.action),
+        reason=told.reason,
+        vehicles=list(told.vehicles),
+        since_time_s=told.since_s,
+        since_unix_time_s=told.since_unix_s,
+        order_id=told.order_id,
+    )
+
+
 def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.Fleet:
     """Everything for the wire; `problem` is `health_problem`'s answer, `access` the door's text."""
     return wire.Fleet(
@@ -257,6 +272,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
         setpoints_sent=view.setpoints_sent,
         filter_interventions=view.interventions,
         notices=list(view.notices),
+        reactions=[reaction(each) for each in view.reactions],
         access=access,
         tick=wire.Tick(
             rate_hz=view.tick.rate_hz,

@@ -19,6 +19,7 @@ from starlette.responses import Response
 
 from api.desk import DeskDep
 from gcs.lifecycle import Phase, ShowPhase
+from gcs.reactions import Cause
 from gcs.service import FleetView, Histogram, VehicleView
 
 router = APIRouter()
@@ -81,6 +82,7 @@ class FleetCollector:
             view.minimum_separation_m,
         )
         yield _one_of("gcs_show_phase", "1 for the phase that the show is in.", ShowPhase, view.show)
+        yield _reactions(view)
         yield _counter("gcs_calls_denied", "Calls that were turned away.", self.denied)
         yield _counter("gcs_calls_shed", "Those of them that were too many.", self.shed)
         yield InfoMetricFamily("gcs_access", "Whether tokens are asked for.", {"access": self.access})
@@ -116,6 +118,14 @@ def _one_of(name: str, text: str, kinds: type[ShowPhase], now: ShowPhase) -> Met
     family = GaugeMetricFamily(name, text, labels=["phase"])
     for kind in kinds:
         family.add_metric([kind.value], float(kind is now))
+    return family
+
+
+def _reactions(view: FleetView) -> Metric:
+    family = GaugeMetricFamily("gcs_reaction", "1 while the service reacts to this cause.", labels=["cause"])
+    lasting = {each.cause for each in view.reactions}
+    for cause in Cause:
+        family.add_metric([cause.value], float(cause.value in lasting))
     return family
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from api.wire_reactions import Reaction
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Direction, YawPolicy
 from gcs.service import Outcome, ShowAction
@@ -429,6 +430,9 @@ class Fleet(Outward):
     setpoints_sent: int
     filter_interventions: int = Field(description="Each vehicle in each tick that safety changed, in all.")
     notices: list[str] = Field(description="What an operator should know now, in words.")
+    reactions: list[Reaction] = Field(
+        description="What the service does by itself now; the most severe first. Empty in a replay."
+    )
     access: str = Field(description="Whether tokens are asked for, in words.")
     tick: Tick
     vehicles: list[Vehicle]

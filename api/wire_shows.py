@@ -75,6 +75,15 @@ class CueFigures(Outward):
     held_back: int
 
 
+class ColumnPair(Outward):
+    """Two that stood one above the other in the check: they cannot both come straight down."""
+
+    upper: int = Field(description="Vehicle of the show, from 1.")
+    lower: int
+    sideways_m: float = Field(description="Between them, seen from above, at their nearest.")
+    cue: str = Field(description="When that was.")
+
+
 class ShowFigures(Outward):
     """How a show flew in virtual time, by true positions."""
 
@@ -92,6 +101,8 @@ class ShowFigures(Outward):
     fence_distance_margin_m: float
     fence_height_margin_m: float
     battery_need: float = Field(description="Share of a full battery, reserve included.")
+    column_pairs: int = Field(description="Pairs whose columns overlap at some time of the show.")
+    columns: list[ColumnPair] = Field(description="The nearest of them.")
     cues: list[CueFigures]
 
 

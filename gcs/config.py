@@ -23,6 +23,7 @@ from gcs.links.endpoints.urls import parse as place_at
 from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
 from gcs.links.vehicle_ids import INSTANCES_MAX, SYSTEM_ID_MAX, instances
 from gcs.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPolicy
+from gcs.reactions import ReactionSettings
 from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import VehicleId
 
@@ -237,6 +238,7 @@ class Config(Settings):
     operation: OperationSettings = OperationSettings()
     control: ControlSettings = ControlSettings()
     positioning: Positioning = Positioning()
+    reactions: ReactionSettings = ReactionSettings()
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
     deadman_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
 

@@ -1,7 +1,7 @@
 """What is done with the whole fleet on an order, and what follows by itself."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from gcs.errands import Errands
 from gcs.errors import InvalidError, RefusedError
@@ -11,10 +11,12 @@ from gcs.inspection import Inspection
 from gcs.lifecycle import IN_THE_AIR, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.orders import OrderBook
 from gcs.places import landing_places_m
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.reacting import Reacting
+from gcs.service import OrderRecord, Outcome, Reaction, ShowAction, VehicleAction
 from gcs.stage import Stage
 from gcs.starting import Countdown, Starting
 from gcs.state import Array, VehicleId
+from gcs.timing import TickClock
 from gcs.vehicle import Vehicle
 from gcs.vehicle_orders import VehicleOrders
 from gcs.watch import Watch
@@ -34,6 +36,7 @@ class Director:
         inspection: Inspection,
         stage: Stage,
         unix_s: Callable[[], float],
+        clock: TickClock,
     ) -> None:
         self._flight = flight
         self._errands = errands
@@ -42,6 +45,7 @@ class Director:
         self._vehicle_orders = VehicleOrders(flight, errands, book)
         self._homecoming: Homecoming | None = None
         self._watch = Watch(flight, errands, inspection, self._come_back)
+        self._reacting = Reacting(flight, stage, clock, unix_s, self, errands.running)
 
     # once a tick
 
@@ -70,6 +74,7 @@ class Director:
     def advance(self) -> None:
         """Let the show go on: all up, assembled, all down."""
         flight = self._flight
+        self._reacting.look()
         self._starting.count_down()
         if self._homecoming is not None:
             self._homecoming.advance()
@@ -101,6 +106,32 @@ class Director:
             flight.move_show(ShowEvent.TAKEN_ON, f"nobody flies in formation; waiting for orders: {holding}")
         elif not flight.airborne:
             flight.move_show(ShowEvent.ALL_DOWN, "nobody took off")
+
+    # by itself
+
+    @property
+    def reactions(self) -> tuple[Reaction, ...]:
+        """Those whose causes last, the most severe first."""
+        return self._reacting.active
+
+    def react(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> OrderRecord:
+        """One order to several vehicles: hold, return or land."""
+        return self._vehicle_orders.command_some(vehicles, action)
+
+    def react_show(self, action: ShowAction, reason: str) -> OrderRecord:
+        """Pause, stop or abort, by the service itself: who comes down already goes on doing so."""
+        if action is ShowAction.PAUSE:
+            return self._pause(reason)
+        spared = self._flight.in_phase(Phase.LANDING)
+        return self._stop(reason, spared) if action is ShowAction.STOP else self._abort(reason, spared)
+
+    def note_re_formed(self) -> OrderRecord:
+        """The others close a gap; nothing needs to be sent for that."""
+        return self._done("re-form", self._not_ours())
+
+    def note_target_held(self) -> OrderRecord:
+        """Everybody follows a target that stands now."""
+        return self._done("hold-target")
 
     # orders
 
@@ -138,11 +169,12 @@ class Director:
         """Carry out an order to one vehicle. Raises: RefusedError, UnknownError."""
         return self._vehicle_orders.command(vehicle_id, action)
 
-    def _stop(self, reason: str = "everybody comes home") -> OrderRecord:
-        """Everybody home; who has not left the ground stays there."""
-        flying, waiting = self._flight.airborne, self.waiting
+    def _stop(self, reason: str = "everybody comes home", spared: Sequence[Vehicle] = ()) -> OrderRecord:
+        """Everybody home but who is spared; who has not left the ground stays there."""
+        flying, waiting = [v for v in self._flight.airborne if v not in spared], self.waiting
         self._flight.move_show(ShowEvent.STOP, reason)
-        record = self._book.open("stop", [v.id for v in (*flying, *waiting)], self._not_ours())
+        left_out = self._not_ours() | {v.id: f"comes down already: {v.reason}" for v in spared}
+        record = self._book.open("stop", [v.id for v in (*flying, *waiting)], left_out)
         homeless_m = landing_places_m(self._flight, [vehicle for vehicle in flying if vehicle.home_m is None])
         together = [v for v in flying if v.home_m is not None and not v.comes_down_alone]
         self._homecoming = Homecoming(self._flight, together, asyncio.get_running_loop().time)
@@ -163,13 +195,13 @@ class Director:
         out_of_hand = self._flight.in_phase(Phase.LOST, Phase.PILOT, Phase.KILLED)
         return {vehicle.id: f"{vehicle.phase}: {vehicle.reason}" for vehicle in out_of_hand}
 
-    def _pause(self) -> OrderRecord:
+    def _pause(self, reason: str = "everybody holds in place") -> OrderRecord:
         """Everybody of the formation stops in place."""
         flight = self._flight
         advance_show(flight.show, ShowEvent.PAUSE)
         for vehicle in flight.in_phase(Phase.FORMATION):
             vehicle.hold_m = self._stops_m(vehicle)
-        flight.move_show(ShowEvent.PAUSE, "everybody holds in place")
+        flight.move_show(ShowEvent.PAUSE, reason)
         return self._done("pause")
 
     def _stops_m(self, vehicle: Vehicle) -> Array:
@@ -186,22 +218,23 @@ class Director:
         self._flight.move_show(ShowEvent.RESUME, "re-forms, then goes on")
         return self._done("resume")
 
-    def _done(self, action: str) -> OrderRecord:
+    def _done(self, action: str, left_out: Mapping[VehicleId, str] | None = None) -> OrderRecord:
         """An order that the next tick carries out for all of the formation."""
         formed = self._flight.in_phase(Phase.FORMATION)
-        record = self._book.open(action, [vehicle.id for vehicle in formed], {})
+        record = self._book.open(action, [vehicle.id for vehicle in formed], left_out or {})
         for vehicle in formed:
             self._book.close(record.id, vehicle.id, Outcome.DONE)
         return self._book.get(record.id)
 
-    def _abort(self) -> OrderRecord:
-        """A filtered descent of everybody, lowest first, to distinct places."""
-        flying, waiting = self._flight.airborne, self.waiting
-        self._flight.move_show(ShowEvent.ABORT, "everybody comes down")
+    def _abort(self, reason: str = "everybody comes down", spared: Sequence[Vehicle] = ()) -> OrderRecord:
+        """A filtered descent of everybody but who is spared, lowest first, to distinct places."""
+        flying, waiting = [v for v in self._flight.airborne if v not in spared], self.waiting
+        self._flight.move_show(ShowEvent.ABORT, reason)
         places_m = landing_places_m(
             self._flight, [vehicle for vehicle in flying if not vehicle.comes_down_alone]
         )
-        record = self._book.open("abort", [v.id for v in (*flying, *waiting)], self._not_ours())
+        left_out = self._not_ours() | {v.id: f"comes down already: {v.reason}" for v in spared}
+        record = self._book.open("abort", [v.id for v in (*flying, *waiting)], left_out)
         for vehicle in flying:
             alone = vehicle.comes_down_alone
             errand = self._errands.autopilot_land if alone else self._errands.descend(places_m[vehicle.id])

@@ -117,6 +117,7 @@ class Flight:
         self.performance: Performance | None = None
         self.show = ShowPhase.IDLE
         self.reason = "nothing has been started"
+        self.columns = ""  # how many will stand one above the other, in words; as of the last start
         self.came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.telemetry = Newest(())
@@ -194,8 +195,8 @@ class Flight:
 
     def in_rows(self, parts: Sequence[Array]) -> Array:
         """(n,) of (k,) arrays, one for each link: rows as in FleetState."""
-        joined: Array = np.concatenate(parts)[self._order]
-        return joined
+        joined: Array = np.concatenate(parts)
+        return joined if self._in_order else joined[self._order]
 
     def ordered(self, parts: Sequence[Sequence[T]]) -> Sequence[T]:
         """What all links' vehicles say, rows as in FleetState."""

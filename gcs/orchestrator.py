@@ -24,10 +24,11 @@ from gcs.flight import Flight
 from gcs.frames import ShowFrame
 from gcs.homeward import warm_up as warm_up_ways
 from gcs.inspection import Inspection
-from gcs.lifecycle import ON_THE_GROUND, Phase
+from gcs.lifecycle import ON_THE_GROUND, Phase, ShowPhase
 from gcs.links import Link
 from gcs.orders import OrderBook
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
+from gcs.reacting import told
 from gcs.records.record import Record
 from gcs.repertoire import Repertoire
 from gcs.service import (
@@ -52,6 +53,8 @@ log = logging.getLogger(__name__)
 RETRY_S = 0.25  # well below the second after which vehicles in OFFBOARD begin their failsafe
 SETTLED_S = 1.0
 """A link that ran this long had worked: its next failure is news."""
+
+BEFORE_ASSEMBLING = frozenset({ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, ShowPhase.ARMING})
 
 
 class Shares:
@@ -125,7 +128,7 @@ class Orchestrator:
                 errands = Errands(group, self._flight, self._config.operation)
                 inspection = Inspection(group, self._flight)
                 self._director = Director(
-                    self._flight, errands, self._book, inspection, self._stage, self._unix_s
+                    self._flight, errands, self._book, inspection, self._stage, self._unix_s, self._clock
                 )
                 for link in self._flight.links:
                     group.create_task(keep_open(link), name=f"link/{link.name}")
@@ -167,9 +170,16 @@ class Orchestrator:
 
     @property
     def _problems(self) -> list[str]:
-        """Of links and record: what does not end the flight, but an operator should know."""
+        """Reactions, and of links and record what does not end the flight; an operator should know."""
         recorded = () if self._record is None else self._record.problems
-        return [*(problem for link in self._flight.links for problem in link.problems), *recorded]
+        reactions = () if self._director is None else told(self._director.reactions)
+        columns = (self._flight.columns,) if self._flight.show in BEFORE_ASSEMBLING else ()
+        return [
+            *reactions,
+            *filter(None, columns),
+            *(problem for link in self._flight.links for problem in link.problems),
+            *recorded,
+        ]
 
     @property
     def _start_unix_s(self) -> float | None:
@@ -215,6 +225,7 @@ class Orchestrator:
             performance=flight.performance,
             waits=self._stage.waits,
             start_unix_s=self._start_unix_s,
+            reactions=() if self._director is None else self._director.reactions,
         )
 
     # the service

@@ -180,6 +180,19 @@ class TickView:
 
 
 @dataclass(frozen=True, slots=True)
+class Reaction:
+    """What the service does by itself, for as long as its cause lasts; see `gcs.reactions`."""
+
+    cause: str
+    action: str
+    reason: str  # in words
+    vehicles: tuple[VehicleId, ...]  # whom it concerns; empty: nobody in particular
+    since_s: float  # loop clock
+    since_unix_s: float
+    order_id: str | None  # None: nothing was ordered, for what goes on is no weaker, or it waits
+
+
+@dataclass(frozen=True, slots=True)
 class FleetView:
     """The newest state of everything, complete in itself."""
 
@@ -202,6 +215,7 @@ class FleetView:
     selected: SelectedShow | None = None  # None: formation, target and orbit are as told
     start_unix_time_s: float | None = None  # ordered, and not reached yet
     countdown_s: float | None = None
+    reactions: tuple[Reaction, ...] = ()  # those whose causes last, the most severe first
 
 
 class Latest(Generic[T]):

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from math import nan
 
 from gcs.errors import RefusedError
 from gcs.feasibility import check_obstacle, check_target
@@ -27,6 +28,8 @@ class Stage:
         self._repertoire = repertoire
         self._told: Plan = flight.plan  # what is flown without a show
         self.waits: tuple[str, ...] = ()  # why obstacles of the show do not stand yet
+        self._held: Target | None = None  # in place of a live one that was not renewed since `_told_s`
+        self._told_s = 0.0
 
     # on the ground
 
@@ -220,6 +223,24 @@ class Stage:
         if performance is None:
             return 0
         return len(performance.obstacle_ids - {box.id for box in self._flight.plan.obstacles})
+
+    @property
+    def target_age_s(self) -> float:
+        """Since the target of a live cue was told; NaN where none is awaited, or none was ever told."""
+        flight, performance = self._flight, self._flight.performance
+        if performance is None or performance.live is None or not performance.clock.runs:
+            return nan
+        told_s = self._told_s if performance.live is self._held else performance.live.time_s
+        return flight.fleet.time_s - told_s
+
+    def hold_target(self) -> None:
+        """Have a live target that nobody renews stay where it is now, until it is told again."""
+        flight, performance = self._flight, self._flight.performance
+        if performance is None or performance.live is None or performance.live is self._held:
+            return
+        now_s, live = flight.fleet.time_s, performance.live
+        self._told_s = live.time_s
+        self._held = performance.live = Target(*live.position_m(now_s), time_s=now_s)
 
     def tell_target(self, target: Target) -> None:
         """Take a target, where nothing or a live cue asks for it. Raises: RefusedError, InvalidError."""

@@ -1,15 +1,18 @@
 """A start, now or at a clock time: what speaks against it, and who takes off when."""
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from gcs.columns import column_m, most_overlapping
+from gcs.columns import told as told_columns
 from gcs.errands import Errands
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.feasibility import check_formation, check_obstacle
 from gcs.flight import Flight
-from gcs.foresight import check_setpoint_loss
+from gcs.foresight import PREDICTED_MAX, check_setpoint_loss, formation_m
 from gcs.inspection import Inspection
 from gcs.lifecycle import Phase, ShowEvent, advance_show
 from gcs.orders import OrderBook
@@ -18,8 +21,13 @@ from gcs.service import OrderRecord, Outcome, ShowAction
 from gcs.stage import Stage
 from gcs.state import VehicleId
 
+log = logging.getLogger(__name__)
+
 AHEAD_MAX_S = 24 * 3600.0
 """Nobody schedules a start for another day."""
+
+SWAYS_M = 0.5
+"""By which two vehicles may be nearer to each other than their places."""
 
 LATE_MAX_S = 2.0
 """A start that this machine missed by more (asleep, or its clock was set) is not made up for."""
@@ -89,9 +97,24 @@ class Starting:
         self._check(chosen)
         check_formation(flight.plan.formation, len(chosen), flight.control.safety)
         self._check_loss(chosen)
+        self._look_at_columns(chosen)
         pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
         for obstacle in self._stage.obstacles():
             check_obstacle(obstacle, flight.control.law.avoidance, {}, pads_m)
+
+    def _look_at_columns(self, chosen: Sequence[VehicleId]) -> None:
+        """Say how many will stand above others, as far as that can be known."""
+        flight = self._flight
+        home_m = np.array([flight.position_m(flight.vehicles[name]) for name in chosen])
+        width_m = column_m(flight.control.safety.floor)
+        plan = min((plan for _, plan in self._stage.plans()), key=lambda each: each.formation.radius_m)
+        words = ""
+        if len(chosen) <= PREDICTED_MAX:
+            formed_m = formation_m(tuple(chosen), home_m, plan, flight.control)
+            words = told_columns(most_overlapping(formed_m, width_m + SWAYS_M))
+        if words and words != flight.columns:
+            log.info("columns_overlap", extra={"reason": words})
+        flight.columns = words
 
     def _take_off(self, record: OrderRecord, chosen: Sequence[VehicleId]) -> None:
         flight = self._flight

@@ -56,6 +56,7 @@ class TickClock:
         self.count = 0
         self.missed = 0
         self.gap_s = 0.0  # between the beginnings of the last two ticks
+        self.late_s = 0.0  # by which the last one was: begun late, or after others that were dropped
         self._began_s = 0.0
         self._duration_s: deque[float] = deque(maxlen=REMEMBERED)
         self._lateness_s: deque[float] = deque(maxlen=REMEMBERED)
@@ -66,6 +67,7 @@ class TickClock:
         """Take one tick into account, which began at `began_s` of the loop's clock."""
         self.gap_s = began_s - self._began_s if self.count else 0.0
         self._began_s = began_s
+        self.late_s = max(lateness_s, self.gap_s - 1.0 / self.rate_hz, 0.0)
         self.count += 1
         self.missed += missed
         self._duration_s.append(duration_s)

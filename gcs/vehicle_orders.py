@@ -1,6 +1,7 @@
 """What is done with one vehicle on an order."""
 
 import logging
+from collections.abc import Sequence
 
 from gcs.errand_tasks import Errand
 from gcs.errands import Errands
@@ -71,6 +72,22 @@ class VehicleOrders:
             place_m = landing_places_m(self._flight, [vehicle])[vehicle.id]
             return self._send(vehicle, self._errands.descend(place_m), action)
         return self._send(vehicle, errands[action], action)
+
+    def command_some(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> OrderRecord:
+        """One order to several that may be given it: hold, return or land, each to a place of its own."""
+        homeless = action is VehicleAction.RETURN
+        places_m = landing_places_m(self._flight, [v for v in vehicles if not homeless or v.home_m is None])
+        record = self._book.open(action, [vehicle.id for vehicle in vehicles], {})
+        for vehicle in vehicles:
+            errand: Errand = self._errands.hold
+            if vehicle.comes_down_alone and action is not VehicleAction.HOLD:
+                errand = self._errands.autopilot_land
+            elif action is VehicleAction.RETURN and vehicle.home_m is not None:
+                errand = self._errands.come_home
+            elif action is not VehicleAction.HOLD:
+                errand = self._errands.descend(places_m[vehicle.id])
+            self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
+        return record
 
     def _check_room(self, vehicle: Vehicle) -> None:
         """Raises: RefusedError when the sphere is too small for one more."""

@@ -8,7 +8,7 @@ from gcs.control import Tick
 from gcs.lifecycle import ShowPhase, not_ours
 from gcs.performance import Performance
 from gcs.plan import Plan
-from gcs.service import FleetView, TickView, VehicleView
+from gcs.service import FleetView, Reaction, TickView, VehicleView
 from gcs.state import Array, FleetState, Telemetry, Traits, VehicleId
 from gcs.table import tuple3
 from gcs.vehicle import Vehicle
@@ -40,6 +40,7 @@ def fleet_view(
     performance: Performance | None = None,
     waits: Sequence[str] = (),
     start_unix_s: float | None = None,
+    reactions: Sequence[Reaction] = (),
 ) -> FleetView:
     """Put one tick's state together; rows of `fleet` and `vehicles` correspond.
 
@@ -82,6 +83,7 @@ def fleet_view(
         selected=None if performance is None else performance.view(fleet.time_s),
         start_unix_time_s=start_unix_s,
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
+        reactions=tuple(reactions),
     )
 
 

@@ -89,7 +89,7 @@ class Fleet:
         self._start_s, self._steps = start_s, 0
         self._unix_at_start_s = unix_at_start_s
         self._response = dynamics.Response(drag_per_s=settings.drag_per_s)
-        self._wind_m_s = np.array(settings.wind_m_s)
+        self.wind_m_s = np.tile(np.array(settings.wind_m_s, dtype=np.float64), (settings.count, 1))
         origin = settings.origin
         self._tangent = Tangent(origin.latitude_deg, origin.longitude_deg, origin.altitude_amsl_m)
         count, indices = settings.count, range(settings.first, settings.first + settings.count)
@@ -147,7 +147,7 @@ class Fleet:
             demand_m_s,
             STEP_S,
             self._response,
-            wind_m_s=self._wind_m_s,
+            wind_m_s=self.wind_m_s,
             velocity_error_m_s=self._error.velocity_m_s,
             powered=state.powered,
         )

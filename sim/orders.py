@@ -81,6 +81,7 @@ VEHICLE_FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType(
         "gps-jump": SHIFT,
         "gps-freeze": {},
         "accuracy": dict.fromkeys(("eph_m", "epv_m", "hdop", "vdop"), ACCURACY),
+        "wind": {"north_m_s": SPEED_M_S, "east_m_s": SPEED_M_S, "down_m_s": SPEED_M_S},
         "stuck-mode": {"answer": Choice(("accepted", "rejected"))},
         "pilot": {
             "mode": Choice(PILOTED),

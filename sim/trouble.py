@@ -118,6 +118,10 @@ class Trouble:
             state.frozen_m[row] = self._fleet.estimate_m[row]
         elif fault == "accuracy":
             self._blur(row, values)
+        elif fault == "wind":
+            self._fleet.wind_m_s[row] = [
+                float(values[name]) for name in ("north_m_s", "east_m_s", "down_m_s")
+            ]
         elif fault == "clock-jump":
             state.clock_offset_s[row] += float(values["by_s"])
         elif fault == "battery":
@@ -166,7 +170,7 @@ class Trouble:
     def _mend(self, row: int) -> None:
         if self._channels.pop(row, None) is not None:
             self.changes += 1
-        for fault in ("gps-jump", "gps-freeze", "accuracy", "stuck-mode", "pilot"):
+        for fault in ("gps-jump", "gps-freeze", "accuracy", "wind", "stuck-mode", "pilot"):
             self._end(row, fault)
         for key in [key for key in self._ends if key[0] == row]:
             del self._ends[key]
@@ -185,6 +189,8 @@ class Trouble:
             state.frozen_m[row] = np.nan
         elif fault == "accuracy":
             self._blur(row, RECORDED)
+        elif fault == "wind":
+            self._fleet.wind_m_s[row] = self._fleet.settings.wind_m_s
         elif fault == "stuck-mode":
             self._fleet.autopilots[row].commander.stuck = Stuck.NO
         elif fault == "pilot":

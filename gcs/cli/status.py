@@ -99,6 +99,11 @@ def _head(fleet: wire.Fleet) -> RenderableType:
         f"height {_number(formation.height_now_m)} of {_number(formation.height_m)} m,"
         f" nearest two {_number(fleet.minimum_separation_m)} m",
     )
+    for each in fleet.reactions:
+        whom = f" {', '.join(each.vehicles)}" if each.vehicles else ""
+        table.add_row(
+            "reaction", Text(f"{each.action}{whom}", style="bold red"), escape(f"{each.cause}: {each.reason}")
+        )
     table.add_row("possible", ", ".join(fleet.show.possible) or "-", f"access {escape(fleet.access)}")
     return table
 

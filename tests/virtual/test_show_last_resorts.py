@@ -164,7 +164,7 @@ def test_one_vehicle_that_never_obeys_does_not_keep_the_show_from_ending() -> No
     phase, attempts, next_order = fly(refuses_to_hold_when_lost, show_config(3, operation=HOLDS_WHEN_LOST))
     assert phase is ShowPhase.LANDED
     assert 3 <= attempts <= 20, "now and then, not without pause"
-    assert next_order == "o3", "what the service does by itself is no order of anybody's"
+    assert next_order == "o4", "start, re-form, stop; that it tries again by itself is no order of anybody's"
 
 
 async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:

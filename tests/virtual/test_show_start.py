@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from virtual_show import TAKEOFF_HEIGHT_M, Refusal, Show, Track, fly, refused, show_config
 
+from gcs.columns import column_m, overlapping
 from gcs.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Formation, Obstacle
@@ -243,3 +244,24 @@ def test_the_pad_of_one_that_waits_for_its_turn_is_kept_free(arming: Arming) -> 
 def test_a_climb_can_be_stopped_in_hold(arming: Arming) -> None:
     assert arming.held.outcome is Outcome.DONE
     assert arming.phase is Phase.HOLD
+
+
+async def above_each_other(show: Show) -> tuple[str, int, tuple[str, ...]]:
+    """Before take-off the notice; then, in truth, how many pairs stand one above the other."""
+    await show.standby()
+    show.service.command_show(ShowAction.START)
+    await show.reach(ShowPhase.ARMING)
+    assert not any(any(moment.armed) for moment in show.track.moments), "nobody has left the ground"
+    (notice,) = [text for text in show.view.notices if "one above the other" in text]
+    await show.reach(ShowPhase.RUNNING)
+    await show.wait(8.0)
+    width_m = column_m(show.config.control.safety.floor)
+    return notice, len(overlapping(show.true_m, width_m)[0]), show.view.notices
+
+
+def test_how_many_stand_above_each_other_is_known_before_take_off() -> None:
+    notice, pairs, notices = fly(above_each_other, show_config(8, formation={"radius_m": 6.0}))
+    told = int(notice.split("up to ")[1].split(" ")[0])
+    assert 0 < told <= 8
+    assert pairs <= told
+    assert notice not in notices, "in the air it is no news"

@@ -35,6 +35,11 @@ def test_a_shipped_show_is_good_to_fly(path: Path, capsys: pytest.CaptureFixture
     assert max(cue["center_off_m"] for cue in verdict["cues"]) < 1.0
     assert max(cue["radius_error_m"] for cue in verdict["cues"]) < 2.0
     assert verdict["hash"] == load(path).show.digest
+    sideways_m = [pair["sideways_m"] for pair in verdict["columns"]]
+    assert len(sideways_m) == min(verdict["column_pairs"], 50)
+    assert sideways_m == sorted(sideways_m)
+    cues = {cue["cue"].split(" (")[0] for cue in verdict["cues"]}
+    assert all(pair["upper"] != pair["lower"] and pair["cue"] in cues for pair in verdict["columns"])
 
 
 @pytest.mark.parametrize("name", FLOWN)
@@ -61,6 +66,13 @@ def test_the_table_names_every_cue(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", "check", str(BROKEN / "battery-too-small.yaml")]) == 1
     told = capsys.readouterr().out
     assert all(name in told for name in ("begin", "change", "end", "battery", "closest"))
+
+
+def test_who_stands_above_whom_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "check", "lighthouse"]) == 0
+    (line,) = [told for told in capsys.readouterr().out.splitlines() if "columns of" in told]
+    assert "pairs overlap: " in line
+    assert " above " in line
 
 
 def test_the_hash_is_printed(capsys: pytest.CaptureFixture[str]) -> None:

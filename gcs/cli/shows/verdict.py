@@ -1,5 +1,6 @@
 """What a rehearsal showed: figures, cue by cue, and what is wrong, with line and cue."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from math import ceil, hypot
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from gcs.cli.shows.rehearsal import Rehearsal
 from gcs.cli.simulation.measure import rounded
 from gcs.cli.simulation.record import Record
+from gcs.columns import column_m, overlapping
 from gcs.errors import Problem
 from gcs.plan import Plan
 from gcs.show import Flaw, Played
@@ -18,6 +20,11 @@ TAKEOFF_M_S = 1.5
 
 REACHED_M = 1.0
 """Nearer to its orbit, or to its place above the target, the centre is there."""
+
+LOOKED_AT = 5
+"""Every so many ticks: nobody passes above another within a quarter of a second."""
+
+COLUMNS_TOLD, COLUMNS_NAMED = 50, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +41,19 @@ class CueFigures:
     radius_error_m: float  # median over time of the vehicle that is farthest from the sphere
     center_off_m: float  # at its end, from orbit or target
     held_back: int  # at most so many vehicles at a time were, by the filter
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnPair:
+    """Two that stood one above the other in the rehearsal: they cannot both come straight down.
+
+    In flight it may be others: the law gives nobody a certain place.
+    """
+
+    upper: int  # vehicles of the show, from 1
+    lower: int
+    sideways_m: float  # at their nearest
+    cue: str  # when that was
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +79,8 @@ class Verdict:
     fence_distance_margin_m: float
     fence_height_margin_m: float  # of the nearer one of least and greatest height, in the show
     battery_need: float  # share of a full battery, reserve included
+    column_pairs: int  # whose columns overlap at some time of the show
+    columns: tuple[ColumnPair, ...]  # the nearest of them
     cues: tuple[CueFigures, ...]
 
     def told(self) -> dict[str, object]:
@@ -92,6 +114,7 @@ class _Judge:
         cues = tuple(self._cue(*each) for each in self._passages())
         home_s = self._home_s()
         need = self._battery()
+        columns = self._columns()
         self._reached()
         self._apart()
         problems = tuple(sorted(self._problems(), key=lambda problem: problem.line))
@@ -115,6 +138,8 @@ class _Judge:
             fence_distance_margin_m=_short(away_m),
             fence_height_margin_m=_short(margin_m),
             battery_need=_short(need),
+            column_pairs=len(columns),
+            columns=tuple(columns[:COLUMNS_TOLD]),
             cues=cues,
         )
 
@@ -201,6 +226,20 @@ class _Judge:
             )
         return need
 
+    def _columns(self) -> list[ColumnPair]:
+        """Pairs that stand one above the other while the show runs, the nearest first."""
+        width_m = column_m(self._flight.settings.safety.floor)
+        nearest: dict[tuple[int, int], tuple[float, int]] = {}
+        for tick in self._ticks(0.0, self._loaded.timeline.duration_s)[::LOOKED_AT].tolist():
+            pairs, apart_m = overlapping(self._position_m[tick], width_m)
+            for (upper, lower), sideways_m in zip(pairs.tolist(), apart_m.tolist(), strict=True):
+                if sideways_m < nearest.get((upper, lower), (width_m, 0))[0]:
+                    nearest[upper, lower] = sideways_m, tick
+        return [
+            ColumnPair(upper + 1, lower + 1, _short(sideways_m), self._where(tick))
+            for (upper, lower), (sideways_m, tick) in sorted(nearest.items(), key=lambda found: found[1])
+        ]
+
     def _reached(self) -> None:
         """Whether every orbit and every resting target is reached before the next is asked for."""
         asked = [
@@ -255,6 +294,12 @@ def _short(value: float) -> float:
     return round(float(value), 2)
 
 
+def _named(columns: Sequence[ColumnPair]) -> str:
+    """The nearest of them, in words."""
+    words = [f"{pair.upper} above {pair.lower} at '{pair.cue}'" for pair in columns[:COLUMNS_NAMED]]
+    return f": {', '.join(words)}{', ...' if len(columns) > COLUMNS_NAMED else ''}" if words else ""
+
+
 def table(verdict: Verdict) -> str:
     """For a terminal."""
     home = "never" if verdict.home_s is None else f"{verdict.home_s:.0f} s"
@@ -277,6 +322,7 @@ def table(verdict: Verdict) -> str:
             f" {verdict.fence_height_margin_m:.1f} m in height"
         ),
         f"  battery {verdict.battery_need:.0%} needed, reserve included",
+        f"  columns of {verdict.column_pairs} pairs overlap{_named(verdict.columns)}",
         "",
     ]
     cells = [("cue", "line", "at s", "radius", "height", "closest", "speed", "shape", "centre", "held")]

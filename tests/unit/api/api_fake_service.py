@@ -23,6 +23,7 @@ from gcs.service import (
     NoAudit,
     OrderRecord,
     Outcome,
+    Reaction,
     SelectedShow,
     ShowAction,
     TickView,
@@ -80,6 +81,7 @@ class FakeService:
         self.show = ShowPhase.IDLE
         self.selected: SelectedShow | None = None
         self.start_unix_s: float | None = None
+        self.reactions: tuple[Reaction, ...] = ()
         self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
         self.orders_by_id = {}
 
@@ -243,6 +245,7 @@ class FakeService:
             selected=self.selected,
             start_unix_time_s=self.start_unix_s,
             countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
+            reactions=self.reactions,
         )
 
     def _vehicle(self, index: int) -> VehicleView:

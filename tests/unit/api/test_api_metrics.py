@@ -8,6 +8,8 @@ from api_harness import Api
 from prometheus_client.parser import text_string_to_metric_families
 
 from gcs.lifecycle import Phase
+from gcs.reactions import Cause
+from gcs.service import Reaction
 
 DASHBOARD = Path(__file__).parents[3] / "docs" / "grafana" / "formation.json"
 
@@ -41,6 +43,17 @@ def test_it_tells_what_the_fleet_does(samples: dict[tuple[str, ...], float]) -> 
     assert samples["gcs_vehicle_position_age_seconds", "d2"] == 0.05
     assert (samples["gcs_vehicle_restrained", "d1"], samples["gcs_vehicle_restrained", "d2"]) == (1.0, 0.0)
     assert samples["gcs_vehicle_ready", "d3"] == 0.0
+
+
+def test_it_tells_what_the_service_reacts_to() -> None:
+    service = FakeService()
+    service.fly()
+    service.reactions = (Reaction("low battery", "return", "battery at 15%", ("d2",), 1.0, 2.0, "o3"),)
+    service.tick()
+    lines = Api(service)("GET", "/metrics").text.splitlines()
+    assert 'gcs_reaction{cause="low battery"} 1.0' in lines
+    assert sum(line.startswith("gcs_reaction{") for line in lines) == len(Cause)
+    assert sum(line.startswith("gcs_reaction{") and line.endswith(" 1.0") for line in lines) == 1
 
 
 def test_the_histograms_are_those_of_the_ticks(samples: dict[tuple[str, ...], float]) -> None:

@@ -1,0 +1,65 @@
+"""Who stands above whom: they cannot both come straight down. Pure."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.safety.separation import Floor
+from gcs.state import Array
+
+TURNS = 200
+
+GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
+
+
+def column_m(floor: Floor) -> float:
+    """How wide the column is that somebody who comes down keeps free."""
+    return floor.horizontal_m + floor.margin_m + 2.0 * floor.uncertainty_m
+
+
+def overlapping(position_m: Array, width_m: float) -> tuple[NDArray[np.intp], Array]:
+    """Pairs whose columns overlap.
+
+    Args:
+        position_m: (n, 3) show frame.
+        width_m: of a column.
+
+    Returns: (k, 2) upper and lower of each pair, those nearest to each other, seen from above, first; and
+    (k,) how near that is.
+    """
+    first, second = np.triu_indices(len(position_m), 1)
+    apart_m = np.hypot(*(position_m[first] - position_m[second])[:, :2].T)
+    found = np.flatnonzero(apart_m < width_m)
+    found = found[np.argsort(apart_m[found], kind="stable")]
+    first, second = first[found], second[found]
+    is_upper = position_m[first, 2] <= position_m[second, 2]  # z points down
+    pairs = np.column_stack([np.where(is_upper, first, second), np.where(is_upper, second, first)])
+    return pairs, apart_m[found]
+
+
+def most_overlapping(position_m: Array, width_m: float) -> int:
+    """At most how many pairs' columns overlap, whichever way the formation (n, 3) is turned.
+
+    The law gives nobody a certain place: how the shape will stand, and who is where, is not known beforehand.
+    """
+    first, second = np.triu_indices(len(position_m), 1)
+    chord_m = position_m[first] - position_m[second]
+    along_m = chord_m @ _upward().T
+    sideways_m2 = (chord_m**2).sum(axis=1)[:, None] - along_m**2
+    return int((sideways_m2 < width_m**2).sum(axis=0).max(initial=0))
+
+
+def _upward() -> Array:
+    """(TURNS, 3) unit vectors, evenly over half a sphere: ways in which a formation may lie."""
+    z = (np.arange(TURNS) + 0.5) / TURNS
+    level, turn = np.sqrt(1.0 - z**2), GOLDEN_ANGLE_RAD * np.arange(TURNS)
+    return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
+
+
+def told(pairs: int) -> str:
+    """In words, empty where there are none."""
+    if not pairs:
+        return ""
+    return (
+        f"in the formation up to {pairs} pairs stand one above the other: land now leads them apart first,"
+        " and brings the lowest down first"
+    )

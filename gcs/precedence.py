@@ -1,0 +1,90 @@
+"""Which of the reactions that are wanted are ordered now: the most severe first. Pure.
+
+A reaction acts once when its cause begins, and again only when it grows more severe or its cause comes back:
+so an operator's later order counts.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from gcs.reaction_rules import Wish
+from gcs.reactions import SEVERITY, Action, Cause
+from gcs.state import Array
+
+Acted = Mapping[tuple[Cause, int], int]
+"""Severity up to which a cause has been answered, by vehicle; -1: the whole show."""
+
+SHOW_ROW: Final = -1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Standing:
+    """What goes on already."""
+
+    show: int  # severity
+    vehicles: Array  # (n,) severity; NaN: not in the air, or not ours
+    possible: frozenset[Action]  # that the show can be ordered now
+
+
+def keys(wish: Wish) -> list[tuple[Cause, int]]:
+    """Under which a wish is remembered once it was answered."""
+    return [(wish.cause, row) for row in wish.rows or (SHOW_ROW,)]
+
+
+def due(
+    wishes: Sequence[Wish], standing: Standing, acted: Acted, together_share: float
+) -> tuple[Wish | None, tuple[Wish, ...]]:
+    """What is ordered now: of the show, and of vehicles; nothing twice, nothing weaker than what goes on.
+
+    Args:
+        wishes: all that are wanted, the most severe first.
+        standing: what goes on.
+        acted: what was answered already.
+        together_share: when so many of those in the air have to come home, everybody does.
+    """
+    fresh = [wish for wish in wishes if any(acted.get(key, 0) < wish.severity for key in keys(wish))]
+    own: dict[int, Wish] = {}
+    for wish in fresh:
+        for row in () if wish.whole_show else wish.rows:
+            unanswered = acted.get((wish.cause, row), 0) < wish.severity
+            if unanswered and wish.severity > standing.vehicles[row]:
+                own.setdefault(row, wish)
+    grouped = [
+        replace(wish, rows=rows)
+        for wish in fresh
+        if (rows := tuple(row for row, best in own.items() if best is wish))
+    ]
+    shows = [wish for wish in fresh if wish.whole_show]
+    everybody = _together(wishes, grouped, standing, together_share)
+    if everybody is not None:
+        shows.append(everybody)
+    able = [w for w in shows if w.severity > standing.show and w.action in standing.possible]
+    chosen = max(able, key=lambda wish: wish.severity, default=None)
+    if chosen is not None:  # what the show does is not ordered once more for one vehicle
+        grouped = [wish for wish in grouped if wish.severity > chosen.severity]
+    return chosen, tuple(grouped)
+
+
+def _together(
+    wishes: Sequence[Wish], grouped: Sequence[Wish], standing: Standing, share: float
+) -> Wish | None:
+    """A common way home, where many have to leave."""
+    homeward = [wish for wish in grouped if wish.action is Action.RETURN]
+    if not homeward:
+        return None
+    leaving = {
+        row
+        for wish in wishes
+        if not wish.whole_show
+        for row in wish.rows
+        if wish.severity >= SEVERITY[Action.RETURN]
+    }
+    in_air = int(np.isfinite(standing.vehicles).sum())
+    if len(leaving) < 2 or len(leaving) < share * in_air:
+        return None
+    first = homeward[0]
+    reason = f"{first.reason}; {len(leaving)} of {in_air} have to leave: everybody comes home"
+    return replace(first, rows=tuple(sorted(leaving)), whole_show=True, reason=reason)

@@ -1,0 +1,268 @@
+"""Looks every tick whether something goes wrong, and orders what `gcs.reaction_rules` wants."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final, Protocol
+
+import numpy as np
+
+from gcs.flight import Flight
+from gcs.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
+from gcs.precedence import SHOW_ROW, Standing, due, keys
+from gcs.reaction_rules import Known, Roles, Seen, Wish, advance, is_calm, look
+from gcs.reactions import FLIES_ON, SEVERITY, Action, Cause
+from gcs.service import OrderRecord, Reaction, ShowAction, VehicleAction
+from gcs.stage import Stage
+from gcs.timing import TickClock
+from gcs.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
+
+EVERYBODY_LOOKED_AT_S = 1.0
+"""So often phases are looked at although the telemetry is calm: a killed vehicle may go on talking."""
+
+SHOW_ORDER: Final = {
+    Action.PAUSE: ShowAction.PAUSE,
+    Action.RETURN: ShowAction.STOP,
+    Action.LAND: ShowAction.ABORT,
+}
+
+VEHICLE_ORDER: Final = {
+    Action.HOLD: VehicleAction.HOLD,
+    Action.RETURN: VehicleAction.RETURN,
+    Action.LAND: VehicleAction.LAND,
+}
+
+STANDING: Final = {
+    Phase.TAKEOFF: FLIES_ON,
+    Phase.FORMATION: FLIES_ON,
+    Phase.HOLD: SEVERITY[Action.HOLD],
+    Phase.RETURN: SEVERITY[Action.RETURN],
+    Phase.LANDING: SEVERITY[Action.LAND],
+}
+"""How severe is what a vehicle does already."""
+
+SHOW_STANDING: Final = {
+    ShowPhase.PAUSED: SEVERITY[Action.PAUSE],
+    ShowPhase.RETURNING: SEVERITY[Action.RETURN],
+    ShowPhase.ABORTING: SEVERITY[Action.LAND],
+}
+
+FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
+"""Phases in which a show can be paused, and closes its gaps."""
+
+
+class Orders(Protocol):
+    """What can be ordered, see `gcs.director`."""
+
+    def react(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> OrderRecord:
+        """One order to several vehicles."""
+        ...
+
+    def react_show(self, action: ShowAction, reason: str) -> OrderRecord:
+        """Pause, stop or abort."""
+        ...
+
+    def note_re_formed(self) -> OrderRecord:
+        """The others close a gap."""
+        ...
+
+    def note_target_held(self) -> OrderRecord:
+        """The target stands."""
+        ...
+
+
+class Reacting:
+    """The reactions of one flight. Changed only on the event loop."""
+
+    def __init__(
+        self,
+        flight: Flight,
+        stage: Stage,
+        clock: TickClock,
+        unix_s: Callable[[], float],
+        orders: Orders,
+        is_busy: Callable[[Vehicle], bool],
+    ) -> None:
+        """`is_busy` tells who is on an errand."""
+        self._flight = flight
+        self._stage = stage
+        self._clock = clock
+        self._unix_s = unix_s
+        self._orders = orders
+        self._is_busy = is_busy
+        self._settings = flight.config.reactions
+        self._known = Known.nothing(len(flight.vehicles), flight.fleet.time_s, self._settings)
+        self._acted: dict[tuple[Cause, int], int] = {}
+        self._ordered: dict[tuple[Cause, Action], str] = {}
+        self._sent: dict[int, int] = {}  # severity of what was ordered of a vehicle that is on its errand
+        self._lost_before: set[str] = set()
+        self._looked_s = -np.inf
+        self._paused_since_s: float | None = None
+        self.active: tuple[Reaction, ...] = ()
+
+    def look(self) -> None:
+        """Once a tick."""
+        seen = self._seen()
+        known, on, too_windy = look(seen, self._known, self._settings)
+        self._known = known
+        now_s = seen.time_s
+        self._mind_pause(now_s)
+        calm = is_calm(on, known, seen, self._settings, too_windy=too_windy)
+        if calm and not self.active and now_s - self._looked_s < EVERYBODY_LOOKED_AT_S:
+            return
+        self._looked_s = now_s
+        roles = self._roles(now_s)
+        self._known, wishes = advance(on, roles, seen, known, self._settings, too_windy=too_windy)
+        if not wishes and not self.active:
+            return
+        self._react(wishes)
+        self._show(wishes)
+
+    def _seen(self) -> Seen:
+        flight = self._flight
+        fleet, parts = flight.fleet, flight.telemetry.parts
+        position_s = flight.in_rows([part.position_time_s for part in parts])
+        beat_s = flight.in_rows([part.heartbeat_time_s for part in parts])
+        return Seen(
+            fleet.time_s,
+            fleet.position_m,
+            fleet.velocity_m_s,
+            flight.memory.wanted_m_s,
+            flight.in_rows([part.battery_remaining for part in parts]),
+            flight.in_rows([part.horizontal_accuracy_m for part in parts]),
+            flight.in_rows([part.vertical_accuracy_m for part in parts]),
+            np.isinf(fleet.age_s) & (fleet.time_s - position_s <= flight.control.telemetry_age_max_s),
+            fleet.time_s - np.minimum(position_s, beat_s) > flight.config.operation.silence_s,
+            flight.reset_time_s,
+            flight.control.safety.fence,
+            self._stage.target_age_s,
+            self._clock.late_s,
+        )
+
+    def _roles(self, now_s: float) -> Roles:
+        """Who is what; those whom an earlier show lost are no news to this one."""
+        vehicles = self._flight.vehicles.values()
+        phases = [vehicle.phase for vehicle in vehicles]
+        lost = {
+            vehicle.id
+            for vehicle in vehicles
+            if vehicle.phase is Phase.KILLED or (vehicle.phase is Phase.LOST and not vehicle.pilots)
+        }
+        self._lost_before = lost if self._flight.show in ON_THE_GROUND else self._lost_before & lost
+        news = lost - self._lost_before
+        since_s = self._paused_since_s
+        return Roles(
+            np.array([phase in AIRBORNE for phase in phases]),
+            np.array([phase is Phase.FORMATION for phase in phases]),
+            np.array([vehicle.id in news for vehicle in vehicles]),
+            0.0 if since_s is None else now_s - since_s,
+        )
+
+    def _mind_pause(self, now_s: float) -> None:
+        if self._flight.show is not ShowPhase.PAUSED:
+            self._paused_since_s = None
+        elif self._paused_since_s is None:
+            self._paused_since_s = now_s
+
+    def _react(self, wishes: Sequence[Wish]) -> None:
+        """Order what is due, and remember what needs no order any more."""
+        self._sent = {
+            row: sent for row, sent in self._sent.items() if self._is_busy(self._flight.at_row(row))
+        }
+        show, vehicles = due(wishes, self._standing(), self._acted, self._settings.together_share)
+        if show is not None:
+            self._note(show, self._of_show(show))
+        for wish in vehicles:
+            self._act(wish)
+        standing = self._standing()
+        lasting = {key for wish in wishes for key in keys(wish)}
+        self._acted = {key: severity for key, severity in self._acted.items() if key in lasting}
+        for wish in wishes:
+            for cause, row in keys(wish):
+                of_show = wish.whole_show or row == SHOW_ROW
+                goes_on = standing.show if of_show else standing.vehicles[row]
+                if goes_on >= wish.severity:
+                    self._acted[cause, row] = max(self._acted.get((cause, row), 0), wish.severity)
+
+    def _standing(self) -> Standing:
+        """What goes on; who is on an errand is on its way to what was ordered."""
+        flight = self._flight
+        of_show = SHOW_STANDING.get(flight.show, FLIES_ON)
+        severities = np.full(len(flight.vehicles), np.nan)
+        for row, vehicle in enumerate(flight.vehicles.values()):
+            if vehicle.phase in STANDING:
+                sent = max(of_show, self._sent.get(row, 0)) if self._is_busy(vehicle) else 0
+                severities[row] = max(STANDING[vehicle.phase], sent)
+        possible = {Action.RETURN, Action.LAND}
+        if flight.show in FORMED:
+            possible |= {Action.PAUSE, Action.RE_FORM, Action.HOLD_TARGET}
+        able = frozenset() if flight.show in ON_THE_GROUND else frozenset(possible)
+        return Standing(of_show, severities, able)
+
+    def _of_show(self, wish: Wish) -> OrderRecord:
+        if wish.action is Action.RE_FORM:
+            return self._orders.note_re_formed()
+        if wish.action is Action.HOLD_TARGET:
+            self._stage.hold_target()
+            return self._orders.note_target_held()
+        return self._orders.react_show(SHOW_ORDER[wish.action], f"{wish.cause}: {wish.reason}")
+
+    def _act(self, wish: Wish) -> None:
+        """Order those vehicles; who still climbs is not stopped half-way, but may be landed."""
+        able = []
+        for row in wish.rows:
+            vehicle = self._flight.at_row(row)
+            if vehicle.phase is not Phase.TAKEOFF or wish.action is not Action.HOLD:
+                able.append(row)
+        if able:
+            wish = replace(wish, rows=tuple(able))
+            vehicles = [self._flight.at_row(row) for row in able]
+            self._note(wish, self._orders.react(vehicles, VEHICLE_ORDER[wish.action]))
+
+    def _note(self, wish: Wish, record: OrderRecord) -> None:
+        """Remember that it was ordered, and say so."""
+        for key in keys(wish):
+            self._acted[key] = max(self._acted.get(key, 0), wish.severity)
+        rows = [v.row for v in self._flight.airborne] if wish.whole_show else wish.rows
+        self._sent |= dict.fromkeys(rows, wish.severity)
+        self._ordered[wish.cause, wish.action] = record.id
+        told = {"cause": wish.cause.value, "action": wish.action.value, "order": record.id}
+        log.warning("reaction", extra={**told, "vehicles": self._named(wish), "reason": wish.reason})
+
+    def _named(self, wish: Wish) -> tuple[str, ...]:
+        return tuple(self._flight.fleet.ids[row] for row in wish.rows)
+
+    def _show(self, wishes: Sequence[Wish]) -> None:
+        """Keep what people see, and say what is over."""
+        lasting = {(wish.cause, wish.action) for wish in wishes}
+        self._ordered = {key: order for key, order in self._ordered.items() if key in lasting}
+        for reaction in self.active:
+            if not any(cause == reaction.cause for cause, _ in lasting):
+                log.info("reaction_over", extra={"cause": reaction.cause})
+        began = {(each.cause, each.action): each for each in self.active}
+        now_s, unix_s = self._flight.fleet.time_s, self._unix_s()
+        active = []
+        for wish in wishes:
+            before, named = began.get((wish.cause.value, wish.action.value)), self._named(wish)
+            reason = wish.reason
+            if before is not None and before.vehicles == named:
+                reason = before.reason  # its numbers may change in every tick
+            active.append(
+                Reaction(
+                    wish.cause.value,
+                    wish.action.value,
+                    reason,
+                    named,
+                    wish.since_s,
+                    unix_s - (now_s - wish.since_s) if before is None else before.since_unix_s,
+                    self._ordered.get((wish.cause, wish.action)),
+                )
+            )
+        self.active = tuple(active)
+
+
+def told(reactions: Sequence[Reaction]) -> list[str]:
+    """In words, for the notices."""
+    return [f"{each.cause}: {', '.join((*each.vehicles, each.action))} ({each.reason})" for each in reactions]

@@ -1,0 +1,45 @@
+"""Who stands above whom."""
+
+import numpy as np
+import pytest
+
+from gcs.columns import column_m, most_overlapping, overlapping, told
+from gcs.safety.separation import Floor
+
+PLACES_M = np.array([(0.0, 0.0, -10.0), (1.0, 0.0, -20.0), (10.0, 0.0, -15.0), (10.0, 0.5, -8.0)])
+
+
+def test_pairs_are_found_upper_first_and_the_nearest_first() -> None:
+    pairs, apart_m = overlapping(PLACES_M, 2.0)
+    assert pairs.tolist() == [[2, 3], [1, 0]]
+    assert apart_m == pytest.approx([0.5, 1.0])
+
+
+def test_where_nobody_stands_above_another_there_is_no_pair() -> None:
+    pairs, apart_m = overlapping(PLACES_M, 0.4)
+    assert (len(pairs), len(apart_m)) == (0, 0)
+    assert len(overlapping(np.zeros((0, 3)), 2.0)[0]) == 0
+
+
+@pytest.mark.parametrize(("count", "most"), [(0, 0), (1, 0), (2, 1), (3, 3)])
+def test_in_a_line_all_may_stand_above_each_other_however_it_lies(count: int, most: int) -> None:
+    line_m = 5.0 * np.arange(count)[:, None] * np.array([[0.6, 0.0, 0.8]])
+    assert most_overlapping(line_m, 2.0) == most
+
+
+def test_what_stands_as_it_may_is_no_more_than_what_was_told() -> None:
+    random = np.random.default_rng(3)
+    for _ in range(50):
+        place_m = random.normal(size=(10, 3))
+        place_m *= 8.0 / np.linalg.norm(place_m, axis=1, keepdims=True)
+        turned_m = place_m @ np.linalg.qr(random.normal(size=(3, 3)))[0]
+        assert len(overlapping(turned_m, 2.5)[0]) <= most_overlapping(place_m, 2.5 + 0.8)
+
+
+def test_it_is_told_in_words_and_not_at_all_where_there_is_nothing_to_tell() -> None:
+    assert told(0) == ""
+    assert "up to 3 pairs stand one above the other" in told(3)
+
+
+def test_a_column_is_as_wide_as_two_that_pass_keep_apart() -> None:
+    assert column_m(Floor(horizontal_m=2.0, vertical_m=3.0, uncertainty_m=0.5, margin_m=0.25)) == 3.25

@@ -1,0 +1,363 @@
+"""The rules of reactions: thresholds, how long a cause must last, what comes first, and bad settings."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from gcs.config import Config
+from gcs.precedence import SHOW_ROW, Standing, due, keys
+from gcs.reaction_rules import Known, Roles, Seen, Wish, advance, is_calm, look
+from gcs.reactions import SEVERITY, Action, Cause, ReactionSettings
+from gcs.safety.walls import Fence
+
+N = 8
+TICK_S = 0.05
+FENCE = Fence(height_min_m=3.0, height_max_m=50.0, distance_max_m=100.0)
+ALL_SHOW = frozenset({Action.PAUSE, Action.RE_FORM, Action.HOLD_TARGET, Action.RETURN, Action.LAND})
+
+
+def calm(**changes: Any) -> Seen:
+    """Eight stand 20 m up, well, as they are told."""
+    still = np.zeros((N, 3))
+    seen = Seen(
+        time_s=0.0,
+        position_m=np.column_stack([4.0 * np.arange(N), np.zeros(N), np.full(N, -20.0)]),
+        velocity_m_s=still,
+        wanted_m_s=still,
+        battery=np.full(N, 0.8),
+        horizontal_m=np.full(N, 0.9),
+        vertical_m=np.full(N, 1.8),
+        unbelieved=np.zeros(N, dtype=np.bool_),
+        silent=np.zeros(N, dtype=np.bool_),
+        reset_time_s=np.full(N, -np.inf),
+        fence=FENCE,
+        target_age_s=np.nan,
+        late_s=0.0,
+    )
+    return replace(seen, **changes)
+
+
+def one(value: float, others: float) -> np.ndarray[Any, Any]:
+    """(n,) another value for the first."""
+    values = np.full(N, others)
+    values[0] = value
+    return values
+
+
+class Rules:
+    """Rules that are asked tick by tick, as in flight: nothing more than telemetry while it is calm."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.settings = ReactionSettings(**settings)
+        self.known = Known.nothing(N, 0.0, self.settings)
+        self.now_s = 0.0
+        self.lost = np.zeros(N, dtype=np.bool_)
+        self.flying = np.ones(N, dtype=np.bool_)
+        self.paused_s = 0.0
+        self.was_calm = True
+
+    def see(self, seen: Seen, for_s: float = TICK_S) -> tuple[Wish, ...]:
+        """The same for a while. Returns: what is wanted at the end."""
+        wishes: tuple[Wish, ...] = ()
+        for _ in range(round(for_s / TICK_S)):
+            self.now_s += TICK_S
+            now = replace(seen, time_s=self.now_s, silent=self.lost.copy())
+            known, on, too_windy = look(now, self.known, self.settings)
+            self.was_calm = is_calm(on, known, now, self.settings, too_windy=too_windy)
+            if self.was_calm:
+                self.known, wishes = known, ()
+                continue
+            roles = Roles(self.flying & ~self.lost, self.flying & ~self.lost, self.lost, self.paused_s)
+            self.known, wishes = advance(on, roles, now, known, self.settings, too_windy=too_windy)
+        return wishes
+
+
+def told(wishes: tuple[Wish, ...]) -> list[tuple[Cause, Action, tuple[int, ...]]]:
+    return [(wish.cause, wish.action, wish.rows) for wish in wishes]
+
+
+def test_nothing_happens_and_nothing_is_wanted() -> None:
+    rules = Rules()
+    assert rules.see(calm(), 5.0) == ()
+    assert rules.was_calm
+
+
+@pytest.mark.parametrize(
+    ("changes", "after_s", "cause", "action"),
+    [
+        ({"battery": one(0.19, 0.8)}, 2.0, Cause.LOW_BATTERY, Action.RETURN),
+        ({"horizontal_m": one(4.1, 0.9)}, 3.0, Cause.BAD_POSITION, Action.HOLD),
+        ({"vertical_m": one(8.1, 1.8)}, 3.0, Cause.BAD_POSITION, Action.HOLD),
+        ({"horizontal_m": one(np.inf, 0.9)}, 3.0, Cause.BAD_POSITION, Action.HOLD),
+        ({"unbelieved": one(1.0, 0.0).astype(np.bool_)}, 0.3, Cause.BAD_POSITION, Action.HOLD),
+    ],
+)
+def test_a_cause_begins_when_it_has_lasted_and_ends_when_it_is_gone_for_a_while(
+    changes: dict[str, Any], after_s: float, cause: Cause, action: Action
+) -> None:
+    rules, bad = Rules(), calm(**changes)
+    assert rules.see(bad, after_s - TICK_S) == ()
+    assert told(rules.see(bad, 3 * TICK_S)) == [(cause, action, (0,))]
+    assert told(rules.see(calm(), 4.9)) == [(cause, action, (0,))]
+    assert rules.see(calm(), 0.2) == ()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"battery": one(0.2, 0.8)},
+        {"battery": np.full(N, np.nan)},
+        {"horizontal_m": one(4.0, 0.9), "vertical_m": one(8.0, 1.8)},
+        {"horizontal_m": np.full(N, np.nan), "vertical_m": np.full(N, np.nan)},
+        {"target_age_s": 5.0},
+        {"late_s": 0.05},
+        {"wanted_m_s": np.full((N, 3), np.nan), "velocity_m_s": np.full((N, 3), 4.0) * [1, 1, 0]},
+    ],
+)
+def test_at_the_threshold_and_where_nothing_is_known_nothing_happens(changes: dict[str, Any]) -> None:
+    assert Rules().see(calm(**changes), 20.0) == ()
+
+
+def test_what_comes_and_goes_faster_than_it_must_last_is_none() -> None:
+    rules = Rules()
+    for _ in range(20):
+        assert rules.see(calm(horizontal_m=one(9.0, 0.9)), 1.0) == ()
+        assert rules.see(calm(), 0.5) == ()
+
+
+def test_a_critical_battery_is_more_severe_than_a_low_one() -> None:
+    wishes = Rules().see(calm(battery=one(0.09, 0.8)), 2.2)
+    assert told(wishes) == [
+        (Cause.CRITICAL_BATTERY, Action.LAND, (0,)),
+        (Cause.LOW_BATTERY, Action.RETURN, (0,)),
+    ]
+    assert "9%" in wishes[0].reason
+
+
+def test_a_bad_position_that_lasts_is_landed_and_only_that_vehicle() -> None:
+    rules, bad = Rules(), calm(horizontal_m=one(9.0, 0.9))
+    rules.see(bad, 8.0)
+    both = calm(horizontal_m=np.where(np.arange(N) < 2, 9.0, 0.9))
+    assert told(rules.see(both, 5.5)) == [
+        (Cause.BAD_POSITION, Action.LAND, (0,)),
+        (Cause.BAD_POSITION, Action.HOLD, (1,)),
+    ]
+
+
+@pytest.mark.parametrize(("apart_s", "found"), [(14.0, True), (16.0, False)])
+def test_three_jumps_within_half_a_minute_are_a_bad_position(apart_s: float, found: bool) -> None:
+    rules = Rules()
+    for _ in range(2):
+        assert rules.see(calm(reset_time_s=one(rules.now_s + TICK_S, -np.inf)), apart_s) == ()
+    wishes = rules.see(calm(reset_time_s=one(rules.now_s + TICK_S, -np.inf)), 0.5)
+    assert told(wishes) == ([(Cause.BAD_POSITION, Action.HOLD, (0,))] if found else [])
+
+
+@pytest.mark.parametrize(
+    ("x_m", "height_m", "velocity_m_s", "crosses"),
+    [
+        (98.0, 20.0, (2.4, 0.0, 0.0), False),
+        (98.0, 20.0, (2.6, 0.0, 0.0), True),
+        (98.0, 20.0, (-5.0, 0.0, 0.0), False),
+        (0.0, 49.0, (0.0, 0.0, -1.6), True),
+        (0.0, 4.0, (0.0, 0.0, 1.4), False),
+        (0.0, 4.0, (0.0, 0.0, 1.6), True),
+        (101.0, 20.0, (0.0, 0.0, 0.0), True),
+    ],
+)
+def test_the_fence_is_ahead_where_the_way_leads_out_of_it(
+    x_m: float, height_m: float, velocity_m_s: tuple[float, float, float], crosses: bool
+) -> None:
+    position_m, flown_m_s = calm().position_m.copy(), np.zeros((N, 3))
+    position_m[0], flown_m_s[0] = (x_m, 0.0, -height_m), velocity_m_s
+    wishes = Rules().see(calm(position_m=position_m, velocity_m_s=flown_m_s, wanted_m_s=flown_m_s), 0.5)
+    assert told(wishes) == ([(Cause.FENCE, Action.RETURN, (0,))] if crosses else [])
+
+
+def test_whoever_brakes_for_the_fence_as_the_filter_allows_is_not_about_to_cross_it() -> None:
+    """v t + v^2 / 2 a = gap, with the filter's 0.8 s and 2 m/s^2: see decision 0004."""
+    for gap_m in np.linspace(0.0, 20.0, N):
+        speed_m_s = 2.0 * (np.sqrt(0.8**2 + gap_m) - 0.8)
+        position_m, flown_m_s = calm().position_m.copy(), np.zeros((N, 3))
+        position_m[0, 0], flown_m_s[0, 0] = FENCE.distance_max_m - gap_m, speed_m_s + 0.3  # and noise
+        seen = calm(position_m=position_m, velocity_m_s=flown_m_s, wanted_m_s=flown_m_s)
+        assert Rules().see(seen, 1.0) == ()
+
+
+@pytest.mark.parametrize(("blown", "found"), [(3, False), (4, True)])
+def test_wind_is_too_strong_when_half_of_them_cannot_fly_as_told(blown: int, found: bool) -> None:
+    flown_m_s = np.where((np.arange(N) < blown)[:, None], (1.8, 0.0, 0.0), 0.0)
+    rules, windy = Rules(), calm(velocity_m_s=flown_m_s)
+    assert rules.see(windy, 5.0) == ()
+    assert told(rules.see(windy, 3.0)) == ([(Cause.WIND, Action.PAUSE, ())] if found else [])
+    rules.paused_s = 11.0
+    assert told(rules.see(windy, 7.0)) == ([(Cause.WIND, Action.PAUSE, ())] if found else [])
+    assert told(rules.see(windy, 2.0)) == ([(Cause.WIND, Action.RETURN, ())] if found else [])
+
+
+def test_whoever_swings_about_what_it_is_told_is_not_blown_away() -> None:
+    rules = Rules()
+    for beat in range(40):
+        flown_m_s = np.full((N, 3), 2.5 if beat % 2 else -2.5) * (1.0, 0.0, 0.0)
+        assert rules.see(calm(velocity_m_s=flown_m_s), 0.4) == ()
+
+
+def test_wind_that_lasts_after_an_operator_resumed_does_not_grow_into_a_way_home() -> None:
+    rules, windy = Rules(), calm(velocity_m_s=np.full((N, 3), 2.0) * (1.0, 0.0, 0.0))
+    assert told(rules.see(windy, 40.0)) == [(Cause.WIND, Action.PAUSE, ())]
+
+
+@pytest.mark.parametrize(("lost", "found"), [(1, False), (2, True)])
+def test_too_many_are_lost_when_count_and_share_are_reached(lost: int, found: bool) -> None:
+    rules = Rules()
+    rules.lost[:lost] = True
+    causes = [wish.cause for wish in rules.see(calm())]
+    assert (Cause.VEHICLES_LOST in causes) is found
+    assert Cause.VEHICLE_LOST in causes
+    few = Rules(vehicles_lost={"share": 0.3})
+    few.lost[:lost] = True
+    assert Cause.VEHICLES_LOST not in [wish.cause for wish in few.see(calm())]
+
+
+def test_a_target_is_stale_when_it_was_not_renewed() -> None:
+    rules = Rules()
+    assert told(rules.see(calm(target_age_s=5.1))) == [(Cause.TARGET_STALE, Action.HOLD_TARGET, ())]
+    assert rules.see(calm(target_age_s=0.1), 5.2) == ()
+
+
+def test_a_service_is_late_when_it_is_so_for_a_while_and_not_after_one_long_stall() -> None:
+    rules = Rules()
+    assert rules.see(calm(late_s=0.1), 3.0) == ()
+    assert told(rules.see(calm(late_s=0.1), 1.0)) == [(Cause.SERVICE_LATE, Action.PAUSE, ())]
+    stalled = Rules()
+    stalled.see(calm(late_s=20.0))
+    assert stalled.see(calm(), 10.0) == ()
+
+
+def test_nobody_in_the_air_reacts_to_nothing() -> None:
+    rules = Rules()
+    rules.flying[:] = False
+    bad = calm(
+        battery=np.zeros(N),
+        horizontal_m=np.full(N, 9.0),
+        late_s=1.0,
+        target_age_s=9.0,
+        position_m=np.zeros((N, 3)),
+    )
+    assert rules.see(bad, 10.0) == ()
+
+
+def test_what_is_ignored_is_not_wanted() -> None:
+    ignored = {"action": "ignore"}
+    rules = Rules(
+        low_battery=ignored, wind=ignored, vehicles_lost=ignored, target_stale=ignored, service_late=ignored
+    )
+    rules.lost[5:] = True
+    blown = np.full((N, 3), 3.0) * (1.0, 0.0, 0.0)
+    bad = calm(battery=np.full(N, 0.15), velocity_m_s=blown, target_age_s=99.0, late_s=0.5)
+    assert [wish.cause for wish in rules.see(bad, 20.0)] == [Cause.VEHICLE_LOST]
+
+
+# what comes first
+
+
+def wish(cause: Cause, action: Action, *rows: int, whole_show: bool = False) -> Wish:
+    return Wish(cause, action, 0.0, rows, whole_show, "because")
+
+
+def standing(show: int = 0, **vehicles: int) -> Standing:
+    severities = np.zeros(N)
+    for name, severity in vehicles.items():
+        severities[int(name[1:])] = severity
+    return Standing(show, severities, ALL_SHOW)
+
+
+WINDY = wish(Cause.WIND, Action.PAUSE, whole_show=True)
+LOST_MANY = wish(Cause.VEHICLES_LOST, Action.RETURN, 6, 7, whole_show=True)
+LOW = wish(Cause.LOW_BATTERY, Action.RETURN, 0)
+CRITICAL = wish(Cause.CRITICAL_BATTERY, Action.LAND, 0)
+POOR = wish(Cause.BAD_POSITION, Action.HOLD, 0)
+
+
+def test_the_most_severe_wins() -> None:
+    show, vehicles = due([CRITICAL, LOST_MANY, LOW, POOR, WINDY], standing(), {}, 0.5)
+    assert show is LOST_MANY
+    assert told(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
+
+
+def test_nothing_that_goes_on_is_replaced_by_something_weaker_or_as_strong() -> None:
+    homeward = standing(SEVERITY[Action.RETURN], v0=SEVERITY[Action.RETURN])
+    assert due([LOST_MANY, LOW, POOR, WINDY], homeward, {}, 0.5) == (None, ())
+    show, vehicles = due([CRITICAL, LOW], homeward, {}, 0.5)
+    assert show is None
+    assert told(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
+
+
+def test_a_vehicle_that_is_not_ours_is_left_alone() -> None:
+    not_ours = replace(standing(), vehicles=one(np.nan, 0.0))
+    assert due([CRITICAL, LOW, POOR], not_ours, {}, 0.5) == (None, ())
+
+
+def test_what_was_answered_is_not_ordered_again_unless_it_grows_more_severe() -> None:
+    acted = {(Cause.LOW_BATTERY, 0): LOW.severity, (Cause.WIND, SHOW_ROW): WINDY.severity}
+    assert due([LOW, WINDY], standing(), acted, 0.5) == (None, ())
+    worse = wish(Cause.WIND, Action.RETURN, whole_show=True)
+    show, vehicles = due([worse, CRITICAL, LOW], standing(), acted, 0.5)
+    assert show is worse
+    assert told(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
+    both = wish(Cause.LOW_BATTERY, Action.RETURN, 0, 1)
+    assert told(due([both], standing(), acted, 0.5)[1]) == [(Cause.LOW_BATTERY, Action.RETURN, (1,))]
+
+
+def test_when_many_have_to_leave_everybody_comes_home() -> None:
+    half = wish(Cause.LOW_BATTERY, Action.RETURN, 0, 1, 2, 3)
+    show, vehicles = due([half], standing(), {}, 0.5)
+    assert show is not None
+    assert (show.action, show.whole_show, show.rows) == (Action.RETURN, True, (0, 1, 2, 3))
+    assert "4 of 8" in show.reason
+    assert vehicles == ()
+    fewer = replace(half, rows=(0, 1, 2))
+    assert due([fewer], standing(), {}, 0.5) == (None, (fewer,))
+
+
+def test_what_cannot_be_ordered_now_waits() -> None:
+    climbing = replace(standing(), possible=frozenset({Action.RETURN, Action.LAND}))
+    assert due([WINDY], climbing, {}, 0.5) == (None, ())
+    assert due([WINDY], standing(), {}, 0.5)[0] is WINDY
+    assert keys(WINDY) == [(Cause.WIND, SHOW_ROW)]
+
+
+# settings
+
+
+@pytest.mark.parametrize(
+    ("reactions", "words"),
+    [
+        ({"low_battery": {"action": "pause"}}, "low_battery.action"),
+        ({"low_battery": {"below": 1.5}}, "low_battery.below"),
+        ({"low_battery": {"below": 0.1, "critical_below": 0.2}}, "critical_below = 0.2: less than below"),
+        ({"bad_position": {"action": "ignore"}}, "bad_position.action"),
+        ({"bad_position": {"jumps": 0}}, "bad_position.jumps"),
+        ({"fence": {"within_s": 0}}, "fence.within_s"),
+        ({"wind": {"speed_error_m_s": -1}}, "wind.speed_error_m_s"),
+        ({"wind": {"share": float("nan")}}, "wind.share"),
+        ({"vehicles_lost": {"count": 0}}, "vehicles_lost.count"),
+        ({"vehicle_lost": {"action": "ignore"}}, "vehicle_lost.action"),
+        ({"target_stale": {"after_s": 0}}, "target_stale.after_s"),
+        ({"service_late": {"action": "land"}}, "service_late.action"),
+        ({"low_batery": {}}, "low_batery"),
+        ({"clear_s": 0}, "clear_s"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused_by_name(reactions: dict[str, Any], words: str) -> None:
+    raw = {
+        "show_frame": {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_amsl_m": 400.0},
+        "links": [{"name": "one", "listen": "udpin://127.0.0.1:14540", "vehicles": {"count": 1}}],
+        "formation": {"radius_m": 6.0, "height_m": 14.0},
+    }
+    assert Config.model_validate(raw).reactions == ReactionSettings()
+    with pytest.raises(ValidationError, match=words.replace(".", r"\.")):
+        Config.model_validate({**raw, "reactions": reactions})

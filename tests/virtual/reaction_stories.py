@@ -1,0 +1,54 @@
+"""What the tests of reactions ask of a flight."""
+
+import numpy as np
+from virtual_show import Show
+
+from gcs.reactions import Cause
+from gcs.service import OrderRecord, Reaction
+
+
+def reaction(show: Show, cause: Cause) -> Reaction | None:
+    """The reaction to a cause that lasts, as people see it; None: there is none."""
+    return next((each for each in show.view.reactions if each.cause == cause.value), None)
+
+
+async def reacts(show: Show, cause: Cause, limit_s: float = 30.0) -> Reaction:
+    """Wait until it is shown."""
+    await show.until(lambda: reaction(show, cause) is not None, limit_s)
+    found = reaction(show, cause)
+    assert found is not None
+    return found
+
+
+def by_itself(show: Show) -> list[OrderRecord]:
+    """Orders that nobody gave, oldest first."""
+    return [record for record in reversed(show.service.orders()) if record.by == "service"]
+
+
+async def carried_out(show: Show, told: Reaction) -> OrderRecord:
+    """The order of a reaction, once it has ended for everybody."""
+    assert told.order_id is not None
+    return await show.settled(show.service.order(told.order_id), 150.0)
+
+
+def off_pad_m(show: Show, vehicle_id: str) -> float:
+    """How far from where it stood at first a vehicle is, over the ground."""
+    row = show.config.ids.index(vehicle_id)
+    begin_m = show.track.moments[0].true_m[row]
+    return float(np.hypot(*(show.true_m[row] - begin_m)[:2]))
+
+
+def off_sphere_m(show: Show, *vehicle_ids: str) -> float:
+    """How far the worst of them is from the sphere, in truth."""
+    rows = [show.config.ids.index(name) for name in vehicle_ids]
+    assert show.view.center_m is not None
+    assert show.view.radius_m is not None
+    away_m = np.linalg.norm(show.true_m[rows] - np.array(show.view.center_m), axis=1)
+    return float(np.abs(away_m - show.view.radius_m).max())
+
+
+def nearest_m(show: Show, *vehicle_ids: str) -> float:
+    """Between the nearest two of them, in truth."""
+    place_m = show.true_m[[show.config.ids.index(name) for name in vehicle_ids]]
+    apart_m = np.linalg.norm(place_m[:, None] - place_m[None], axis=2)
+    return float(apart_m[np.triu_indices(len(place_m), 1)].min())

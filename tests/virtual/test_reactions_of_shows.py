@@ -1,0 +1,199 @@
+"""What the whole show suffers: it stands still, or comes home, and says why."""
+
+from pathlib import Path
+
+import numpy as np
+import written_show
+from reaction_stories import by_itself, carried_out, off_pad_m, off_sphere_m, reaction, reacts
+from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.plan import Target
+from gcs.reactions import Cause
+from gcs.service import Outcome, ShowAction
+
+STORM_M_S = 12.0
+"""More than the fake vehicles can fly against: they lean as far as they may, and drift with 2 m/s."""
+
+
+def storm(show: Show, north_m_s: float) -> None:
+    """Everywhere."""
+    for name in show.config.ids:
+        show.befall(name, "wind", north_m_s=north_m_s)
+
+
+async def home(show: Show) -> None:
+    """Everybody on the own pad, and nobody was below the floor."""
+    await show.reach(ShowPhase.LANDED, 150.0)
+    assert max(off_pad_m(show, name) for name in show.config.ids) < 1.5
+    assert show.floor_violations() == 0
+
+
+def test_too_much_wind_pauses_the_show_and_an_operator_resumes_it() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        storm(show, STORM_M_S)
+        told = await reacts(show, Cause.WIND)
+        assert told.action == "pause"
+        assert show.view.show is ShowPhase.PAUSED
+        assert "too much wind" in show.view.reason
+        storm(show, 0.0)
+        await show.until(lambda: reaction(show, Cause.WIND) is None)
+        await show.wait(10.0)
+        assert show.view.show is ShowPhase.PAUSED, "nobody flies on by itself"
+        assert [order.action for order in by_itself(show)[1:]] == ["pause"]
+        show.service.command_show(ShowAction.RESUME)
+        await show.reach(ShowPhase.RUNNING)
+        assert off_sphere_m(show, *show.config.ids) < 1.5
+        show.service.command_show(ShowAction.STOP)
+        await home(show)
+
+    fly(story)
+
+
+def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        storm(show, STORM_M_S)
+        paused_s = await show.reach(ShowPhase.PAUSED)
+        assert paused_s > 5.0, "a gust is none"
+        returning_s = await show.reach(ShowPhase.RETURNING)
+        assert 9.0 < returning_s < 12.0
+        assert "did not help" in show.view.reason
+        told = await reacts(show, Cause.WIND)
+        assert told.action == "return"
+        storm(show, 4.0)
+        order = await carried_out(show, told)
+        assert (order.action, order.by, order.outcome) == ("stop", "service", Outcome.DONE)
+        await home(show)
+
+    fly(story)
+
+
+def test_wind_that_can_be_flown_in_is_none_of_its_business() -> None:
+    async def story(show: Show) -> None:
+        storm(show, 6.0)
+        await show.start()
+        await show.wait(30.0)
+        assert show.view.reactions == ()
+        assert show.view.show is ShowPhase.RUNNING
+        show.service.command_show(ShowAction.STOP)
+        await home(show)
+
+    fly(story, show_config(4, orbit={"radius_m": 12.0, "speed_m_s": 2.0}))
+
+
+def test_too_many_vehicles_lost_brings_the_show_home() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.link.silence("d2")
+        await show.phase("d2", Phase.LOST)
+        await show.wait(3.0)
+        assert show.view.show is ShowPhase.RUNNING, "one of six is not too many"
+        show.link.silence("d5")
+        await show.reach(ShowPhase.RETURNING)
+        told = await reacts(show, Cause.VEHICLES_LOST)
+        assert (told.action, told.vehicles) == ("return", ("d2", "d5"))
+        assert "2 of 6" in told.reason
+        order = await carried_out(show, told)
+        assert (order.action, order.by) == ("stop", "service")
+        assert {order.outcomes[name].outcome for name in ("d2", "d5")} == {Outcome.NOT_INCLUDED}
+        assert {order.outcomes[name].outcome for name in ("d1", "d3", "d4", "d6")} == {Outcome.DONE}
+        assert max(off_pad_m(show, name) for name in ("d1", "d3", "d4", "d6")) < 1.5
+        assert show.floor_violations() == 0
+
+    fly(story, show_config(6, operation=HOLDS_WHEN_LOST, formation={"radius_m": 7.0}))
+
+
+def test_whom_an_earlier_show_lost_is_no_loss_of_this_one() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.link.silence("d2")
+        await show.reach(ShowPhase.RETURNING)
+        assert show.view.reason.startswith("too many vehicles lost")
+        await show.reach(ShowPhase.LANDED, 120.0)
+        await show.wait(7.0)
+        assert show.view.reactions == (), "it is over; the notices tell who is lost"
+        show.service.command_show(ShowAction.START, ("d1", "d3"))
+        await show.reach(ShowPhase.RUNNING)
+        await show.wait(5.0)
+        assert show.view.show is ShowPhase.RUNNING
+        assert show.view.reactions == ()
+        show.link.silence("d3")
+        await show.reach(ShowPhase.RETURNING)
+
+    reactions = {"vehicles_lost": {"count": 1, "share": 0.3}}
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST, reactions=reactions))
+
+
+def test_target_stale_is_held_where_it_is_until_it_is_told_again(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        show_hash = written_show.select(show)
+        show.service.seek_show("guest")
+        await show.standby()
+        show.service.command_show(ShowAction.START, show_hash=show_hash)
+        await show.reach(ShowPhase.RUNNING)
+        show.service.set_target(Target(11.0, 1.0, 0.5, 0.0))
+        told_s = show.now_s
+        told = await reacts(show, Cause.TARGET_STALE, 8.0)
+        assert (told.action, told.vehicles) == ("hold-target", ())
+        assert 4.9 < show.now_s - told_s < 5.5
+        await show.wait(0.1)
+        order = await carried_out(show, told)
+        assert (order.action, order.by) == ("hold-target", "service")
+        assert show.view.plan.target.speed_m_s == 0.0
+        stands_m = show.view.target_m
+        assert np.allclose(stands_m, (13.5, 1.0), atol=0.2)
+        await show.wait(2.0)
+        assert show.view.target_m == stands_m
+        show.service.set_target(Target(*stands_m, -0.5, 0.0))
+        await show.until(lambda: reaction(show, Cause.TARGET_STALE) is None, 8.0)
+        assert show.view.target_m[0] < stands_m[0]
+        assert show.track.between(told_s).hardest_change_m_s() < 1.5, "without a jump"
+        show.service.command_show(ShowAction.STOP)
+        await home(show)
+
+    fly(story, written_show.config(tmp_path, reactions={"clear_s": 1.0}))
+
+
+def test_target_told_once_without_a_show_goes_on_as_it_was_told() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.service.set_target(Target(3.0, 1.0, 0.3, 0.0))
+        await show.wait(20.0)
+        assert show.view.reactions == ()
+        assert show.view.plan.target.speed_m_s == 0.3
+
+    fly(story, show_config(2))
+
+
+def test_service_late_pauses_the_show_then_brings_it_home() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.link.takes_s = 0.12
+        paused_s = await show.reach(ShowPhase.PAUSED)
+        assert 3.0 < paused_s < 6.0
+        told = await reacts(show, Cause.SERVICE_LATE)
+        assert told.action == "pause"
+        assert "service late" in show.view.reason
+        await show.reach(ShowPhase.RETURNING, 12.0)
+        told = await reacts(show, Cause.SERVICE_LATE)
+        assert told.action == "return"
+        order = await carried_out(show, told)
+        assert (order.action, order.by, order.outcome) == ("stop", "service", Outcome.DONE)
+        await home(show)
+
+    fly(story)
+
+
+def test_service_late_once_changes_nothing() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.link.takes_s = 2.0
+        await show.wait(0.1)
+        show.link.takes_s = 0.0
+        await show.wait(8.0)
+        assert Cause.SERVICE_LATE.value not in {each.cause for each in show.view.reactions}
+        assert ShowPhase.PAUSED not in show.track.show_phases()
+
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST))

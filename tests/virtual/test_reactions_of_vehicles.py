@@ -1,0 +1,289 @@
+"""What one vehicle suffers: it leaves, where it can fly it comes home, and the rest close the gap."""
+
+import numpy as np
+import pytest
+from reaction_stories import by_itself, carried_out, nearest_m, off_pad_m, off_sphere_m, reaction, reacts
+from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.reactions import Cause
+from gcs.service import Outcome, ShowAction, VehicleAction
+
+OTHERS = ("d1", "d2", "d4", "d5")
+
+
+async def lands_all(show: Show) -> None:
+    """And nobody was below the floor."""
+    await show.show(ShowAction.STOP)
+    await show.reach(ShowPhase.LANDED)
+    assert show.floor_violations() == 0
+
+
+def test_vehicle_lost_the_rest_re_form() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        await show.wait(6.0)
+        before_m = nearest_m(show, *OTHERS)
+        show.link.silence("d3")
+        told = await reacts(show, Cause.VEHICLE_LOST)
+        assert (told.action, told.vehicles) == ("re-form", ("d3",))
+        order = await carried_out(show, told)
+        assert (order.action, order.by) == ("re-form", "service")
+        assert {name for name, part in order.outcomes.items() if part.outcome is Outcome.DONE} == set(OTHERS)
+        assert order.outcomes["d3"].outcome is Outcome.NOT_INCLUDED
+        await show.wait(12.0)
+        assert off_sphere_m(show, *OTHERS) < 1.2
+        assert nearest_m(show, *OTHERS) > before_m + 0.2
+        assert any("vehicle lost: d3" in notice for notice in show.view.notices)
+        assert len(by_itself(show)) == 2, "the start, and this once"
+        show.link.restore("d3")
+        await show.until(lambda: reaction(show, Cause.VEHICLE_LOST) is None)
+        await lands_all(show)
+
+    fly(story, show_config(5, operation=HOLDS_WHEN_LOST))
+
+
+def test_vehicle_lost_pauses_the_show_where_that_is_set() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.link.silence("d2")
+        await show.reach(ShowPhase.PAUSED)
+        assert "vehicle lost" in show.view.reason
+        show.service.command_show(ShowAction.RESUME)
+        await show.reach(ShowPhase.RUNNING)
+        await show.wait(10.0)
+        assert show.view.show is ShowPhase.RUNNING, "the operator's later order counts"
+        assert reaction(show, Cause.VEHICLE_LOST) is not None
+        await lands_all(show)
+
+    config = show_config(
+        4, operation=HOLDS_WHEN_LOST, reactions={"vehicle_lost": {"action": "pause"}, "clear_s": 2.0}
+    )
+    fly(story, config)
+
+
+def test_low_battery_leaves_the_formation_and_goes_home_while_the_rest_re_form() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        await show.wait(4.0)
+        show.befall("d3", "battery", remaining=0.15)
+        told = await reacts(show, Cause.LOW_BATTERY)
+        assert (told.action, told.vehicles) == ("return", ("d3",))
+        assert "15%" in told.reason
+        order = await carried_out(show, told)
+        assert (order.action, order.by) == ("return", "service")
+        assert order.outcomes.keys() == {"d3"}
+        assert order.outcome is Outcome.DONE
+        assert show.track.phases("d3")[-3:] == [Phase.RETURN, Phase.LANDING, Phase.STANDBY]
+        assert off_pad_m(show, "d3") < 1.5
+        await show.wait(8.0)
+        assert show.view.show is ShowPhase.RUNNING
+        assert {show.vehicle(name).phase for name in OTHERS} == {Phase.FORMATION}
+        assert off_sphere_m(show, *OTHERS) < 1.2
+        assert reaction(show, Cause.LOW_BATTERY) is None, "it is down"
+        await lands_all(show)
+
+    fly(story, show_config(5))
+
+
+def test_critical_battery_lands_it_where_it_is_safe() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        await show.wait(4.0)
+        show.befall("d3", "battery", remaining=0.09)
+        told = await reacts(show, Cause.CRITICAL_BATTERY)
+        assert (told.action, told.vehicles) == ("land", ("d3",))
+        order = await carried_out(show, told)
+        assert (order.action, order.by, order.outcome) == ("land", "service", Outcome.DONE)
+        assert Phase.RETURN not in show.track.phases("d3")
+        pads_m = show.track.moments[0].true_m[[show.config.ids.index(name) for name in OTHERS]]
+        row = show.config.ids.index("d3")
+        beside_m = np.hypot(*(pads_m - show.true_m[row])[:, :2].T)
+        assert beside_m.min() > show.config.operation.place_spacing_m - 1.0, "clear of everybody's pads"
+        assert show.view.show is ShowPhase.RUNNING
+        await lands_all(show)
+
+    fly(story, show_config(5))
+
+
+def test_low_battery_overruled_by_an_operator_acts_again_only_when_it_is_critical() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.befall("d2", "battery", remaining=0.18)
+        told = await reacts(show, Cause.LOW_BATTERY)
+        await show.phase("d2", Phase.RETURN)
+        await show.order("d2", VehicleAction.HOLD)
+        assert (await show.order("d2", VehicleAction.JOIN)).outcome is Outcome.DONE
+        await show.wait(12.0)
+        assert show.vehicle("d2").phase is Phase.FORMATION
+        assert reaction(show, Cause.LOW_BATTERY) is not None, "and it is still told"
+        assert show.service.order(str(told.order_id)).outcome is Outcome.FAILED
+        show.befall("d2", "battery", remaining=0.08)
+        await show.phase("d2", Phase.LANDING)
+        await show.phase("d2", Phase.STANDBY)
+        await lands_all(show)
+
+    fly(story)
+
+
+def test_low_battery_of_many_brings_everybody_home_together() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        for name in ("d1", "d2", "d3"):
+            show.befall(name, "battery", remaining=0.19)
+        await show.reach(ShowPhase.RETURNING)
+        assert "low battery" in show.view.reason
+        await show.reach(ShowPhase.LANDED, 120.0)
+        (stop,) = by_itself(show)[1:]
+        stop = await show.settled(stop)
+        assert (stop.action, len(stop.outcomes)) == ("stop", 4)
+        assert {part.outcome for part in stop.outcomes.values()} == {Outcome.DONE}
+        assert max(off_pad_m(show, name) for name in show.config.ids) < 1.5
+        assert show.floor_violations() == 0
+
+    fly(story)
+
+
+def test_low_battery_of_a_pilots_vehicle_is_the_pilots_business() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.befall("d2", "pilot", mode="POSITION")
+        await show.phase("d2", Phase.PILOT)
+        orders = len(show.link.orders["d2"])
+        show.befall("d2", "battery", remaining=0.05)
+        await show.wait(10.0)
+        assert len(show.link.orders["d2"]) == orders
+        assert show.view.reactions == ()
+        assert show.view.show is ShowPhase.RUNNING
+
+    fly(story)
+
+
+def test_low_battery_on_the_way_up_is_landed_straight_down_and_the_others_go_on() -> None:
+    async def story(show: Show) -> None:
+        await show.standby()
+        show.service.command_show(ShowAction.START)
+        await show.phase("d2", Phase.TAKEOFF)
+        show.befall("d2", "battery", remaining=0.18)
+        order = await carried_out(show, await reacts(show, Cause.LOW_BATTERY))
+        assert (order.action, order.by, order.outcome) == ("return", "service", Outcome.DONE)
+        assert show.track.phases("d2")[-3:] == [Phase.TAKEOFF, Phase.LANDING, Phase.STANDBY]
+        assert off_pad_m(show, "d2") < 1.0
+        await show.reach(ShowPhase.RUNNING)
+        assert {show.vehicle(name).phase for name in ("d1", "d3")} == {Phase.FORMATION}
+        await lands_all(show)
+
+    fly(story, show_config(3, reactions={"low_battery": {"for_s": 0.5}}))
+
+
+def test_low_battery_is_left_to_the_autopilot_where_it_is_ignored() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.befall("d2", "battery", remaining=0.15)
+        await show.wait(10.0)
+        assert show.view.reactions == ()
+        assert show.vehicle("d2").phase is Phase.FORMATION
+
+    fly(story, show_config(3, reactions={"low_battery": {"action": "ignore"}}))
+
+
+def test_bad_position_holds_then_lands() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        await show.wait(4.0)
+        show.befall("d3", "accuracy", eph_m=9.0, epv_m=20.0)
+        told = await reacts(show, Cause.BAD_POSITION)
+        assert (told.action, told.vehicles) == ("hold", ("d3",))
+        assert "9.0 m" in told.reason
+        held = await carried_out(show, told)
+        assert (held.action, held.by, held.outcome) == ("hold", "service", Outcome.DONE)
+        assert show.vehicle("d3").phase is Phase.HOLD
+        await show.phase("d3", Phase.STANDBY)
+        assert [order.action for order in by_itself(show)[1:]] == ["hold", "land"]
+        assert (await show.settled(by_itself(show)[-1])).outcome is Outcome.DONE
+        assert show.view.show is ShowPhase.RUNNING
+        assert off_sphere_m(show, *OTHERS) < 1.2
+        await lands_all(show)
+
+    fly(story, show_config(5))
+
+
+def test_bad_position_that_gets_better_leaves_it_holding_until_it_is_told_to_join() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
+        await show.phase("d2", Phase.HOLD)
+        show.befall("d2", "accuracy", eph_m=0.9, epv_m=1.8)
+        await show.until(lambda: reaction(show, Cause.BAD_POSITION) is None)
+        await show.wait(10.0)
+        assert show.vehicle("d2").phase is Phase.HOLD
+        assert (await show.order("d2", VehicleAction.JOIN)).outcome is Outcome.DONE
+        await lands_all(show)
+
+    fly(story)
+
+
+def test_bad_position_by_jumping_again_and_again() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        for east_m in (0.4, -0.4):
+            show.befall("d2", "position-reset", east_m=east_m)
+            await show.wait(5.0)
+        assert show.view.reactions == ()
+        assert show.vehicle("d2").phase is Phase.FORMATION
+        show.befall("d2", "position-reset", east_m=0.4)
+        told = await reacts(show, Cause.BAD_POSITION)
+        assert "3 times" in told.reason
+        await show.phase("d2", Phase.HOLD)
+        await lands_all(show)
+
+    fly(story)
+
+
+def test_bad_position_kilometres_away_is_held_before_its_autopilot_gives_up_and_landed() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.befall("d2", "gps-jump", north_m=5000.0)
+        told = await reacts(show, Cause.BAD_POSITION)
+        assert told.vehicles == ("d2",)
+        await show.phase("d2", Phase.HOLD)
+        await show.phase("d2", Phase.STANDBY, 90.0)
+        assert Phase.PILOT not in show.track.phases("d2")
+        show.befall("d2", "none")
+        await lands_all(show)
+
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+
+
+@pytest.mark.parametrize("action", ["return", "hold"])
+def test_fence_about_to_be_crossed_brings_it_back(action: str) -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        await show.wait(4.0)
+        assert show.view.center_m is not None
+        north = show.service.frame.into_ned(show.true_m - np.array(show.view.center_m))[:, 0]
+        blown = show.config.ids[int(np.argmax(north))]
+        show.befall(blown, "wind", north_m_s=14.0)
+        told = await reacts(show, Cause.FENCE)
+        assert (told.action, told.vehicles) == (action, (blown,))
+        show.befall(blown, "wind")
+        order = await carried_out(show, told)
+        assert (order.action, order.by, order.outcome) == (action, "service", Outcome.DONE)
+        row = show.config.ids.index(blown)
+        away_m = np.hypot(*show.track.true_m[:, row, :2].T).max()
+        assert away_m < FENCE_M + 2.0
+        if action == "return":
+            assert off_pad_m(show, blown) < 1.5
+        assert show.view.show is ShowPhase.RUNNING
+        await lands_all(show)
+
+    config = show_config(
+        4,
+        control={"safety": {"fence": {"distance_max_m": FENCE_M}}},
+        operation={"pads_within_m": 30.0},
+        reactions={"fence": {"action": action}},
+    )
+    fly(story, config)
+
+
+FENCE_M = 32.0

@@ -1,0 +1,37 @@
+"""A reaction is in the record: an order that nobody gave, what became of it, and why it was given."""
+
+from pathlib import Path
+
+from reaction_stories import carried_out, reacts
+from virtual_show import Show, fly, show_config
+
+from gcs.lifecycle import ShowPhase
+from gcs.reactions import Cause
+from gcs.records.known import events, orders
+from gcs.records.record import Record
+from gcs.service import ShowAction
+
+
+async def low_battery(show: Show) -> None:
+    await show.start()
+    show.befall("d2", "battery", remaining=0.17)
+    await carried_out(show, await reacts(show, Cause.LOW_BATTERY))
+    await show.show(ShowAction.STOP)
+    await show.reach(ShowPhase.LANDED)
+
+
+def test_a_reaction_is_in_the_audit_as_an_order_of_the_services_with_its_cause(tmp_path: Path) -> None:
+    config = show_config(3)
+    vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
+    with Record(tmp_path, config.model_dump_json(), vehicles) as record:
+        fly(low_battery, config, record=record)
+    (order,) = [each for each in orders(tmp_path) if each.action == "return"]
+    assert (order.who, dict(order.outcomes)) == ("service", {"d2": ("done", "")})
+    (told,) = [event["detail"] for event in events(tmp_path) if event["event"] == "reaction"]
+    assert told["cause"] == "low battery"
+    assert told["order"] == order.id
+    assert told["vehicles"] == ["d2"]
+    assert told["reason"] == "battery at 17%, below 20%"
+    assert [event["detail"]["cause"] for event in events(tmp_path) if event["event"] == "reaction_over"] == [
+        "low battery"
+    ]
