@@ -11,7 +11,8 @@ import numpy as np
 from sim.commander import Stuck
 from sim.faults import Channel, Ills
 from sim.modes import Mode
-from sim.orders import LINK_FAULTS, Order, OrderError, parse
+from sim.orders import FIXES, LINK_FAULTS, SENSORS, Order, OrderError, parse
+from sim.state import FIX_3D
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -118,6 +119,12 @@ class Trouble:
             state.frozen_m[row] = self._fleet.estimate_m[row]
         elif fault == "accuracy":
             self._blur(row, values)
+        elif fault == "fix":
+            state.fix_type[row] = FIXES[str(values["type"])]
+        elif fault == "sensor":
+            state.sick_sensors[row] |= SENSORS[str(values["which"])]
+        elif fault == "wrong-time":
+            state.unix_ahead_s[row] = float(values["ahead_s"])
         elif fault == "clock-jump":
             state.clock_offset_s[row] += float(values["by_s"])
         elif fault == "battery":
@@ -166,7 +173,7 @@ class Trouble:
     def _mend(self, row: int) -> None:
         if self._channels.pop(row, None) is not None:
             self.changes += 1
-        for fault in ("gps-jump", "gps-freeze", "accuracy", "stuck-mode", "pilot"):
+        for fault in ("gps-jump", "gps-freeze", "accuracy", "fix", "sensor", "wrong-time", "stuck-mode", "pilot"):
             self._end(row, fault)
         for key in [key for key in self._ends if key[0] == row]:
             del self._ends[key]
@@ -185,6 +192,12 @@ class Trouble:
             state.frozen_m[row] = np.nan
         elif fault == "accuracy":
             self._blur(row, RECORDED)
+        elif fault == "fix":
+            state.fix_type[row] = FIX_3D
+        elif fault == "sensor":
+            state.sick_sensors[row] = 0
+        elif fault == "wrong-time":
+            state.unix_ahead_s[row] = 0.0
         elif fault == "stuck-mode":
             self._fleet.autopilots[row].commander.stuck = Stuck.NO
         elif fault == "pilot":

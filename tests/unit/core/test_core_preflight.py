@@ -35,6 +35,9 @@ GOOD = Telemetry(
     vertical_accuracy_m=np.full(3, np.nan),
     boots=(0,) * 3,
     position_resets=(0,) * 3,
+    fix_type=np.full(3, 3.0),
+    sick_sensors=np.zeros(3, np.int64),
+    clock_base_s=np.zeros(3),
 )
 
 
