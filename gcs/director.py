@@ -3,6 +3,8 @@
 import asyncio
 from collections.abc import Callable, Sequence
 
+from gcs.checks import PreflightReport
+from gcs.clearance import Clearance
 from gcs.errands import Errands
 from gcs.errors import InvalidError, RefusedError
 from gcs.flight import Flight
@@ -38,7 +40,8 @@ class Director:
         self._flight = flight
         self._errands = errands
         self._book = book
-        self._starting = Starting(flight, errands, book, inspection, stage, unix_s)
+        self._clearance = Clearance(flight, inspection, stage, book, unix_s)
+        self._starting = Starting(flight, errands, book, self._clearance, stage, unix_s)
         self._vehicle_orders = VehicleOrders(flight, errands, book)
         self._homecoming: Homecoming | None = None
         self._watch = Watch(flight, errands, inspection, self._come_back)
@@ -101,6 +104,26 @@ class Director:
             flight.move_show(ShowEvent.TAKEN_ON, f"nobody flies in formation; waiting for orders: {holding}")
         elif not flight.airborne:
             flight.move_show(ShowEvent.ALL_DOWN, "nobody took off")
+
+    # before take-off
+
+    def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
+        """What a start would find. Raises: UnknownError, RefusedError."""
+        return self._clearance.report(vehicles)
+
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
+        """Take a vehicle out of the show. Raises: UnknownError, RefusedError, InvalidError."""
+        self._need_no_countdown()
+        return self._clearance.exclude(vehicle_id, reason)
+
+    def include(self, vehicle_id: VehicleId) -> OrderRecord:
+        """Take it into the show again. Raises: UnknownError, RefusedError."""
+        self._need_no_countdown()
+        return self._clearance.include(vehicle_id)
+
+    def _need_no_countdown(self) -> None:
+        if self.countdown is not None:
+            raise RefusedError("a start is being counted down: stop calls it off")
 
     # orders
 

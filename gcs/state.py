@@ -80,7 +80,7 @@ class Telemetry:
     position_resets: tuple[int, ...]  # how often its estimator said that its position jumped
     fix_type: Array  # (n,) GPS_FIX_TYPE of its receiver, 3 and more with a height; NaN unknown
     sick_sensors: Bits  # (n,) of MAV_SYS_STATUS_SENSOR, those it flies by and calls unhealthy; -1 unknown
-    clock_base_s: Array  # (n,) what its own clock (Unix time) showed when ours (the loop's) was 0; NaN unknown
+    clock_base_s: Array  # (n,) what its own clock (Unix time) showed when the loop's was 0; NaN unknown
 
     def __post_init__(self) -> None:
         n = len(self.ids)

@@ -270,5 +270,6 @@ def _grid_m(settings: Settings) -> Array:
     cells = np.array([(*divmod(i, settings.grid_columns), 0.0) for i in indices], dtype=np.float64)
     turn_rad = math.radians(settings.grid_heading_deg)
     c, s = math.cos(turn_rad), math.sin(turn_rad)
-    turned: Array = settings.spacing_m * cells @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return turned + np.array([*settings.grid_at_m, 0.0])
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    place_m: Array = settings.spacing_m * cells @ turn + np.array([*settings.grid_at_m, 0.0])
+    return place_m

@@ -357,7 +357,8 @@ def prearm_ok(frame: Frame) -> bool:
 
 def sick_sensors(frame: Frame) -> int:
     """Bits of a SYS_STATUS: what the autopilot flies by and calls unhealthy."""
-    _, enabled, health = unpack_from("<III", _padded(frame))
+    words: tuple[int, int, int] = unpack_from("<III", _padded(frame))
+    _, enabled, health = words
     return (enabled & SENSORS | AHRS) & ~health
 
 

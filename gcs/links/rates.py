@@ -45,7 +45,7 @@ def wanted(streams: StreamSettings) -> dict[int, float]:
         GPS_RAW_INT: min(streams.state_hz, 2.0),
         ODOMETRY: 1.0,
         BATTERY_STATUS: 0.5,
-        SYSTEM_TIME: 0.5,
+        SYSTEM_TIME: 1.0,
         **dict.fromkeys(sorted(_NOT_NEEDED), streams.others_hz),
     }
 
