@@ -1,35 +1,36 @@
 """Who may start, and why not: preflight over a flight. Only on the ground, and only when somebody asks."""
 
-import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from gcs.checks import Check, Exclusion, PreflightReport, State, VehicleChecks, told
-from gcs.errors import GcsError, InvalidError, RefusedError
+from gcs.checks import Check, PreflightReport, State, VehicleChecks, told
+from gcs.errors import GcsError, RefusedError
 from gcs.feasibility import check_formation, check_obstacle
 from gcs.flight import Flight
 from gcs.foresight import check_setpoint_loss
 from gcs.inspection import Inspection
-from gcs.lifecycle import GROUNDED, ON_THE_GROUND, Phase
-from gcs.orders import OrderBook
+from gcs.lifecycle import ON_THE_GROUND
+from gcs.lineup import Lineup
 from gcs.performance import Performance
 from gcs.preflight import Facts, Pattern, own_checks, spacing, standing
-from gcs.service import WHO, OrderRecord, Outcome
 from gcs.stage import Stage
 from gcs.state import VehicleId
-
-log = logging.getLogger(__name__)
 
 AGAIN_S = 1.0
 """A report is not made more often: for a thousand vehicles it is work."""
 
-REASON_MAX = 200
-
 ON_GROUND = "everybody on the ground, and heard"
 AS_CHECKED = "as it was checked, with as many vehicles"
+TO_DO: Final = {
+    "vehicles": "wait until it is heard on the ground, or take it out of the show",
+    "show": "check and select the show again, name those who fly, or take the others out",
+    "formation": "choose a larger radius, or fewer vehicles",
+    "loss of the ground station": "do as the text says, or choose a larger radius",
+    "obstacles": "remove the obstacle, or move the pad",
+}
 
 
 class Cleared(NamedTuple):
@@ -53,91 +54,32 @@ class _Kept(NamedTuple):
     time_s: float
     asked: tuple[VehicleId, ...] | None
     show: Performance | None
+    out: frozenset[VehicleId]
     report: PreflightReport
 
-    def answers(self, asked: tuple[VehicleId, ...] | None, show: Performance | None, now_s: float) -> bool:
-        """Whether it will do for that question."""
-        return self.asked == asked and self.show is show and now_s - self.time_s < AGAIN_S
+    def answers(self, asked: tuple[VehicleId, ...] | None, flight: Flight) -> bool:
+        """Whether it will do for that question, now."""
+        same = self.show is flight.performance and self.out == frozenset(flight.excluded)
+        return same and self.asked == asked and flight.fleet.time_s - self.time_s < AGAIN_S
 
 
 class Clearance:
-    """Looks at everything before a start, and keeps who was taken out."""
+    """Looks at everything before a start."""
 
     def __init__(
         self,
         flight: Flight,
         inspection: Inspection,
         stage: Stage,
-        book: OrderBook,
+        lineup: Lineup,
         unix_s: Callable[[], float],
     ) -> None:
         self._flight = flight
         self._inspection = inspection
         self._stage = stage
-        self._book = book
+        self._lineup = lineup
         self._unix_s = unix_s
         self._last: _Kept | None = None
-
-    # who flies
-
-    def choose(self, wanted: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
-        """Who flies, and why the others do not. Raises: UnknownError, RefusedError."""
-        flight = self._flight
-        for name in wanted or ():
-            flight.vehicle(name)
-        left_out: dict[VehicleId, str] = {}
-        chosen: list[VehicleId] = []
-        for name, vehicle in flight.vehicles.items():
-            exclusion = flight.excluded.get(name)
-            if exclusion is not None and wanted is not None and name in wanted:
-                raise RefusedError(f"{name} was {exclusion}; include it first")
-            if exclusion is not None:
-                left_out[name] = str(exclusion)
-            elif wanted is not None and name not in wanted:
-                left_out[name] = "not chosen"
-            elif vehicle.phase is Phase.STANDBY:
-                chosen.append(name)
-            elif wanted is None and vehicle.phase is Phase.OFFLINE:
-                left_out[name] = f"offline: {vehicle.reason}"
-            else:
-                raise RefusedError(f"{name} is {vehicle.phase}: {vehicle.reason}; only standby can start")
-        if not chosen:
-            raise RefusedError("no vehicle is online")
-        return chosen, left_out
-
-    def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
-        """Take a vehicle out of the show, until it is included again. Raises as `_need_ground` does."""
-        if len(reason) > REASON_MAX:
-            raise InvalidError("reason", reason[:20], f"at most {REASON_MAX} characters")
-        self._need_ground(vehicle_id)
-        exclusion = Exclusion(WHO.get(), reason, self._unix_s())
-        self._flight.excluded[vehicle_id] = exclusion
-        log.warning("excluded", extra={"vehicle": vehicle_id, "by": exclusion.by, "reason": reason})
-        return self._noted("exclude", vehicle_id, str(exclusion))
-
-    def include(self, vehicle_id: VehicleId) -> OrderRecord:
-        """Take it into the show again. Raises as `_need_ground` does, and RefusedError when it is in."""
-        self._need_ground(vehicle_id)
-        if self._flight.excluded.pop(vehicle_id, None) is None:
-            raise RefusedError(f"{vehicle_id} was not taken out of the show")
-        log.info("included", extra={"vehicle": vehicle_id, "by": WHO.get()})
-        return self._noted("include", vehicle_id, "")
-
-    def _noted(self, action: str, vehicle_id: VehicleId, reason: str) -> OrderRecord:
-        self._last = None
-        record = self._book.open(action, [vehicle_id], {})
-        self._book.close(record.id, vehicle_id, Outcome.DONE, reason)
-        return self._book.get(record.id)
-
-    def _need_ground(self, vehicle_id: VehicleId) -> None:
-        """Raises: UnknownError; RefusedError unless everybody is on the ground."""
-        vehicle, flight = self._flight.vehicle(vehicle_id), self._flight
-        if flight.show not in ON_THE_GROUND or flight.airborne:
-            raise RefusedError(f"who flies is decided on the ground, and the show is {flight.show}")
-        if vehicle.phase not in GROUNDED:
-            raise RefusedError(f"{vehicle_id} is {vehicle.phase}: {vehicle.reason}; it is not on the ground")
-
-    # what is looked at
 
     def report(self, wanted: Sequence[VehicleId] | None) -> PreflightReport:
         """What a start of these would find: made now or within the last second, on the ground.
@@ -153,21 +95,22 @@ class Clearance:
             return self._last.report
         asked = None if wanted is None else tuple(wanted)
         kept = self._last
-        if kept is None or not kept.answers(asked, flight.performance, flight.fleet.time_s):
+        if kept is None or not kept.answers(asked, flight):
             kept = self._last = self._kept(asked, self._made(asked))
         return kept.report
 
     def _kept(self, asked: tuple[VehicleId, ...] | None, report: PreflightReport) -> "_Kept":
-        return _Kept(self._flight.fleet.time_s, asked, self._flight.performance, report)
+        flight = self._flight
+        return _Kept(flight.fleet.time_s, asked, flight.performance, frozenset(flight.excluded), report)
 
     def _made(self, wanted: tuple[VehicleId, ...] | None) -> PreflightReport:
         flight, show = self._flight, self._flight.performance
         fleet: list[Check] = []
         try:
-            chosen, left_out = self.choose(wanted)
+            chosen, left_out = self._lineup.choose(wanted)
             fleet.append(_everybody(chosen))
         except GcsError as error:
-            chosen, left_out = self._who_could(wanted)
+            chosen, left_out = self._lineup.could(wanted)
             fleet.append(_refused("vehicles", error, ON_GROUND))
         if show is not None:
             fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(chosen, show.hash, wanted)))
@@ -197,27 +140,12 @@ class Clearance:
             not_checked=tuple(looked.not_checked),
         )
 
-    def _who_could(self, wanted: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
-        """As `choose`, without raising: who is meant to fly and could, and why the others do not."""
-        chosen: list[VehicleId] = []
-        left_out: dict[VehicleId, str] = {}
-        for name, vehicle in self._flight.vehicles.items():
-            if name in self._flight.excluded:
-                left_out[name] = str(self._flight.excluded[name])
-            elif wanted is not None and name not in wanted:
-                left_out[name] = "not chosen"
-            elif vehicle.phase is Phase.STANDBY:
-                chosen.append(name)
-            else:
-                left_out[name] = f"{vehicle.phase}: {vehicle.reason}"
-        return chosen, left_out
-
     def need(self, show_hash: str | None, wanted: Sequence[VehicleId] | None) -> "Cleared":
         """Before a start: who flies, and who does not.
 
         Raises: RefusedError, InvalidError, UnknownError with all that speaks against it.
         """
-        chosen, left_out = self.choose(wanted)
+        chosen, left_out = self._lineup.choose(wanted)
         self._need_show(chosen, show_hash, wanted)
         looked = self._look(chosen)
         text = told(
@@ -365,4 +293,4 @@ def _tried(name: str, limit: str, look: Callable[[], None]) -> Check:
 
 
 def _refused(name: str, error: GcsError, limit: str) -> Check:
-    return Check(name, State.FAIL, limit=limit, problem=str(error), to_do="")
+    return Check(name, State.FAIL, limit=limit, problem=str(error), to_do=TO_DO[name])

@@ -11,6 +11,7 @@ from gcs.flight import Flight
 from gcs.homecoming import Homecoming
 from gcs.inspection import Inspection
 from gcs.lifecycle import IN_THE_AIR, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.lineup import Lineup
 from gcs.orders import OrderBook
 from gcs.places import landing_places_m
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
@@ -40,7 +41,8 @@ class Director:
         self._flight = flight
         self._errands = errands
         self._book = book
-        self._clearance = Clearance(flight, inspection, stage, book, unix_s)
+        self._lineup = Lineup(flight, book, unix_s)
+        self._clearance = Clearance(flight, inspection, stage, self._lineup, unix_s)
         self._starting = Starting(flight, errands, book, self._clearance, stage, unix_s)
         self._vehicle_orders = VehicleOrders(flight, errands, book)
         self._homecoming: Homecoming | None = None
@@ -114,12 +116,12 @@ class Director:
     def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
         """Take a vehicle out of the show. Raises: UnknownError, RefusedError, InvalidError."""
         self._need_no_countdown()
-        return self._clearance.exclude(vehicle_id, reason)
+        return self._lineup.exclude(vehicle_id, reason)
 
     def include(self, vehicle_id: VehicleId) -> OrderRecord:
         """Take it into the show again. Raises: UnknownError, RefusedError."""
         self._need_no_countdown()
-        return self._clearance.include(vehicle_id)
+        return self._lineup.include(vehicle_id)
 
     def _need_no_countdown(self) -> None:
         if self.countdown is not None:
