@@ -4,8 +4,10 @@ One table: what must hold, why, and what `gcs params apply` sets. The names and 
 (docs/FACTS.md, section 3).
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import atan, ceil, degrees, inf, isfinite
 from typing import Final
 
@@ -239,23 +241,23 @@ def parameter_checks(
         text = f"parameters not read yet{f': {problem}' if problem else '; it is being asked'}"
         return [Check(OTHERS, State.UNKNOWN, limit=f"{len(needed)} hold", problem=text, to_do="wait")]
     checks = [_wrong(requirement, value) for requirement, value in broken(needed, read)]
-    for name in (OTHERS, *GROUPS.values()):
-        count = sum(group_of(requirement) == name for requirement in needed)
-        if count and all(check.name != name for check in checks):
+    wrong = {check.name for check in checks}
+    for name, count in Counter(group_of(requirement.name) for requirement in needed).items():
+        if name not in wrong:
             checks.append(Check(name, State.PASS, count, "parameters", f"{count} hold"))
     return checks
 
 
-def group_of(requirement: Requirement) -> str:
+@cache
+def group_of(name: str) -> str:
     """The name of the check that a parameter belongs to."""
-    starts = (name for start, name in GROUPS.items() if requirement.name.startswith(start))
-    return next(starts, OTHERS)
+    return next((group for start, group in GROUPS.items() if name.startswith(start)), OTHERS)
 
 
 def _wrong(requirement: Requirement, value: ParameterValue | None) -> Check:
     found = "not there" if value is None else f"{value:g}"
     return Check(
-        group_of(requirement),
+        group_of(requirement.name),
         State.FAIL,
         None if value is None or not isfinite(value) else float(value),
         "",
