@@ -23,7 +23,8 @@ def moved(place_m: Array, turn_rad: float, shift_m: Array) -> Array:
     """Turned about its middle, clockwise from above, then shifted."""
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     middle_m = place_m.mean(axis=0)
-    return (place_m - middle_m) @ np.array([[c, s], [-s, c]]) + middle_m + shift_m
+    lies_m: Array = (place_m - middle_m) @ np.array([[c, s], [-s, c]]) + middle_m + shift_m
+    return lies_m
 
 
 @given(

@@ -321,7 +321,7 @@ def test_without_a_written_show_the_configurations_start_places_count() -> None:
         await show.standby()
         return show.service.preflight()
 
-    settings = {"grid_columns": 1, "noise_scale": 0.2}  # at 0, 4 and 8 m north
+    settings: dict[str, Any] = {"grid_columns": 1, "noise_scale": 0.2}  # at 0, 4 and 8 m north
     good = fly(story, placed(d1=(0, 0), d2=(4, 0), d3=(8, 0)), **settings)
     assert failing(good) == {}
     assert not any("start pattern" in text for text in good.not_checked)
