@@ -22,6 +22,7 @@ from urllib.parse import quote
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from api import wire
+from gcs.client_preflight import Preflight
 from gcs.client_shows import Shows
 from gcs.errors import LinkError, OrderError
 from gcs.exchange import Exchange
@@ -69,6 +70,7 @@ class Client:
         """
         self._exchange = Exchange(url, token, emergency_url, ca_file, timeout_s)
         self.shows = Shows(self)
+        self.preflight = Preflight(self)
 
     def __enter__(self) -> Self:
         return self

@@ -23,6 +23,7 @@ from gcs.links.endpoints.urls import parse as place_at
 from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
 from gcs.links.vehicle_ids import INSTANCES_MAX, SYSTEM_ID_MAX, instances
 from gcs.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPolicy
+from gcs.preflight_settings import PreflightSettings
 from gcs.reactions import ReactionSettings
 from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import VehicleId
@@ -239,6 +240,7 @@ class Config(Settings):
     control: ControlSettings = ControlSettings()
     positioning: Positioning = Positioning()
     reactions: ReactionSettings = ReactionSettings()
+    preflight: PreflightSettings = PreflightSettings()
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
     deadman_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
 
@@ -277,6 +279,9 @@ class Config(Settings):
                 raise ValueError(f"links: {what} {', '.join(sorted(twice))} is there twice")
         self._check_links()
         self._check_access()
+        strangers = sorted(set(self.preflight.start_places) - set(self.ids))
+        if strangers:
+            raise ValueError(f"preflight.start_places: there is no vehicle {', '.join(strangers)}")
         fence, law = self.control.safety.fence, self.control.law
         if not fence.height_min_m < fence.height_max_m:
             raise ValueError(f"control.safety.fence.height_max_m = {fence.height_max_m}: above height_min_m")

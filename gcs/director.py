@@ -3,12 +3,15 @@
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
 
+from gcs.checks import PreflightReport
+from gcs.clearance import Clearance
 from gcs.errands import Errands
 from gcs.errors import InvalidError, RefusedError
 from gcs.flight import Flight
 from gcs.homecoming import Homecoming
 from gcs.inspection import Inspection
 from gcs.lifecycle import IN_THE_AIR, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.lineup import Lineup
 from gcs.orders import OrderBook
 from gcs.places import landing_places_m
 from gcs.reacting import Reacting
@@ -41,7 +44,9 @@ class Director:
         self._flight = flight
         self._errands = errands
         self._book = book
-        self._starting = Starting(flight, errands, book, inspection, stage, unix_s)
+        self._lineup = Lineup(flight, book, unix_s)
+        self._clearance = Clearance(flight, inspection, stage, self._lineup, unix_s)
+        self._starting = Starting(flight, errands, book, self._clearance, stage, unix_s)
         self._vehicle_orders = VehicleOrders(flight, errands, book)
         self._homecoming: Homecoming | None = None
         self._watch = Watch(flight, errands, inspection, self._come_back)
@@ -132,6 +137,26 @@ class Director:
     def note_target_held(self) -> OrderRecord:
         """Everybody follows a target that stands now."""
         return self._done("hold-target")
+
+    # before take-off
+
+    def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
+        """What a start would find. Raises: UnknownError, RefusedError."""
+        return self._clearance.report(vehicles)
+
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
+        """Take a vehicle out of the show. Raises: UnknownError, RefusedError, InvalidError."""
+        self._need_no_countdown()
+        return self._lineup.exclude(vehicle_id, reason)
+
+    def include(self, vehicle_id: VehicleId) -> OrderRecord:
+        """Take it into the show again. Raises: UnknownError, RefusedError."""
+        self._need_no_countdown()
+        return self._lineup.include(vehicle_id)
+
+    def _need_no_countdown(self) -> None:
+        if self.countdown is not None:
+            raise RefusedError("a start is being counted down: stop calls it off")
 
     # orders
 

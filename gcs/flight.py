@@ -13,12 +13,13 @@ from typing import TypeVar
 import numpy as np
 
 from gcs.accuracy import uncertainty_m
+from gcs.checks import Exclusion
 from gcs.config import Config
 from gcs.control import Memory, Task, Tasks
 from gcs.errors import UnknownError
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.landing import STOP_S, swept_segments_m
-from gcs.lifecycle import AIRBORNE, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.link_quality import LinkQuality
 from gcs.links import Link, Order, ParameterValue
 from gcs.performance import Performance
@@ -119,6 +120,8 @@ class Flight:
         self.reason = "nothing has been started"
         self.columns = ""  # how many will stand one above the other, in words; as of the last start
         self.came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
+        self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
+        self.left_behind: dict[VehicleId, str] = {}  # who does not fly with the last start, and why
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.telemetry = Newest(())
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
@@ -221,9 +224,25 @@ class Flight:
         telemetry, at = self.telemetry[vehicle.id]
         return telemetry.mode[at]
 
-    def is_known(self, vehicle_id: VehicleId) -> bool:
-        """Whether its parameters have been read, where they count."""
-        return vehicle_id in self.parameters or not self.config.operation.require_parameters
+    @property
+    def known(self) -> set[VehicleId]:
+        """Of whom everything is known that a start asks for: parameters, fix, clock; where they count."""
+        config, parts = self.config, self.telemetry.parts
+        names = set(self.parameters if config.operation.require_parameters else self.vehicles)
+        told = np.ones(len(self.vehicles), dtype=np.bool_)
+        if config.preflight.require_fix:
+            told &= np.isfinite(self.in_rows([part.fix_type for part in parts]))
+        if config.preflight.clock_max_s is not None:
+            told &= np.isfinite(self.in_rows([part.clock_base_s for part in parts]))
+        return names - {self.fleet.ids[row] for row in np.flatnonzero(~told).tolist()}
+
+    @property
+    def not_flying(self) -> dict[VehicleId, str]:
+        """Who stays on the ground while the others fly, or will, and why."""
+        why = {name: str(exclusion) for name, exclusion in self.excluded.items()}
+        if self.show not in ON_THE_GROUND:
+            why = self.left_behind | why
+        return {name: text for name, text in why.items() if self.vehicles[name].phase in GROUNDED}
 
     def in_phase(self, *phases: Phase) -> list[Vehicle]:
         """Vehicles in any of these phases."""

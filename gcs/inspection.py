@@ -6,15 +6,14 @@ else waiting.
 
 import asyncio
 import logging
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
+from gcs.checks import Check
 from gcs.errors import OrderError
 from gcs.flight import Columns, Flight
-from gcs.parameters import check_parameters, requirements
-from gcs.preflight import Finding
+from gcs.parameters import parameter_checks, requirements
 from gcs.state import Mask, VehicleId
 from gcs.vehicle import Vehicle
 
@@ -58,12 +57,14 @@ class Inspection:
         for row in np.flatnonzero(self._due & ~waits)[: max(room, 0)].tolist():
             self._begin(flight.at_row(row))
 
-    def findings(self, vehicles: Sequence[VehicleId]) -> list[Finding]:
-        """What speaks against flying them. Who it concerns is read again: it may be mended by then."""
+    def checks(self, vehicle_id: VehicleId) -> list[Check]:
+        """Of its parameters. Where any is wrong they are read again: it may be mended by then."""
         flight = self._flight
-        found = check_parameters(vehicles, self._needed, flight.parameters, flight.parameter_problems)
-        for finding in found:
-            self._due[flight.vehicles[finding.vehicle_id].row] = True
+        found = parameter_checks(
+            self._needed, flight.parameters.get(vehicle_id), flight.parameter_problems.get(vehicle_id)
+        )
+        if not all(check.passes for check in found):
+            self._due[flight.vehicles[vehicle_id].row] = True
         return found
 
     def _forget(self, vehicle: Vehicle) -> None:

@@ -48,6 +48,9 @@ AIRBORNE: Final = frozenset({Phase.TAKEOFF, Phase.HOLD, Phase.FORMATION, Phase.R
 FLOWN: Final = frozenset({Phase.FORMATION, Phase.RETURN, Phase.LANDING})
 """Phases in which the tick may send setpoints."""
 
+GROUNDED: Final = frozenset({Phase.OFFLINE, Phase.STANDBY})
+"""Phases in which a vehicle is not in the air, as far as anybody knows."""
+
 NOT_COMMANDED: Final = {
     Phase.LOST: "lost: in the air when last heard, and sent nothing",
     Phase.PILOT: "in the air, but not ours: hand-back takes over, in hold",

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.checks import PreflightReport
 from gcs.config import Config
 from gcs.control import Tick, tick, warm_up
 from gcs.director import Director
@@ -210,7 +211,7 @@ class Orchestrator:
             tick=result,
             vehicles=tuple(flight.vehicles.values()),
             telemetry=flight.telemetry,
-            known={vehicle_id for vehicle_id in flight.vehicles if flight.is_known(vehicle_id)},
+            known=flight.known,
             traits=flight.traits,
             show=flight.show,
             reason=flight.reason,
@@ -226,6 +227,7 @@ class Orchestrator:
             waits=self._stage.waits,
             start_unix_s=self._start_unix_s,
             reactions=() if self._director is None else self._director.reactions,
+            not_flying=flight.not_flying,
         )
 
     # the service
@@ -288,6 +290,18 @@ class Orchestrator:
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
         """Order one vehicle."""
         return self._running().command_vehicle(vehicle_id, action)
+
+    def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
+        """What a start would find."""
+        return self._running().preflight(vehicles)
+
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
+        """Take a vehicle out of the show."""
+        return self._running().exclude(vehicle_id, reason)
+
+    def include(self, vehicle_id: VehicleId) -> OrderRecord:
+        """Take it into the show again."""
+        return self._running().include(vehicle_id)
 
     def _running(self) -> Director:
         if self._director is None:

@@ -4,17 +4,19 @@ One table: what must hold, why, and what `gcs params apply` sets. The names and 
 (docs/FACTS.md, section 3).
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import atan, ceil, degrees, inf, isfinite
 from typing import Final
 
+from gcs.checks import Check, State
 from gcs.config import OperationSettings
 from gcs.control import ControlSettings
 from gcs.landing import STOP_S
 from gcs.links import ParameterValue
-from gcs.preflight import PAD_HEIGHT_MAX_M, Finding
-from gcs.state import VehicleId
+from gcs.preflight import PAD_HEIGHT_MAX_M
 
 SETPOINT_LOSS_ACTIONS: Final = {"descend": 0, "return": 3, "land": 4, "hold": 5}
 """COM_OBL_RC_ACT; 0 is POSITION, in which a vehicle without a pilot sinks."""
@@ -219,30 +221,47 @@ def broken(
     ]
 
 
-def check_parameters(
-    vehicles: Sequence[VehicleId],
-    needed: Sequence[Requirement],
-    read: Mapping[VehicleId, Mapping[str, ParameterValue]],
-    problems: Mapping[VehicleId, str],
-) -> list[Finding]:
-    """What speaks against flying `vehicles`, with the command that mends it.
+GROUPS: Final = {"MPC_": "speed limits", "GF_": "own fence"}
+"""Names of checks by how the parameters' names begin; all others are called what they are."""
+
+OTHERS: Final = "parameters"
+
+
+def parameter_checks(
+    needed: Sequence[Requirement], read: Mapping[str, ParameterValue] | None, problem: str | None
+) -> list[Check]:
+    """What speaks for and against flying one vehicle, with the command that mends it.
 
     Args:
-        vehicles: those who are to fly.
-        needed: of every one.
-        read: what each autopilot holds, where that is known.
-        problems: why it is not known, where it was tried in vain.
+        needed: of every vehicle. A show needs no more: its limits and its fence are within the service's.
+        read: what the autopilot holds; None where that is not known.
+        problem: why it is not known, where it was tried in vain.
     """
-    findings, wrong = [], []
-    for vehicle_id in vehicles:
-        if vehicle_id not in read:
-            why = f": {problems[vehicle_id]}" if vehicle_id in problems else "; it is being asked"
-            findings.append(Finding(vehicle_id, f"parameters not read yet{why}"))
-            continue
-        for requirement, value in broken(needed, read[vehicle_id]):
-            found = "not there" if value is None else f"{value:g}"
-            problem = f"{requirement.name} is {found}, {requirement.wanted} is needed ({requirement.why})"
-            findings.append(Finding(vehicle_id, problem))
-        if findings and findings[-1].vehicle_id == vehicle_id:
-            wrong.append(Finding(vehicle_id, MEND))
-    return findings + wrong
+    if read is None:
+        text = f"parameters not read yet{f': {problem}' if problem else '; it is being asked'}"
+        return [Check(OTHERS, State.UNKNOWN, limit=f"{len(needed)} hold", problem=text, to_do="wait")]
+    checks = [_wrong(requirement, value) for requirement, value in broken(needed, read)]
+    wrong = {check.name for check in checks}
+    for name, count in Counter(group_of(requirement.name) for requirement in needed).items():
+        if name not in wrong:
+            checks.append(Check(name, State.PASS, count, "parameters", f"{count} hold"))
+    return checks
+
+
+@cache
+def group_of(name: str) -> str:
+    """The name of the check that a parameter belongs to."""
+    return next((group for start, group in GROUPS.items() if name.startswith(start)), OTHERS)
+
+
+def _wrong(requirement: Requirement, value: ParameterValue | None) -> Check:
+    found = "not there" if value is None else f"{value:g}"
+    return Check(
+        group_of(requirement.name),
+        State.FAIL,
+        None if value is None or not isfinite(value) else float(value),
+        "",
+        f"{requirement.name}: {requirement.wanted}",
+        f"{requirement.name} is {found}, {requirement.wanted} is needed ({requirement.why})",
+        MEND,
+    )

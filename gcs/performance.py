@@ -1,7 +1,8 @@
 """The show that is selected: its clock, who plays which part, and what it was told."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from gcs.lifecycle import ShowPhase
 from gcs.plan import Obstacle, Plan, Target
@@ -23,6 +24,7 @@ class Performance:
     live: Target | None = None  # as it was told last, since the target became live
     started: bool = False  # by an order that named its hash; False again once everybody is down
     parts: dict[VehicleId, int] = field(default_factory=dict)  # rows of the lights
+    figures: Mapping[str, Any] = field(default_factory=dict)  # what its check found; empty: not known
 
     @property
     def hash(self) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final, Generic, Protocol, TypeVar
 
+from gcs.checks import PreflightReport
 from gcs.errors import Problem
 from gcs.frames import ShowFrame
 from gcs.lifecycle import Phase, ShowPhase
@@ -383,6 +384,18 @@ class Service(Protocol):
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
         """Order one vehicle."""
+        ...
+
+    def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
+        """What a start of these, or of all, would find: everything that is checked, vehicle by vehicle."""
+        ...
+
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
+        """Take a vehicle out of the show, on the ground, until it is included again."""
+        ...
+
+    def include(self, vehicle_id: VehicleId) -> OrderRecord:
+        """Take it into the show again."""
         ...
 
     def order(self, order_id: str) -> OrderRecord:

@@ -47,7 +47,7 @@ class Stage:
             wrong.append(f"fleet.vehicles = {show.fleet.vehicles}: the service has {len(flight.vehicles)}")
         if wrong:
             raise RefusedError(f"show {name!r} does not fit this service: {'; '.join(wrong)}")
-        performance = Performance(name, timeline)
+        performance = Performance(name, timeline, figures=self._repertoire.checked(name).figures or {})
         own = self._told_obstacles
         twice = sorted(performance.obstacle_ids & {box.id for box in own})
         if twice:
@@ -88,13 +88,16 @@ class Stage:
         self.lead()
         return performance.view(flight.fleet.time_s)
 
-    def check_start(self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool) -> None:
+    def check_start(
+        self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool, taken_out: int = 0
+    ) -> None:
         """Whether the selected show may be started by these.
 
         Args:
             chosen: who would fly.
             show_hash: that the order names.
             named: whether the order names them, too.
+            taken_out: how many others an operator took out of the show.
 
         Raises: RefusedError.
         """
@@ -115,7 +118,7 @@ class Stage:
             )
         self._repertoire.cleared(performance.name, show_hash)
         needed, count = performance.timeline.show.fleet.vehicles, len(chosen)
-        if count > needed or (count < needed and not named):
+        if count > needed or (count + taken_out < needed and not named):
             mend = "name those who fly" + (", to take the others out" if count < needed else "")
             raise RefusedError(
                 f"show {performance.name!r} is for {needed} vehicles, {count} would start: {mend}"

@@ -15,6 +15,7 @@ from gcs.errors import ShapeError
 
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
+Bits: TypeAlias = NDArray[np.int64]
 VehicleId: TypeAlias = str
 
 
@@ -44,7 +45,7 @@ class Landed(IntEnum):
     LANDING = 4
 
 
-def freeze(array: Array, shape: tuple[int, ...], what: str) -> None:
+def freeze(array: Array | Bits, shape: tuple[int, ...], what: str) -> None:
     """Make an array read-only, after checking its shape.
 
     Raises: ShapeError, naming `what`, when the shape differs.
@@ -79,6 +80,9 @@ class Telemetry:
     vertical_accuracy_m: Array  # (n,)
     boots: tuple[int, ...]  # how often its boot clock has jumped back
     position_resets: tuple[int, ...]  # how often its estimator said that its position jumped
+    fix_type: Array  # (n,) GPS_FIX_TYPE of its receiver, 3 and more with a height; NaN unknown
+    sick_sensors: Bits  # (n,) of MAV_SYS_STATUS_SENSOR, those it flies by and calls unhealthy; -1 unknown
+    clock_base_s: Array  # (n,) what its own clock (Unix time) showed when the loop's was 0; NaN unknown
 
     def __post_init__(self) -> None:
         n = len(self.ids)
@@ -93,6 +97,9 @@ class Telemetry:
             "battery_remaining",
             "horizontal_accuracy_m",
             "vertical_accuracy_m",
+            "fix_type",
+            "sick_sensors",
+            "clock_base_s",
         ):
             freeze(getattr(self, name), (n,), name)
         for name in ("armed", "mode", "landed", "ready", "boots", "position_resets"):

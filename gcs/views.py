@@ -1,9 +1,11 @@
 """The newest state of everything, as people and programs may see it."""
 
 from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
+from gcs.checks import listed
 from gcs.control import Tick
 from gcs.lifecycle import ShowPhase, not_ours
 from gcs.performance import Performance
@@ -41,11 +43,13 @@ def fleet_view(
     waits: Sequence[str] = (),
     start_unix_s: float | None = None,
     reactions: Sequence[Reaction] = (),
+    not_flying: Mapping[VehicleId, str] = MappingProxyType({}),
 ) -> FleetView:
     """Put one tick's state together; rows of `fleet` and `vehicles` correspond.
 
-    `known` are those whose parameters have been read: only they are ready. `problems` are the links', `waits`
-    say which obstacles of the selected show do not stand yet, `start_unix_s` is that of a countdown.
+    `known` are those of whom all is known that a start asks for: only they are ready. `problems` are the
+    links', `waits` say which obstacles of the selected show do not stand yet, `start_unix_s` is that of a
+    countdown, `not_flying` says who stays on the ground, and why.
     """
     lights = {} if performance is None else performance.lights(fleet.ids, fleet.time_s)
     sent = dict(zip(tick.setpoints.ids, tick.setpoints.velocity_m_s, strict=True))
@@ -79,12 +83,25 @@ def fleet_view(
         control_alive=control_alive,
         setpoints_sent=setpoints_sent,
         interventions=interventions,
-        notices=(*not_ours((vehicle.id, vehicle.phase) for vehicle in vehicles), *waits, *problems),
+        notices=(
+            *not_ours((vehicle.id, vehicle.phase) for vehicle in vehicles),
+            *grounded(not_flying),
+            *waits,
+            *problems,
+        ),
         selected=None if performance is None else performance.view(fleet.time_s),
         start_unix_time_s=start_unix_s,
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         reactions=tuple(reactions),
     )
+
+
+def grounded(not_flying: Mapping[VehicleId, str]) -> list[str]:
+    """Who does not fly, and why, in words; what several share is said once."""
+    whose: dict[str, list[VehicleId]] = {}
+    for vehicle_id, reason in not_flying.items():
+        whose.setdefault(reason, []).append(vehicle_id)
+    return [f"{listed(names)}: not flying: {reason}" for reason, names in whose.items()]
 
 
 def _vehicle_view(

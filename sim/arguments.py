@@ -53,14 +53,29 @@ def triple(form: str) -> Callable[[str], tuple[float, float, float]]:
     """A parser of three numbers with commas between them."""
 
     def parse(text: str) -> tuple[float, float, float]:
-        values = [_float(part) for part in text.split(",")]
-        if len(values) != 3 or not all(map(math.isfinite, values)):
-            raise argparse.ArgumentTypeError(
-                f"{text!r} is not {form}: three numbers with commas between them"
-            )
-        return values[0], values[1], values[2]
+        north, east, down = _numbers(text, form, 3)
+        return north, east, down
 
     return parse
+
+
+def pair(form: str) -> Callable[[str], tuple[float, float]]:
+    """A parser of two numbers with a comma between them."""
+
+    def parse(text: str) -> tuple[float, float]:
+        north, east = _numbers(text, form, 2)
+        return north, east
+
+    return parse
+
+
+def _numbers(text: str, form: str, count: int) -> list[float]:
+    """So many finite numbers. Raises: ArgumentTypeError."""
+    values = [_float(part) for part in text.split(",")]
+    if len(values) != count or not all(map(math.isfinite, values)):
+        words = {2: "two numbers with a comma", 3: "three numbers with commas"}[count]
+        raise argparse.ArgumentTypeError(f"{text!r} is not {form}: {words} between them")
+    return values
 
 
 def origin(text: str) -> Origin:

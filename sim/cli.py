@@ -106,6 +106,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="C",
         help="vehicle i starts at row i // C (north), column i %% C (east)",
     )
+    add(
+        "--grid-at",
+        type=arguments.pair("N,E"),
+        default=(0.0, 0.0),
+        metavar="N,E",
+        help="where vehicle 0 of the grid stands, m north and east of the origin",
+    )
+    add(
+        "--grid-heading",
+        type=arguments.number(-360.0, 360.0),
+        default=0.0,
+        metavar="DEG",
+        help="where the grid's rows lead, clockwise from north; columns are to the right",
+    )
     add("--heading", type=arguments.number(-360.0, 360.0), default=0.0, metavar="DEG", help="initial yaw")
     add(
         "--battery",
@@ -198,6 +212,8 @@ def _settings(given: argparse.Namespace) -> Settings:
         origin=given.origin,
         spacing_m=given.spacing,
         grid_columns=columns,
+        grid_at_m=given.grid_at,
+        grid_heading_deg=given.grid_heading,
         heading_deg=given.heading,
         endurance_s=60.0 * given.battery,
         parameters=dict(given.param),

@@ -52,6 +52,7 @@ class Origin:
 class Settings:
     """What a fleet is like. Vehicle i stands at row i // columns, column i % columns of a grid.
 
+    Vehicle 0 stands at `grid_at_m` (north, east); rows lead towards `grid_heading_deg`, columns to its right.
     Its namespace is i // namespace_size, its system id there i % namespace_size + 1.
     """
 
@@ -65,6 +66,8 @@ class Settings:
     origin: Origin = Origin()
     spacing_m: float = 4.0
     grid_columns: int = 1
+    grid_at_m: tuple[float, float] = (0.0, 0.0)
+    grid_heading_deg: float = 0.0
     heading_deg: float = 0.0
     endurance_s: float = 1200.0
     parameters: Mapping[str, Value] = field(default_factory=dict)
@@ -93,8 +96,7 @@ class Fleet:
         origin = settings.origin
         self._tangent = Tangent(origin.latitude_deg, origin.longitude_deg, origin.altitude_amsl_m)
         count, indices = settings.count, range(settings.first, settings.first + settings.count)
-        grid_m = [(*divmod(i, settings.grid_columns), 0.0) for i in indices]
-        self.bodies = dynamics.PointMasses.at(settings.spacing_m * np.array(grid_m, dtype=np.float64))
+        self.bodies = dynamics.PointMasses.at(_grid_m(settings))
         self._random = np.random.default_rng(
             np.random.SeedSequence(settings.seed, spawn_key=(settings.first, 1))
         )
@@ -260,3 +262,14 @@ class Fleet:
                 said[row].append(frame)
             else:
                 said[row] = [frame]
+
+
+def _grid_m(settings: Settings) -> Array:
+    """(n, 3) where everybody stands, NED."""
+    indices = range(settings.first, settings.first + settings.count)
+    cells = np.array([(*divmod(i, settings.grid_columns), 0.0) for i in indices], dtype=np.float64)
+    turn_rad = math.radians(settings.grid_heading_deg)
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    place_m: Array = settings.spacing_m * cells @ turn + np.array([*settings.grid_at_m, 0.0])
+    return place_m

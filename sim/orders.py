@@ -63,6 +63,12 @@ STEP_M = Number(-1e5, 1e5, 0.0)
 SPEED_M_S = Number(-50.0, 50.0, 0.0)
 ACCURACY = Number(0.0, 500.0, math.nan)
 SHIFT: Mapping[str, Field] = MappingProxyType({"north_m": STEP_M, "east_m": STEP_M, "down_m": STEP_M})
+FIXES = MappingProxyType({"none": 1, "2d": 2, "3d": 3, "dgps": 4, "rtk-float": 5, "rtk-fixed": 6})
+"""GPS_FIX_TYPE."""
+SENSORS = MappingProxyType(
+    {"gyro": 0x1, "accelerometer": 0x2, "magnetometer": 0x4, "barometer": 0x8, "gps": 0x20, "ahrs": 0x200000}
+)
+"""Bits of MAV_SYS_STATUS_SENSOR."""
 PILOTED = ("POSITION", "ALTITUDE", "MANUAL", "STABILIZED", "HOLD", "LAND", "RETURN")
 
 LINK_FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType(
@@ -82,6 +88,9 @@ VEHICLE_FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType(
         "gps-freeze": {},
         "accuracy": dict.fromkeys(("eph_m", "epv_m", "hdop", "vdop"), ACCURACY),
         "wind": {"north_m_s": SPEED_M_S, "east_m_s": SPEED_M_S, "down_m_s": SPEED_M_S},
+        "fix": {"type": Choice(tuple(FIXES))},
+        "sensor": {"which": Choice(tuple(SENSORS))},
+        "wrong-time": {"ahead_s": Number(-1e9, 1e9)},
         "stuck-mode": {"answer": Choice(("accepted", "rejected"))},
         "pilot": {
             "mode": Choice(PILOTED),

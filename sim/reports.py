@@ -58,6 +58,7 @@ def heartbeat(s: Snapshot) -> Fields:
 def sys_status(s: Snapshot) -> Fields:
     """Sensors and battery; the prearm bit is set while arming would be allowed."""
     health = np.where(s.has_fix, SENSORS_HEALTHY, SENSORS_HEALTHY & ~GPS_SENSOR)
+    health &= ~s.state.sick_sensors[s.rows]
     return {
         "onboard_control_sensors_present": SENSORS_PRESENT,
         "onboard_control_sensors_enabled": SENSORS_ENABLED,
@@ -117,7 +118,8 @@ def ping(s: Snapshot) -> Fields:
 
 def system_time(s: Snapshot) -> Fields:
     """Wall and boot clock."""
-    return {"time_unix_usec": int(s.unix_s * 1e6), "time_boot_ms": s.boot_ms}
+    unix_s = np.where(s.has_fix, s.unix_s + s.state.unix_ahead_s[s.rows], 0.0)  # it learns it from GPS
+    return {"time_unix_usec": np.round(unix_s * 1e6), "time_boot_ms": s.boot_ms}
 
 
 def timesync(s: Snapshot) -> Fields:
@@ -243,7 +245,7 @@ def gps_raw_int(s: Snapshot) -> Fields:
     place = _split(("lat", "lon", "alt"), np.round(s.place * (1e7, 1e7, 1e3)))
     return place | {
         "time_usec": s.boot_us,
-        "fix_type": 3,
+        "fix_type": state.fix_type[rows],
         "eph": np.round(100.0 * state.hdop[rows]),
         "epv": np.round(100.0 * state.vdop[rows]),
         "vel": np.minimum(np.round(s.ground_speed_m_s * 100.0), 65534),

@@ -52,6 +52,7 @@ def lean_hz(telemetry_hz: float) -> Mapping[int, float]:
         common.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
         common.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
         common.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
+        common.MAVLINK_MSG_ID_SYSTEM_TIME: 0.5,
         common.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
     }
 

@@ -11,7 +11,8 @@ import numpy as np
 from sim.commander import Stuck
 from sim.faults import Channel, Ills
 from sim.modes import Mode
-from sim.orders import LINK_FAULTS, Order, OrderError, parse
+from sim.orders import FIXES, LINK_FAULTS, SENSORS, Order, OrderError, parse
+from sim.state import FIX_3D
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,6 +25,7 @@ Origin: TypeAlias = "tuple[Endpoint, Address]"
 """Where a packet came from: the shell's business."""
 
 FAULT_SEED = 2
+TOLD = ("accuracy", "fix", "sensor", "wrong-time")
 RECORDED = {"eph_m": 0.9, "epv_m": 1.78, "hdop": 0.7, "vdop": 1.1}
 
 
@@ -116,8 +118,8 @@ class Trouble:
                 state.reset_counter[row] += np.uint8(1)
         elif fault == "gps-freeze":
             state.frozen_m[row] = self._fleet.estimate_m[row]
-        elif fault == "accuracy":
-            self._blur(row, values)
+        elif fault in TOLD:
+            self._mistell(row, fault, values)
         elif fault == "wind":
             self._fleet.wind_m_s[row] = [
                 float(values[name]) for name in ("north_m_s", "east_m_s", "down_m_s")
@@ -133,6 +135,29 @@ class Trouble:
         else:
             return self._take_over(row, values)
         return True
+
+    def _mistell(self, row: int, fault: str, values: Mapping[str, Value]) -> None:
+        """Have it tell something else of its receiver, its sensors or its clock."""
+        state = self._fleet.state
+        if fault == "accuracy":
+            self._blur(row, values)
+        elif fault == "fix":
+            state.fix_type[row] = FIXES[str(values["type"])]
+        elif fault == "sensor":
+            state.sick_sensors[row] |= SENSORS[str(values["which"])]
+        else:
+            state.unix_ahead_s[row] = float(values["ahead_s"])
+
+    def _tell_truly(self, row: int, fault: str) -> None:
+        state = self._fleet.state
+        if fault == "accuracy":
+            self._blur(row, RECORDED)
+        elif fault == "fix":
+            state.fix_type[row] = FIX_3D
+        elif fault == "sensor":
+            state.sick_sensors[row] = 0
+        else:
+            state.unix_ahead_s[row] = 0.0
 
     def _blur(self, row: int, values: Mapping[str, Value]) -> None:
         state = self._fleet.state
@@ -170,7 +195,7 @@ class Trouble:
     def _mend(self, row: int) -> None:
         if self._channels.pop(row, None) is not None:
             self.changes += 1
-        for fault in ("gps-jump", "gps-freeze", "accuracy", "wind", "stuck-mode", "pilot"):
+        for fault in ("gps-jump", "gps-freeze", *TOLD, "wind", "stuck-mode", "pilot"):
             self._end(row, fault)
         for key in [key for key in self._ends if key[0] == row]:
             del self._ends[key]
@@ -187,8 +212,8 @@ class Trouble:
             state.offset_m[row] = 0.0
         elif fault == "gps-freeze":
             state.frozen_m[row] = np.nan
-        elif fault == "accuracy":
-            self._blur(row, RECORDED)
+        elif fault in TOLD:
+            self._tell_truly(row, fault)
         elif fault == "wind":
             self._fleet.wind_m_s[row] = self._fleet.settings.wind_m_s
         elif fault == "stuck-mode":

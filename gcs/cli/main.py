@@ -11,6 +11,7 @@ from pydantic import ValidationError
 import gcs.cli.certify as certify_command
 import gcs.cli.demo as demo_command
 import gcs.cli.params as params_command
+import gcs.cli.preflight as preflight_command
 import gcs.cli.remote as remote_commands
 import gcs.cli.replay as replay_command
 import gcs.cli.serve as serve_command
@@ -75,6 +76,9 @@ def build_parser() -> argparse.ArgumentParser:
     status_parser = commands.add_parser("status", help="the fleet of a running service, as a live table")
     status_command.add_arguments(status_parser)
     status_parser.set_defaults(run=status_command.run)
+    preflight_parser = commands.add_parser("preflight", help="what a start would find, as a table")
+    preflight_command.add_arguments(preflight_parser)
+    preflight_parser.set_defaults(run=preflight_command.run)
     remote_commands.add_commands(commands)
 
     sim_parser = commands.add_parser("sim", help="run a fake fleet alone, as python -m sim does")

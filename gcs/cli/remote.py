@@ -22,6 +22,7 @@ from pydantic import BaseModel
 
 from api import wire
 from gcs.client import URL, Client
+from gcs.client_preflight import Preflight
 from gcs.client_shows import Shows
 from gcs.errors import AccessError, ConfigError, GcsError, InvalidError, LinkError, OrderError
 from gcs.service import Outcome, VehicleAction
@@ -91,6 +92,8 @@ CALLS: Final = (
     Call("shows select", Shows.select, of=attrgetter("shows")),
     Call("shows deselect", Shows.deselect, of=attrgetter("shows")),
     Call("shows seek", Shows.seek, of=attrgetter("shows")),
+    Call("exclude", Preflight.exclude, of=attrgetter("preflight")),
+    Call("include", Preflight.include, of=attrgetter("preflight")),
     Call("order list", Client.orders),
     Call("order show", Client.order),
     Call("state", Client.fleet),

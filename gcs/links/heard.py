@@ -16,19 +16,23 @@ from gcs.links.mavlink_frames import (
     ODOMETRY,
     STATUSTEXT,
     SYS_STATUS,
+    SYSTEM_TIME,
     Accuracy,
     Frame,
     Motion,
     TextChunk,
     battery_remaining,
     boot_time_ms,
+    fix_type,
     gps_accuracy,
     heartbeat,
     landed,
     motion,
     prearm_ok,
     reset_counter,
+    sick_sensors,
     status_text,
+    unix_time_s,
 )
 from gcs.links.roster import SILENT_AFTER_S
 from gcs.state import Landed, Mode
@@ -50,7 +54,9 @@ class Heard:
         motion: of the newest position.
         armed, mode: from the autopilot's heartbeat, which alone is believed.
         prearm_ok: SYS_STATUS says that the autopilot's own checks before arming pass.
-        accuracy: of the newest GPS_RAW_INT.
+        sick_sensors: and which sensors are enabled and unhealthy; -1 before.
+        accuracy, fix_type: of the newest GPS_RAW_INT.
+        clock_base_s: its own clock (Unix time) less ours, as its SYSTEM_TIME arrived; NaN where not known.
         landed: as the newest EXTENDED_SYS_STATE says.
         battery_remaining: 0 to 1, of the newest BATTERY_STATUS; NaN where it does not say.
         boots: how often the boot clock has jumped back: a reboot, or a simulator that was paused.
@@ -70,7 +76,10 @@ class Heard:
         self.armed = False
         self.mode = Mode.UNKNOWN
         self.prearm_ok = False
+        self.sick_sensors = -1
         self.accuracy = Accuracy(nan, nan)
+        self.fix_type = nan
+        self.clock_base_s = nan
         self.landed = Landed.UNKNOWN
         self.battery_remaining = nan
         self.boots = 0
@@ -105,13 +114,15 @@ class Heard:
         """What comes once or twice a second, or when something happens."""
         message_id = frame.message_id
         if message_id == SYS_STATUS:
-            self.prearm_ok = prearm_ok(frame)
+            self.prearm_ok, self.sick_sensors = prearm_ok(frame), sick_sensors(frame)
         elif message_id == EXTENDED_SYS_STATE:
             self.landed = landed(frame)
         elif message_id == BATTERY_STATUS:
             self.battery_remaining = battery_remaining(frame)
         elif message_id == GPS_RAW_INT:
-            self.accuracy = gps_accuracy(frame)
+            self.accuracy, self.fix_type = gps_accuracy(frame), float(fix_type(frame))
+        elif message_id == SYSTEM_TIME:
+            self.clock_base_s = unix_time_s(frame) - time_s
         elif message_id == ODOMETRY:
             counted, self._reset_counter = self._reset_counter, reset_counter(frame)
             self.position_resets += counted is not None and counted != self._reset_counter

@@ -20,6 +20,7 @@ from gcs.state import Landed, Mode
 
 HEARTBEAT: Final = 0
 SYS_STATUS: Final = 1
+SYSTEM_TIME: Final = 2
 PING: Final = 4
 SET_MODE: Final = 11
 GPS_RAW_INT: Final = 24
@@ -46,6 +47,12 @@ _ASKING_COMMANDS: Final = frozenset({SET_MESSAGE_INTERVAL, 512, 520})
 
 
 PREARM_CHECK: Final = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
+AHRS: Final = 0x200000  # the estimator; PX4 tells its health alone
+SENSORS: Final = 0x2F
+"""Gyroscope, accelerometer, magnetometer, barometer, GPS: healthy, or not enabled."""
+
+UNIX_KNOWN_S: Final = 1_234_567_890
+"""PX4 believes its clock from here on, and tells 0 before."""
 
 _TARGET_FIELDS: Final = ("target_system", "target")  # the latter in MANUAL_CONTROL only
 _MAGIC_1: Final = 0xFE
@@ -57,6 +64,7 @@ _CUSTOM_MODE_ENABLED: Final = 0x01
 _ARMED: Final = 0x80
 _LANDED_STATES: Final = frozenset(state.value for state in Landed)
 _BATTERY_REMAINING_AT: Final = 35
+_FIX_TYPE_AT: Final = 28  # in GPS_RAW_INT
 _RESET_COUNTER_AT: Final = 230  # in ODOMETRY
 _VELOCITY_AT: Final = slice(16, 28)  # in SET_POSITION_TARGET_LOCAL_NED: vx, vy, vz
 FIX_3D: Final = 3
@@ -345,6 +353,24 @@ def prearm_ok(frame: Frame) -> bool:
     """Whether a SYS_STATUS says that the autopilot's own checks before arming pass."""
     (health,) = unpack_from("<I", _padded(frame), 8)
     return bool(health & PREARM_CHECK)
+
+
+def sick_sensors(frame: Frame) -> int:
+    """Bits of a SYS_STATUS: what the autopilot flies by and calls unhealthy."""
+    words: tuple[int, int, int] = unpack_from("<III", _padded(frame))
+    _, enabled, health = words
+    return (enabled & SENSORS | AHRS) & ~health
+
+
+def unix_time_s(frame: Frame) -> float:
+    """Read what a vehicle's own clock shows as its SYSTEM_TIME says; NaN while it does not know."""
+    (time_us,) = unpack_from("<Q", _padded(frame))
+    return time_us * 1e-6 if time_us >= UNIX_KNOWN_S * 1e6 else nan
+
+
+def fix_type(frame: Frame) -> int:
+    """Read the GPS_FIX_TYPE of a GPS_RAW_INT."""
+    return _padded(frame)[_FIX_TYPE_AT]
 
 
 def landed(frame: Frame) -> Landed:

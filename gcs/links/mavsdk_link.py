@@ -198,6 +198,9 @@ class MavsdkLink(LinkFacts):
             vertical_accuracy_m=np.array([heard.accuracy.vertical_m for heard in self._heard]),
             boots=tuple(heard.boots for heard in self._heard),
             position_resets=tuple(heard.position_resets for heard in self._heard),
+            fix_type=np.array([heard.fix_type for heard in self._heard]),
+            sick_sensors=np.array([heard.sick_sensors for heard in self._heard], np.int64),
+            clock_base_s=np.array([heard.clock_base_s for heard in self._heard]),
         )
 
     def _look(self) -> None:

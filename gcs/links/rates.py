@@ -15,6 +15,7 @@ from gcs.links.mavlink_frames import (
     GPS_RAW_INT,
     ODOMETRY,
     SYS_STATUS,
+    SYSTEM_TIME,
 )
 from gcs.links.roster import SILENT_AFTER_S
 from gcs.links.settings import StreamSettings
@@ -44,6 +45,7 @@ def wanted(streams: StreamSettings) -> dict[int, float]:
         GPS_RAW_INT: min(streams.state_hz, 2.0),
         ODOMETRY: 1.0,
         BATTERY_STATUS: 0.5,
+        SYSTEM_TIME: 1.0,
         **dict.fromkeys(sorted(_NOT_NEEDED), streams.others_hz),
     }
 

@@ -8,6 +8,7 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
+from gcs.checks import PreflightReport
 from gcs.errors import GcsError, RefusedError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.lifecycle import ShowPhase, not_ours
@@ -252,6 +253,18 @@ class Replay:
         self._refuse()
 
     def seek_show(self, _cue: str) -> SelectedShow:
+        """Refused."""
+        self._refuse()
+
+    def preflight(self, _vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
+        """Refused."""
+        self._refuse()
+
+    def exclude(self, _vehicle_id: VehicleId, _reason: str) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
+    def include(self, _vehicle_id: VehicleId) -> OrderRecord:
         """Refused."""
         self._refuse()
 

@@ -33,7 +33,7 @@ CONFIRM_S = 3.2
 KILL_REPEAT_S = 0.1
 PARAMETER_S, PARAMETER_REPEAT_S = 3.0, 0.5
 REAL32 = 9
-UNREAD = (2, 4, 42, 83, 85)  # not asked of the vehicles
+UNREAD = (4, 42, 83, 85)  # not asked of the vehicles
 
 MODE_NUMBERS = {
     Verb.HOLD: (4, 3),
@@ -160,6 +160,9 @@ class LoopbackLink:
             vertical_accuracy_m=np.array([heard.accuracy.vertical_m for heard in ears]),
             boots=tuple(heard.boots for heard in ears),
             position_resets=tuple(heard.position_resets for heard in ears),
+            fix_type=np.array([heard.fix_type for heard in ears]),
+            sick_sensors=np.array([heard.sick_sensors for heard in ears], np.int64),
+            clock_base_s=np.array([heard.clock_base_s for heard in ears]),
         )
 
     def send(self, setpoints: Setpoints) -> None:

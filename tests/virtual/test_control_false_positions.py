@@ -46,6 +46,9 @@ class HeardFlight(Flight):
                     vertical_accuracy_m=np.full(4, np.nan),
                     boots=(0,) * 4,
                     position_resets=(0,) * 4,
+                    fix_type=np.full(4, 3.0),
+                    sick_sensors=np.zeros(4, np.int64),
+                    clock_base_s=np.zeros(4),
                 )
             ],
             self.time_s,

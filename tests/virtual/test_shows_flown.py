@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import JUMP_M_S, Show, Track, fly, refused
-from written_show import NAME, TEXT, config, select
+from virtual_show import JUMP_M_S, Show, Track, refused
+from written_show import NAME, TEXT, config, fly, select
 
 from gcs.errors import RefusedError
 from gcs.lifecycle import ShowPhase

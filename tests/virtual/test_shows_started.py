@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from virtual_show import Show, fly, refused
-from written_show import NAME, TEXT, check, config, keep, select
+from virtual_show import Show, refused
+from written_show import NAME, TEXT, check, config, fly, keep, select
 
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.lifecycle import ShowPhase

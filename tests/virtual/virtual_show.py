@@ -316,7 +316,9 @@ def fly(
     async def main() -> T:
         loop = asyncio.get_running_loop()
         fleet = Fleet(
-            Settings(**{"count": len(plan.ids), "grid_columns": 2, **fleet_settings}), start_s=loop.time()
+            Settings(**{"count": len(plan.ids), "grid_columns": 2, **fleet_settings}),
+            start_s=loop.time(),
+            unix_at_start_s=UnixClock()(),
         )
         link = LoopbackLink("loop", system_ids(plan.ids), fleet, plan.frame, deadman_s=plan.deadman_s)
         link.failures.extend(failures)

@@ -1,14 +1,17 @@
 """A small show for four vehicles of `virtual_show`, checked as `gcs show check` does."""
 
 from functools import cache
+from math import cos, radians, sin
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from virtual_show import Show, show_config
+from virtual_show import HEADING_DEG, Show, Story, T, show_config
+from virtual_show import fly as fly_anywhere
 
 from gcs.cli.shows.rehearsal import rehearse
 from gcs.cli.shows.verdict import judge
 from gcs.config import Config
+from gcs.records.record import Record
 from gcs.show import parse
 
 NAME = "small"
@@ -30,6 +33,26 @@ timeline:
     at_s: 34
     obstacles: {appear: [{id: tower, x_m: 50, y_m: 40, half_length_x_m: 2, half_length_y_m: 2, height_m: 20}]}
 """
+
+
+SPACING_M: Final = 4.0
+
+
+def on_pads(turned_deg: float = 0.0, north_m: float = 0.0, east_m: float = 0.0) -> dict[str, Any]:
+    """Settings of a fake fleet that stands on the show's pads, or turned about their middle and shifted."""
+    heading_deg = HEADING_DEG + turned_deg
+    c, s = cos(radians(heading_deg)), sin(radians(heading_deg))
+    half_m = SPACING_M / 2.0
+    return {
+        "spacing_m": SPACING_M,
+        "grid_heading_deg": heading_deg,
+        "grid_at_m": (north_m - half_m * (c - s), east_m - half_m * (s + c)),
+    }
+
+
+def fly(story: Story[T], plan: Config, *, record: Record | None = None, **fleet_settings: Any) -> T:
+    """As `virtual_show.fly`, with the fake fleet on the show's pads."""
+    return fly_anywhere(story, plan, record=record, **{**on_pads(), **fleet_settings})
 
 
 @cache

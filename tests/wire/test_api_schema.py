@@ -3,6 +3,7 @@
 import asyncio
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -39,7 +40,8 @@ async def serve_fleet(
     loop, enough = asyncio.get_running_loop(), asyncio.Event()
     config = show_config(3, shows={"folder": shows})
     asked = settings_of(requirements(config.operation, config.control))
-    fleet = Fleet(Settings(count=len(config.ids), grid_columns=2, parameters=asked), start_s=loop.time())
+    made = Settings(count=len(config.ids), grid_columns=2, parameters=asked)
+    fleet = Fleet(made, start_s=loop.time(), unix_at_start_s=time.time())
     link = LoopbackLink("loop", system_ids(config.ids), fleet, config.frame, deadman_s=config.deadman_s)
     service = Orchestrator(config, [link])
     listening = loop.create_future()

@@ -20,6 +20,7 @@ from gcs.cli import status
 from gcs.cli.main import main
 from gcs.cli.remote import CALLS, VEHICLE_HELP
 from gcs.client import Client
+from gcs.client_preflight import Preflight
 from gcs.client_shows import Shows
 from gcs.lifecycle import Phase as LifePhase
 from gcs.service import Outcome, SelectedShow
@@ -49,6 +50,9 @@ EVERYTHING = [
     "shows seek lamp",
     "shows deselect",
     "shows remove lighthouse",
+    "exclude d1 --reason cracked",
+    "include d1",
+    "preflight d1 d2 d3",
     "start d1 d2 d3",
     "order list",
     "order show o1",
@@ -154,8 +158,9 @@ def test_there_is_a_command_for_every_operation_and_it_does_it(
 
 
 def test_every_method_of_the_client_is_a_command() -> None:
-    methods = {name for kind in (Client, Shows) for name in vars(kind) if not name.startswith("_")}
+    methods = {name for kind in (Client, Preflight, Shows) for name in vars(kind) if not name.startswith("_")}
     assert methods - {call.method.__name__ for call in CALLS} == {
+        "report",  # gcs preflight
         "wait_for_check",
         "close",
         "wait_for",
@@ -214,6 +219,10 @@ def test_an_order_can_be_waited_for_and_what_fails_is_the_exit_code(
         ("state --ca-file none.pem", 2, "none.pem: no PEM certificate"),
         ("shows upload mine none.yaml", 2, "file = none.yaml: a file to read: No such file"),
         ("shows checked mine", 1, "mine"),
+        ("exclude d9", 1, "there is no vehicle 'd9'"),
+        ("include d1", 1, "d1 was not taken out"),
+        ("preflight d9", 1, "there is no vehicle 'd9'"),
+        ("exclude d1 --reason " + 201 * "x", 2, "reason = xxx"),
         ("shows seek turn", 1, "no show is selected"),
         (f"start --show-hash {'0' * 64}", 1, "not the hash of the show that is selected"),
         ("start --show-hash 12", 2, "show_hash = 12"),
@@ -291,6 +300,39 @@ def test_status_shows_who_is_where_and_what_is_wrong(
         assert any(all(word in line for word in words) for line in shown.splitlines()), words
     assert "separation from d9" in shown
     assert "no answer" in capsys.readouterr().err
+
+
+def test_preflight_prints_what_fails_and_who_does_not_fly_and_its_exit_code_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = FakeService()
+    monkeypatch.setenv("COLUMNS", "160")
+    with station(service, monkeypatch):
+        assert main(["preflight"]) == 0
+        good = capsys.readouterr().out
+        assert main(["exclude", "d2", "--reason", "cracked"]) == 0
+        service.battery = 0.2
+        capsys.readouterr()
+        assert main(["preflight"]) == 1
+        bad = capsys.readouterr().out
+        assert main(["preflight", "--json"]) == 1
+        told = json.loads(capsys.readouterr().out)
+        assert main(["preflight", "--all"]) == 1
+        everything = capsys.readouterr().out
+        service.fly()
+        assert main(["preflight"]) == 1
+        assert "preflight is for the ground" in capsys.readouterr().err
+    assert "ready to start: 4 of 4 checks pass" in good
+    assert "battery" not in good
+    assert "not looked at: start pattern: there is none" in good
+    assert "not ready to start: 1 of 3 checks pass" in bad
+    (line,) = (line for line in bad.splitlines() if "d1" in line)
+    for words in ("battery", "fail", "0.20 of 1", "at least 25%", "battery at 20%"):
+        assert words in line
+    assert "not flying: d2: taken out of the show by local: cracked" in bad
+    assert (told["passes"], told["not_flying"]["d2"].endswith("cracked")) == (False, True)
+    assert told["fleet"][0]["value"] is None, "what is no number is null"
+    assert "vehicles" in everything
 
 
 def test_status_says_so_when_nobody_answers_instead_of_showing_what_was() -> None:

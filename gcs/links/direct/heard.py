@@ -13,6 +13,7 @@ from gcs.links.direct.codec import Records, decode
 from gcs.links.direct.kernels import COMPONENT, LENGTH, MESSAGE, PAYLOAD, Bytes, Whole
 from gcs.links.heard import Heard
 from gcs.links.mavlink_frames import (
+    AHRS,
     ATTITUDE,
     BATTERY_STATUS,
     EXTENDED_SYS_STATE,
@@ -24,8 +25,11 @@ from gcs.links.mavlink_frames import (
     METRES_PER_DILUTION,
     ODOMETRY,
     PREARM_CHECK,
+    SENSORS,
     STATUSTEXT,
     SYS_STATUS,
+    SYSTEM_TIME,
+    UNIX_KNOWN_S,
     UNKNOWN_DILUTION,
     Frame,
     px4_mode,
@@ -73,6 +77,8 @@ class FleetHeard:
         self._boot_ms = np.full(n, -1, np.int64)
         self._reset_counter = np.full(n, -1, np.int64)
         self._accuracy_m = np.full((n, 2), np.nan)  # horizontal, vertical
+        self._fix_type, self._clock_base_s = np.full(n, np.nan), np.full(n, np.nan)
+        self._sick_sensors = np.full(n, -1, np.int64)
         self._place = np.full((n, 3), np.nan)  # degrees, degrees, m AMSL
         self._velocity_m_s = np.full((n, 3), np.nan)
         self._yaw_deg = np.full(n, np.nan)
@@ -90,6 +96,7 @@ class FleetHeard:
                 EXTENDED_SYS_STATE: self._take_landed,
                 BATTERY_STATUS: self._take_batteries,
                 GPS_RAW_INT: self._take_accuracies,
+                SYSTEM_TIME: self._take_times,
                 ODOMETRY: self._take_reset_counters,
             }
         )
@@ -165,6 +172,9 @@ class FleetHeard:
             vertical_accuracy_m=self._accuracy_m[:, 1].copy(),
             boots=tuple(self.boots.tolist()),
             position_resets=tuple(self.position_resets.tolist()),
+            fix_type=self._fix_type.copy(),
+            sick_sensors=self._sick_sensors.copy(),
+            clock_base_s=self._clock_base_s.copy(),
         )
 
     def _mode_of(self, custom_mode: int) -> Mode:
@@ -215,7 +225,10 @@ class FleetHeard:
                     event.set()
 
     def _take_status(self, rows: Whole, said: Records, _time_s: Array) -> None:
-        self.prearm_ok[rows] = (said["onboard_control_sensors_health"] & np.uint32(PREARM_CHECK)) != 0
+        health = said["onboard_control_sensors_health"].astype(np.int64)
+        enabled = said["onboard_control_sensors_enabled"].astype(np.int64)
+        self.prearm_ok[rows] = (health & PREARM_CHECK) != 0
+        self._sick_sensors[rows] = (enabled & SENSORS | AHRS) & ~health
         self._take_remaining(rows, said)
 
     def _take_batteries(self, rows: Whole, said: Records, _time_s: Array) -> None:
@@ -228,6 +241,7 @@ class FleetHeard:
 
     def _take_accuracies(self, rows: Whole, said: Records, _time_s: Array) -> None:
         """As `mavlink_frames.gps_accuracy` reads one."""
+        self._fix_type[rows] = said["fix_type"]
         fixed = said["fix_type"] >= FIX_3D
         fields = (("eph", "h_acc"), ("epv", "v_acc"))
         for column, ((dilution, reported), metres) in enumerate(
@@ -237,6 +251,10 @@ class FleetHeard:
             by_dilution_m = np.where(known, said[dilution] / 100 * metres, np.nan)
             accuracy_m = np.where(said[reported] != 0, said[reported] / 1000, by_dilution_m)
             self._accuracy_m[rows, column] = np.where(fixed, accuracy_m, np.inf)
+
+    def _take_times(self, rows: Whole, said: Records, time_s: Array) -> None:
+        unix_s = said["time_unix_usec"] * 1e-6
+        self._clock_base_s[rows] = np.where(unix_s >= UNIX_KNOWN_S, unix_s, np.nan) - time_s
 
     def _take_reset_counters(self, rows: Whole, said: Records, _time_s: Array) -> None:
         for row, counted in zip(rows.tolist(), said["reset_counter"].tolist(), strict=True):

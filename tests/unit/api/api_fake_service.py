@@ -9,6 +9,7 @@ from dataclasses import replace
 from math import sqrt
 from pathlib import Path
 
+from gcs.checks import Check, Exclusion, PreflightReport, State, VehicleChecks
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
@@ -84,6 +85,8 @@ class FakeService:
         self.reactions: tuple[Reaction, ...] = ()
         self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
         self.orders_by_id = {}
+        self.excluded: dict[str, Exclusion] = {}
+        self.battery = 0.9
 
     def tick(self) -> None:
         """Make a new state."""
@@ -140,6 +143,38 @@ class FakeService:
             raise UnknownError(f"there is no cue {cue}")
         self.selected = replace(self.selected, cue=cue)
         return self.selected
+
+    def preflight(self, vehicles: Sequence[str] | None = None) -> PreflightReport:
+        for name in vehicles or ():
+            self._require(name)
+        if self.show is not ShowPhase.IDLE:
+            raise RefusedError("preflight is for the ground")
+        good = self.battery >= 0.25
+        words = ("", "") if good else (f"battery at {self.battery:.0%}, at least 25% is needed", "charge it")
+        state = State.PASS if good else State.FAIL
+        check = Check("battery", state, self.battery, "of 1", "at least 25%", *words)
+        out = {name: str(why) for name, why in self.excluded.items()}
+        return PreflightReport(
+            time.time(),
+            None,
+            None,
+            (Check("vehicles", State.PASS, float("nan"), "vehicles", "everybody"),),
+            tuple(VehicleChecks(name, name not in out, out.get(name, ""), (check,)) for name in self.phases),
+            ("start pattern: there is none",),
+        )
+
+    def exclude(self, vehicle_id: str, reason: str) -> OrderRecord:
+        self._require(vehicle_id)
+        if self.show is not ShowPhase.IDLE:
+            raise RefusedError("who flies is decided on the ground")
+        self.excluded[vehicle_id] = Exclusion(WHO.get(), reason, time.time())
+        return self._accept("exclude", (vehicle_id,))
+
+    def include(self, vehicle_id: str) -> OrderRecord:
+        self._require(vehicle_id)
+        if self.excluded.pop(vehicle_id, None) is None:
+            raise RefusedError(f"{vehicle_id} was not taken out of the show")
+        return self._accept("include", (vehicle_id,))
 
     def command_vehicle(self, vehicle_id: str, action: VehicleAction) -> OrderRecord:
         self._require(vehicle_id)

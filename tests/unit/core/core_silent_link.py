@@ -48,6 +48,9 @@ class SilentLink:
             vertical_accuracy_m=np.full(n, np.nan),
             boots=(0,) * n,
             position_resets=(0,) * n,
+            fix_type=np.full(n, np.nan),
+            sick_sensors=np.full(n, -1),
+            clock_base_s=np.full(n, np.nan),
         )
 
     def send(self, setpoints: Setpoints) -> None:

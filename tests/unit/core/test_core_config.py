@@ -145,6 +145,48 @@ BAD: dict[str, tuple[Callable[[dict[str, Any]], object], tuple[str, ...]]] = {
         lambda raw: raw.update(control={"law": {"speed_kmh": 9}}),
         ("control.law.speed_kmh", "9"),
     ),
+    "a start place of nobody": (
+        lambda raw: raw.update(preflight={"start_places": {"z": {"x_m": 0, "y_m": 0}}}),
+        ("preflight.start_places", "there is no vehicle z"),
+    ),
+    "two start places in one": (
+        lambda raw: raw.update(
+            preflight={"start_places": {"a": {"x_m": 1, "y_m": 2}, "b": {"x_m": 1.1, "y_m": 2}}}
+        ),
+        ("start_places: a and b have the same place",),
+    ),
+    "half a start place": (
+        lambda raw: raw.update(preflight={"start_places": {"a": {"x_m": 1}}}),
+        ("preflight.start_places.a.y_m", "required"),
+    ),
+    "a start place in words": (
+        lambda raw: raw.update(preflight={"start_places": {"a": {"x_m": "1", "y_m": 2}}}),
+        ("preflight.start_places.a.x_m = '1'",),
+    ),
+    "a start place on another continent": (
+        lambda raw: raw.update(preflight={"start_places": {"a": {"x_m": 1e6, "y_m": 2}}}),
+        ("preflight.start_places.a.x_m = 1000000.0",),
+    ),
+    "a list of start places": (
+        lambda raw: raw.update(preflight={"start_places": [{"x_m": 1, "y_m": 2}]}),
+        ("preflight.start_places",),
+    ),
+    "no limit for a rotation": (
+        lambda raw: raw.update(preflight={"rotation_max_deg": 90}),
+        ("preflight.rotation_max_deg = 90",),
+    ),
+    "no limit for a shift": (
+        lambda raw: raw.update(preflight={"shift_max_m": 0}),
+        ("preflight.shift_max_m = 0",),
+    ),
+    "an empty battery that is enough": (
+        lambda raw: raw.update(preflight={"battery_min": 0.0}),
+        ("preflight.battery_min = 0.0",),
+    ),
+    "a check that is switched off by another name": (
+        lambda raw: raw.update(preflight={"skip": ["clock"]}),
+        ("preflight.skip", "Extra inputs"),
+    ),
     "a missing section": (lambda raw: raw.pop("formation"), ("formation", "required")),
     "a missing key": (lambda raw: raw["formation"].pop("height_m"), ("formation.height_m", "required")),
     "text where a number belongs": (

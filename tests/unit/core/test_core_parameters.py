@@ -4,9 +4,11 @@ from math import inf, nan
 
 import pytest
 
+from gcs.checks import Check, State
 from gcs.config import OperationSettings
 from gcs.control import ControlSettings
-from gcs.parameters import Requirement, broken, check_parameters, requirements, settings_of
+from gcs.links import ParameterValue
+from gcs.parameters import Requirement, broken, parameter_checks, requirements, settings_of
 from sim.params import Parameters, defaults
 
 OPERATION, CONTROL = OperationSettings(), ControlSettings()
@@ -92,24 +94,37 @@ def test_single_precision_is_not_taken_for_a_wrong_value() -> None:
     assert needed("COM_OF_LOSS_T", setpoint_loss_s=0.7).holds(0.699999988079071)
 
 
+def failed(read: dict[str, ParameterValue] | None, problem: str | None = None) -> list[Check]:
+    return [check for check in parameter_checks(NEEDED, read, problem) if not check.passes]
+
+
 def test_a_vehicle_not_read_yet_stays_on_the_ground() -> None:
-    (finding,) = check_parameters(["d1"], NEEDED, {}, {})
-    assert (finding.vehicle_id, finding.problem) == ("d1", "parameters not read yet; it is being asked")
-    (finding,) = check_parameters(["d1"], NEEDED, {}, {"d1": "d1: parameter GF_ACTION: no answer"})
-    assert finding.problem == "parameters not read yet: d1: parameter GF_ACTION: no answer"
+    (check,) = failed(None)
+    assert (check.state, check.problem) == (State.UNKNOWN, "parameters not read yet; it is being asked")
+    (check,) = failed(None, "d1: parameter GF_ACTION: no answer")
+    assert check.problem == "parameters not read yet: d1: parameter GF_ACTION: no answer"
 
 
 def test_every_wrong_value_is_told_with_what_would_be_right_and_the_command_that_mends_it() -> None:
-    read = {"d1": GOOD, "d2": GOOD | {"COM_OBL_RC_ACT": 0, "GF_ACTION": 4}}
-    first, second, mend = check_parameters(["d1", "d2"], NEEDED, read, {})
-    assert (first.vehicle_id, second.vehicle_id, mend.vehicle_id) == ("d2", "d2", "d2")
+    first, second = failed(GOOD | {"COM_OBL_RC_ACT": 0, "GF_ACTION": 4})
     assert first.problem.startswith("COM_OBL_RC_ACT is 0, 5 is needed (")
+    assert (first.name, first.value, first.limit) == ("parameters", 0.0, "COM_OBL_RC_ACT: 5")
     assert "GF_ACTION is 4, 2 is needed" in second.problem
-    assert "gcs params apply --config FILE" in mend.problem
-    assert check_parameters(["d1"], NEEDED, read, {}) == []
+    assert second.name == "own fence"
+    assert "gcs params apply --config FILE" in first.to_do
+    assert first.to_do == second.to_do
 
 
 def test_a_parameter_that_the_vehicle_does_not_have_is_told() -> None:
     without = {name: value for name, value in GOOD.items() if name != "GF_ACTION"}
-    finding, _ = check_parameters(["d1"], NEEDED, {"d1": without}, {})
-    assert finding.problem.startswith("GF_ACTION is not there, 2 is needed")
+    (check,) = failed(without)
+    assert check.problem.startswith("GF_ACTION is not there, 2 is needed")
+
+
+def test_parameters_that_hold_are_told_by_what_they_are_for_and_how_many_they_are() -> None:
+    checks = parameter_checks(NEEDED, GOOD, None)
+    assert {check.name for check in checks} == {"parameters", "speed limits", "own fence"}
+    assert all(check.passes for check in checks)
+    assert sum(check.value or 0.0 for check in checks) == len(NEEDED)
+    (slow,) = failed(GOOD | {"MPC_XY_VEL_MAX": 3.0})
+    assert (slow.name, slow.value) == ("speed limits", 3.0)

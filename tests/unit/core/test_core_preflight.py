@@ -1,15 +1,18 @@
-"""Before take-off every reason to stay on the ground is named, vehicle by vehicle."""
+"""Before take-off every reason to stay on the ground is named: measured value, limit, and what to do."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from gcs.accuracy import Positioning, uncertainty_m
-from gcs.preflight import PAD_HEIGHT_MAX_M, Finding, check_fleet, told
+from gcs.checks import Check, State, told
+from gcs.preflight import PAD_HEIGHT_MAX_M, Facts, Pattern, own_checks, spacing, standing
+from gcs.preflight_settings import PreflightSettings
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
-from gcs.state import FleetState, Landed, Mode, Telemetry
+from gcs.state import Array, FleetState, Landed, Mode, Telemetry
 
 IDS = ("a", "b", "c")
 FLOOR = Floor(horizontal_m=2.0, margin_m=1.0, uncertainty_m=0.0)
@@ -31,153 +34,342 @@ GOOD = Telemetry(
     mode=(Mode.HOLD,) * 3,
     landed=(Landed.ON_GROUND,) * 3,
     ready=(True,) * 3,
-    horizontal_accuracy_m=np.full(3, np.nan),
-    vertical_accuracy_m=np.full(3, np.nan),
+    horizontal_accuracy_m=np.full(3, 0.9),
+    vertical_accuracy_m=np.full(3, 1.8),
     boots=(0,) * 3,
     position_resets=(0,) * 3,
+    fix_type=np.full(3, 3.0),
+    sick_sensors=np.zeros(3, np.int64),
+    clock_base_s=np.zeros(3),
 )
+LINE_M = (0.0, 4.0, 8.0)
 
 
-def findings(
+def known(
     telemetry: Telemetry = GOOD,
     *,
-    vehicles: tuple[str, ...] = IDS,
     age_s: tuple[float, float, float] = (0.1, 0.1, 0.1),
-    east_m: tuple[float, float, float] = (0.0, 4.0, 8.0),
+    east_m: tuple[float, float, float] = LINE_M,
     height_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    conflicts: dict[str, str] | None = None,
-    pads_within_m: float = np.inf,
-) -> list[tuple[str, str]]:
+    settings: PreflightSettings | None = None,
+    **more: Any,
+) -> Facts:
     position = np.stack([np.zeros(3), np.array(east_m), -np.array(height_m)], axis=1)
-    fleet = FleetState(0.0, IDS, position, np.zeros((3, 3)), np.zeros(3), np.array(age_s))
     reported_m = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m
-    found = check_fleet(
-        vehicles,
-        fleet,
-        {name: (telemetry, row) for row, name in enumerate(IDS)},
-        conflicts or {},
-        age_max_s=0.5,
-        floor=FLOOR,
-        fence=FENCE,
-        uncertainty_m=uncertainty_m(0.0, *reported_m, NEVER, P),
-        positioning=P,
-        pads_within_m=pads_within_m,
-    )
-    return [(finding.vehicle_id, finding.problem) for finding in found]
+    given: dict[str, Any] = {
+        "fleet": FleetState(0.0, IDS, position, np.zeros((3, 3)), np.zeros(3), np.array(age_s)),
+        "rows": {name: row for row, name in enumerate(IDS)},
+        "telemetry": {name: (telemetry, row) for row, name in enumerate(IDS)},
+        "conflicts": {},
+        "uncertainty_m": uncertainty_m(0.0, *reported_m, NEVER, P),
+        "age_max_s": 0.5,
+        "floor": FLOOR,
+        "fence": FENCE,
+        "positioning": P,
+        "settings": settings or PreflightSettings(),
+    }
+    return Facts(**{**given, **more})
 
 
-def test_a_fleet_in_order_has_no_findings() -> None:
-    assert findings() == []
+def failed(facts: Facts) -> list[tuple[str, Check]]:
+    """Whatever does not pass, of one vehicle by itself and of how it stands to its neighbours."""
+    near = spacing(facts, IDS)
+    found = [(name, check) for name in IDS for check in (*own_checks(facts, name), *near[name])]
+    assert all(check.limit for _, check in found)
+    assert all(check.problem and check.to_do for _, check in found if not check.passes)
+    assert not any(check.problem or check.to_do for _, check in found if check.passes)
+    return [(name, check) for name, check in found if not check.passes]
 
 
-@pytest.mark.parametrize("age_s", [0.7, float("inf"), float("nan")])
-def test_a_position_that_is_old_or_was_never_heard_is_named(age_s: float) -> None:
-    ((vehicle, problem),) = findings(age_s=(0.1, age_s, 0.1))
-    assert vehicle == "b"
-    assert "no position" in problem
+def only(facts: Facts) -> tuple[str, Check]:
+    (one,) = failed(facts)
+    return one
 
 
-def test_an_autopilot_that_is_not_ready_is_named() -> None:
-    assert findings(replace(GOOD, ready=(True, True, False))) == [
-        ("c", "its autopilot does not yet pass its own arming checks")
+def test_a_fleet_in_order_passes_and_every_check_is_listed_with_its_measured_value() -> None:
+    assert failed(known()) == []
+    names = [check.name for check in own_checks(known(), "b")]
+    assert names == [
+        *("address", "position", "fix", "accuracy sideways", "accuracy up", "autopilot", "battery"),
+        *("height of the origin", "distance of the origin", "clock"),
     ]
+    measured = {check.name: (check.value, check.unit) for check in own_checks(known(), "b")}
+    assert measured["position"] == (0.1, "s")
+    assert measured["fix"] == (3.0, "")
+    assert measured["accuracy sideways"] == (0.9, "m")
+    assert measured["battery"] == (1.0, "of 1")
+    assert measured["distance of the origin"] == (4.0, "m")
+    assert measured["clock"] == (0.0, "s")
 
 
-def test_a_weak_battery_is_named_with_what_is_needed() -> None:
-    assert findings(replace(GOOD, battery_remaining=np.array([0.24, 0.25, 1.0]))) == [
-        ("a", "battery at 24%, at least 25% is needed")
-    ]
+def of_b(column: str, value: float) -> Telemetry:
+    """A good fleet in which b tells something else."""
+    values = getattr(GOOD, column).copy()
+    values[1] = value
+    changed: Telemetry = replace(GOOD, **{column: values})
+    return changed
 
 
-def test_a_battery_nobody_knows_is_not_taken_for_a_full_one() -> None:
-    assert findings(replace(GOOD, battery_remaining=np.array([1.0, np.nan, 1.0]))) == [
-        ("b", "battery unknown, at least 25% is needed")
-    ]
+FAILING: dict[str, tuple[Facts, State, str, str]] = {
+    "address": (known(conflicts={"b": "system id 2 is heard twice"}), State.FAIL, "heard twice", "its own"),
+    "position": (known(age_s=(0.1, 0.7, 0.1)), State.FAIL, "no position for 0.7 s", "link"),
+    "fix": (known(of_b("fix_type", 2.0)), State.FAIL, "fix is 2D, 3D is needed", "open sky"),
+    "accuracy up": (known(of_b("vertical_accuracy_m", np.nan)), State.UNKNOWN, "not tell its", "better fix"),
+    "autopilot": (known(of_b("sick_sensors", 0x4)), State.FAIL, "unhealthy what it flies by: magn", "wait"),
+    "battery": (known(of_b("battery_remaining", 0.24)), State.FAIL, "battery at 24%, at least 25%", "charge"),
+    "height of the origin": (known(height_m=(0.0, 47.3, 0.0)), State.FAIL, "47.3 m above the", "altitude"),
+    "distance of the origin": (known(fence=Fence(distance_max_m=7.9), east_m=(0, 8, 4)), State.FAIL, "", ""),
+    "clock": (known(of_b("clock_base_s", -3.0)), State.FAIL, "3.0 s behind this machine's", "clock (NTP)"),
+    "speed": (
+        known(speed_max_m_s=np.array([np.inf, 3.0, 8.0]), speed_need_m_s=4.2),
+        *(State.FAIL, "flies at most 3 m/s, this show needs 4.2 m/s", "slower one"),
+    ),
+}
 
 
-def test_a_system_id_heard_from_two_places_is_named() -> None:
-    ((vehicle, problem),) = findings(conflicts={"b": "system id 2 is heard from two addresses"})
-    assert vehicle == "b"
-    assert "system id 2 is heard from two addresses" in problem
-    assert "a system id of its own" in problem
+@pytest.mark.parametrize("name", FAILING)
+def test_each_check_of_a_vehicle_can_fail_and_is_named(name: str) -> None:
+    facts, state, problem, to_do = FAILING[name]
+    vehicle, check = only(facts)
+    assert (vehicle, check.name, check.state) == ("b", name, state)
+    assert problem in check.problem
+    assert to_do in check.to_do
 
 
-def test_pads_too_close_to_climb_side_by_side_are_named_with_both_vehicles() -> None:
-    assert findings(east_m=(0.0, 2.5, 8.0)) == [("a", "stands 2.5 m from b, at least 3 m is needed")]
+UNKNOWN: dict[str, tuple[Telemetry, dict[str, Any]]] = {
+    "position": (replace(GOOD, position_time_s=np.full(3, -np.inf)), {"age_s": (0.1, np.inf, 0.1)}),
+    "fix": (of_b("fix_type", np.nan), {}),
+    "accuracy sideways": (of_b("horizontal_accuracy_m", np.nan), {}),
+    "autopilot": (of_b("sick_sensors", -1), {}),
+    "battery": (of_b("battery_remaining", np.nan), {}),
+    "clock": (of_b("clock_base_s", np.nan), {}),
+}
 
 
-def test_a_neighbour_that_stays_on_the_ground_is_too_close_all_the_same() -> None:
-    assert findings(vehicles=("a", "c"), east_m=(0.0, 2.5, 8.0)) == [
-        ("a", "stands 2.5 m from b, at least 3 m is needed")
-    ]
+@pytest.mark.parametrize("name", UNKNOWN)
+def test_what_is_not_known_counts_as_failed_and_is_called_unknown(name: str) -> None:
+    telemetry, more = UNKNOWN[name]
+    vehicle, check = only(known(telemetry, **more))
+    assert (vehicle, check.name, check.state, check.value) == ("b", name, State.UNKNOWN, None)
 
 
-def test_pads_exactly_far_enough_are_not_named() -> None:
-    assert findings(east_m=(0.0, 3.0, 6.0)) == []
+def test_what_a_configuration_does_not_ask_for_is_not_looked_at() -> None:
+    settings = PreflightSettings(require_fix=False, clock_max_s=None)
+    assert failed(known(replace(of_b("fix_type", np.nan), clock_base_s=NEVER), settings=settings)) == []
 
 
-def test_everything_wrong_is_named_at_once() -> None:
-    bad = replace(GOOD, battery_remaining=np.array([0.1, 1.0, 1.0]), ready=(False, True, False))
-    assert [vehicle for vehicle, _ in findings(bad, east_m=(0.0, 1.0, 8.0))] == ["a", "a", "c", "a"]
+@pytest.mark.parametrize(
+    ("need", "left", "passes"), [(0.6, 0.59, False), (0.6, 0.6, True), (0.1, 0.24, False)]
+)
+def test_a_battery_is_judged_by_what_the_show_needs_and_never_by_less_than_the_least(
+    need: float, left: float, passes: bool
+) -> None:
+    found = failed(known(of_b("battery_remaining", left), battery_need=need))
+    assert bool(found) is not passes
+    if need > 0.25 and not passes:
+        assert found[0][1].problem == "battery at 59%, at least 60% is needed for this show"
 
 
-def test_only_those_who_are_to_fly_are_checked() -> None:
-    assert findings(replace(GOOD, ready=(False, True, True)), vehicles=("b", "c")) == []
+def test_a_show_whose_need_nobody_knows_is_not_flown() -> None:
+    found = failed(known(battery_need=None))
+    assert [(vehicle, check.state) for vehicle, check in found] == [(name, State.UNKNOWN) for name in IDS]
 
 
-@pytest.mark.parametrize(("height_m", "where"), [(47.3, "47.3 m above"), (-3.1, "3.1 m below")])
-def test_a_pad_far_above_or_below_the_origin_is_named_with_its_height(height_m: float, where: str) -> None:
-    assert findings(height_m=(0.0, height_m, 0.0)) == [
-        ("b", f"stands {where} the show's origin, at most 3 m is possible: check show_frame")
-    ]
-    assert findings(height_m=(0.0, PAD_HEIGHT_MAX_M, -PAD_HEIGHT_MAX_M)) == []
-
-
-def test_a_pad_beyond_the_fence_is_named_with_its_distance() -> None:
-    assert findings(east_m=(0.0, 4.0, 1234.5)) == [
-        ("c", "stands 1234 m from the show's origin, beyond the fence at 300 m: check show_frame")
-    ]
-    assert findings(east_m=(0.0, 4.0, 300.0)) == []
-
-
-def test_a_place_that_is_too_old_to_count_is_not_judged() -> None:
-    ((_, problem),) = findings(height_m=(0.0, 50.0, 0.0), age_s=(0.1, 9.0, 0.1))
-    assert "no position for 9.0 s" in problem
+def test_an_autopilot_that_is_not_ready_is_named_with_the_sensors_that_it_calls_unhealthy() -> None:
+    _, check = only(known(replace(GOOD, ready=(True, True, False))))
+    assert check.problem == "its autopilot does not yet pass its own arming checks"
+    _, check = only(known(replace(of_b("sick_sensors", 0x200001), ready=(True, False, True))))
+    assert check.problem.endswith("arming checks: gyroscope, position and attitude estimate")
 
 
 def test_a_position_that_is_heard_but_not_believed_is_told_from_one_never_heard() -> None:
-    unheard = replace(GOOD, position_time_s=np.full(3, -np.inf))
-    assert findings(unheard, age_s=(0.1, np.inf, 0.1)) == [("b", "no position yet")]
-    ((_, problem),) = findings(age_s=(0.1, np.inf, 0.1))
-    assert "no position to believe" in problem
-    assert "check its GPS and show_frame" in problem
+    _, check = only(known(age_s=(0.1, np.inf, 0.1)))
+    assert "no position to believe" in check.problem
+    assert check.to_do == "check its GPS and show_frame"
 
 
-def test_a_pad_that_the_autopilots_own_fence_does_not_allow_for_is_named() -> None:
-    ((vehicle, problem),) = findings(east_m=(0.0, 4.0, 60.0), pads_within_m=50.0)
-    assert vehicle == "c"
-    assert problem.startswith("stands 60 m from the show's origin, its autopilot's fence allows for 50 m")
-    assert "raise operation.pads_within_m" in problem
-    assert findings(east_m=(0.0, 4.0, 60.0), pads_within_m=60.0) == []
+def test_a_place_that_is_too_old_to_count_is_not_judged() -> None:
+    _, check = only(known(height_m=(0.0, 50.0, 0.0), age_s=(0.1, 9.0, 0.1)))
+    assert check.problem == "no position for 9.0 s"
 
 
 def test_a_receiver_without_a_good_fix_is_named_with_what_it_reports() -> None:
-    poor = replace(
-        GOOD, horizontal_accuracy_m=np.array([0.9, 6.0, np.nan]), vertical_accuracy_m=np.full(3, 1.8)
-    )
-    ((vehicle, problem),) = findings(poor, east_m=(0.0, 8.0, 16.0))
-    assert vehicle == "b"
-    assert problem.startswith("its receiver reports an accuracy of 6.0 m sideways and 1.8 m up")
-    none = replace(GOOD, horizontal_accuracy_m=np.full(3, np.inf), vertical_accuracy_m=np.full(3, np.inf))
-    assert len(findings(none, east_m=(0.0, 20.0, 40.0))) == 3
+    found = failed(known(of_b("horizontal_accuracy_m", 6.0), east_m=(0.0, 8.0, 16.0)))
+    assert [(vehicle, check.name) for vehicle, check in found] == [
+        ("b", "accuracy sideways"),
+        ("b", "accuracy up"),
+    ]
+    assert found[0][1].problem.startswith("its receiver reports an accuracy of 6.0 m sideways and 1.8 m up")
+
+
+def test_pads_too_close_to_climb_side_by_side_are_named_with_both_vehicles() -> None:
+    assert [(vehicle, check.problem) for vehicle, check in failed(known(east_m=(0.0, 2.5, 8.0)))] == [
+        ("a", "stands 2.5 m from b, at least 3 m is needed"),
+        ("b", "stands 2.5 m from a, at least 3 m is needed"),
+    ]
+    assert failed(known(east_m=(0.0, 3.0, 6.0))) == []
+
+
+def test_a_neighbour_that_stays_on_the_ground_is_too_close_all_the_same() -> None:
+    (check,) = spacing(known(east_m=(0.0, 2.5, 8.0)), ["a"])["a"]
+    assert (check.state, check.value) == (State.FAIL, 2.5)
 
 
 def test_pads_are_as_far_apart_as_the_reported_accuracies_ask_for() -> None:
     worse = replace(GOOD, horizontal_accuracy_m=np.array([3.0, 3.0, 0.9]))  # 0.4 times 2 m more, each
-    ((vehicle, problem),) = findings(worse)
-    assert (vehicle, problem) == ("a", "stands 4.0 m from b, at least 4.6 m is needed")
+    found = failed(known(worse))
+    assert found[0][1].problem == "stands 4.0 m from b, at least 4.6 m is needed"
 
 
-def test_what_is_wrong_with_several_is_said_once() -> None:
-    found = [Finding("a", "is red"), Finding("b", "is blue"), Finding("c", "is red")]
-    assert told(found) == "a, c: is red; b: is blue"
+def test_the_autopilots_own_fence_bounds_the_pads_too() -> None:
+    vehicle, check = only(known(east_m=(0.0, 4.0, 60.0), pads_within_m=50.0))
+    assert vehicle == "c"
+    assert check.problem == "stands 60 m from the show's origin, its autopilot's fence allows for 50 m"
+    assert "raise operation.pads_within_m" in check.to_do
+    assert failed(known(height_m=(0.0, PAD_HEIGHT_MAX_M, -PAD_HEIGHT_MAX_M))) == []
+
+
+# together
+
+GRID_M = np.array([[row * 5.0, column * 5.0] for row in range(-1, 2) for column in range(-1, 2)])
+NINE = tuple(f"d{number}" for number in range(1, 10))
+
+
+def turned(place_m: Array, by_deg: float) -> Array:
+    c, s = np.cos(np.radians(by_deg)), np.sin(np.radians(by_deg))
+    round_m: Array = place_m @ np.array([[c, s], [-s, c]])
+    return round_m
+
+
+def nine(place_m: Array, height_m: Array | None = None, settings: PreflightSettings | None = None) -> Facts:
+    position = np.column_stack([place_m, np.zeros(9) if height_m is None else -height_m])
+    fleet = FleetState(0.0, NINE, position, np.zeros((9, 3)), np.zeros(9), np.full(9, 0.1))
+    rows = {name: row for row, name in enumerate(NINE)}
+    settings = settings or PreflightSettings()
+    return replace(known(settings=settings), fleet=fleet, rows=rows, uncertainty_m=np.full(9, 0.35))
+
+
+def pattern(
+    expected_m: Array = GRID_M, names: tuple[str, ...] = NINE, *, heading_deg: float = 30.0
+) -> Pattern:
+    return Pattern(expected_m, {name: row for row, name in enumerate(names)}, heading_deg)
+
+
+def wrong(facts: Facts, flying: tuple[str, ...] = NINE, expected: Pattern | None = None) -> dict[str, str]:
+    """Problems by the vehicle's name or the fleet's check."""
+    found = standing(facts, flying, expected or pattern())
+    checks = [(check.name, check) for check in found.fleet]
+    checks += [(name, check) for name, own in found.of.items() for check in own]
+    assert all(check.limit and check.unit for _, check in checks if check.passes)
+    assert all(check.to_do for _, check in checks if not check.passes)
+    return {name: check.problem for name, check in checks if not check.passes}
+
+
+def test_a_fleet_on_its_places_passes_wherever_they_are() -> None:
+    assert wrong(nine(GRID_M)) == {}
+    far_m = turned(GRID_M, 77.0) + np.array((40.0, -12.0))
+    assert wrong(nine(far_m), expected=pattern(far_m)) == {}
+
+
+@pytest.mark.parametrize("by_deg", [7.0, -7.0, 90.0, 180.0])
+def test_a_pattern_that_is_rotated_is_refused_with_the_angle_and_the_heading_that_it_has(
+    by_deg: float,
+) -> None:
+    found = standing(nine(turned(GRID_M, by_deg)), NINE, pattern())
+    (check,) = (check for check in found.fleet if not check.passes)
+    assert check.name == "rotation of the start pattern"
+    assert check.value is not None
+    assert abs(check.value) == pytest.approx(abs(by_deg))
+    assert f"{abs(by_deg):.1f} deg" in check.problem
+    if abs(by_deg) < 180.0:
+        assert ("counterclockwise" in check.problem) == (by_deg < 0.0)
+        assert f"heading {(30.0 + by_deg) % 360.0:.1f} deg" in check.to_do
+    assert all(check.passes for own in found.of.values() for check in own), "everybody is on its place in it"
+
+
+def test_a_pattern_that_is_shifted_by_5_m_is_refused_with_the_way() -> None:
+    assert wrong(nine(GRID_M + np.array((3.0, -4.0)))) == {
+        "shift of the start pattern": "the start pattern is shifted by 5.0 m (+3.0 m along x, -4.0 m along y)"
+        " from its middle (x 0.0 m, y 0.0 m), at most 2 m"
+    }
+
+
+def test_a_heading_that_is_wrong_by_7_degrees_also_shifts_pads_that_lie_far_from_the_origin() -> None:
+    away_m = GRID_M + np.array((40.0, 0.0))
+    found = wrong(nine(turned(away_m, 7.0)), expected=pattern(away_m))
+    assert set(found) == {"rotation of the start pattern", "shift of the start pattern"}
+    assert "shifted by 4.9 m" in found["shift of the start pattern"]
+
+
+def test_rotation_and_shift_within_their_limits_pass() -> None:
+    assert wrong(nine(turned(GRID_M, 1.9) + np.array((1.3, 1.3)))) == {}
+
+
+def test_limits_are_the_configurations() -> None:
+    strict = PreflightSettings(rotation_max_deg=1.5, shift_max_m=1.0)
+    found = wrong(nine(turned(GRID_M, 1.9) + np.array((1.3, 1.3)), settings=strict))
+    assert set(found) == {"rotation of the start pattern", "shift of the start pattern"}
+
+
+def test_two_that_stand_on_each_others_places_are_named_and_the_others_are_not() -> None:
+    swapped_m = GRID_M[[0, 1, 2, 7, 4, 5, 6, 3, 8]]
+    found = wrong(nine(turned(swapped_m, 1.0)))
+    assert set(found) == {"d4", "d8"}
+    assert found["d4"].endswith("m off its start place, on that of d8")
+    assert found["d8"].endswith("m off its start place, on that of d4")
+
+
+def test_one_far_off_its_place_does_not_turn_or_shift_the_pattern_of_the_others() -> None:
+    place_m = GRID_M.copy()
+    place_m[2] += (0.0, 30.0)
+    assert wrong(nine(place_m)) == {"d3": "stands 30.0 m off its start place"}
+
+
+def test_a_fleet_that_stands_in_no_such_pattern_is_told_so() -> None:
+    found = wrong(nine(np.column_stack([np.arange(9) * 4.0, np.zeros(9)])))
+    assert "stand in the start pattern, however it is turned and shifted" in found["start pattern"]
+
+
+def test_a_spare_takes_a_place_that_is_left_and_who_has_none_is_named() -> None:
+    expected = pattern(GRID_M[:8], NINE[:8])  # d9 is a spare
+    place_m = GRID_M.copy()
+    place_m[8] = GRID_M[3]  # and stands where d4 stood, which is out
+    place_m[3] = (30.0, 30.0)
+    assert wrong(nine(place_m), ("d1", "d2", "d3", "d5", "d6", "d7", "d8", "d9"), expected) == {}
+    assert wrong(nine(GRID_M), NINE, expected) == {"d9": "has no place in the start pattern"}
+
+
+def test_a_pattern_too_small_to_tell_a_rotation_is_judged_by_what_can_be_told() -> None:
+    two = ("d1", "d2")
+    expected = pattern(np.array([[0.0, 0.0], [0.0, 4.0]]), two)
+    place_m = np.zeros((9, 2))
+    place_m[:2] = turned(expected.places_m, 6.0)
+    assert wrong(nine(place_m), two, expected) == {}
+    place_m[:2] = turned(expected.places_m, 12.0)
+    assert "at most 7.1 deg" in wrong(nine(place_m), two, expected)["rotation of the start pattern"]
+    alone = standing(nine(place_m), ("d1",), expected)
+    assert [check.name for check in alone.fleet] == ["start pattern", "shift of the start pattern"]
+    assert "too small to tell" in alone.not_checked[0]
+
+
+def test_without_places_to_stand_on_the_report_says_that_the_pattern_is_not_looked_at() -> None:
+    found = standing(nine(GRID_M), NINE, None)
+    assert found.fleet == []
+    assert "preflight.start_places names no places" in found.not_checked[0]
+
+
+def test_a_pad_above_or_below_all_others_is_named_against_the_middle_one() -> None:
+    height_m = np.full(9, 1.5)
+    height_m[4] = -0.8
+    assert wrong(nine(GRID_M, height_m)) == {
+        "d5": "stands 2.3 m below the middle one of all pads, at most 2 m"
+    }
+
+
+def test_what_is_wrong_with_several_is_said_once_and_then_what_to_do() -> None:
+    red, blue = (
+        Check("c", State.FAIL, problem=f"is {colour}", to_do="paint it") for colour in ("red", "blue")
+    )
+    fleet = Check("f", State.UNKNOWN, problem="nobody knows")
+    found = [("a", red), ("b", blue), ("c", red), (None, fleet), ("d", Check("c", State.PASS))]
+    assert told(found) == "a, c: is red; b: is blue; nobody knows; a, b, c: paint it"

@@ -36,6 +36,9 @@ def telemetry(ids: tuple[str, ...], *, heard_s: float, altitude_amsl_m: float = 
         vertical_accuracy_m=np.full(n, np.nan),
         boots=(0,) * n,
         position_resets=(0,) * n,
+        fix_type=np.full(n, 3.0),
+        sick_sensors=np.zeros(n, np.int64),
+        clock_base_s=np.zeros(n),
     )
 
 

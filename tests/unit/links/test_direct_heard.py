@@ -81,3 +81,39 @@ def test_who_is_silent_and_speaks_again_is_met_again() -> None:
     for time_s, lives in ((1.0, 1), (3.9, 1), (7.0, 2), (8.0, 2), (20.0, 3)):
         both(each, fleet, (BEAT, BEAT), time_s)
         assert (fleet.lives[1], each.lives) == (lives, lives)
+
+
+def system_time(unix_s: float) -> Any:
+    return dialect.MAVLink_system_time_message(int(unix_s * 1e6), 5)
+
+
+def status(enabled: int, health: int) -> Any:
+    return dialect.MAVLink_sys_status_message(0x3F, enabled, health, 0, 0, 0, 80, 0, 0, 0, 0, 0, 0)
+
+
+RECORDED = 0x301402F, 0x320C83F  # of PX4 SITL, which has no remote control
+
+
+@pytest.mark.parametrize(
+    ("message", "told", "expected"),
+    [
+        (gps(900, 1780, fix=6), "fix_type", 6.0),
+        (gps(900, 1780, fix=0), "fix_type", 0.0),
+        (status(*RECORDED), "sick_sensors", 0),
+        (status(RECORDED[0], RECORDED[1] & ~0x24), "sick_sensors", 0x24),
+        (status(RECORDED[0], RECORDED[1] & ~0x200000), "sick_sensors", 0x200000),
+        (status(RECORDED[0] & ~0x4, RECORDED[1] & ~0x4), "sick_sensors", 0),  # not enabled
+        (system_time(1.7e9), "clock_base_s", 1.7e9 - 8.0),
+        (system_time(0.0), "clock_base_s", nan),  # PX4 does not know yet
+        (system_time(1e9), "clock_base_s", nan),  # nor does it now
+    ],
+)
+def test_fix_sick_sensors_and_clock_are_read_and_by_both_alike(
+    message: Any, told: str, expected: float
+) -> None:
+    fleet, each = FleetHeard(IDS), Heard()
+    before = getattr(fleet.telemetry(), told)
+    both(each, fleet, (message,), 8.0)
+    for value in (getattr(each, told), float(getattr(fleet.telemetry(), told)[1])):
+        assert value == pytest.approx(expected, nan_ok=True)
+    assert getattr(fleet.telemetry(), told)[0] == pytest.approx(before[0], nan_ok=True), "another's"

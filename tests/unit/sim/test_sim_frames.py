@@ -101,3 +101,12 @@ def test_only_what_claims_to_be_the_autopilot_itself_is_not_heard(
     )
     fleet.ears.hear([(circle, bytes(order.pack(common.MAVLink(None, *sender))))])
     assert fleet.state.setpoint_seen.tolist() == [False, heeded]
+
+
+def test_the_grid_stands_where_it_is_put_and_its_rows_lead_where_it_looks() -> None:
+    settings = Settings(
+        count=3, first=1, grid_columns=2, spacing_m=4.0, grid_at_m=(10.0, -5.0), grid_heading_deg=90.0
+    )
+    # vehicle 1 is in column 1, to the right of east: south; 2 and 3 are a row on, east
+    expected_m = [[6.0, -5.0, 0.0], [10.0, -1.0, 0.0], [6.0, -1.0, 0.0]]
+    assert Fleet(settings, start_s=0.0).bodies.position_m == pytest.approx(np.array(expected_m))

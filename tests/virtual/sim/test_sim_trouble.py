@@ -132,6 +132,35 @@ def test_accuracy_is_told_in_gps_raw_int() -> None:
     assert (gps.h_acc, gps.v_acc, gps.eph, gps.epv) == (4500, 7000, 250, 110)
 
 
+def test_a_worse_fix_and_a_wrong_time_are_told_until_their_time_is_over() -> None:
+    bench = Bench().ready()
+    trouble = Trouble(bench.fleet)
+    true_us = bench.run(1.1).last("SYSTEM_TIME").time_unix_usec
+    assert true_us > 1.79e15
+    order(trouble, fault="fix", type="2d", for_s=2.0)
+    order(trouble, fault="wrong-time", ahead_s=-3600.0, for_s=2.0)
+    bench.run(1.5)
+    assert bench.last("GPS_RAW_INT").fix_type == 2
+    assert (true_us - bench.last("SYSTEM_TIME").time_unix_usec) / 1e6 == pytest.approx(3598.5, abs=1.1)
+    bench.run(1.0)
+    trouble.pass_time()
+    bench.run(1.5)
+    assert bench.last("GPS_RAW_INT").fix_type == 3
+    assert bench.last("SYSTEM_TIME").time_unix_usec > true_us
+
+
+@pytest.mark.parametrize(("which", "bit"), [("gyro", 0x1), ("ahrs", 0x200000)])
+def test_a_sick_sensor_is_told_and_keeps_the_vehicle_from_arming(which: str, bit: int) -> None:
+    bench = Bench().ready()
+    trouble = Trouble(bench.fleet)
+    assert bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health & bit
+    order(trouble, fault="sensor", which=which)
+    health = bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health
+    assert not health & (bit | 0x10000000)
+    order(trouble, fault="none")
+    assert bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health & bit
+
+
 def test_a_reboot_on_the_ground_restarts_the_clock_disarms_and_restores_the_streams() -> None:
     bench = Bench().ready()
     bench.command(511, common.MAVLINK_MSG_ID_ATTITUDE, -1)

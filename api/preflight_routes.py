@@ -1,0 +1,93 @@
+"""Routes of preflight. They translate, and decide nothing."""
+
+from http import HTTPStatus
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from api import convert, wire, wire_preflight
+from api.desk import DeskDep
+from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
+from gcs import checks
+
+router = APIRouter(dependencies=TOKEN)
+
+Named = Annotated[
+    list[str] | None,
+    Query(max_length=1000, description="Who is to fly; absent: every vehicle that is online."),
+]
+
+
+def _check(one: checks.Check) -> wire_preflight.Check:
+    return wire_preflight.Check(
+        name=one.name,
+        state=one.state,
+        value=one.value,
+        unit=one.unit,
+        limit=one.limit,
+        problem=one.problem,
+        to_do=one.to_do,
+    )
+
+
+def _vehicle(one: checks.VehicleChecks) -> wire_preflight.VehicleChecks:
+    return wire_preflight.VehicleChecks(
+        id=one.id,
+        passes=not one.failed,
+        flies=one.flies,
+        reason=one.reason,
+        checks=[_check(check) for check in one.checks],
+    )
+
+
+@router.get(
+    "/preflight",
+    tags=["preflight"],
+    summary="What a start would find",
+    responses=READ | errors(404, 409, 503),
+)
+async def get_preflight(desk: DeskDep, vehicles: Named = None) -> wire_preflight.Preflight:
+    """Every check of every vehicle and of the fleet; made at most once a second, and only on the ground."""
+    report = desk.service.preflight(vehicles)
+    return wire_preflight.Preflight(
+        passes=report.passes,
+        unix_time_s=report.unix_time_s,
+        show=report.show,
+        show_hash=report.show_hash,
+        fleet=[_check(check) for check in report.fleet],
+        vehicles=[_vehicle(vehicle) for vehicle in report.vehicles],
+        not_flying={vehicle.id: vehicle.reason for vehicle in report.vehicles if not vehicle.flies},
+        not_checked=list(report.not_checked),
+    )
+
+
+@router.post(
+    "/vehicles/{vehicle_id}/exclude",
+    tags=["preflight"],
+    summary="Take a vehicle out of the show",
+    status_code=HTTPStatus.ACCEPTED,
+    responses=COMMAND | errors(404),
+)
+async def exclude_vehicle(
+    vehicle_id: str, desk: DeskDep, response: Response, body: wire_preflight.ExcludeBody | None = None
+) -> wire.Order:
+    """On the ground: no start takes it along until it is included again. An order, with who gave it."""
+    reason = "" if body is None else body.reason
+    record = desk.service.exclude(vehicle_id, reason)
+    response.headers["Location"] = f"/api/v1/orders/{record.id}"
+    return convert.order(record)
+
+
+@router.post(
+    "/vehicles/{vehicle_id}/include",
+    tags=["preflight"],
+    summary="Take a vehicle into the show again",
+    status_code=HTTPStatus.ACCEPTED,
+    dependencies=NO_BODY,
+    responses=COMMAND | errors(404),
+)
+async def include_vehicle(vehicle_id: str, desk: DeskDep, response: Response) -> wire.Order:
+    """On the ground: it has to pass every check, as everybody else."""
+    record = desk.service.include(vehicle_id)
+    response.headers["Location"] = f"/api/v1/orders/{record.id}"
+    return convert.order(record)

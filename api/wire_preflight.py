@@ -1,0 +1,56 @@
+"""The JSON names of preflight: what is checked before a start, and who is taken out of it."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from api.wire import Inward, Measured, Outward
+from gcs.checks import State
+
+REASON_MAX = 200
+
+# In
+
+
+class ExcludeBody(Inward):
+    """Why a vehicle is taken out of the show."""
+
+    reason: Annotated[str, Field(max_length=REASON_MAX, examples=["a propeller is cracked"])] = ""
+
+
+# Out
+
+
+class Check(Outward):
+    """One thing that is looked at before a start."""
+
+    name: str
+    state: State = Field(description="What is unknown counts as failed.")
+    value: Measured = Field(description="As measured; null where it is not known, or is no number.")
+    unit: str
+    limit: str = Field(description="What passes.")
+    problem: str = Field(description="What is wrong; empty when it passes.")
+    to_do: str = Field(description="What mends it.")
+
+
+class VehicleChecks(Outward):
+    """One vehicle before a start."""
+
+    id: str
+    passes: bool
+    flies: bool = Field(description="Whether a start would take it along, if everything passed.")
+    reason: str = Field(description="Why it does not fly.")
+    checks: list[Check]
+
+
+class Preflight(Outward):
+    """Everything that a start looks at."""
+
+    passes: bool = Field(description="Whether a start would be accepted now.")
+    unix_time_s: float = Field(description="When it was looked at; in the air: before take-off.")
+    show: str | None
+    show_hash: str | None
+    fleet: list[Check]
+    vehicles: list[VehicleChecks]
+    not_flying: dict[str, str] = Field(description="Who would stay on the ground, and why.")
+    not_checked: list[str] = Field(description="What is not looked at, and why.")

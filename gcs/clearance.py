@@ -1,0 +1,319 @@
+"""Who may start, and why not: preflight over a flight. Only on the ground, and only when somebody asks."""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from gcs.checks import Check, PreflightReport, State, VehicleChecks, told
+from gcs.columns import column_m, most_overlapping
+from gcs.columns import told as told_columns
+from gcs.errors import GcsError, RefusedError
+from gcs.feasibility import check_formation, check_obstacle
+from gcs.flight import Flight
+from gcs.foresight import PREDICTED_MAX, check_setpoint_loss, formation_m
+from gcs.inspection import Inspection
+from gcs.lifecycle import ON_THE_GROUND
+from gcs.lineup import Lineup
+from gcs.performance import Performance
+from gcs.preflight import Facts, Pattern, own_checks, spacing, standing
+from gcs.stage import Stage
+from gcs.state import VehicleId
+
+log = logging.getLogger(__name__)
+
+AGAIN_S = 1.0
+"""A report is not made more often: for a thousand vehicles it is work."""
+
+SWAYS_M = 0.5
+"""By which two vehicles may be nearer to each other than their places."""
+
+ON_GROUND = "everybody on the ground, and heard"
+AS_CHECKED = "as it was checked, with as many vehicles"
+TO_DO: Final = {
+    "vehicles": "wait until it is heard on the ground, or take it out of the show",
+    "show": "check and select the show again, name those who fly, or take the others out",
+    "formation": "choose a larger radius, or fewer vehicles",
+    "loss of the ground station": "do as the text says, or choose a larger radius",
+    "obstacles": "remove the obstacle, or move the pad",
+}
+
+
+class Cleared(NamedTuple):
+    """Who may start, and why the others do not."""
+
+    chosen: list[VehicleId]
+    left_out: dict[VehicleId, str]
+
+
+class _Looked(NamedTuple):
+    """What was found."""
+
+    alone: dict[VehicleId, list[Check]]  # of everybody
+    together: list[Check]  # of those who are to fly
+    not_checked: list[str]
+
+
+class _Kept(NamedTuple):
+    """The newest report, and what it answers."""
+
+    time_s: float
+    asked: tuple[VehicleId, ...] | None
+    show: Performance | None
+    out: frozenset[VehicleId]
+    report: PreflightReport
+
+    def answers(self, asked: tuple[VehicleId, ...] | None, flight: Flight) -> bool:
+        """Whether it will do for that question, now."""
+        same = self.show is flight.performance and self.out == frozenset(flight.excluded)
+        return same and self.asked == asked and flight.fleet.time_s - self.time_s < AGAIN_S
+
+
+class Clearance:
+    """Looks at everything before a start."""
+
+    def __init__(
+        self,
+        flight: Flight,
+        inspection: Inspection,
+        stage: Stage,
+        lineup: Lineup,
+        unix_s: Callable[[], float],
+    ) -> None:
+        self._flight = flight
+        self._inspection = inspection
+        self._stage = stage
+        self._lineup = lineup
+        self._unix_s = unix_s
+        self._last: _Kept | None = None
+
+    def report(self, wanted: Sequence[VehicleId] | None) -> PreflightReport:
+        """What a start of these would find: made now or within the last second, on the ground.
+
+        In the air it is the one of before take-off. Raises: UnknownError; RefusedError when there is none.
+        """
+        flight = self._flight
+        for name in wanted or ():
+            flight.vehicle(name)
+        if flight.show not in ON_THE_GROUND or flight.airborne:
+            if self._last is None:
+                raise RefusedError(f"preflight is for the ground, and the show is {flight.show}")
+            return self._last.report
+        asked = None if wanted is None else tuple(wanted)
+        kept = self._last
+        if kept is None or not kept.answers(asked, flight):
+            kept = self._last = self._kept(asked, self._made(asked))
+        return kept.report
+
+    def _kept(self, asked: tuple[VehicleId, ...] | None, report: PreflightReport) -> "_Kept":
+        flight = self._flight
+        return _Kept(flight.fleet.time_s, asked, flight.performance, frozenset(flight.excluded), report)
+
+    def _made(self, wanted: tuple[VehicleId, ...] | None) -> PreflightReport:
+        flight, show = self._flight, self._flight.performance
+        fleet: list[Check] = []
+        try:
+            chosen, left_out = self._lineup.choose(wanted)
+            fleet.append(_everybody(chosen))
+        except GcsError as error:
+            chosen, left_out = self._lineup.could(wanted)
+            fleet.append(_refused("vehicles", error, ON_GROUND))
+        if show is not None:
+            fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(chosen, show.hash, wanted)))
+        looked = self._look(chosen)
+        foreseen: list[Check] = []
+        if chosen and all(np.isfinite(flight.position_m(flight.vehicles[name])).all() for name in chosen):
+            foreseen = [_tried(name, limit, look) for name, limit, look in self._foresights(chosen)]
+        return self._reported(chosen, left_out, [*fleet, *looked.together, *foreseen], looked)
+
+    def _reported(
+        self,
+        chosen: Sequence[VehicleId],
+        left_out: Mapping[VehicleId, str],
+        fleet: Sequence[Check],
+        looked: "_Looked",
+    ) -> PreflightReport:
+        show, flying = self._flight.performance, set(chosen)
+        return PreflightReport(
+            unix_time_s=self._unix_s(),
+            show=None if show is None else show.name,
+            show_hash=None if show is None else show.hash,
+            fleet=tuple(fleet),
+            vehicles=tuple(
+                VehicleChecks(name, name in flying, left_out.get(name, ""), tuple(checks))
+                for name, checks in looked.alone.items()
+            ),
+            not_checked=tuple(looked.not_checked),
+        )
+
+    def need(self, show_hash: str | None, wanted: Sequence[VehicleId] | None) -> "Cleared":
+        """Before a start: who flies, and who does not.
+
+        Raises: RefusedError, InvalidError, UnknownError with all that speaks against it.
+        """
+        chosen, left_out = self._lineup.choose(wanted)
+        self._need_show(chosen, show_hash, wanted)
+        looked = self._look(chosen)
+        text = told(
+            chain(
+                ((name, check) for name in chosen for check in looked.alone[name]),
+                ((None, check) for check in looked.together),
+            )
+        )
+        if text:
+            raise RefusedError(text)
+        fleet = [_everybody(chosen)]
+        if show_hash is not None:
+            fleet.append(Check("show", State.PASS, limit=AS_CHECKED))
+        fleet += looked.together
+        for name, limit, look in self._foresights(chosen):
+            look()
+            fleet.append(Check(name, State.PASS, limit=limit))
+        self._look_at_columns(chosen)
+        report = self._reported(chosen, left_out, fleet, looked)
+        self._last = self._kept(None if wanted is None else tuple(wanted), report)
+        return Cleared(chosen, left_out)
+
+    def need_alone(self, vehicle_id: VehicleId) -> None:
+        """At its turn to take off, while others fly. Raises: RefusedError with all that speaks against it."""
+        checks = self._alone(self._facts(), [vehicle_id])[vehicle_id]
+        text = told((vehicle_id, check) for check in checks)
+        if text:
+            raise RefusedError(text)
+
+    def _need_show(
+        self, chosen: Sequence[VehicleId], show_hash: str | None, wanted: Sequence[VehicleId] | None
+    ) -> None:
+        self._stage.check_start(
+            chosen, show_hash, named=wanted is not None, taken_out=len(self._flight.excluded)
+        )
+
+    def _look(self, chosen: Sequence[VehicleId]) -> "_Looked":
+        facts = self._facts()
+        alone = self._alone(facts, list(self._flight.vehicles))
+        stand = standing(facts, chosen, self._pattern())
+        for name, checks in stand.of.items():
+            alone[name] += checks
+        return _Looked(alone, stand.fleet, [*stand.not_checked, *self._left_unlooked()])
+
+    def _left_unlooked(self) -> Iterator[str]:
+        config = self._flight.config
+        if not config.operation.require_parameters:
+            yield "parameters, speed limits, own fence: operation.require_parameters is false"
+        if not config.operation.require_safe_setpoint_loss:
+            yield "loss of the ground station: operation.require_safe_setpoint_loss is false"
+        if not config.preflight.require_fix:
+            yield "fix, accuracy: preflight.require_fix is false"
+        if config.preflight.clock_max_s is None:
+            yield "clock: preflight.clock_max_s is null"
+
+    def _alone(self, facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
+        near = spacing(facts, vehicles)
+        asked = self._flight.config.operation.require_parameters
+        return {
+            name: [
+                *own_checks(facts, name),
+                *near[name],
+                *(self._inspection.checks(name) if asked else ()),
+            ]
+            for name in vehicles
+        }
+
+    def _facts(self) -> Facts:
+        flight, operation = self._flight, self._flight.config.operation
+        show = flight.performance
+        needs = None if show is None else show.figures.get("battery_need")
+        return Facts(
+            fleet=flight.fleet,
+            rows={name: vehicle.row for name, vehicle in flight.vehicles.items()},
+            telemetry=flight.telemetry,
+            conflicts={name: text for link in flight.links for name, text in link.conflicts.items()},
+            uncertainty_m=flight.traits.uncertainty_m,
+            age_max_s=flight.control.telemetry_age_max_s,
+            floor=flight.control.safety.floor,
+            fence=flight.control.safety.fence,
+            positioning=flight.config.positioning,
+            settings=flight.config.preflight,
+            pads_within_m=operation.pads_within_m if operation.require_parameters else np.inf,
+            battery_need=0.0 if show is None else needs,
+            speed_need_m_s=0.0 if show is None else show.figures.get("speed_max_m_s", 0.0),
+            speed_max_m_s=flight.traits.speed_max_m_s,
+            ahead_s=self._unix_s() - flight.fleet.time_s,
+        )
+
+    def _pattern(self) -> Pattern | None:
+        """The selected show's pads, each a vehicle's by its number; else what the configuration says."""
+        flight, config = self._flight, self._flight.config
+        heading_deg = config.show_frame.heading_deg
+        if flight.performance is not None:
+            pads_m = flight.performance.timeline.show.pads_m[:, :2]
+            numbered = list(flight.vehicles)[: len(pads_m)]
+            return Pattern(pads_m, {name: row for row, name in enumerate(numbered)}, heading_deg)
+        places = config.preflight.start_places
+        if not places:
+            return None
+        places_m = np.array([[place.x_m, place.y_m] for place in places.values()])
+        return Pattern(places_m, {name: row for row, name in enumerate(places)}, heading_deg)
+
+    def _foresights(self, chosen: Sequence[VehicleId]) -> Iterator[tuple[str, str, Callable[[], None]]]:
+        """What would go wrong in the air, as far as it can be known: each raises what it finds."""
+        flight, operation = self._flight, self._flight.config.operation
+        yield (
+            "formation",
+            "a sphere that has room for everybody",
+            lambda: check_formation(flight.plan.formation, len(chosen), flight.control.safety),
+        )
+        if operation.require_safe_setpoint_loss:
+            rows = [flight.vehicles[name].row for name in chosen]
+            yield (
+                "loss of the ground station",
+                "nobody is brought together",
+                lambda: check_setpoint_loss(
+                    tuple(chosen),
+                    flight.fleet.position_m[rows],
+                    self._stage.plans(),
+                    flight.control,
+                    flight.traits.uncertainty_m[rows],
+                    operation.setpoint_loss_action,
+                    operation.return_height_m,
+                ),
+            )
+        yield "obstacles", "none on a pad", lambda: self._check_obstacles(chosen)
+
+    def _check_obstacles(self, chosen: Sequence[VehicleId]) -> None:
+        flight = self._flight
+        pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
+        for obstacle in self._stage.obstacles():
+            check_obstacle(obstacle, flight.control.law.avoidance, {}, pads_m)
+
+    def _look_at_columns(self, chosen: Sequence[VehicleId]) -> None:
+        """Say how many will stand above others, as far as that can be known."""
+        flight = self._flight
+        home_m = np.array([flight.position_m(flight.vehicles[name]) for name in chosen])
+        width_m = column_m(flight.control.safety.floor)
+        plan = min((plan for _, plan in self._stage.plans()), key=lambda each: each.formation.radius_m)
+        words = ""
+        if len(chosen) <= PREDICTED_MAX:
+            formed_m = formation_m(tuple(chosen), home_m, plan, flight.control)
+            words = told_columns(most_overlapping(formed_m, width_m + SWAYS_M))
+        if words and words != flight.columns:
+            log.info("columns_overlap", extra={"reason": words})
+        flight.columns = words
+
+
+def _everybody(chosen: Sequence[VehicleId]) -> Check:
+    return Check("vehicles", State.PASS, len(chosen), "vehicles", ON_GROUND)
+
+
+def _tried(name: str, limit: str, look: Callable[[], None]) -> Check:
+    try:
+        look()
+    except GcsError as error:
+        return _refused(name, error, limit)
+    return Check(name, State.PASS, limit=limit)
+
+
+def _refused(name: str, error: GcsError, limit: str) -> Check:
+    return Check(name, State.FAIL, limit=limit, problem=str(error), to_do=TO_DO[name])

@@ -1,0 +1,65 @@
+"""`gcs preflight`: what a start would find, as tables. Exit code 1 when anything speaks against it."""
+
+import argparse
+from typing import Final
+
+from rich.console import Console, Group, RenderableType
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from api import wire_preflight
+from gcs.checks import State
+from gcs.cli.remote import REFUSED, add_connection, connected, failed
+from gcs.errors import GcsError
+
+STYLE: Final = {State.PASS: "green", State.FAIL: "bold red", State.UNKNOWN: "bold yellow"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """`gcs preflight`."""
+    parser.add_argument("vehicles", nargs="*", metavar="VEHICLE", help="who is to fly (all that are online)")
+    parser.add_argument("--all", action="store_true", help="list the checks that pass, too")
+    parser.add_argument("--json", action="store_true", help="print all of it as JSON")
+    add_connection(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Returns: the exit code."""
+    try:
+        with connected(arguments) as client:
+            report = client.preflight.report(arguments.vehicles or None)
+    except GcsError as error:
+        return failed(error)
+    if arguments.json:
+        print(report.model_dump_json(indent=2))
+    else:
+        Console().print(board(report, everything=arguments.all))
+    return 0 if report.passes else REFUSED
+
+
+def board(report: wire_preflight.Preflight, *, everything: bool) -> RenderableType:
+    """Checks that fail first of all, and what was not looked at; nobody who stays behind is left out."""
+    table = Table(expand=True)
+    for name in ("whose", "check", "state", "measured", "limit", "what is wrong, and what to do"):
+        table.add_column(name)
+    whose = [("fleet", check) for check in report.fleet]
+    whose += [(one.id, check) for one in report.vehicles if one.flies for check in one.checks]
+    for name, check in whose:
+        if everything or check.state is not State.PASS:
+            table.add_row(
+                escape(name),
+                escape(check.name),
+                Text(check.state, style=STYLE[check.state]),
+                "" if check.value is None else escape(f"{check.value:.2f} {check.unit}".strip()),
+                escape(check.limit),
+                escape(". ".join(text for text in (check.problem, check.to_do) if text)),
+            )
+    passed = sum(check.state is State.PASS for _, check in whose)
+    of = "no show is selected" if report.show is None else f"show {report.show}"
+    verdict = "[green]ready to start[/]" if report.passes else "[bold red]not ready to start[/]"
+    head = f"{verdict}: {passed} of {len(whose)} checks pass; {escape(of)}"
+    left = [f"not flying: {name}: {reason}" for name, reason in report.not_flying.items()]
+    unlooked = [f"not looked at: {text}" for text in report.not_checked]
+    lines = (Text(f"! {text}", style="yellow") for text in (*left, *unlooked))
+    return Group(head, *([table] if table.row_count else []), *lines)

@@ -1,0 +1,43 @@
+"""The client's calls before a start: `client.preflight`."""
+
+from typing import Any, Protocol, TypeVar
+from urllib.parse import quote, urlencode
+
+from pydantic import BaseModel
+
+from api import wire, wire_preflight
+
+M = TypeVar("M", bound=BaseModel)
+
+
+class Caller(Protocol):
+    """How a client calls its service."""
+
+    def one(self, model: type[M], method: str, path: str, body: dict[str, Any] | bytes | None = None) -> M:
+        """One thing that is answered."""
+        ...
+
+
+class Preflight:
+    """What a start would find, and who is taken out of it. Raises as `Client` does."""
+
+    def __init__(self, caller: Caller) -> None:
+        self._caller = caller
+
+    def report(self, vehicles: list[str] | None = None) -> wire_preflight.Preflight:
+        """Every check, for a start of `vehicles` or of all that are online."""
+        named = f"?{urlencode([('vehicles', name) for name in vehicles])}" if vehicles else ""
+        return self._caller.one(wire_preflight.Preflight, "GET", f"/api/v1/preflight{named}")
+
+    def exclude(self, vehicle_id: str, *, reason: str | None = None) -> wire.Order:
+        """Take a vehicle out of the show, on the ground."""
+        body = None if reason is None else {"reason": reason}
+        return self._caller.one(wire.Order, "POST", f"{_path(vehicle_id)}/exclude", body)
+
+    def include(self, vehicle_id: str) -> wire.Order:
+        """Take it into the show again."""
+        return self._caller.one(wire.Order, "POST", f"{_path(vehicle_id)}/include")
+
+
+def _path(vehicle_id: str) -> str:
+    return f"/api/v1/vehicles/{quote(vehicle_id, safe='')}"

@@ -1,0 +1,96 @@
+"""Who flies: those on the ground who were not taken out of the show."""
+
+import logging
+from collections.abc import Callable, Sequence
+
+from gcs.checks import Exclusion
+from gcs.errors import InvalidError, RefusedError
+from gcs.flight import Flight
+from gcs.lifecycle import GROUNDED, ON_THE_GROUND, Phase
+from gcs.orders import OrderBook
+from gcs.service import WHO, OrderRecord, Outcome
+from gcs.state import VehicleId
+
+log = logging.getLogger(__name__)
+
+REASON_MAX = 200
+
+
+class Lineup:
+    """Says who would fly, and lets an operator take vehicles out."""
+
+    def __init__(self, flight: Flight, book: OrderBook, unix_s: Callable[[], float]) -> None:
+        self._flight = flight
+        self._book = book
+        self._unix_s = unix_s
+
+    def choose(self, wanted: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
+        """Who flies, and why the others do not. Raises: UnknownError, RefusedError."""
+        flight = self._flight
+        for name in wanted or ():
+            flight.vehicle(name)
+        chosen, left_out = self.could(wanted)
+        meant = set(flight.vehicles if wanted is None else wanted) - set(chosen)
+        for name, vehicle in flight.vehicles.items():
+            if name not in meant:
+                continue
+            exclusion = flight.excluded.get(name)
+            if exclusion is not None and wanted is not None:
+                raise RefusedError(f"{name} was {exclusion}; include it first")
+            if exclusion is None and (wanted is not None or vehicle.phase is not Phase.OFFLINE):
+                raise RefusedError(f"{name} is {vehicle.phase}: {vehicle.reason}; only standby can start")
+        if not chosen:
+            raise RefusedError("no vehicle is online")
+        return chosen, left_out
+
+    def could(self, wanted: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
+        """Who is meant to fly and could, and why the others do not; whatever a start would say of that."""
+        chosen: list[VehicleId] = []
+        left_out: dict[VehicleId, str] = {}
+        meant = None if wanted is None else frozenset(wanted)
+        for name, vehicle in self._flight.vehicles.items():
+            if name in self._flight.excluded:
+                left_out[name] = str(self._flight.excluded[name])
+            elif meant is not None and name not in meant:
+                left_out[name] = "not chosen"
+            elif vehicle.phase is Phase.STANDBY:
+                chosen.append(name)
+            else:
+                left_out[name] = f"{vehicle.phase}: {vehicle.reason}"
+        return chosen, left_out
+
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
+        """Take a vehicle out of the show, until it is included again.
+
+        Raises: UnknownError, InvalidError; RefusedError unless everybody is on the ground.
+        """
+        if len(reason) > REASON_MAX:
+            raise InvalidError("reason", reason[:20], f"at most {REASON_MAX} characters")
+        self._need_ground(vehicle_id)
+        exclusion = Exclusion(WHO.get(), reason, self._unix_s())
+        self._flight.excluded[vehicle_id] = exclusion
+        log.warning("excluded", extra={"vehicle": vehicle_id, "by": exclusion.by, "reason": reason})
+        return self._noted("exclude", vehicle_id, str(exclusion))
+
+    def include(self, vehicle_id: VehicleId) -> OrderRecord:
+        """Take it into the show again.
+
+        Raises: UnknownError; RefusedError when it is in, or unless everybody is on the ground.
+        """
+        self._need_ground(vehicle_id)
+        if self._flight.excluded.pop(vehicle_id, None) is None:
+            raise RefusedError(f"{vehicle_id} was not taken out of the show")
+        log.info("included", extra={"vehicle": vehicle_id, "by": WHO.get()})
+        return self._noted("include", vehicle_id, "")
+
+    def _noted(self, action: str, vehicle_id: VehicleId, reason: str) -> OrderRecord:
+        record = self._book.open(action, [vehicle_id], {})
+        self._book.close(record.id, vehicle_id, Outcome.DONE, reason)
+        return self._book.get(record.id)
+
+    def _need_ground(self, vehicle_id: VehicleId) -> None:
+        vehicle, flight = self._flight.vehicle(vehicle_id), self._flight
+        if flight.show not in ON_THE_GROUND or flight.airborne:
+            raise RefusedError(f"who flies is decided on the ground, and the show is {flight.show}")
+        if vehicle.phase not in GROUNDED:
+            raise RefusedError(f"{vehicle_id} is {vehicle.phase}: {vehicle.reason}; it is not on the ground")

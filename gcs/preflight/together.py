@@ -1,0 +1,224 @@
+"""How the vehicles stand to each other, and to the pattern that the show begins from. Pure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import degrees, hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.checks import Check, State
+from gcs.preflight.facts import Facts
+from gcs.preflight.pattern import Fit, assigned, fit
+from gcs.preflight.vehicles import judged
+from gcs.state import Array, VehicleId
+
+TOLD_MAX_DEG = 30.0
+"""A pattern so small that not even this rotation can be told has none that is looked at."""
+
+CLOCKWISE = ("clockwise", "counterclockwise")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pattern:
+    """Where vehicles should stand. Places that are nobody's own are for those who have none."""
+
+    places_m: Array  # (m, 2) show frame
+    place_of: Mapping[VehicleId, int]  # rows of `places_m`
+    heading_deg: float  # of the show frame
+
+
+@dataclass(slots=True)
+class Stand:
+    """What was found."""
+
+    fleet: list[Check] = field(default_factory=list)
+    of: dict[VehicleId, list[Check]] = field(default_factory=dict)
+    not_checked: list[str] = field(default_factory=list)
+
+
+def standing(facts: Facts, flying: Sequence[VehicleId], pattern: Pattern | None) -> Stand:
+    """Heights of the pads against each other, and the start pattern. Only who has a position is judged."""
+    found = Stand(of={name: [] for name in flying})
+    rows = facts.rows
+    placed = [name for name in flying if facts.is_placed(rows[name])]
+    at = np.array([rows[name] for name in placed], dtype=np.intp)
+    if len(placed) > 1:
+        _heights(facts, placed, at, found)
+    if pattern is None:
+        found.not_checked.append(
+            "start pattern: no show is selected, and preflight.start_places names no places"
+        )
+    elif placed:
+        _pattern(facts, placed, at, pattern, found)
+    return found
+
+
+def _heights(facts: Facts, placed: Sequence[VehicleId], at: NDArray[np.intp], found: Stand) -> None:
+    """Pads stand on one field: who is far above or below the others has a wrong altitude."""
+    height_m = -facts.fleet.position_m[at, 2]
+    above_m, most_m = height_m - float(np.median(height_m)), facts.settings.height_spread_max_m
+    for name, off_m in zip(placed, above_m.tolist(), strict=True):
+        beside = f"{abs(off_m):.1f} m {'above' if off_m > 0.0 else 'below'} the middle one of all pads"
+        found.of[name].append(
+            judged(
+                "height of the pad",
+                off_m,
+                f"from -{most_m:g} to {most_m:g} m of the middle one",
+                good=abs(off_m) <= most_m,
+                problem=f"stands {beside}, at most {most_m:g} m",
+                to_do="reboot it where it stands; on a slope raise preflight.height_spread_max_m",
+                unit="m",
+            )
+        )
+
+
+def _pattern(
+    facts: Facts, placed: Sequence[VehicleId], at: NDArray[np.intp], pattern: Pattern, found: Stand
+) -> None:
+    measured_m, within_m = facts.fleet.position_m[at, :2], facts.settings.place_max_m
+    own = np.array([pattern.place_of.get(name, -1) for name in placed], dtype=np.intp)
+    place = assigned(pattern.places_m, measured_m, own, within_m)
+    housed = np.flatnonzero(place >= 0)
+    for name in (placed[index] for index in np.flatnonzero(place < 0).tolist()):
+        found.of[name].append(
+            Check(
+                "place",
+                State.UNKNOWN,
+                limit="a place of its own",
+                problem="has no place in the start pattern",
+                to_do="take it out of the show, or name its place in preflight.start_places",
+            )
+        )
+    if not len(housed):
+        return
+    names, places_m = [placed[index] for index in housed.tolist()], pattern.places_m[place[housed]]
+    fitted = fit(places_m, measured_m[housed], facts.uncertainty_m[at[housed]], within_m)
+    _places(facts, names, at[housed], fitted, place[housed], pattern, found)
+    _lies(facts, len(names), fitted, pattern, found)
+
+
+def _places(
+    facts: Facts,
+    names: Sequence[VehicleId],
+    at: NDArray[np.intp],
+    fitted: Fit,
+    place: NDArray[np.intp],
+    pattern: Pattern,
+    found: Stand,
+) -> None:
+    """Each vehicle against its own place in the pattern as it lies."""
+    whose = {row: name for name, row in pattern.place_of.items()}
+    whose |= {int(row): name for name, row in zip(names, place, strict=True)}
+    lies_m = fitted.placed_m(pattern.places_m)
+    most_m = facts.settings.place_max_m
+    for index, name in enumerate(names):
+        off_m = float(fitted.off_m[index])
+        problem = f"stands {off_m:.1f} m off its start place"
+        if not fitted.stands[index]:
+            away_m = np.linalg.norm(lies_m - facts.fleet.position_m[at[index], :2], axis=1)
+            nearest = int(away_m.argmin())
+            if away_m[nearest] <= most_m + facts.uncertainty_m[at[index]] and nearest != place[index]:
+                owner = f"that of {whose[nearest]}" if nearest in whose else "another"
+                problem += f", on {owner}"
+        found.of[name].append(
+            judged(
+                "place",
+                off_m,
+                f"at most {most_m:g} m, and what its position may be off",
+                good=bool(fitted.stands[index]),
+                problem=problem,
+                to_do="put it on its own place, or take it out of the show",
+                unit="m",
+            )
+        )
+
+
+def _lies(facts: Facts, count: int, fitted: Fit, pattern: Pattern, found: Stand) -> None:
+    """The pattern as a whole."""
+    settings, stand = facts.settings, int(fitted.stands.sum())
+    if 2 * stand <= count and count > 1:
+        found.fleet.append(
+            Check(
+                "start pattern",
+                State.FAIL,
+                stand,
+                "vehicles",
+                f"more than half of {count}",
+                f"only {stand} of {count} stand in the start pattern, however it is turned and shifted",
+                "check which show is selected, and who stands where",
+            )
+        )
+        return
+    found.fleet.append(Check("start pattern", State.PASS, stand, "vehicles", f"more than half of {count}"))
+    x_m, y_m = fitted.origin_m.tolist()
+    turned_deg, told_deg = degrees(fitted.rotation_rad), degrees(fitted.told_rad)
+    heading_deg = (pattern.heading_deg + turned_deg) % 360.0
+    lies = (
+        f"as the pads lie, the show's origin is at x {x_m:.1f} m, y {y_m:.1f} m,"
+        f" its heading {heading_deg:.1f} deg"
+    )
+    middle = f"its middle (x {fitted.middle_m[0]:.1f} m, y {fitted.middle_m[1]:.1f} m)"
+    to_do = f"check show_frame (heading, latitude, longitude) and how the pads were set out: {lies}"
+    if told_deg > TOLD_MAX_DEG:
+        found.not_checked.append("rotation of the start pattern: it is too small to tell one")
+    else:
+        most_deg = max(settings.rotation_max_deg, told_deg)
+        told = " (less cannot be told of pads so near to each other)" if told_deg >= most_deg else ""
+        found.fleet.append(
+            judged(
+                "rotation of the start pattern",
+                turned_deg,
+                f"from -{most_deg:.1f} to {most_deg:.1f} deg, clockwise seen from above{told}",
+                good=abs(turned_deg) <= most_deg,
+                problem=f"the start pattern is turned by {abs(turned_deg):.1f} deg"
+                f" {CLOCKWISE[turned_deg < 0]} about {middle}, at most {most_deg:.1f} deg",
+                to_do=to_do,
+                unit="deg",
+            )
+        )
+    shift_m, (along_m, right_m) = hypot(*fitted.shift_m.tolist()), fitted.shift_m.tolist()
+    found.fleet.append(
+        judged(
+            "shift of the start pattern",
+            shift_m,
+            f"at most {settings.shift_max_m:g} m",
+            good=shift_m <= settings.shift_max_m,
+            problem=f"the start pattern is shifted by {shift_m:.1f} m ({along_m:+.1f} m along x,"
+            f" {right_m:+.1f} m along y) from {middle}, at most {settings.shift_max_m:g} m",
+            to_do=to_do,
+            unit="m",
+        )
+    )
+
+
+def spacing(facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
+    """Who stands too close to anybody, whether that one flies or not, to climb beside it."""
+    floor, ids = facts.floor, facts.fleet.ids
+    place_m, kept_m = facts.fleet.position_m[:, :2], floor.horizontal_m + floor.margin_m
+    found: dict[VehicleId, list[Check]] = {}
+    for name in vehicles:
+        row, found[name] = facts.rows[name], []
+        if not np.isfinite(place_m[row]).all():
+            continue
+        away_m = np.linalg.norm(place_m - place_m[row], axis=1)
+        away_m[row] = np.inf
+        near_m = np.where(np.isfinite(away_m), away_m, np.inf)
+        least_m = kept_m + facts.uncertainty_m + facts.uncertainty_m[row]
+        for other in np.flatnonzero(near_m < least_m).tolist():
+            limit, value_m = f"at least {least_m[other]:.3g} m", float(near_m[other])
+            problem = f"stands {value_m:.1f} m from {ids[other]}, {limit} is needed"
+            to_do = f"move it away from {ids[other]}"
+            found[name].append(Check("distance to the next", State.FAIL, value_m, "m", limit, problem, to_do))
+        if not found[name] and np.isfinite(near_m).any():
+            nearest = int(near_m.argmin())
+            found[name].append(
+                Check(
+                    "distance to the next",
+                    State.PASS,
+                    float(near_m[nearest]),
+                    "m",
+                    f"at least {least_m[nearest]:.3g} m",
+                )
+            )
+    return found

@@ -1,0 +1,259 @@
+"""What is looked at for one vehicle by itself. Pure."""
+
+from collections.abc import Iterator
+from math import inf, isfinite, isnan
+
+import numpy as np
+
+from gcs.accuracy import excess_m
+from gcs.checks import Check, State
+from gcs.preflight.facts import Facts
+from gcs.state import VehicleId
+
+PAD_HEIGHT_MAX_M = 3.0
+"""A pad may lie this much above or below the show's origin: obstacles, heights and landing places count from
+there. More is a wrong origin, or an altitude of another datum (ellipsoid instead of AMSL: tens of metres).
+"""
+
+FIX_3D = 3
+FIXES = {0: "no receiver", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
+
+SENSOR_NAMES = {
+    0x1: "gyroscope",
+    0x2: "accelerometer",
+    0x4: "magnetometer",
+    0x8: "barometer",
+    0x20: "GPS",
+    0x200000: "position and attitude estimate",
+}
+"""Of MAV_SYS_STATUS_SENSOR, those that it flies by."""
+
+
+def judged(
+    name: str,
+    value: float,
+    limit: str,
+    *,
+    good: bool,
+    problem: str,
+    to_do: str,
+    unit: str = "",
+) -> Check:
+    """A check of a number: NaN is not known, and what is not known does not pass."""
+    if good and not isnan(value):
+        return Check(name, State.PASS, finite(value), unit, limit)
+    state = State.UNKNOWN if isnan(value) else State.FAIL
+    return Check(name, state, finite(value), unit, limit, problem, to_do)
+
+
+def finite(value: float) -> float | None:
+    """None in place of a number that is none."""
+    return float(value) if isfinite(value) else None
+
+
+def own_checks(facts: Facts, vehicle_id: VehicleId) -> list[Check]:
+    """Everything about one vehicle but its parameters, and how it stands to the others."""
+    row = facts.rows[vehicle_id]
+    checks = [
+        _address(facts, vehicle_id),
+        _position(facts, vehicle_id, row),
+        *_receiver(facts, vehicle_id, row),
+        _estimator(facts, vehicle_id),
+        _battery(facts, vehicle_id),
+        *_origin(facts, row),
+    ]
+    checks += [check for check in (_speed(facts, row), _clock(facts, vehicle_id)) if check is not None]
+    return checks
+
+
+def _address(facts: Facts, vehicle_id: VehicleId) -> Check:
+    conflict = facts.conflicts.get(vehicle_id)
+    if conflict is None:
+        return Check("address", State.PASS, limit="one address for each system id")
+    return Check(
+        "address",
+        State.FAIL,
+        limit="one address for each system id",
+        problem=conflict,
+        to_do="give each vehicle a system id of its own",
+    )
+
+
+def _position(facts: Facts, vehicle_id: VehicleId, row: int) -> Check:
+    """Fresh; or never heard, heard too long ago, or heard and not believed (`gcs.table`)."""
+    age_s, (heard, at) = float(facts.fleet.age_s[row]), facts.telemetry[vehicle_id]
+    limit = f"at most {facts.age_max_s:g} s old"
+    if facts.is_placed(row):
+        return Check("position", State.PASS, age_s, "s", limit)
+    if isfinite(age_s):
+        problem, to_do = f"no position for {age_s:.1f} s", "wait, or look after its link"
+    elif facts.fleet.time_s - heard.position_time_s[at] <= facts.age_max_s:
+        problem = "no position to believe: it jumped, or is kilometres away"
+        to_do = "check its GPS and show_frame"
+    else:
+        problem, to_do = "no position yet", "wait for its fix, or look after its link"
+    return judged(
+        "position",
+        age_s if isfinite(age_s) else np.nan,
+        limit,
+        good=False,
+        problem=problem,
+        to_do=to_do,
+        unit="s",
+    )
+
+
+def _receiver(facts: Facts, vehicle_id: VehicleId, row: int) -> Iterator[Check]:
+    """Its fix, and whether it is good enough: at the cap the margin is not as wide as it should be."""
+    if not facts.settings.require_fix:
+        return
+    heard, at = facts.telemetry[vehicle_id]
+    kind, positioning = float(heard.fix_type[at]), facts.positioning
+    named = "not told yet" if isnan(kind) else FIXES.get(int(kind), f"of type {kind:g}")
+    yield judged(
+        "fix",
+        kind,
+        f"GPS_FIX_TYPE at least {FIX_3D}",
+        good=kind >= FIX_3D,
+        problem=f"its receiver's fix is {named}, 3D is needed",
+        to_do="wait, under an open sky",
+    )
+    accuracy_m = float(heard.horizontal_accuracy_m[at]), float(heard.vertical_accuracy_m[at])
+    excess = float(excess_m(np.array(accuracy_m[:1]), np.array(accuracy_m[1:]), positioning)[0])
+    capped = facts.uncertainty_m[row] >= positioning.uncertainty_max_m and excess > 0.0
+    worse_m = (positioning.uncertainty_max_m - facts.floor.uncertainty_m) / max(positioning.share, 1e-9)
+    usual_m = positioning.usual_horizontal_m, positioning.usual_vertical_m
+    for axis, name, most_m in (
+        (0, "accuracy sideways", usual_m[0] + worse_m),
+        (1, "accuracy up", usual_m[1] + 2.0 * worse_m),
+    ):
+        of = (
+            f"its receiver reports an accuracy of {accuracy_m[0]:.1f} m sideways and {accuracy_m[1]:.1f} m up"
+        )
+        value_m = accuracy_m[axis]
+        yield judged(
+            name,
+            value_m,
+            f"below {most_m:.1f} m, one sigma",
+            good=not capped,
+            problem="its receiver does not tell its accuracy"
+            if isnan(value_m)
+            else f"{of}: too little for any margin",
+            to_do="wait for a better fix",
+            unit="m",
+        )
+
+
+def _estimator(facts: Facts, vehicle_id: VehicleId) -> Check:
+    """What the autopilot says of its own sensors, estimator, and checks before arming."""
+    heard, at = facts.telemetry[vehicle_id]
+    sick, limit = int(heard.sick_sensors[at]), "its own checks before arming pass"
+    if sick < 0:
+        problem = "its autopilot has not told its health yet"
+        return Check("autopilot", State.UNKNOWN, None, "", limit, problem, "wait")
+    if heard.ready[at] and not sick:
+        return Check("autopilot", State.PASS, limit=limit)
+    names = ", ".join(name for bit, name in SENSOR_NAMES.items() if sick & bit)
+    problem = "its autopilot does not yet pass its own arming checks"
+    if heard.ready[at]:
+        problem = "its autopilot calls unhealthy what it flies by"
+    if names:
+        problem += f": {names}"
+    return Check("autopilot", State.FAIL, None, "", limit, problem, "wait, and read what it says")
+
+
+def _battery(facts: Facts, vehicle_id: VehicleId) -> Check:
+    heard, at = facts.telemetry[vehicle_id]
+    left, need, flat = float(heard.battery_remaining[at]), facts.battery_need, facts.settings.battery_min
+    if need is None:
+        problem = "what the selected show needs of a battery is not known"
+        to_do = "check and select it again"
+        return Check("battery", State.UNKNOWN, finite(left), "of 1", "the show's need", problem, to_do)
+    least = max(need, flat)
+    level = "unknown" if isnan(left) else f"at {left:.0%}"
+    whose = " for this show" if need > flat else ""
+    to_do = "charge it, or put in a full one" if least <= 1.0 else "choose a shorter show"
+    return judged(
+        "battery",
+        left,
+        f"at least {least:.0%}{whose}",
+        good=left >= least,
+        problem=f"battery {level}, at least {least:.0%} is needed{whose}",
+        to_do=to_do,
+        unit="of 1",
+    )
+
+
+def _origin(facts: Facts, row: int) -> Iterator[Check]:
+    """Whether its pad lies where the show's origin says that pads are."""
+    if not facts.is_placed(row):
+        return  # nothing is known of it, and that is told
+    place_m, fence = facts.fleet.position_m[row], facts.fence
+    height_m, distance_m = -float(place_m[2]), float(np.hypot(place_m[0], place_m[1]))
+    beside = f"{abs(height_m):.1f} m {'above' if height_m > 0.0 else 'below'} the show's origin"
+    yield judged(
+        "height of the origin",
+        height_m,
+        f"from -{PAD_HEIGHT_MAX_M:g} to {PAD_HEIGHT_MAX_M:g} m",
+        good=abs(height_m) <= PAD_HEIGHT_MAX_M,
+        problem=f"stands {beside}, at most {PAD_HEIGHT_MAX_M:g} m is possible",
+        to_do="check show_frame.altitude_amsl_m",
+        unit="m",
+    )
+    least_m = min(fence.distance_max_m, facts.pads_within_m)
+    away = f"stands {distance_m:.0f} m from the show's origin"
+    if distance_m > fence.distance_max_m:
+        problem = f"{away}, beyond the fence at {fence.distance_max_m:g} m"
+        to_do = "check show_frame"
+    else:
+        problem = f"{away}, its autopilot's fence allows for {facts.pads_within_m:g} m"
+        to_do = "check show_frame, or raise operation.pads_within_m and apply the parameters again"
+    yield judged(
+        "distance of the origin",
+        distance_m,
+        f"at most {least_m:g} m" if least_m < inf else "none",
+        good=distance_m <= least_m,
+        problem=problem,
+        to_do=to_do,
+        unit="m",
+    )
+
+
+def _speed(facts: Facts, row: int) -> Check | None:
+    """Whether it may fly as fast as the show needs. None: it has no limit of its own, or there is no show."""
+    if facts.speed_max_m_s is None or not facts.speed_need_m_s or not isfinite(facts.speed_max_m_s[row]):
+        return None
+    able_m_s, need_m_s = float(facts.speed_max_m_s[row]), facts.speed_need_m_s
+    return judged(
+        "speed",
+        able_m_s,
+        f"at least {need_m_s:g} m/s for this show",
+        good=able_m_s >= need_m_s,
+        problem=f"flies at most {able_m_s:g} m/s, this show needs {need_m_s:g} m/s",
+        to_do="raise its speed_max_m_s if it can fly so fast, take it out of the show, or write a slower one",
+        unit="m/s",
+    )
+
+
+def _clock(facts: Facts, vehicle_id: VehicleId) -> Check | None:
+    """The vehicles know the time from their satellites: who differs from us shows that somebody is wrong."""
+    most_s = facts.settings.clock_max_s
+    if most_s is None:
+        return None
+    heard, at = facts.telemetry[vehicle_id]
+    ahead_s = float(heard.clock_base_s[at]) - facts.ahead_s
+    if isnan(ahead_s):
+        problem, to_do = "its clock has not told the time yet", "wait for its fix"
+    else:
+        beside = f"{abs(ahead_s):.1f} s {'ahead of' if ahead_s > 0.0 else 'behind'} this machine's"
+        problem = f"its clock is {beside}, at most {most_s:g} s"
+        to_do = "set this machine's clock (NTP) if all differ alike, else look after the vehicle's receiver"
+    return judged(
+        "clock",
+        ahead_s,
+        f"at most {most_s:g} s from ours",
+        good=abs(ahead_s) <= most_s,
+        problem=problem,
+        to_do=to_do,
+        unit="s",
+    )

@@ -1,0 +1,42 @@
+"""What preflight asks for: the section `preflight` of a configuration."""
+
+from itertools import combinations
+from math import hypot
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from gcs.settings import Positive, Settings
+from gcs.state import VehicleId
+
+APART_MIN_M = 0.5
+"""Two start places that are nearer are one, written twice."""
+
+LENGTH_MAX_M = 10_000.0
+
+
+class StartPlace(Settings):
+    """Where a vehicle is to stand, show frame: x along the show's heading, y to its right."""
+
+    x_m: Annotated[float, Field(strict=True, ge=-LENGTH_MAX_M, le=LENGTH_MAX_M)]
+    y_m: Annotated[float, Field(strict=True, ge=-LENGTH_MAX_M, le=LENGTH_MAX_M)]
+
+
+class PreflightSettings(Settings):
+    """Limits. None of them silences a check that nobody sees: the report names what is not looked at."""
+
+    battery_min: Annotated[float, Field(ge=0.1, le=1)] = 0.25  # a show's own need counts where it is more
+    require_fix: bool = True  # False: vehicles that know their position without a satellite receiver
+    rotation_max_deg: Annotated[float, Field(gt=0, le=45)] = 2.0  # of the start pattern
+    shift_max_m: Positive = 2.0  # of its middle
+    place_max_m: Positive = 1.5  # of one vehicle from its own place in the pattern
+    height_spread_max_m: Positive = 2.0  # of a pad above or below the middle one of all
+    clock_max_s: Positive | None = 2.0  # between a vehicle's clock and ours; None: not looked at
+    start_places: dict[VehicleId, StartPlace] = Field(default_factory=dict)  # a written show has its own
+
+    @model_validator(mode="after")
+    def _check(self) -> "PreflightSettings":
+        for (one, here), (other, there) in combinations(self.start_places.items(), 2):
+            if hypot(here.x_m - there.x_m, here.y_m - there.y_m) < APART_MIN_M:
+                raise ValueError(f"start_places: {one} and {other} have the same place")
+        return self

@@ -1,0 +1,349 @@
+"""Preflight through the service: every check made to fail is named, and keeps the show on the ground."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from virtual_show import Show, fly, refused, show_config
+from written_show import NAME, config, keep, on_pads, select
+from written_show import TEXT as SHOW
+from written_show import fly as fly_show
+
+from gcs.checks import Check, PreflightReport
+from gcs.config import Config
+from gcs.errors import GcsError, InvalidError, RefusedError, UnknownError
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.records.known import orders
+from gcs.records.record import Record
+from gcs.service import WHO, Outcome, ShowAction
+
+HEARD_S = 3.0
+"""Whatever a vehicle tells seldom has come by then."""
+
+
+class Refused(NamedTuple):
+    """What preflight said, and what a start did."""
+
+    report: PreflightReport
+    text: str
+
+
+async def start_refused(show: Show, show_hash: str) -> Refused:
+    """Look, and start all the same."""
+    report = show.service.preflight()
+    refusal = await refused(show, lambda: show.service.command_show(ShowAction.START, show_hash=show_hash))
+    assert refusal.kind is RefusedError
+    assert show.view.show is ShowPhase.IDLE
+    assert not any(pilot.commander.armed for pilot in show.fleet.autopilots)
+    assert not report.passes
+    return Refused(report, refusal.text)
+
+
+def failing(report: PreflightReport) -> dict[str, Check]:
+    """By vehicle and check, or by the fleet's check."""
+    fleet = {check.name: check for check in report.fleet if not check.passes}
+    own = {
+        f"{vehicle.id} {check.name}": check
+        for vehicle in report.vehicles
+        if vehicle.flies
+        for check in vehicle.failed
+    }
+    return fleet | own
+
+
+def stands_so(tmp_path: Path, **settings: Any) -> Refused:
+    async def story(show: Show) -> Refused:
+        await show.standby()
+        return await start_refused(show, select(show))
+
+    return fly_show(story, config(tmp_path), **settings)
+
+
+def test_a_fleet_on_the_shows_pads_passes_every_check_and_the_start_says_the_same(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        await show.standby()
+        show_hash = select(show)
+        report = show.service.preflight()
+        assert failing(report) == {}
+        assert report.passes
+        assert (report.show, report.show_hash) == (NAME, show_hash)
+        assert {check.name for check in report.fleet} == {
+            *("vehicles", "show", "formation", "obstacles"),
+            *("start pattern", "rotation of the start pattern", "shift of the start pattern"),
+        }
+        assert report.not_checked == (
+            "loss of the ground station: operation.require_safe_setpoint_loss is false",
+        )
+        show.service.command_show(ShowAction.START, show_hash=show_hash)
+        await show.reach(ShowPhase.RUNNING)
+        flown_by = show.service.preflight()
+        assert flown_by.passes
+        assert flown_by.unix_time_s < show.unix() - 5.0, "in the air nothing is looked at again"
+
+    fly_show(story, config(tmp_path))
+
+
+@pytest.mark.parametrize("by_deg", [7.0, -7.0])
+def test_a_start_pattern_rotated_by_7_degrees_is_refused_by_name(tmp_path: Path, by_deg: float) -> None:
+    found = stands_so(tmp_path, noise_scale=0.3, **on_pads(turned_deg=by_deg))
+    assert set(failing(found.report)) == {"rotation of the start pattern"}
+    check = failing(found.report)["rotation of the start pattern"]
+    assert check.value == pytest.approx(by_deg, abs=1.5)
+    assert check.unit == "deg"
+    assert "the start pattern is turned by" in found.text
+    assert ("counterclockwise" in found.text) == (by_deg < 0.0)
+    assert "check show_frame (heading" in found.text
+
+
+def test_a_start_pattern_shifted_by_5_m_is_refused_by_name(tmp_path: Path) -> None:
+    found = stands_so(tmp_path, **on_pads(north_m=3.0, east_m=-4.0))
+    assert set(failing(found.report)) == {"shift of the start pattern"}
+    check = failing(found.report)["shift of the start pattern"]
+    assert check.value == pytest.approx(5.0, abs=0.5)
+    assert (check.unit, check.limit) == ("m", "at most 2 m")
+    assert "the start pattern is shifted by" in found.text
+
+
+def test_a_show_frame_that_is_wrong_by_7_degrees_is_refused_though_show_and_service_agree(
+    tmp_path: Path,
+) -> None:
+    async def story(show: Show) -> Refused:
+        await show.standby()
+        return await start_refused(show, select(show, SHOW.replace("heading_deg: 30.0", "heading_deg: 37.0")))
+
+    wrong = config(tmp_path, show_frame={"heading_deg": 37.0})
+    found = fly_show(story, wrong, noise_scale=0.3)
+    assert set(failing(found.report)) == {"rotation of the start pattern"}
+    assert "counterclockwise" in found.text
+
+
+def swap(show: Show) -> None:
+    """The first two stand each on the other's pad."""
+    (x_m, y_m, _), (u_m, v_m, _) = show.fleet.bodies.position_m[:2].tolist()
+    show.befall("d1", "gps-jump", north_m=u_m - x_m, east_m=v_m - y_m)
+    show.befall("d2", "gps-jump", north_m=x_m - u_m, east_m=y_m - v_m)
+
+
+def mistune(show: Show) -> None:
+    """Somebody has changed a parameter; the vehicle restarts."""
+    show.link.autopilot("d2").parameters.set("GF_ACTION", 0)
+    show.befall("d2", "reboot", off_s=3.0)
+
+
+FAULTS: dict[str, tuple[Callable[[Show], object], str]] = {
+    "d2 address": (lambda show: show.link.conflicts.update(d2="system id 2 is heard twice"), "heard twice"),
+    "d2 fix": (lambda show: show.befall("d2", "fix", type="2d"), "its receiver's fix is 2D"),
+    "d2 accuracy sideways": (
+        lambda show: show.befall("d2", "accuracy", eph_m=9.0),
+        "its receiver reports an accuracy of 9.0 m sideways",
+    ),
+    "d2 autopilot": (
+        lambda show: show.befall("d2", "sensor", which="magnetometer"),
+        "its autopilot does not yet pass its own arming checks: magnetometer",
+    ),
+    "d2 battery": (lambda show: show.befall("d2", "battery", remaining=0.3), "for this show"),
+    "d2 clock": (
+        lambda show: show.befall("d2", "wrong-time", ahead_s=60.0),
+        "s ahead of this machine's, at most 2 s",
+    ),
+    "d2 height of the pad": (
+        lambda show: show.befall("d2", "gps-jump", down_m=-2.8),
+        "above the middle one of all pads, at most 2 m",
+    ),
+    "d2 height of the origin": (
+        lambda show: show.befall("d2", "gps-jump", down_m=-6.0),
+        "above the show's origin, at most 3 m",
+    ),
+    "d2 place": (swap, "off its start place, on that of d1"),
+    "d2 own fence": (mistune, "GF_ACTION is 0, 2 is needed"),
+    "show": (lambda show: keep(show, SHOW + "\n# a word\n"), "has changed since it was checked"),
+    "vehicles": (lambda show: show.link.silence("d2"), "is for 4 vehicles, 3 would start"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_each_check_that_fails_is_named_and_refuses_the_start(tmp_path: Path, name: str) -> None:
+    fault, says = FAULTS[name]
+
+    async def story(show: Show) -> Refused:
+        await show.standby()
+        show_hash = select(show)
+        assert show.service.preflight().passes
+        fault(show)
+        await show.wait(HEARD_S)
+        if name == "d2 own fence":
+            await show.wait(10.0)
+        return await start_refused(show, show_hash)
+
+    found = fly_show(story, config(tmp_path), noise_scale=0.2)
+    assert says in found.text
+    wanted = "show" if name == "vehicles" else name  # who is offline is told by how many the show lacks
+    check = failing(found.report)[wanted]
+    assert says in check.problem or wanted == "show"
+    assert check.limit
+
+
+def test_a_battery_is_measured_against_the_show_that_is_selected(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        await show.standby()
+        show.befall("d2", "battery", remaining=0.3)
+        await show.wait(HEARD_S)
+        assert show.service.preflight().passes, "without a show a quarter is enough"
+        show_hash = select(show)
+        found = await start_refused(show, show_hash)
+        need = show.service.shows.checked(NAME).figures["battery_need"]  # type: ignore[index]
+        check = failing(found.report)["d2 battery"]
+        assert check.value == pytest.approx(0.3, abs=0.01)
+        assert check.limit == f"at least {need:.0%} for this show"
+
+    fly_show(story, config(tmp_path))
+
+
+def test_clocks_that_all_differ_alike_show_that_this_machines_is_wrong(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        await show.standby()
+        show.unix.ahead_s += 30.0
+        found = failing(show.service.preflight())
+        assert set(found) == {f"d{number} clock" for number in range(1, 5)}
+        assert found["d1 clock"].value == pytest.approx(-30.0, abs=0.5)
+        assert "set this machine's clock (NTP) if all differ alike" in found["d1 clock"].to_do
+
+    fly_show(story, config(tmp_path))
+
+
+def test_a_show_at_a_clock_time_is_called_off_by_what_fails_until_then(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        await show.standby()
+        show_hash = select(show)
+        record = show.service.command_show(
+            ShowAction.START, show_hash=show_hash, at_unix_time_s=show.unix() + 15.0
+        )
+        assert (await refused(show, lambda: show.service.exclude("d2", ""))).kind is RefusedError
+        show.befall("d2", "fix", type="none")
+        await show.until(lambda: show.view.show is ShowPhase.IDLE, 20.0)
+        assert "its receiver's fix is none" in show.view.reason
+        assert show.service.order(record.id).outcome is Outcome.FAILED
+
+    fly_show(story, config(tmp_path))
+
+
+def test_who_is_taken_out_stays_on_the_ground_and_is_named_with_whoever_did_it(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        service = show.service
+        await show.standby()
+        show_hash = select(show)
+        show.befall("d2", "battery", remaining=0.1)
+        await show.wait(HEARD_S)
+        await start_refused(show, show_hash)
+        WHO.set("anna")
+        record = service.exclude("d2", "a cracked propeller")
+        assert (record.action, record.by, record.outcome) == ("exclude", "anna", Outcome.DONE)
+        why = "taken out of the show by anna: a cracked propeller"
+        report = service.preflight()
+        assert failing(report) == {}
+        assert {vehicle.id: vehicle.reason for vehicle in report.vehicles if not vehicle.flies} == {"d2": why}
+        await show.wait(0.2)
+        assert f"d2: not flying: {why}" in show.view.notices
+        started = service.command_show(ShowAction.START, show_hash=show_hash)
+        assert (started.outcomes["d2"].outcome, started.outcomes["d2"].reason) == (Outcome.NOT_INCLUDED, why)
+        await show.reach(ShowPhase.RUNNING)
+        assert f"d2: not flying: {why}" in show.view.notices
+        assert show.vehicle("d2").phase is Phase.STANDBY
+        assert not show.link.autopilot("d2").commander.armed
+        for change in (lambda: service.exclude("d1", ""), lambda: service.include("d2")):
+            refusal = await refused(show, change)
+            assert "who flies is decided on the ground" in refusal.text
+        await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+        service.include("d2")
+        await show.wait(0.2)
+        assert not any("d2" in notice for notice in show.view.notices)
+        assert "d2 battery" in failing(service.preflight()), "who is in again is judged again"
+
+    asked = config(tmp_path)
+    vehicles = {name: (row + 1, "loop") for row, name in enumerate(asked.ids)}
+    with Record(tmp_path / "runs", asked.model_dump_json(), vehicles) as record:
+        fly_show(story, asked, record=record, noise_scale=0.3)
+    noted = [(each.action, each.who) for each in orders(tmp_path / "runs")]
+    assert ("exclude", "anna") in noted
+    assert ("include", "anna") in noted
+
+
+def test_bad_orders_to_take_somebody_out_change_nothing(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        service = show.service
+        await show.standby()
+        bad: list[tuple[Callable[[], object], type[GcsError], str]] = [
+            (lambda: service.exclude("d9", ""), UnknownError, "there is no vehicle d9"),
+            (lambda: service.include("d9"), UnknownError, "there is no vehicle d9"),
+            (lambda: service.include("d2"), RefusedError, "d2 was not taken out"),
+            (lambda: service.exclude("d2", "x" * 201), InvalidError, "at most 200 characters"),
+            (lambda: service.preflight(["d1", "d9"]), UnknownError, "there is no vehicle d9"),
+        ]
+        for request, kind, says in bad:
+            refusal = await refused(show, request)
+            assert (refusal.kind, says in refusal.text) == (kind, True)
+        assert all(vehicle.flies for vehicle in service.preflight().vehicles)
+        service.exclude("d2", "")
+        start = lambda: service.command_show(ShowAction.START, ["d1", "d2"])  # noqa: E731
+        assert "include it first" in (await refused(show, start)).text
+
+    fly(story, show_config(3))
+
+
+def test_who_does_not_get_up_is_named_with_those_who_do_not_fly() -> None:
+    async def story(show: Show) -> None:
+        show.link.silence("d4")
+        await show.standby()
+        show.service.command_show(ShowAction.START, ["d1", "d2"])
+        show.fleet.state.sick_sensors[1] = 0x1
+        await show.reach(ShowPhase.RUNNING)
+        notices = "; ".join(show.view.notices)
+        assert "d3, d4: not flying: not chosen" in notices
+        assert "d2: not flying: d2: its autopilot does not yet pass its own arming checks" in notices
+        await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+        await show.wait(0.2)
+        assert not any("not flying" in notice for notice in show.view.notices)
+
+    fly(story, show_config(4))
+
+
+def placed(**places: tuple[float, float]) -> Config:
+    """Three vehicles with start places in the configuration."""
+    named = {name: {"x_m": x_m, "y_m": y_m} for name, (x_m, y_m) in places.items()}
+    return show_config(3, show_frame={"heading_deg": 0.0}, preflight={"start_places": named})
+
+
+def test_without_a_written_show_the_configurations_start_places_count() -> None:
+    async def story(show: Show) -> PreflightReport:
+        await show.standby()
+        return show.service.preflight()
+
+    settings: dict[str, Any] = {"grid_columns": 1, "noise_scale": 0.2}  # at 0, 4 and 8 m north
+    good = fly(story, placed(d1=(0, 0), d2=(4, 0), d3=(8, 0)), **settings)
+    assert failing(good) == {}
+    assert not any("start pattern" in text for text in good.not_checked)
+    shifted = fly(story, placed(d1=(0, 5), d2=(4, 5), d3=(8, 5)), **settings)
+    assert set(failing(shifted)) == {"shift of the start pattern"}
+    nowhere = fly(story, placed(d1=(0, 0), d3=(8, 0)), **settings)
+    assert set(failing(nowhere)) == {"d2 place"}
+    none = fly(story, show_config(3))
+    assert any("start pattern" in text for text in none.not_checked)
+
+
+def test_on_the_ground_a_report_is_made_at_most_once_a_second(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        await show.standby()
+        first = show.service.preflight()
+        await show.wait(0.5)
+        assert show.service.preflight() is first
+        assert show.service.preflight(["d1"]) is not first, "another question"
+        show_hash = select(show)
+        assert show.service.preflight().show_hash == show_hash, "another show"
+        second = show.service.preflight()
+        await show.wait(1.1)
+        assert show.service.preflight() is not second
+
+    fly_show(story, config(tmp_path))
