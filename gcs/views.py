@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from gcs.control import Tick
+from gcs.interrupted import Interrupted
 from gcs.lifecycle import ShowPhase, not_ours
 from gcs.performance import Performance
 from gcs.plan import Plan
@@ -40,12 +41,15 @@ def fleet_view(
     performance: Performance | None = None,
     waits: Sequence[str] = (),
     start_unix_s: float | None = None,
+    interrupted: Interrupted | None = None,
 ) -> FleetView:
     """Put one tick's state together; rows of `fleet` and `vehicles` correspond.
 
     `known` are those whose parameters have been read: only they are ready. `problems` are the links', `waits`
-    say which obstacles of the selected show do not stand yet, `start_unix_s` is that of a countdown.
+    say which obstacles of the selected show do not stand yet, `start_unix_s` is that of a countdown,
+    `interrupted` a flight that was cut off.
     """
+    cut_off = () if interrupted is None else (interrupted.notice,)
     lights = {} if performance is None else performance.lights(fleet.ids, fleet.time_s)
     sent = dict(zip(tick.setpoints.ids, tick.setpoints.velocity_m_s, strict=True))
     center = tick.memory.center
@@ -78,9 +82,10 @@ def fleet_view(
         control_alive=control_alive,
         setpoints_sent=setpoints_sent,
         interventions=interventions,
-        notices=(*not_ours((vehicle.id, vehicle.phase) for vehicle in vehicles), *waits, *problems),
+        notices=(*cut_off, *not_ours((vehicle.id, vehicle.phase) for vehicle in vehicles), *waits, *problems),
         selected=None if performance is None else performance.view(fleet.time_s),
         start_unix_time_s=start_unix_s,
+        interrupted=interrupted,
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
     )
 

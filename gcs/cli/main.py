@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 import gcs.cli.certify as certify_command
 import gcs.cli.demo as demo_command
+import gcs.cli.kill as kill_command
 import gcs.cli.params as params_command
 import gcs.cli.remote as remote_commands
 import gcs.cli.replay as replay_command
@@ -20,6 +21,7 @@ import gcs.cli.status as status_command
 import gcs.cli.token as token_command
 import sim.cli
 from gcs import config as configuration
+from gcs import supervisor
 from gcs.cli import logs
 from gcs.errors import ConfigError
 from gcs.links.keys import create_key
@@ -34,13 +36,16 @@ def build_parser() -> argparse.ArgumentParser:
     demo_command.add_arguments(demo_parser)
     demo_parser.set_defaults(run=demo_command.run)
 
-    serve_parser = commands.add_parser("serve", help="run the service and its REST API")
+    serve_parser = commands.add_parser("serve", help="run the service and its REST API", allow_abbrev=False)
     serve_parser.add_argument(
         "--config", required=True, metavar="FILE", help="a YAML file, or the name of one that is shipped"
     )
     serve_parser.add_argument("--host", help="where the API listens; 127.0.0.1 unless told otherwise")
     serve_parser.add_argument("--port", type=int, help="of the API; 8000 unless told otherwise")
     serve_parser.add_argument("--quiet", action="store_true", help="log warnings only")
+    serve_parser.add_argument(
+        supervisor.OPTION, action="store_true", help="by a parent that starts it again when it ends or hangs"
+    )
     serve_parser.set_defaults(run=_serve)
 
     show_parser = commands.add_parser("show", help="check, draw or hash a show file")
@@ -76,6 +81,11 @@ def build_parser() -> argparse.ArgumentParser:
     status_command.add_arguments(status_parser)
     status_parser.set_defaults(run=status_command.run)
     remote_commands.add_commands(commands)
+    kill_parser = commands.add_parser(
+        "kill", help="stop motors now, even in the air; works without the service"
+    )
+    kill_command.add_arguments(kill_parser)
+    kill_parser.set_defaults(run=kill_command.run)
 
     sim_parser = commands.add_parser("sim", help="run a fake fleet alone, as python -m sim does")
     sim.cli.add_arguments(sim_parser)
@@ -84,6 +94,8 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _serve(arguments: argparse.Namespace) -> int:
+    if arguments.supervised:
+        return supervisor.run(sys.argv[1:])
     logs.set_up(logging.WARNING if arguments.quiet else logging.INFO)
     config = configuration.load(configuration.find(arguments.config))
     changes = {"host": arguments.host, "port": arguments.port}
