@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import faulthandler
 import logging
 import signal
 from collections.abc import AsyncIterator, Callable
@@ -223,7 +222,6 @@ def _anybody_up(view: FleetView) -> bool:
 
 def run(config: Config, say: Callable[[str], None]) -> int:
     """Serve on a loop of its own. Returns: the exit code."""
-    faulthandler.enable()  # SIGABRT says where it hangs
     notifier = notify.from_environment()
     try:
         eventloop.run(serve(config, say, notifier))
