@@ -11,7 +11,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Match, Route
 
-from api import docs, metrics, preflight_routes, problem_docs, routes, show_routes, stream, wire
+from api import docs, kill_routes, metrics, preflight_routes, problem_docs, routes, show_routes, stream, wire
 from api.audit import Audited
 from api.desk import Desk
 from api.door import Door
@@ -66,6 +66,7 @@ def create_app(
     app.include_router(metrics.router)
     app.include_router(routes.api, prefix="/api/v1")
     app.include_router(preflight_routes.router, prefix="/api/v1")
+    app.include_router(kill_routes.kill, prefix="/api/v1")
     app.include_router(show_routes.selected, prefix="/api/v1")
     app.include_router(show_routes.files, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")

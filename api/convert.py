@@ -6,10 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from api import wire, wire_reactions, wire_shows
+from api import wire, wire_interrupted, wire_reactions, wire_shows
 from gcs import plan
 from gcs.errors import InvalidError, RefusedError
 from gcs.frames import ShowFrame
+from gcs.interrupted import Interrupted
 from gcs.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
 from gcs.reactions import Action, Cause
 from gcs.service import (
@@ -271,6 +272,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
         minimum_separation_m=view.minimum_separation_m,
         setpoints_sent=view.setpoints_sent,
         filter_interventions=view.interventions,
+        interrupted=None if view.interrupted is None else interrupted(view.interrupted),
         notices=list(view.notices),
         reactions=[reaction(each) for each in view.reactions],
         access=access,
@@ -283,6 +285,22 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
             lateness_p99_ms=view.tick.lateness_p99_ms,
         ),
         vehicles=[vehicle(each, frame) for each in view.vehicles],
+    )
+
+
+def interrupted(found: Interrupted) -> wire_interrupted.Interrupted:
+    """A flight that was cut off, for the wire."""
+    selected = None
+    if found.written is not None:
+        selected = wire_interrupted.WrittenShow(**asdict(found.written))
+    return wire_interrupted.Interrupted(
+        session=found.session,
+        unix_time_s=found.unix_time_s,
+        show=found.show,
+        selected=selected,
+        vehicles={one.id: wire_interrupted.Remaining(**asdict(one)) for one in found.vehicles},
+        offers=list(found.offers),
+        problems=list(found.problems),
     )
 
 

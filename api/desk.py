@@ -11,6 +11,7 @@ from starlette.requests import HTTPConnection
 
 from api import convert
 from api.door import Door
+from api.killswitch import KillSwitch
 from gcs.errors import RefusedError
 from gcs.frames import ShowFrame
 from gcs.plan import Plan
@@ -30,6 +31,7 @@ class Desk:
     def __init__(self, service: Service, door: Door) -> None:
         self.service = service
         self.door = door
+        self.kill_switch = KillSwitch()
         self.emergency_port: int | None = None  # of the listener for emergency calls alone, once it listens
         self._accepted = service.view.value.plan
         self._accepted_during = service.view.value

@@ -15,6 +15,7 @@ from starlette.datastructures import Headers
 
 from api.rates import Bucket
 from gcs.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
+from gcs.interrupted import Offer
 from gcs.service import ShowAction, VehicleAction
 from gcs.tokens import Entry, Tokens
 
@@ -33,10 +34,14 @@ READING: Final = frozenset({"GET", "HEAD", "WEBSOCKET"})
 EMERGENCIES: Final = frozenset(
     {
         *(ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT),
-        *(VehicleAction.HOLD, VehicleAction.RETURN, VehicleAction.LAND, VehicleAction.KILL),
+        Offer.BRING_HOME,
+        *(VehicleAction.HOLD, VehicleAction.RETURN, VehicleAction.LAND),
     }
 )
 """Orders that only ever make less of a flight."""
+
+KILL: Final = frozenset({"/api/v1/kill", "/api/v1/kill/confirm"})
+"""Likewise."""
 
 SUBPROTOCOL: Final = "gcs.v1"
 BEARER: Final = "bearer."
@@ -56,7 +61,7 @@ def is_emergency(method: str, path: str) -> bool:
     """Whether this is a call of the emergency lane."""
     start, _, action = path.rpartition("/")
     ours = start in {"/api/v1/show", "/api/v1/vehicles"} or start.startswith("/api/v1/vehicles/")
-    return method == "POST" and ours and action in EMERGENCIES
+    return method == "POST" and (path in KILL or (ours and action in EMERGENCIES))
 
 
 def needed(method: str, path: str) -> Right | None:

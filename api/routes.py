@@ -12,6 +12,7 @@ from api import convert, wire
 from api.desk import Desk, DeskDep
 from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.errors import InvalidError, UnknownError
+from gcs.interrupted import Offer
 from gcs.plan import Obstacle
 from gcs.service import ShowAction, VehicleAction
 
@@ -73,7 +74,6 @@ VEHICLE_SUMMARY: Final = {
     VehicleAction.JOIN: "Back from hold into the formation",
     VehicleAction.RETURN: "Come home and land",
     VehicleAction.LAND: "Land where it is",
-    VehicleAction.KILL: "Stop the motors now, even in the air",
     VehicleAction.HAND_BACK: "Take a pilot's vehicle back, into hold",
     VehicleAction.CONFIRM_DOWN: "Say that a lost vehicle was seen on the ground",
 }
@@ -156,6 +156,34 @@ for _show_action, _summary in SHOW_SUMMARY.items():
         name=f"{_show_action.value}_show",
         summary=_summary,
         description="Accepted as an order; `409` when the show's phase forbids it.",
+        status_code=HTTPStatus.ACCEPTED,
+        tags=["show"],
+        dependencies=NO_BODY,
+        responses=COMMAND,
+    )
+
+
+OFFER_SUMMARY: Final = {
+    Offer.TAKE_OVER: "Go on with a flight that was cut off: into the formation, which stands until resume",
+    Offer.BRING_HOME: "Bring a flight that was cut off home to where it took off",
+}
+
+
+def _offer_command(offer: Offer) -> Callable[..., Awaitable[wire.Order]]:
+    async def command(desk: DeskDep, response: Response) -> wire.Order:
+        return _accepted(response, convert.order(desk.service.settle(offer)))
+
+    return command
+
+
+for _offer, _summary in OFFER_SUMMARY.items():
+    api.add_api_route(
+        f"/show/{_offer}",
+        _offer_command(_offer),
+        methods=["POST"],
+        name=f"{_offer.value.replace('-', '_')}_show",
+        summary=_summary,
+        description="Accepted as an order; `409` when `interrupted` of `/fleet` does not offer it.",
         status_code=HTTPStatus.ACCEPTED,
         tags=["show"],
         dependencies=NO_BODY,

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from api.wire_interrupted import Interrupted
 from api.wire_reactions import Reaction
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Direction, YawPolicy
@@ -36,7 +37,7 @@ def _whole_change(value: object) -> object:
     return value
 
 
-def _without_defaults(schema: dict[str, Any]) -> None:
+def without_defaults(schema: dict[str, Any]) -> None:
     """An absent field is left as it is; the placeholder that says so is nobody's business."""
     for field in schema.get("properties", {}).values():
         field.pop("default", None)
@@ -48,7 +49,7 @@ HASH_EXAMPLE: Final = "4f0c8dd7e2a6b1935c7e0f8a9b6d5c4e3f2a1b0c9d8e7f6a5b4c3d2e1
 
 def _at_least_one(schema: dict[str, Any]) -> None:
     """And a change without any is refused."""
-    _without_defaults(schema)
+    without_defaults(schema)
     schema["minProperties"] = 1
 
 
@@ -174,7 +175,7 @@ class Box(Inward):
 class ObstaclePost(Box):
     """A new obstacle; without an id it is given one."""
 
-    model_config = ConfigDict(json_schema_extra=_without_defaults)
+    model_config = ConfigDict(json_schema_extra=without_defaults)
 
     id: ObstacleId = Field(default=ABSENT, description="Absent: one is made.")
 
@@ -182,7 +183,7 @@ class ObstaclePost(Box):
 class ObstaclePut(Box):
     """The obstacle as it shall be; an id, where given, must be the path's."""
 
-    model_config = ConfigDict(json_schema_extra=_without_defaults)
+    model_config = ConfigDict(json_schema_extra=without_defaults)
 
     id: ObstacleId = Field(default=ABSENT, description="May be left out: the path names it.")
 
@@ -190,7 +191,7 @@ class ObstaclePut(Box):
 class StartBody(Inward):
     """Who flies."""
 
-    model_config = ConfigDict(json_schema_extra=_without_defaults)
+    model_config = ConfigDict(json_schema_extra=without_defaults)
 
     vehicles: Annotated[list[str], Field(min_length=1, max_length=10_000, examples=[["d1", "d2"]])] = Field(
         default=ABSENT, description="Absent: every vehicle that is online."
@@ -429,6 +430,7 @@ class Fleet(Outward):
     minimum_separation_m: Measured
     setpoints_sent: int
     filter_interventions: int = Field(description="Each vehicle in each tick that safety changed, in all.")
+    interrupted: Interrupted | None = Field(description="A flight that was cut off, and is not settled.")
     notices: list[str] = Field(description="What an operator should know now, in words.")
     reactions: list[Reaction] = Field(
         description="What the service does by itself now; the most severe first. Empty in a replay."

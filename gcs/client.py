@@ -21,7 +21,8 @@ from urllib.parse import quote
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from api import wire
+from api import wire, wire_kill
+from api.wire_interrupted import Interrupted
 from gcs.client_preflight import Preflight
 from gcs.client_shows import Shows
 from gcs.errors import LinkError, OrderError
@@ -33,7 +34,7 @@ URL: Final = "http://127.0.0.1:8000"
 
 PENDING: Final = "pending"
 
-URGENT: Final = frozenset({"hold", "return", "land", "kill"})
+URGENT: Final = frozenset({"hold", "return", "land"})
 """What goes to the listener for emergency calls, where there is one."""
 
 ASK_AGAIN_S: Final = 0.2
@@ -109,9 +110,18 @@ class Client:
         return self.one(wire.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
 
     def command(self, vehicle_id: str, action: str) -> wire.Order:
-        """Order one vehicle: hold, join, return, land, kill, hand-back or confirm-down."""
+        """Order one vehicle: hold, join, return, land, hand-back or confirm-down."""
         path = f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}"
         return self.one(wire.Order, "POST", path, urgent=action in URGENT)
+
+    def arm_kill(self, vehicles: list[str] | None = None) -> wire_kill.KillArmed:
+        """The first step of a kill: whom the code will kill. None: all that are not offline."""
+        body = _given(vehicles=vehicles)
+        return self.one(wire_kill.KillArmed, "POST", "/api/v1/kill", body or None, urgent=True)
+
+    def confirm_kill(self, code: str) -> wire.Order:
+        """The second step: their motors stop, even in the air."""
+        return self.one(wire.Order, "POST", "/api/v1/kill/confirm", {"code": code}, urgent=True)
 
     def show(self) -> wire.Show:
         """Where the show stands."""
@@ -143,6 +153,18 @@ class Client:
     def abort(self) -> wire.Order:
         """Everybody descends to distinct places, now."""
         return self.one(wire.Order, "POST", "/api/v1/show/abort", urgent=True)
+
+    def take_over(self) -> wire.Order:
+        """Go on with a flight that was cut off: into the formation, which stands until `resume`."""
+        return self.one(wire.Order, "POST", "/api/v1/show/take-over")
+
+    def bring_home(self) -> wire.Order:
+        """Bring a flight that was cut off home to where it took off."""
+        return self.one(wire.Order, "POST", "/api/v1/show/bring-home", urgent=True)
+
+    def interrupted(self) -> Interrupted | None:
+        """A flight that was cut off and is not settled, and what can be ordered; None: there is none."""
+        return self.fleet().interrupted
 
     def orders(self) -> list[wire.Order]:
         """The last orders, the newest first."""

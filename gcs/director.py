@@ -10,6 +10,7 @@ from gcs.errors import InvalidError, RefusedError
 from gcs.flight import Flight
 from gcs.homecoming import Homecoming
 from gcs.inspection import Inspection
+from gcs.interrupted import Interruption
 from gcs.lifecycle import IN_THE_AIR, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.lineup import Lineup
 from gcs.orders import OrderBook
@@ -19,6 +20,7 @@ from gcs.service import OrderRecord, Outcome, Reaction, ShowAction, VehicleActio
 from gcs.stage import Stage
 from gcs.starting import Countdown, Starting
 from gcs.state import Array, VehicleId
+from gcs.takeover import Takeover
 from gcs.timing import TickClock
 from gcs.vehicle import Vehicle
 from gcs.vehicle_orders import VehicleOrders
@@ -40,7 +42,9 @@ class Director:
         stage: Stage,
         unix_s: Callable[[], float],
         clock: TickClock,
+        found: Interruption | None = None,
     ) -> None:
+        """`found`: a flight that was cut off before this service began."""
         self._flight = flight
         self._errands = errands
         self._book = book
@@ -49,6 +53,7 @@ class Director:
         self._starting = Starting(flight, errands, book, self._clearance, stage, unix_s)
         self._vehicle_orders = VehicleOrders(flight, errands, book)
         self._homecoming: Homecoming | None = None
+        self.takeover = Takeover(flight, errands, book, stage, found, self._bring_home, unix_s)
         self._watch = Watch(flight, errands, inspection, self._come_back)
         self._reacting = Reacting(flight, stage, clock, unix_s, self, errands.running)
 
@@ -87,6 +92,7 @@ class Director:
         if flight.show in ON_THE_GROUND and flight.airborne:
             names = ", ".join(vehicle.id for vehicle in flight.airborne)
             flight.move_show(ShowEvent.TAKEN_ON, f"in the air and ours, waiting for orders: {names}")
+        self.takeover.advance()
         if flight.show is ShowPhase.ARMING:
             # who comes down again does not keep the others waiting
             if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
@@ -194,12 +200,28 @@ class Director:
         """Carry out an order to one vehicle. Raises: RefusedError, UnknownError."""
         return self._vehicle_orders.command(vehicle_id, action)
 
+    def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+        """Stop the motors of these. Raises: RefusedError, UnknownError."""
+        return self._vehicle_orders.kill(vehicle_ids)
+
     def _stop(self, reason: str = "everybody comes home", spared: Sequence[Vehicle] = ()) -> OrderRecord:
         """Everybody home but who is spared; who has not left the ground stays there."""
         flying, waiting = [v for v in self._flight.airborne if v not in spared], self.waiting
         self._flight.move_show(ShowEvent.STOP, reason)
         left_out = self._not_ours() | {v.id: f"comes down already: {v.reason}" for v in spared}
         record = self._book.open("stop", [v.id for v in (*flying, *waiting)], left_out)
+        self._send_home(record, flying)
+        for vehicle in waiting:
+            self._errands.start(vehicle, self._errands.stay_down, self._book.closer(record, vehicle.id))
+        return record
+
+    def _bring_home(self, record: OrderRecord, flying: Sequence[Vehicle]) -> None:
+        """Who was cut off in flight holds, and comes home."""
+        self._flight.move_show(ShowEvent.STOP, "brought home after the service was cut off")
+        self._send_home(record, flying)
+
+    def _send_home(self, record: OrderRecord, flying: Sequence[Vehicle]) -> None:
+        """These together above their own starts and down; down where they are when those are not known."""
         homeless_m = landing_places_m(self._flight, [vehicle for vehicle in flying if vehicle.home_m is None])
         together = [v for v in flying if v.home_m is not None and not v.comes_down_alone]
         self._homecoming = Homecoming(self._flight, together, asyncio.get_running_loop().time)
@@ -211,9 +233,6 @@ class Director:
                 else self._errands.descend(place_m)
             )
             self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
-        for vehicle in waiting:
-            self._errands.start(vehicle, self._errands.stay_down, self._book.closer(record, vehicle.id))
-        return record
 
     def _not_ours(self) -> dict[VehicleId, str]:
         """Vehicles that no collective order reaches, and why."""

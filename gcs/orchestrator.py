@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from gcs.flight import Flight
 from gcs.frames import ShowFrame
 from gcs.homeward import warm_up as warm_up_ways
 from gcs.inspection import Inspection
+from gcs.interrupted import Offer
 from gcs.lifecycle import ON_THE_GROUND, Phase, ShowPhase
 from gcs.links import Link
 from gcs.orders import OrderBook
@@ -84,6 +86,19 @@ class Shares:
         return [(tuple(ids[row] for row in part), np.array(part, dtype=np.intp)) for part in rows]
 
 
+class Heart(Protocol):
+    """Who is told that control lives."""
+
+    @property
+    def problem(self) -> str:
+        """Why nobody listens any more, in words; empty while somebody does, or nobody ever did."""
+        ...
+
+    def beat(self) -> None:
+        """A tick came in time. Never waits, never raises."""
+        ...
+
+
 class Orchestrator:
     """Flies the fleet of one configuration. A `gcs.service.Service`."""
 
@@ -94,6 +109,7 @@ class Orchestrator:
         record: Record | None = None,
         *,
         unix_s: Callable[[], float] = time.time,
+        heart: Heart | None = None,
     ) -> None:
         """Nothing moves before `run`; must be made on the running event loop.
 
@@ -102,6 +118,7 @@ class Orchestrator:
             links: one for each of the configuration's, with its vehicles.
             record: where orders, events and every tick are noted; opened and closed by whoever made it.
             unix_s: the clock that people read, in s since 1970.
+            heart: is told of every tick that came in time, and of no other.
         """
         warm_up()
         warm_up_ways()
@@ -109,9 +126,11 @@ class Orchestrator:
         self._config = config
         self._flight = Flight(config, links, now_s)
         self._record = record
+        self._found = None if record is None else record.found
         self._audit: Audit = NoAudit() if record is None else record.audit
         self._book = OrderBook(None if record is None else record.audit)
         self._unix_s = unix_s
+        self._heart = heart
         self.shows = Repertoire(None if config.shows is None else config.shows.folder)
         self._stage = Stage(self._flight, self.shows)
         self._clock = TickClock(config.tick_rate_hz)
@@ -129,7 +148,14 @@ class Orchestrator:
                 errands = Errands(group, self._flight, self._config.operation)
                 inspection = Inspection(group, self._flight)
                 self._director = Director(
-                    self._flight, errands, self._book, inspection, self._stage, self._unix_s, self._clock
+                    self._flight,
+                    errands,
+                    self._book,
+                    inspection,
+                    self._stage,
+                    self._unix_s,
+                    self._clock,
+                    self._found,
                 )
                 for link in self._flight.links:
                     group.create_task(keep_open(link), name=f"link/{link.name}")
@@ -143,6 +169,8 @@ class Orchestrator:
             began_s = loop.time()
             result = self._tick(now_s, director)
             self._clock.note(began_s, loop.time() - began_s, began_s - due_s, missed)
+            if self._heart is not None and self._control_alive:
+                self._heart.beat()
             self._view.promise(self._promised_view(result))
             self._note(result)
             self._flight.wake()
@@ -175,11 +203,13 @@ class Orchestrator:
         recorded = () if self._record is None else self._record.problems
         reactions = () if self._director is None else told(self._director.reactions)
         columns = (self._flight.columns,) if self._flight.show in BEFORE_ASSEMBLING else ()
+        watched = "" if self._heart is None else self._heart.problem
         return [
             *reactions,
             *filter(None, columns),
             *(problem for link in self._flight.links for problem in link.problems),
             *recorded,
+            *filter(None, (watched,)),
         ]
 
     @property
@@ -228,6 +258,7 @@ class Orchestrator:
             start_unix_s=self._start_unix_s,
             reactions=() if self._director is None else self._director.reactions,
             not_flying=flight.not_flying,
+            interrupted=None if self._director is None else self._director.takeover.view(),
         )
 
     # the service
@@ -302,6 +333,14 @@ class Orchestrator:
     def include(self, vehicle_id: VehicleId) -> OrderRecord:
         """Take it into the show again."""
         return self._running().include(vehicle_id)
+
+    def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+        """Motors off, now."""
+        return self._running().kill(vehicle_ids)
+
+    def settle(self, offer: Offer) -> OrderRecord:
+        """Go on with a flight that was cut off, or bring it home."""
+        return self._running().takeover.settle(offer)
 
     def _running(self) -> Director:
         if self._director is None:

@@ -18,9 +18,10 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from gcs.errors import GcsError, InvalidError, Problem, RefusedError, UnknownError
+from gcs.errors import ConfigError, GcsError, InvalidError, Problem, RefusedError, UnknownError
 from gcs.service import CheckState, ShowCheck, StoredShow
 from gcs.show import Show, Timeline
+from gcs.show.loading import parse
 
 log = logging.getLogger(__name__)
 
@@ -234,6 +235,19 @@ class Repertoire:
                 f"show {name!r} was checked with the hash {checked.told.hash}, not {show_hash[:64]!r}"
             )
         return Timeline.of(checked.show)
+
+    def recorded(self, name: str, show_hash: str) -> Timeline:
+        """The show that was flown under that hash before this service began. Reads the file.
+
+        Raises: UnknownError; RefusedError when it cannot be read, or is another by now.
+        """
+        try:
+            loaded = parse(self._read(name).decode(), name)
+        except (ConfigError, UnicodeDecodeError) as error:
+            raise RefusedError(f"show {name!r} is not what was flown: {error}") from None
+        if loaded.show.digest != show_hash:
+            raise RefusedError(f"show {name!r} has changed since it was flown")
+        return loaded.timeline
 
 
 def _check_name(name: str) -> None:

@@ -14,6 +14,7 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 from gcs.checks import PreflightReport
 from gcs.errors import Problem
 from gcs.frames import ShowFrame
+from gcs.interrupted import Interrupted, Offer
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.state import Landed, Mode, VehicleId
@@ -41,7 +42,6 @@ class VehicleAction(StrEnum):
     JOIN = "join"  # from HOLD back into the formation
     RETURN = "return"  # home through the filter, and land
     LAND = "land"  # filtered descent where it is
-    KILL = "kill"  # motors off, now
     HAND_BACK = "hand-back"  # a pilot's vehicle becomes ours again, in HOLD
     CONFIRM_DOWN = "confirm-down"  # an operator has seen a lost vehicle on the ground
 
@@ -217,6 +217,7 @@ class FleetView:
     start_unix_time_s: float | None = None  # ordered, and not reached yet
     countdown_s: float | None = None
     reactions: tuple[Reaction, ...] = ()  # those whose causes last, the most severe first
+    interrupted: Interrupted | None = None  # a flight that was cut off, and is not settled
 
 
 class Latest(Generic[T]):
@@ -396,6 +397,14 @@ class Service(Protocol):
 
     def include(self, vehicle_id: VehicleId) -> OrderRecord:
         """Take it into the show again."""
+        ...
+
+    def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+        """Motors off, now, of everybody named; who cannot be reached is told in the order."""
+        ...
+
+    def settle(self, offer: Offer) -> OrderRecord:
+        """Go on with a flight that was cut off, or bring it home, as it is offered."""
         ...
 
     def order(self, order_id: str) -> OrderRecord:

@@ -8,11 +8,13 @@ from math import nan
 from gcs.errors import RefusedError
 from gcs.feasibility import check_obstacle, check_target
 from gcs.flight import Flight
+from gcs.interrupted import Written
 from gcs.lifecycle import ON_THE_GROUND
 from gcs.performance import Performance
 from gcs.plan import MAX_OBSTACLES, Obstacle, Plan, Target
 from gcs.repertoire import Repertoire
 from gcs.service import SelectedShow
+from gcs.show import ShowClock, Timeline
 from gcs.show.fitting import misfits
 from gcs.show.model import control_of
 from gcs.state import VehicleId
@@ -38,17 +40,46 @@ class Stage:
 
         Raises: UnknownError; RefusedError when it is not cleared to fly, or does not fit this service.
         """
-        flight, config = self._flight, self._flight.config
         self._need_ground("select a show")
-        timeline = self._repertoire.cleared(name, show_hash)
+        timeline = self._fitting(name, self._repertoire.cleared(name, show_hash))
+        return self._take(Performance(name, timeline, figures=self._repertoire.checked(name).figures or {}))
+
+    def find(self, name: str, show_hash: str) -> Timeline:
+        """A show that was flown before: by its hash, which says that it was checked. Reads the file.
+
+        Raises: UnknownError; RefusedError when it has changed since, or does not fit this service.
+        """
+        return self._fitting(name, self._repertoire.recorded(name, show_hash))
+
+    def resume(self, written: Written, plan: Plan) -> None:
+        """Have a show that was cut off go on from where it was, once it is resumed.
+
+        Of the `plan` then count the obstacles that were not the show's, and where the vehicles looked.
+
+        Raises: as `find`.
+        """
+        timeline = self.find(written.name, written.hash)
+        clock = ShowClock(min(max(written.clock_s, 0.0), timeline.duration_s))
+        performance = Performance(written.name, timeline, clock, started=True, parts=dict(written.parts))
+        own = tuple(box for box in plan.obstacles if box.id not in performance.obstacle_ids)
+        self._flight.plan = replace(self._flight.plan, obstacles=own, yaw=plan.yaw)
+        self._take(performance)
+
+    def _fitting(self, name: str, timeline: Timeline) -> Timeline:
+        """Raises: RefusedError when it does not fit this service."""
+        flight, config = self._flight, self._flight.config
         show = timeline.show
         wrong = misfits(show, config.frame, config.control, config.operation)
         if show.fleet.vehicles > len(flight.vehicles):
             wrong.append(f"fleet.vehicles = {show.fleet.vehicles}: the service has {len(flight.vehicles)}")
         if wrong:
             raise RefusedError(f"show {name!r} does not fit this service: {'; '.join(wrong)}")
-        performance = Performance(name, timeline, figures=self._repertoire.checked(name).figures or {})
-        own = self._told_obstacles
+        return timeline
+
+    def _take(self, performance: Performance) -> SelectedShow:
+        """Let it lead. Raises: RefusedError when its obstacles and those that were told clash."""
+        flight, name = self._flight, performance.name
+        show, own = performance.timeline.show, self._told_obstacles
         twice = sorted(performance.obstacle_ids & {box.id for box in own})
         if twice:
             raise RefusedError(
@@ -62,7 +93,7 @@ class Stage:
         if flight.performance is None:
             self._told = flight.plan
         flight.performance = performance
-        flight.control = control_of(show.limits, show.fence, config.control)
+        flight.control = control_of(show.limits, show.fence, flight.config.control)
         flight.plan = replace(flight.plan, obstacles=own)
         self.lead()
         log.info("show_selected", extra={"show": name, "hash": performance.hash})

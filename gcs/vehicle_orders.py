@@ -8,7 +8,7 @@ from gcs.errands import Errands
 from gcs.errors import InvalidError, OrderError, RefusedError
 from gcs.feasibility import check_formation
 from gcs.flight import Flight
-from gcs.lifecycle import FLOWN, IN_THE_AIR, Event, Phase, ShowPhase
+from gcs.lifecycle import FLOWN, IN_THE_AIR, NEXT, Event, Phase, ShowPhase
 from gcs.links import Order, Verb
 from gcs.orders import OrderBook
 from gcs.places import landing_places_m
@@ -23,7 +23,6 @@ EVENT_OF = {
     VehicleAction.JOIN: Event.ENGAGE,
     VehicleAction.RETURN: Event.COME_HOME,
     VehicleAction.LAND: Event.DESCEND,
-    VehicleAction.KILL: Event.KILL,
     VehicleAction.HAND_BACK: Event.HANDED_BACK,
     VehicleAction.CONFIRM_DOWN: Event.CONFIRMED_DOWN,
 }
@@ -46,8 +45,6 @@ class VehicleOrders:
             raise RefusedError(
                 f"{vehicle_id} was taken over before it fell silent: hand-back, once it is heard"
             )
-        if action is VehicleAction.KILL:
-            return self._kill(vehicle)
         if action is VehicleAction.CONFIRM_DOWN:
             vehicle.apply(Event.CONFIRMED_DOWN, "an operator has seen it on the ground")
             self._flight.forget_seen(vehicle)
@@ -99,19 +96,30 @@ class VehicleOrders:
         except InvalidError as error:
             raise RefusedError(f"{vehicle.id} cannot join: {error}") from None
 
-    def _kill(self, vehicle: Vehicle) -> OrderRecord:
-        """Motors off. The phase changes at once: nothing else is sent from here on."""
-        flown = vehicle.phase in FLOWN
-        vehicle.apply(Event.KILL, "motors stopped on order")
-        log.warning("kill", extra={"vehicle": vehicle.id, "was_flown": flown})
+    def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+        """Motors off. The phases change at once: nothing else is sent from here on.
 
-        async def errand(killed: Vehicle) -> None:
-            try:
-                await self._flight.execute(Order(killed.id, Verb.KILL))
-            except OrderError as error:
-                raise RefusedError(f"the kill was sent, but not seen to work: {error}") from None
+        Raises: UnknownError; RefusedError when none of them can be reached.
+        """
+        named = [self._flight.vehicle(name) for name in dict.fromkeys(vehicle_ids)]
+        left_out = {one.id: f"offline: {one.reason}" for one in named if (one.phase, Event.KILL) not in NEXT}
+        chosen = [vehicle for vehicle in named if vehicle.id not in left_out]
+        if not chosen:
+            told = "; ".join(f"{name} is {why}" for name, why in left_out.items()) or "nobody is named"
+            raise RefusedError(f"there is nobody to kill: {told}")
+        record = self._book.open("kill", [vehicle.id for vehicle in chosen], left_out)
+        for vehicle in chosen:
+            flown = vehicle.phase in FLOWN
+            vehicle.apply(Event.KILL, "motors stopped on order")
+            log.warning("kill", extra={"vehicle": vehicle.id, "was_flown": flown})
+            self._errands.start(vehicle, self._stop_motors, self._book.closer(record, vehicle.id))
+        return record
 
-        return self._send(vehicle, errand, "kill")
+    async def _stop_motors(self, vehicle: Vehicle) -> None:
+        try:
+            await self._flight.execute(Order(vehicle.id, Verb.KILL))
+        except OrderError as error:
+            raise RefusedError(f"the kill was sent, but not seen to work: {error}") from None
 
     def _send(self, vehicle: Vehicle, errand: Errand, action: str) -> OrderRecord:
         record = self._book.open(action, [vehicle.id], {})

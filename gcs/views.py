@@ -7,6 +7,7 @@ import numpy as np
 
 from gcs.checks import listed
 from gcs.control import Tick
+from gcs.interrupted import Interrupted
 from gcs.lifecycle import ShowPhase, not_ours
 from gcs.performance import Performance
 from gcs.plan import Plan
@@ -44,13 +45,15 @@ def fleet_view(
     start_unix_s: float | None = None,
     reactions: Sequence[Reaction] = (),
     not_flying: Mapping[VehicleId, str] = MappingProxyType({}),
+    interrupted: Interrupted | None = None,
 ) -> FleetView:
     """Put one tick's state together; rows of `fleet` and `vehicles` correspond.
 
     `known` are those of whom all is known that a start asks for: only they are ready. `problems` are the
     links', `waits` say which obstacles of the selected show do not stand yet, `start_unix_s` is that of a
-    countdown, `not_flying` says who stays on the ground, and why.
+    countdown, `not_flying` says who stays on the ground, and why, `interrupted` is a flight that was cut off.
     """
+    cut_off = () if interrupted is None else (interrupted.notice,)
     lights = {} if performance is None else performance.lights(fleet.ids, fleet.time_s)
     sent = dict(zip(tick.setpoints.ids, tick.setpoints.velocity_m_s, strict=True))
     center = tick.memory.center
@@ -84,6 +87,7 @@ def fleet_view(
         setpoints_sent=setpoints_sent,
         interventions=interventions,
         notices=(
+            *cut_off,
             *not_ours((vehicle.id, vehicle.phase) for vehicle in vehicles),
             *grounded(not_flying),
             *waits,
@@ -91,6 +95,7 @@ def fleet_view(
         ),
         selected=None if performance is None else performance.view(fleet.time_s),
         start_unix_time_s=start_unix_s,
+        interrupted=interrupted,
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         reactions=tuple(reactions),
     )

@@ -54,4 +54,5 @@ def moment_of(
         control_alive=control_alive,
         setpoints_sent=sum(link.setpoints_sent for link in flight.links),
         problems=tuple(problems),
+        parts={} if flight.performance is None else flight.performance.parts,
     )

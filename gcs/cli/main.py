@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 import gcs.cli.certify as certify_command
 import gcs.cli.demo as demo_command
+import gcs.cli.kill as kill_command
 import gcs.cli.params as params_command
 import gcs.cli.preflight as preflight_command
 import gcs.cli.remote as remote_commands
@@ -21,6 +22,7 @@ import gcs.cli.status as status_command
 import gcs.cli.token as token_command
 import sim.cli
 from gcs import config as configuration
+from gcs import supervisor
 from gcs.cli import logs
 from gcs.errors import ConfigError
 from gcs.links.keys import create_key
@@ -35,13 +37,16 @@ def build_parser() -> argparse.ArgumentParser:
     demo_command.add_arguments(demo_parser)
     demo_parser.set_defaults(run=demo_command.run)
 
-    serve_parser = commands.add_parser("serve", help="run the service and its REST API")
+    serve_parser = commands.add_parser("serve", help="run the service and its REST API", allow_abbrev=False)
     serve_parser.add_argument(
         "--config", required=True, metavar="FILE", help="a YAML file, or the name of one that is shipped"
     )
     serve_parser.add_argument("--host", help="where the API listens; 127.0.0.1 unless told otherwise")
     serve_parser.add_argument("--port", type=int, help="of the API; 8000 unless told otherwise")
     serve_parser.add_argument("--quiet", action="store_true", help="log warnings only")
+    serve_parser.add_argument(
+        supervisor.OPTION, action="store_true", help="by a parent that starts it again when it ends or hangs"
+    )
     serve_parser.set_defaults(run=_serve)
 
     show_parser = commands.add_parser("show", help="check, draw or hash a show file")
@@ -80,6 +85,11 @@ def build_parser() -> argparse.ArgumentParser:
     preflight_command.add_arguments(preflight_parser)
     preflight_parser.set_defaults(run=preflight_command.run)
     remote_commands.add_commands(commands)
+    kill_parser = commands.add_parser(
+        "kill", help="stop motors now, even in the air; works without the service"
+    )
+    kill_command.add_arguments(kill_parser)
+    kill_parser.set_defaults(run=kill_command.run)
 
     sim_parser = commands.add_parser("sim", help="run a fake fleet alone, as python -m sim does")
     sim.cli.add_arguments(sim_parser)
@@ -88,6 +98,8 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _serve(arguments: argparse.Namespace) -> int:
+    if arguments.supervised:
+        return supervisor.run(sys.argv[1:])
     logs.set_up(logging.WARNING if arguments.quiet else logging.INFO)
     config = configuration.load(configuration.find(arguments.config))
     changes = {"host": arguments.host, "port": arguments.port}

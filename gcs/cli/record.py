@@ -1,10 +1,15 @@
 """The record that a configuration asks for, and where one that was made lies."""
 
+import logging
 from pathlib import Path
 
 from gcs.config import Config
+from gcs.errors import GcsError
+from gcs.records.interruption import interruption
 from gcs.records.known import AUDIT, last_known
 from gcs.records.record import Record
+
+log = logging.getLogger(__name__)
 
 
 def make_record(config: Config) -> Record | None:
@@ -12,7 +17,13 @@ def make_record(config: Config) -> Record | None:
     if config.record is None:
         return None
     vehicles = {each.id: (each.system_id, link.name) for link in config.links for each in link.fleet}
-    return Record(config.record.folder, config.model_dump_json(), vehicles, flight=config.record.flight)
+    try:
+        found = interruption(config.record.folder)
+    except GcsError as error:  # a damaged record keeps nobody from flying
+        log.error("record_unread", extra={"cause": str(error)})
+        found = None
+    flight = config.record.flight
+    return Record(config.record.folder, config.model_dump_json(), vehicles, flight=flight, found=found)
 
 
 def session_folder(folder: Path) -> Path:

@@ -62,6 +62,9 @@ CALLS: Final = (
     Call("pause", Client.pause),
     Call("resume", Client.resume),
     Call("abort", Client.abort),
+    Call("interrupted", Client.interrupted),
+    Call("take-over", Client.take_over),
+    Call("bring-home", Client.bring_home),
     Call("formation", Client.formation),
     Call("radius", Client.change_formation, ("radius_m",), "Change the formation's radius", alone=True),
     Call(
@@ -120,7 +123,6 @@ VEHICLE_HELP: Final = {
     VehicleAction.JOIN: "Vehicles that hold come back into the formation",
     VehicleAction.RETURN: "Vehicles come home and land",
     VehicleAction.LAND: "Vehicles land where they are; without names everybody does, as abort",
-    VehicleAction.KILL: "Stop the motors of vehicles now, even in the air",
     VehicleAction.HAND_BACK: "Take vehicles back from their pilots, into hold",
     VehicleAction.CONFIRM_DOWN: "Say that lost vehicles were seen on the ground",
 }
@@ -158,11 +160,15 @@ def add_connection(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ca-file", default=ca_file, help="PEM that signed its certificate (GCS_CA_FILE)")
 
 
-def connected(arguments: argparse.Namespace) -> Client:
+def connected(arguments: argparse.Namespace, timeout_s: float = 5.0) -> Client:
     """The client that the arguments describe. Raises: ConfigError."""
     ca_file = None if arguments.ca_file is None else Path(arguments.ca_file)
     return Client(
-        arguments.url, token=arguments.token, emergency_url=arguments.emergency_url, ca_file=ca_file
+        arguments.url,
+        token=arguments.token,
+        emergency_url=arguments.emergency_url,
+        ca_file=ca_file,
+        timeout_s=timeout_s,
     )
 
 

@@ -15,7 +15,8 @@ from api.door import Door, log_denied
 from api.guard import EmergencyLane
 from api.server import serve as serve_api
 from gcs.access import Audit, is_loopback
-from gcs.cli import eventloop
+from gcs.cli import eventloop, notify
+from gcs.cli.notify import Notifier
 from gcs.cli.record import make_record
 from gcs.config import Config, LinkSettings
 from gcs.errors import GcsError, LinkError, RefusedError
@@ -27,7 +28,7 @@ from gcs.links.keys import Signing
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.mavsdk_udp_link import MavsdkUdpLink
 from gcs.links.rates import wanted
-from gcs.orchestrator import Orchestrator
+from gcs.orchestrator import Heart, Orchestrator
 from gcs.service import FleetView, ShowAction
 from gcs.tokens import Tokens
 
@@ -81,18 +82,19 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
 
 
 @asynccontextmanager
-async def running(config: Config) -> AsyncIterator[tuple[Orchestrator, int]]:
+async def running(config: Config, heart: Heart | None = None) -> AsyncIterator[tuple[Orchestrator, int]]:
     """The service with its API, until the block ends. Yields the orchestrator and the API's port.
 
     Control and API share the loop, not their fate: an API that fails is restarted, and control does not
-    notice. When control fails, its error ends the block.
+    notice. When control fails, its error ends the block. `heart` is told of every tick that came in time.
 
     Raises: LinkError when the API's port cannot be had at the start.
     """
     record = make_record(config)
     keeps_frames = config.record is not None and config.record.frames
     folder = record.folder if record is not None and keeps_frames else None
-    orchestrator = Orchestrator(config, [make_link(link, config, folder) for link in config.links], record)
+    links = [make_link(link, config, folder) for link in config.links]
+    orchestrator = Orchestrator(config, links, record, heart=heart)
     with nullcontext() if record is None else record:
         async with _flying(orchestrator, config) as port:
             yield orchestrator, port
@@ -175,7 +177,7 @@ async def _keep_api(
         await asyncio.sleep(API_RETRY_S)
 
 
-async def serve(config: Config, say: Callable[[str], None]) -> None:
+async def serve(config: Config, say: Callable[[str], None], notifier: Notifier) -> None:
     """Run until asked to stop. The first Ctrl-C brings the fleet home, the second stops at once.
 
     Raises: GcsError when it cannot start.
@@ -183,12 +185,14 @@ async def serve(config: Config, say: Callable[[str], None]) -> None:
     asked = asyncio.Semaphore(0)  # counts the times somebody asked it to stop
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, asked.release)
-    async with running(config) as (orchestrator, port):
+    async with running(config, notifier) as (orchestrator, port):
+        notifier.ready()
         scheme = "http" if config.access.tls is None else "https"
         say(f"serving {len(config.ids)} vehicles; API at {scheme}://{config.api.host}:{port}/docs")
         if config.access.tokens_file is None:
             say("access is off: whoever can use this machine can fly; gcs token create makes tokens")
         await asked.acquire()
+        notifier.stopping()
         if not _anybody_up(orchestrator.view.value):
             return
         try:
@@ -218,9 +222,12 @@ def _anybody_up(view: FleetView) -> bool:
 
 def run(config: Config, say: Callable[[str], None]) -> int:
     """Serve on a loop of its own. Returns: the exit code."""
+    notifier = notify.from_environment()
     try:
-        eventloop.run(serve(config, say))
+        eventloop.run(serve(config, say, notifier))
     except GcsError as error:
         say(str(error))
         return 1
+    finally:
+        notifier.close()
     return 0

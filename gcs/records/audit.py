@@ -7,15 +7,20 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.interrupted import Interruption
+from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.links.roster import Address
-from gcs.plan import Plan
+from gcs.records.interruption import FOUND, PAD
 from gcs.records.journal import Journal, Row, Value
 from gcs.records.moment import Moment, Told
+from gcs.records.plans import plan_json
 from gcs.service import Call, OrderRecord, Outcome
 from gcs.state import Array, Mode, VehicleId
 
 BODY_MAX: Final = 4096
+
+CLOCK_S: Final = 1.0
+"""So often it is noted where in a written show the flight is."""
 
 _VEHICLE: Final = """
 INSERT INTO vehicles (id, session, unix_s, system_id, link, host, port, phase, reason, mode, armed,
@@ -33,11 +38,6 @@ ON CONFLICT (id) DO UPDATE SET
 _SHOW: Final = "INSERT OR REPLACE INTO show VALUES (1, ?, ?, ?, ?, ?)"
 _EVENT: Final = "INSERT INTO events VALUES (?, ?, ?, ?, ?, ?)"
 _OUTCOME: Final = "INSERT INTO outcomes VALUES (?, ?, ?, ?, ?, ?)"
-
-
-def plan_json(plan: Plan) -> str:
-    """Everything that is wanted, as JSON; times are those of the loop's clock."""
-    return json.dumps(asdict(plan), separators=(",", ":"))
 
 
 class Audit:
@@ -64,14 +64,22 @@ class Audit:
         self._show: ShowPhase = ShowPhase.IDLE
         self._told: Told | None = None
         self._cue: tuple[str, str, str] | None = None
+        self._clock_due_s = 0.0
 
-    def begin(self, folder: Path, config_json: str) -> None:
-        """Note that the session began."""
-        values = (self._session, time.time(), str(folder), config_json)
-        self._put("INSERT INTO sessions (id, began_unix_s, folder, config) VALUES (?, ?, ?, ?)", *values)
+    def begin(self, folder: Path, config_json: str, found: Interruption | None = None) -> None:
+        """Note that the session began, and with it what it found cut off: both, or neither."""
+        now_s = time.time()
+        sql = "INSERT INTO sessions (id, began_unix_s, folder, config) VALUES (?, ?, ?, ?)"
+        rows = [Row(sql, (self._session, now_s, str(folder), config_json))]
+        if found is not None:
+            told = json.dumps(found.to_json(), separators=(",", ":"))
+            rows.append(Row(_EVENT, (self._session, now_s, "warning", FOUND, None, told)))
+        self._journal.put(rows)
 
     def end(self) -> None:
-        """Note that it ended as it should."""
+        """Note that it ended as it should; with a vehicle of ours in the air it did not."""
+        if AIRBORNE.intersection(self._phases):
+            return
         self._put("UPDATE sessions SET ended_unix_s = ? WHERE id = ?", time.time(), self._session)
 
     def call(self, call: Call) -> None:
@@ -116,7 +124,12 @@ class Audit:
                 self.event(at_s, "info", "vehicle_mode", moment.fleet.ids[row], detail)
                 changed.add(row)
         homes = zip(moment.homes, self._homes, strict=True)
-        changed |= {row for row, (new, old) in enumerate(homes) if new is not old}
+        moved = {row for row, (new, old) in enumerate(homes) if new is not old}
+        for row in sorted(moved):
+            pad_m = moment.homes[row]
+            if pad_m is not None:
+                self.event(at_s, "info", PAD, moment.fleet.ids[row], {"pad_m": pad_m.tolist()})
+        changed |= moved
         self._phases, self._modes, self._armed = moment.phases, moment.modes, moment.armed
         self._homes = moment.homes
         if changed:
@@ -142,8 +155,16 @@ class Audit:
         if is_changed:
             self.event(moment.unix_time_s, "info", "plan", None, asdict(moment.plan))
         self._watch_cue(moment)
-        if is_changed or moment.show is not self._show:
-            told = (moment.show.value, moment.reason, plan_json(moment.plan))
+        selected = moment.selected
+        is_due = selected is not None and selected.runs and moment.unix_time_s >= self._clock_due_s
+        if is_changed or is_due or moment.show is not self._show:
+            self._clock_due_s = moment.unix_time_s + CLOCK_S
+            more: dict[str, object] = {"time_s": moment.fleet.time_s}
+            if selected is not None:
+                clock = {"clock_s": selected.clock_s, "parts": dict(moment.parts)}
+                named = {"name": selected.name, "hash": selected.hash, "cue": selected.cue}
+                more["written"] = {**named, **clock}
+            told = (moment.show.value, moment.reason, plan_json(moment.plan, **more))
             self._put(_SHOW, self._session, moment.unix_time_s, *told)
         self._show = moment.show
 

@@ -53,7 +53,7 @@ class KnownShow:
     unix_s: float
     phase: str
     reason: str
-    plan: Mapping[str, Any]  # formation, orbit, target, obstacles, yaw; times are of a clock that is gone
+    plan: Mapping[str, Any]  # formation, orbit, target ...; times of a clock that is gone: `time_s`
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +90,9 @@ def last_known(path: Path) -> LastKnown:
 
     Raises: GcsError when there is none, or the file is damaged or not ours.
     """
-    sessions = _rows(path, "SELECT * FROM sessions ORDER BY began_unix_s DESC, id DESC LIMIT 1")
-    shows = _rows(path, "SELECT * FROM show")
-    vehicles = _rows(path, "SELECT * FROM vehicles ORDER BY id")
+    sessions = rows(path, "SELECT * FROM sessions ORDER BY began_unix_s DESC, id DESC LIMIT 1")
+    shows = rows(path, "SELECT * FROM show")
+    vehicles = rows(path, "SELECT * FROM vehicles ORDER BY id")
     return LastKnown(
         _session(sessions[0]) if sessions else None,
         _show(shows[0]) if shows else None,
@@ -103,31 +103,32 @@ def last_known(path: Path) -> LastKnown:
 def orders(path: Path) -> list[PastOrder]:
     """Every accepted order, oldest first. Raises: GcsError."""
     outcomes: dict[tuple[str, str], dict[VehicleId, tuple[str, str]]] = {}
-    for row in _rows(path, "SELECT * FROM outcomes ORDER BY rowid"):
+    for row in rows(path, "SELECT * FROM outcomes ORDER BY rowid"):
         parts = outcomes.setdefault((row["session"], row["order_id"]), {})
         parts[row["vehicle"]] = (row["outcome"], row["reason"])
     return [
         PastOrder(**dict(row), outcomes=outcomes.get((row["session"], row["id"]), {}))
-        for row in _rows(path, "SELECT * FROM orders ORDER BY accepted_unix_s, session, length(id), id")
+        for row in rows(path, "SELECT * FROM orders ORDER BY accepted_unix_s, session, length(id), id")
     ]
 
 
 def calls(path: Path) -> list[dict[str, Any]]:
     """Every noted call of the API, oldest first. Raises: GcsError."""
-    return [dict(row) for row in _rows(path, "SELECT * FROM calls ORDER BY rowid")]
+    return [dict(row) for row in rows(path, "SELECT * FROM calls ORDER BY rowid")]
 
 
 def events(path: Path) -> list[dict[str, Any]]:
     """Every event, oldest first, its `detail` read. Raises: GcsError."""
-    rows = _rows(path, "SELECT * FROM events ORDER BY rowid")
-    return [{**dict(row), "detail": json.loads(row["detail"])} for row in rows]
+    found = rows(path, "SELECT * FROM events ORDER BY rowid")
+    return [{**dict(row), "detail": json.loads(row["detail"])} for row in found]
 
 
-def _rows(path: Path, sql: str) -> list[Row]:
+def rows(path: Path, sql: str, *values: str) -> list[Row]:
+    """What a query finds. Raises: GcsError."""
     file = audit_file(path)
     with closing(open_to_read(file)) as connection:
         try:
-            return connection.execute(sql).fetchall()
+            return connection.execute(sql, values).fetchall()
         except DatabaseError as error:
             raise GcsError(f"{file}: cannot be read: {error}") from None
 

@@ -1,13 +1,13 @@
 """What one tick leaves for the record: what the service believed, wanted and sent."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Obstacle, Plan, Yaw
 from gcs.service import SelectedShow, TickView
-from gcs.state import Array, FleetState, Landed, Mode, Setpoints
+from gcs.state import Array, FleetState, Landed, Mode, Setpoints, VehicleId
 
 Told: TypeAlias = Plan | tuple[str, str, str, tuple[Obstacle, ...], Yaw]
 """A plan, or the name, hash and cue of the show that leads it, with what that leaves to others."""
@@ -44,6 +44,7 @@ class Moment:
     control_alive: bool
     setpoints_sent: int
     problems: tuple[str, ...]  # of the show, links and record, in words
+    parts: Mapping[VehicleId, int] = field(default_factory=dict)  # who plays which part in it
 
     @property
     def told(self) -> Told:

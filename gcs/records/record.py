@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Self
 
+from gcs.interrupted import Interruption
 from gcs.links import Link
 from gcs.records import layout
 from gcs.records.audit import Audit
@@ -29,6 +30,7 @@ class Record:
         vehicles: Mapping[VehicleId, tuple[int, str]],
         *,
         flight: bool = True,
+        found: Interruption | None = None,
     ) -> None:
         """Nothing is written before it is entered.
 
@@ -37,9 +39,11 @@ class Record:
             config_json: the whole configuration.
             vehicles: system id and link of each, in the order of the ticks' rows.
             flight: whether flight data are recorded.
+            found: the flight that was cut off before, if one was.
         """
         self.session, self.folder = _new_folder(root)
         self._config_json = config_json
+        self.found = found
         self._journal = Journal(root / AUDIT)
         self.audit = Audit(self._journal, self.session, vehicles)
         about = layout.about(self.session, config_json, vehicles)
@@ -52,7 +56,7 @@ class Record:
     def __enter__(self) -> Self:
         """Begin to write, as soon as the disk allows."""
         self._journal.open()
-        self.audit.begin(self.folder, self._config_json)
+        self.audit.begin(self.folder, self._config_json, self.found)
         if self._flight is not None:
             self._flight.open()
         self._logger.addHandler(self._heard)

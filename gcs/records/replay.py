@@ -1,8 +1,7 @@
 """A recorded flight as a service: its states come as if live, and nothing can be ordered."""
 
 import asyncio
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from math import isfinite, nan
 from pathlib import Path
@@ -11,10 +10,12 @@ from typing import Any, Final, NoReturn
 from gcs.checks import PreflightReport
 from gcs.errors import GcsError, RefusedError, UnknownError
 from gcs.frames import ShowFrame
+from gcs.interrupted import Offer
 from gcs.lifecycle import ShowPhase, not_ours
-from gcs.plan import Direction, Formation, Obstacle, Orbit, Plan, Target, Yaw, YawPolicy
+from gcs.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.records import layout
 from gcs.records.flown import FlightData, Flown
+from gcs.records.plans import plan_of
 from gcs.service import (
     Audit,
     FleetView,
@@ -40,22 +41,6 @@ NOTHING_COUNTED: Final = Histogram((), (0,), 0.0)
 """What is counted for metrics is not recorded."""
 
 Triple = tuple[float, float, float]
-
-
-def plan_of(raw: Mapping[str, Any], shift_s: float) -> Plan:
-    """A plan as it was recorded, its times moved by `shift_s`.
-
-    Raises: GcsError, KeyError, TypeError or ValueError for what is none.
-    """
-    target = Target(**raw["target"])
-    boxes = [Obstacle(**box) for box in raw["obstacles"]]
-    return Plan(
-        Formation(**raw["formation"]),
-        Orbit(**{**raw["orbit"], "direction": Direction(raw["orbit"]["direction"])}),
-        replace(target, time_s=target.time_s + shift_s),
-        tuple(replace(box, time_s=box.time_s + shift_s) for box in boxes),
-        Yaw(YawPolicy(raw["yaw"]["policy"]), raw["yaw"]["fixed_rad"]),
-    )
 
 
 class NoShows:
@@ -269,6 +254,14 @@ class Replay:
         self._refuse()
 
     def command_vehicle(self, _vehicle_id: VehicleId, _action: VehicleAction) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
+    def kill(self, _vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
+    def settle(self, _offer: Offer) -> OrderRecord:
         """Refused."""
         self._refuse()
 

@@ -6,12 +6,14 @@ waited for generously, and a flight that is not about the loss of setpoints is f
 
 import asyncio
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 
 import yaml
@@ -21,6 +23,7 @@ from api.app import create_app
 from api.server import serve as serve_api
 from gcs import config as configuration
 from gcs.client import Client
+from gcs.errors import GcsError
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
 from gcs.service import ShowAction
@@ -178,3 +181,60 @@ async def served(orchestrator: Orchestrator) -> AsyncIterator[int]:
         for task in tasks:
             task.cancel()
         await asyncio.wait(tasks)
+
+
+class Supervised:
+    """`gcs serve --supervised` on ports of its own; what it says lies in `folder`."""
+
+    def __init__(self, config: configuration.Config, folder: Path, *options: str) -> None:
+        """Started at once."""
+        folder.mkdir()
+        self.folder = folder
+        port = free_ports(2)
+        raw = config.model_dump(mode="json") | {"record": {"folder": str(folder), "frames": False}}
+        raw["api"] = {"port": port}
+        (folder / "config.yaml").write_text(yaml.safe_dump(raw), encoding="utf-8")
+        self.url, self.lane = f"http://127.0.0.1:{port}", f"http://127.0.0.1:{port + 1}"
+        command = [sys.executable, "-m", "gcs", "serve", "--config", str(folder / "config.yaml"), "--quiet"]
+        with (folder / "log").open("w") as log:
+            self.parent = subprocess.Popen(
+                [*command, "--supervised", *options], stdout=subprocess.DEVNULL, stderr=log
+            )
+
+    def said(self, event: str) -> list[dict[str, object]]:
+        """Every line of the log with that event; a line that is being written is none yet."""
+        lines = (self.folder / "log").read_text(encoding="utf-8").splitlines()
+        told = [json.loads(line) for line in lines if line.startswith("{") and line.endswith("}")]
+        return [line for line in told if line["event"] == event]
+
+    @property
+    def pid(self) -> int:
+        """Of the service that runs now, or ran last."""
+        return int(str(self.said("service_started")[-1]["pid"]))
+
+    def answers(self) -> bool:
+        """Whether the API does, and control lives."""
+        try:
+            with Client(self.url, timeout_s=1.0) as client:
+                return client.health().alive
+        except GcsError:
+            return False
+
+    def end(self) -> None:
+        """End it all, whatever state it is in."""
+        self.parent.kill()
+        self.parent.wait()
+        for line in self.said("service_started"):
+            with suppress(ProcessLookupError):
+                os.kill(int(str(line["pid"])), signal.SIGKILL)
+
+
+@contextmanager
+def supervised(config: configuration.Config, folder: Path) -> Iterator[Supervised]:
+    """The same until the block ends, from the moment it answers."""
+    started = Supervised(config, folder)
+    try:
+        wait_until("answers", SOON_S, started.answers)
+        yield started
+    finally:
+        started.end()

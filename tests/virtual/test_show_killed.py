@@ -26,11 +26,11 @@ async def killed(show: Show) -> Killed:
     await show.start()
     await show.wait(3.0)
     kill_s = show.now_s
-    record = show.service.command_vehicle("d2", VehicleAction.KILL)
+    record = show.service.kill(["d2"])
     await show.until(lambda: not show.link.autopilot("d2").commander.armed)
     off_s = show.now_s
     outcome = await show.settled(record)
-    again = await show.order("d2", VehicleAction.KILL)
+    again = await show.settled(show.service.kill(["d2", "d2"]))
     await show.wait(5.0)
     sent = sum(setpoint.time_s > kill_s + 0.06 for setpoint in show.link.sent["d2"])
     await show.show(ShowAction.STOP)

@@ -156,7 +156,7 @@ async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
     await show.settled(show.service.command_show(ShowAction.STOP), 120.0)
     await show.reach(ShowPhase.LANDED)
     attempts = sum(order.verb is Verb.HOLD for order in show.link.orders["d2"])
-    next_order = show.service.command_vehicle("d1", VehicleAction.KILL).id
+    next_order = show.service.kill(["d1"]).id
     return show.view.show, attempts, next_order
 
 

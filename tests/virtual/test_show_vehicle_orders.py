@@ -12,12 +12,11 @@ from gcs.plan import Formation
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.state import Array, Mode, VehicleId
 
-HOLD, JOIN, RETURN, LAND, KILL, HAND_BACK, CONFIRM_DOWN = (
+HOLD, JOIN, RETURN, LAND, HAND_BACK, CONFIRM_DOWN = (
     VehicleAction.HOLD,
     VehicleAction.JOIN,
     VehicleAction.RETURN,
     VehicleAction.LAND,
-    VehicleAction.KILL,
     VehicleAction.HAND_BACK,
     VehicleAction.CONFIRM_DOWN,
 )
@@ -48,7 +47,7 @@ async def orders(show: Show) -> Flight:
     await show.start()
     await show.wait(2.0)
     await try_all("formation", "d1", JOIN, HAND_BACK, CONFIRM_DOWN)
-    await try_all("unknown", "d9", HOLD, KILL)
+    await try_all("unknown", "d9", HOLD)
 
     records["hold"] = await show.order("d1", HOLD)
     began_s = show.now_s
@@ -151,7 +150,7 @@ def test_an_order_in_the_wrong_phase_is_refused_naming_the_phases_in_which_it_is
     assert refusal.plan_kept
 
 
-@pytest.mark.parametrize("name", ["unknown: hold", "unknown: kill"])
+@pytest.mark.parametrize("name", ["unknown: hold"])
 def test_an_order_to_a_vehicle_that_does_not_exist_names_those_that_do(flight: Flight, name: str) -> None:
     refusal = flight.refusals[name]
     assert refusal.kind is UnknownError

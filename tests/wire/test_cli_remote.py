@@ -1,6 +1,7 @@
 """The commands that call a running service, over real TCP: all of the API, its errors, its exit codes."""
 
 import json
+import os
 import re
 import sys
 import threading
@@ -22,7 +23,9 @@ from gcs.cli.remote import CALLS, VEHICLE_HELP
 from gcs.client import Client
 from gcs.client_preflight import Preflight
 from gcs.client_shows import Shows
+from gcs.interrupted import Interrupted, Offer
 from gcs.lifecycle import Phase as LifePhase
+from gcs.lifecycle import ShowPhase
 from gcs.service import Outcome, SelectedShow
 from gcs.show import load, shipped
 from gcs.tokens import Tokens, create_token
@@ -86,6 +89,11 @@ EVERYTHING = [
     "pilot d3",
     "hand-back d3",
     "abort",
+    "interrupted",
+    "cut-off",
+    "take-over",
+    "cut-off",
+    "bring-home",
 ]
 """In an order in which each is possible; `!` has everybody in the formation, `good` has a check end well."""
 
@@ -127,10 +135,18 @@ def asked_of(service: FakeService, line: str) -> int:
     if word == "pilot":
         service.phases[names[0]] = LifePhase.PILOT
         return 0
+    if word == "cut-off":
+        offers = (Offer.TAKE_OVER, Offer.BRING_HOME)
+        service.interrupted = Interrupted("s1", 1.0, ShowPhase.RUNNING, None, (), offers, ())
+        service.tick()
+        return 0
     if word == "good":
         answer = {"good": True, "problems": [], "model": SHOW.model_dump(mode="json")}
         service.shows.found("lighthouse", LIGHTHOUSE.read_bytes(), answer)
         return 0
+    if word == "kill":
+        with Client(os.environ["GCS_URL"]) as client:
+            return main(["kill", "--confirm", client.arm_kill(names).code])
     given = {"FILE": str(LIGHTHOUSE), "HASH": SHOW.digest}
     return main([given.get(each, each) for each in line.split()])
 
@@ -165,6 +181,8 @@ def test_every_method_of_the_client_is_a_command() -> None:
         "close",
         "wait_for",
         "command",
+        "arm_kill",  # gcs kill has both steps
+        "confirm_kill",
         "one",
         "many",
         "call",
@@ -238,7 +256,7 @@ def test_what_is_refused_is_told_with_an_exit_code_of_its_kind(
 
 
 @pytest.mark.parametrize(
-    "line", ["target set 1", "radius big", "kill", "obstacle", "dance", "hold --wait x d1"]
+    "line", ["target set 1", "radius big", "hold", "obstacle", "dance", "hold --wait x d1"]
 )
 def test_arguments_that_make_no_sense_reach_no_service(
     line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -255,10 +273,10 @@ def test_one_vehicle_that_is_refused_keeps_no_other_from_its_order(
     service = FakeService()
     service.fly()
     with station(service, monkeypatch):
-        assert main(["kill", "d1", "d9", "d2"]) == 1
+        assert main(["land", "d1", "d9", "d2"]) == 1
     assert [service.phases[name] for name in ("d1", "d2", "d3")] == [
-        LifePhase.KILLED,
-        LifePhase.KILLED,
+        LifePhase.LANDING,
+        LifePhase.LANDING,
         LifePhase.FORMATION,
     ]
     assert "d9" in capsys.readouterr().err

@@ -12,6 +12,7 @@ from pathlib import Path
 from gcs.checks import Check, Exclusion, PreflightReport, State, VehicleChecks
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.frames import ShowFrame
+from gcs.interrupted import Interrupted, Offer
 from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.repertoire import Repertoire
@@ -42,7 +43,6 @@ EVENT = {
     VehicleAction.JOIN: Event.ENGAGE,
     VehicleAction.RETURN: Event.COME_HOME,
     VehicleAction.LAND: Event.DESCEND,
-    VehicleAction.KILL: Event.KILL,
     VehicleAction.HAND_BACK: Event.HANDED_BACK,
     VehicleAction.CONFIRM_DOWN: Event.CONFIRMED_DOWN,
 }
@@ -81,6 +81,7 @@ class FakeService:
         self.phases = {f"d{index + 1}": Phase.STANDBY for index in range(count)}
         self.show = ShowPhase.IDLE
         self.selected: SelectedShow | None = None
+        self.interrupted: Interrupted | None = None
         self.start_unix_s: float | None = None
         self.reactions: tuple[Reaction, ...] = ()
         self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
@@ -181,6 +182,20 @@ class FakeService:
         self.phases[vehicle_id] = advance(self.phases[vehicle_id], EVENT[action])
         return self._accept(f"{action} {vehicle_id}", (vehicle_id,))
 
+    def kill(self, vehicle_ids: Sequence[str]) -> OrderRecord:
+        for name in vehicle_ids:
+            self._require(name)
+            self.phases[name] = advance(self.phases[name], Event.KILL)
+        order = self._accept("kill", vehicle_ids)
+        self.finish(order.id)
+        return self.orders_by_id[order.id]
+
+    def settle(self, offer: Offer) -> OrderRecord:
+        if self.interrupted is None or offer not in self.interrupted.offers:
+            raise RefusedError(f"{offer} is not offered")
+        self.interrupted = None
+        return self._accept(offer, tuple(self.phases))
+
     def order(self, order_id: str) -> OrderRecord:
         if order_id not in self.orders_by_id:
             raise UnknownError(f"there is no order {order_id!r}")
@@ -278,6 +293,7 @@ class FakeService:
             setpoints_sent=self.ticks * len(self.phases),
             interventions=7,
             selected=self.selected,
+            interrupted=self.interrupted,
             start_unix_time_s=self.start_unix_s,
             countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
             reactions=self.reactions,

@@ -80,7 +80,7 @@ ORDERS = [
 ]
 EMERGENCIES = [
     *(f"/api/v1/show/{action}" for action in ("pause", "stop", "abort")),
-    *(f"/api/v1/vehicles/d1/{action}" for action in ("hold", "return", "land", "kill")),
+    *(f"/api/v1/vehicles/d1/{action}" for action in ("hold", "return", "land")),
 ]
 
 

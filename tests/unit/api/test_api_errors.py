@@ -110,7 +110,12 @@ def test_a_bad_number_is_422_with_field_value_and_what_is_allowed(
         ("POST", "/show/start", {"vehicles": [1]}, "vehicles.0"),
         ("POST", "/show/start", {"vehicles": None}, "vehicles"),
         ("POST", "/show/stop", {"vehicles": ["d1"]}, "body"),
-        ("POST", "/vehicles/d1/kill", {"sure": True}, "body"),
+        ("POST", "/vehicles/d1/land", {"sure": True}, "body"),
+        ("POST", "/kill", {"sure": True}, "sure"),
+        ("POST", "/kill", {"vehicles": []}, "vehicles"),
+        ("POST", "/kill", {"vehicles": None}, "vehicles"),
+        ("POST", "/kill/confirm", {}, "code"),
+        ("POST", "/kill/confirm", {"code": "yes"}, "code"),
     ],
 )
 def test_a_value_out_of_range_names_its_field(

@@ -131,7 +131,6 @@ def test_vehicles_are_listed_and_an_unknown_one_is_named(api: Api) -> None:
         (VehicleAction.JOIN, Phase.HOLD, Phase.FORMATION),
         (VehicleAction.RETURN, Phase.FORMATION, Phase.RETURN),
         (VehicleAction.LAND, Phase.FORMATION, Phase.LANDING),
-        (VehicleAction.KILL, Phase.FORMATION, Phase.KILLED),
         (VehicleAction.HAND_BACK, Phase.PILOT, Phase.HOLD),
         (VehicleAction.CONFIRM_DOWN, Phase.LOST, Phase.OFFLINE),
     ],

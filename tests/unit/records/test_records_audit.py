@@ -105,8 +105,18 @@ def test_the_last_known_of_vehicles_and_show_is_read_back(tmp_path: Path) -> Non
     assert (known.show.phase, known.show.plan["formation"]["radius_m"]) == ("running", 12.0)
     assert known.session is not None
     assert known.session.config == {"show_frame": {}}
-    assert known.session.ended_unix_s is not None
-    assert [event["event"] for event in events(tmp_path)] == ["vehicle_mode", "vehicle_mode", "plan"]
+    assert known.session.ended_unix_s is None, "a vehicle of ours was in the air"
+    told = [event["event"] for event in events(tmp_path)]
+    assert told == ["vehicle_mode", "vehicle_mode", "pad", "plan"]
+
+
+def test_a_session_has_ended_when_nobody_of_ours_is_in_the_air(tmp_path: Path) -> None:
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        record.note(moment(), [])
+        record.note(moment(time_s=101.0, phases=[Phase.STANDBY, Phase.PILOT]), [])
+    session = last_known(tmp_path).session
+    assert session is not None
+    assert session.ended_unix_s is not None
 
 
 def test_a_session_that_has_heard_nobody_forgets_nothing_of_the_one_before(tmp_path: Path) -> None:

@@ -1,0 +1,48 @@
+"""Routes of a kill, in two steps. They translate, and decide nothing."""
+
+from http import HTTPStatus
+
+from fastapi import APIRouter, Response
+
+from api import convert, wire, wire_kill
+from api.desk import DeskDep
+from api.killswitch import VALID_S
+from api.problem_docs import COMMAND, TOKEN, errors
+from gcs.errors import RefusedError, UnknownError
+from gcs.lifecycle import Phase
+from gcs.service import WHO
+
+kill = APIRouter(prefix="/kill", tags=["fleet"], dependencies=TOKEN)
+
+
+@kill.post("", summary="Arm a kill: the first of two steps", responses=COMMAND | errors(404))
+async def arm_kill(desk: DeskDep, body: wire_kill.KillBody | None = None) -> wire_kill.KillArmed:
+    """Names whom the code will kill, all that are not offline where nobody is named. Nothing happens yet."""
+    phases = {each.id: each.phase for each in desk.view.vehicles}
+    named = (body or wire_kill.KillBody()).vehicles
+    for name in named or ():
+        if name not in phases:
+            raise UnknownError(f"there is no vehicle {name!r}; there are {', '.join(phases)}")
+        if phases[name] is Phase.OFFLINE:
+            raise RefusedError(f"{name} is offline: this service does not know where; gcs kill --direct may")
+    chosen = list(
+        dict.fromkeys(named or (name for name, phase in phases.items() if phase is not Phase.OFFLINE))
+    )
+    if not chosen:
+        raise RefusedError("everybody is offline: this service does not know where; gcs kill --direct may")
+    armed = desk.kill_switch.arm(chosen, WHO.get(), desk.now_s())
+    return wire_kill.KillArmed(code=armed.code, vehicles=list(armed.vehicles), valid_s=VALID_S)
+
+
+@kill.post(
+    "/confirm",
+    summary="Stop the motors now, even in the air: the second step",
+    status_code=HTTPStatus.ACCEPTED,
+    responses=COMMAND,
+)
+async def confirm_kill(body: wire_kill.KillConfirmation, desk: DeskDep, response: Response) -> wire.Order:
+    """Those that the code names. Accepted as an order; a code works once, and for a short time."""
+    vehicles = desk.kill_switch.confirm(body.code, WHO.get(), desk.now_s())
+    order = convert.order(desk.service.kill(vehicles))
+    response.headers["Location"] = f"/api/v1/orders/{order.id}"
+    return order

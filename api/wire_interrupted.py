@@ -1,0 +1,42 @@
+"""The JSON names of a flight that was cut off."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gcs.interrupted import Offer
+from gcs.lifecycle import Phase, ShowPhase
+
+
+class _Outward(BaseModel):
+    """As `api.wire.Outward`, which needs what is here."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+class Remaining(_Outward):
+    """One vehicle that was in the air, and what is known of it now."""
+
+    before: Phase = Field(description="Where the record ends.")
+    pad_known: bool = Field(description="Whether it can be brought home.")
+    waits: bool = Field(description="For an order: take-over or bring-home would reach it.")
+    text: str
+
+
+class WrittenShow(_Outward):
+    """The written show that was flown, and where in it."""
+
+    name: str
+    hash: str
+    cue: str
+    clock_s: float
+
+
+class Interrupted(_Outward):
+    """A flight that was cut off when the service ended. Nothing of it is taken over without an order."""
+
+    session: str
+    unix_time_s: float = Field(description="When the record ends.")
+    show: ShowPhase
+    selected: WrittenShow | None
+    vehicles: dict[str, Remaining]
+    offers: list[Offer] = Field(description="What can be ordered: POST /api/v1/show/take-over and so on.")
+    problems: list[str] = Field(description="What speaks against the others.")

@@ -1,0 +1,41 @@
+"""The JSON names of a kill, in two steps."""
+
+from typing import Annotated
+
+from pydantic import ConfigDict, Field
+
+from api.wire import ABSENT, Inward, Outward, without_defaults
+
+CODE_PATTERN = r"^[0-9a-f]{6}$"
+
+
+# In
+
+
+class KillBody(Inward):
+    """Whose motors are to be stopped."""
+
+    model_config = ConfigDict(json_schema_extra=without_defaults)
+
+    vehicles: Annotated[list[str], Field(min_length=1, max_length=10_000, examples=[["d1"]])] = Field(
+        default=ABSENT, description="Absent: all that are not offline."
+    )
+
+
+class KillConfirmation(Inward):
+    """The second step."""
+
+    code: Annotated[
+        str, Field(pattern=CODE_PATTERN, description="As the first step told.", examples=["a1b2c3"])
+    ]
+
+
+# Out
+
+
+class KillArmed(Outward):
+    """Whom the code will kill; nothing has happened to them yet."""
+
+    code: str
+    vehicles: list[str]
+    valid_s: float = Field(description="From now on; afterwards the code is none.")

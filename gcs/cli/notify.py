@@ -1,0 +1,77 @@
+"""Tells whoever started us that we are ready, and that control lives: systemd's sd_notify protocol."""
+
+import logging
+import os
+import socket
+import time
+from collections.abc import Callable, MutableMapping
+from typing import Final
+
+log = logging.getLogger(__name__)
+
+BEATS: Final = 4.0
+"""Within the time after which we count as hanging."""
+
+
+class Notifier:
+    """One datagram for each thing said; never blocks, never raises. Silent where nobody asked for it."""
+
+    def __init__(
+        self, address: str = "", watchdog_s: float = 0.0, clock_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        """`address` is a path, or an abstract name that begins with @; empty: nobody listens."""
+        self._address = f"\0{address[1:]}" if address.startswith("@") else address
+        self._period_s = watchdog_s / BEATS
+        self._clock_s = clock_s
+        self._due_s = 0.0
+        self._socket: socket.socket | None = None
+        self.problem = ""  # why nobody watches any more, for people
+        if address:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            self._socket.setblocking(False)
+
+    def ready(self) -> None:
+        """The API answers, and control runs."""
+        self._say("READY=1")
+
+    def stopping(self) -> None:
+        """We were asked to end, and bring everybody home first."""
+        self._say("STOPPING=1")
+
+    def beat(self) -> None:
+        """A tick came in time. Said now and then only."""
+        if self._period_s and self._clock_s() >= self._due_s:
+            self._due_s = self._clock_s() + self._period_s
+            self._say("WATCHDOG=1")
+
+    def close(self) -> None:
+        """Say nothing more."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _say(self, text: str) -> None:
+        if self._socket is None:
+            return
+        try:
+            self._socket.sendto(text.encode(), self._address)
+        except BlockingIOError:  # it is behind with reading: the next one will do
+            return
+        except OSError as error:
+            self._note("its supervisor is gone: nobody starts this service again", str(error))
+        else:
+            self._note("", "")
+
+    def _note(self, problem: str, cause: str) -> None:
+        if problem and not self.problem:
+            log.warning("supervisor_gone", extra={"cause": cause})
+        self.problem = problem
+
+
+def from_environment(environment: MutableMapping[str, str] = os.environ) -> Notifier:
+    """As whoever started us asks for it; our own children are not asked."""
+    address = environment.pop("NOTIFY_SOCKET", "")
+    interval_us = environment.pop("WATCHDOG_USEC", "0")
+    pid = environment.pop("WATCHDOG_PID", str(os.getpid()))
+    is_ours = pid == str(os.getpid()) and interval_us.isdigit()
+    return Notifier(address, float(interval_us) * 1e-6 if is_ours else 0.0)

@@ -1,0 +1,220 @@
+"""A kill without the service: who is where stands in its record, and the commands leave from here.
+
+The same ports are bound where they are free, so that what routers and NATs let through goes on to pass. A
+service that hangs may still hold them: then the commands leave from any port.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from selectors import DefaultSelector
+from typing import Final
+
+from gcs.config import Config, LinkSettings
+from gcs.errors import LinkError
+from gcs.links.endpoints import Arrival, Endpoint, make
+from gcs.links.endpoints.udp import Udp
+from gcs.links.keys import Signing
+from gcs.links.mavlink_frames import COMMAND_ACK, HEARTBEAT, Frame, heartbeat, kill_frame
+from gcs.links.mavsdk_fleet import COMPONENT_ID
+from gcs.links.roster import Address
+from gcs.links.signing import Judgement
+from gcs.links.vehicle_ids import station_id
+from gcs.records.known import KnownVehicle
+from gcs.service import Outcome, VehicleOutcome
+from gcs.state import VehicleId
+
+WITHIN_S: Final = 5.0
+"""Heartbeats come once a second; a TCP connection, or a radio that is plugged in, may take a few."""
+
+REPEAT_S: Final = 0.1
+LOOK_S: Final = 0.01
+_AUTOPILOT: Final = 1
+_ARM_DISARM: Final = 400
+
+
+@dataclass(slots=True)
+class _Target:
+    """One vehicle that is to be killed, and what it has said."""
+
+    vehicle: KnownVehicle
+    sent: int = 0
+    heard_at: Address | None = None
+    acknowledged: int | None = None  # the newest MAV_RESULT
+    armed: bool | None = None  # as a heartbeat says that came after the first command
+    failure: str = ""  # why the last command could not leave
+
+
+@dataclass(slots=True)
+class _Line:
+    """One link's ways, and the vehicles on it."""
+
+    settings: LinkSettings
+    endpoints: list[Endpoint]
+    signing: Signing | None
+    source: int
+    targets: dict[int, _Target]  # by system id
+    problem: str = ""
+    sequence: int = 0
+    selector: DefaultSelector = field(default_factory=DefaultSelector)
+
+    def open(self) -> None:
+        """Take the ports that are free; others where those are not."""
+        now_s = time.monotonic()
+        for index, endpoint in enumerate(self.endpoints):
+            try:
+                endpoint.open(self.selector, now_s)
+            except LinkError as error:
+                self.problem = f"{error}: does a service hold it?"
+                if isinstance(endpoint, Udp):
+                    other = Udp(self.settings.name, index)
+                    other.open(self.selector, now_s)
+                    self.endpoints[index] = other
+        if self.signing is not None:
+            try:
+                self.signing.open()
+            except LinkError as error:  # signed all the same, from the time that it is now
+                self.problem = str(error)
+
+    def close(self) -> None:
+        """Give back everything."""
+        for endpoint in self.endpoints:
+            endpoint.close()
+        self.selector.close()
+        if self.signing is not None:
+            self.signing.close()
+
+    def send(self) -> None:
+        """One command to everybody who is not known to be disarmed."""
+        for system_id, target in self.targets.items():
+            if target.armed is False:
+                continue
+            raw = kill_frame(
+                system_id,
+                sequence=self.sequence,
+                source_system=self.source,
+                source_component=COMPONENT_ID,
+            )
+            self.sequence += 1
+            signed = raw if self.signing is None else self.signing.sign(raw)
+            for address in self._addresses(target):
+                if signed is None:
+                    continue
+                try:
+                    self.endpoints[address.socket_index].send(signed, address, perishable=False)
+                except OSError as error:
+                    target.failure = f"{address}: {error.strerror or error}"
+                else:
+                    target.sent += 1
+
+    def _addresses(self, target: _Target) -> list[Address]:
+        """Where it speaks from, and until it does where it spoke from last, and whatever may lead there."""
+        if target.heard_at is not None:
+            return [target.heard_at]
+        standing = [address for endpoint in self.endpoints for address in endpoint.standing]
+        known = target.vehicle
+        if not known.host or not known.port:
+            return standing
+        ports = [index for index, endpoint in enumerate(self.endpoints) if isinstance(endpoint, Udp)]
+        if not ports:
+            return standing
+        ids = [one.id for one in self.settings.fleet]
+        row = ids.index(known.id) if known.id in ids and len(ports) == len(ids) else 0
+        return [*standing, Address(known.host, known.port, ports[row])]
+
+    def hear(self) -> None:
+        """Take in what has come."""
+        now_s = time.monotonic()
+        for endpoint in self.endpoints:
+            endpoint.tend(now_s)
+        for key, _ in self.selector.select(0):
+            for arrival in key.data(now_s):
+                self._take(arrival)
+
+    def _take(self, arrival: Arrival) -> None:
+        for frame in arrival.parts.frames:
+            target = self.targets.get(frame.system_id)
+            if target is None or frame.component_id != _AUTOPILOT:
+                continue
+            if self.signing is not None and self.signing.judge(frame) is not Judgement.GOOD:
+                continue
+            target.heard_at = arrival.address
+            if target.sent:
+                _note(target, frame)
+
+    @property
+    def done(self) -> bool:
+        """Whether everybody says that its motors are off."""
+        return all(target.armed is False for target in self.targets.values())
+
+
+def _note(target: _Target, frame: Frame) -> None:
+    if frame.message_id == HEARTBEAT:
+        target.armed = heartbeat(frame).armed
+    elif frame.message_id == COMMAND_ACK:
+        command, result = int.from_bytes(frame.payload[:2], "little"), (*frame.payload[2:3], 0)[0]
+        if command == _ARM_DISARM:
+            target.acknowledged = result
+
+
+def direct_kill(
+    config: Config, vehicles: Sequence[KnownVehicle], *, within_s: float = WITHIN_S
+) -> Mapping[VehicleId, VehicleOutcome]:
+    """Send the command to all of them again and again, until each says that its motors are off.
+
+    Args:
+        config: of the session that knew them last.
+        vehicles: whom, as the record knows them.
+        within_s: then it ends, whatever was heard.
+
+    Raises: ConfigError when a signing key cannot be read, before anything is sent.
+    """
+    lines = _lines(config, vehicles)
+    targets = [target for line in lines for target in line.targets.values()]
+    try:
+        for line in lines:
+            line.open()
+        until_s, due_s = time.monotonic() + within_s, 0.0
+        while time.monotonic() < until_s and not all(line.done for line in lines):
+            if time.monotonic() >= due_s:
+                due_s = time.monotonic() + REPEAT_S
+                for line in lines:
+                    line.send()
+            time.sleep(LOOK_S)
+            for line in lines:
+                line.hear()
+    finally:
+        for line in lines:
+            line.close()
+    problems = {target.vehicle.id: line.problem for line in lines for target in line.targets.values()}
+    told = {target.vehicle.id: _outcome(target, problems[target.vehicle.id]) for target in targets}
+    nowhere = VehicleOutcome(Outcome.FAILED, "its link is not in the configuration of the record")
+    return {vehicle.id: told.get(vehicle.id, nowhere) for vehicle in vehicles}
+
+
+def _lines(config: Config, vehicles: Sequence[KnownVehicle]) -> list[_Line]:
+    lines = []
+    for link in config.links:
+        targets = {one.system_id: _Target(one) for one in vehicles if one.link == link.name}
+        if not targets:
+            continue
+        endpoints = list(make(link.name, link.places))
+        signing = None if link.signing is None else Signing(link.signing.key_file, link.signing.link_id)
+        source = station_id([one.system_id for one in link.fleet])
+        lines.append(_Line(link, endpoints, signing, source, targets))
+    return lines
+
+
+def _outcome(target: _Target, problem: str) -> VehicleOutcome:
+    if target.armed is False:
+        return VehicleOutcome(Outcome.DONE, "its motors are off")
+    if not target.sent:
+        why = target.failure or problem or "the record does not know where it speaks from"
+        return VehicleOutcome(Outcome.FAILED, f"nothing could be sent: {why}")
+    where = f"{target.sent} commands sent"
+    if target.acknowledged is not None:
+        said = "accepted" if target.acknowledged == 0 else f"refused ({target.acknowledged})"
+        return VehicleOutcome(Outcome.FAILED, f"{where}, {said}, but its motors were not seen to stop")
+    silent = "" if target.heard_at is None else "; it says that its motors run"
+    held = f"; {problem}" if problem else ""
+    return VehicleOutcome(Outcome.FAILED, f"{where}, no answer{silent}{held}")

@@ -1,0 +1,58 @@
+"""What is done to a fleet without its service, written into the record of the session that knew it last."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Self
+
+from gcs.lifecycle import Phase
+from gcs.records.audit import Audit
+from gcs.records.journal import Journal, Row
+from gcs.records.known import LastKnown, audit_file
+from gcs.service import OrderRecord, Outcome, VehicleOutcome
+from gcs.state import VehicleId
+
+REASON = "motors stopped by gcs kill, without the service"
+
+
+class Outside:
+    """Rows for the newest session. What the disk does not take is told by `problem`, and stops nothing."""
+
+    def __init__(self, root: Path, known: LastKnown, who: str) -> None:
+        """Nothing is written before it is entered."""
+        vehicles = {one.id: (one.system_id, one.link) for one in known.vehicles.values()}
+        self._known = known
+        self._who = who
+        self._journal = Journal(audit_file(root))
+        self._audit = Audit(self._journal, "" if known.session is None else known.session.id, vehicles)
+        self.problem = ""
+
+    def __enter__(self) -> Self:
+        """Begin to write, as soon as the disk allows."""
+        self._journal.open()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """Write what is left."""
+        self._journal.close()
+        self.problem = self._journal.problem
+
+    def opened(self, action: str, vehicles: Sequence[VehicleId]) -> str:
+        """Note an order. Returns: its id, which no order of a service has."""
+        now_s = time.time()
+        parts = {name: VehicleOutcome(Outcome.PENDING) for name in vehicles}
+        order = OrderRecord(f"outside-{now_s:.3f}", action, now_s, parts, self._who)
+        self._audit.opened(order, self._who)
+        return order.id
+
+    def closed(self, order_id: str, vehicle_id: VehicleId, part: VehicleOutcome) -> None:
+        """Note what became of one vehicle's part."""
+        self._audit.closed(order_id, vehicle_id, part.outcome, part.reason)
+
+    def killed(self, vehicle_id: VehicleId) -> None:
+        """Its motors are off: whoever starts next finds it so."""
+        was = self._known.vehicles[vehicle_id].phase
+        detail = {"was": was, "phase": Phase.KILLED.value, "reason": REASON}
+        self._audit.event(time.time(), "warning", "vehicle_phase", vehicle_id, detail)
+        sql = "UPDATE vehicles SET unix_s = ?, phase = ?, reason = ?, armed = 0 WHERE id = ?"
+        self._journal.put([Row(sql, (time.time(), Phase.KILLED.value, REASON, vehicle_id))])

@@ -1,0 +1,83 @@
+"""`gcs kill` when no service answers: the record says where the vehicles are, and their motors stop."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from ground import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
+from machine import free_ports
+
+from gcs.config import Config
+from gcs.records.interruption import interruption
+from gcs.records.known import last_known, orders
+
+IDS = ("d1", "d2")
+NOBODY = "http://127.0.0.1:9"
+
+
+def config_of(port_base: int) -> Config:
+    raw = flying_config(len(IDS), port_base, silence_s=20.0, takeoff_height_m=3.0).model_dump()
+    raw["formation"] = {"radius_m": 3.0, "height_m": 6.0}
+    return Config.model_validate(raw)
+
+
+def gcs_kill(record: Path, *words: str, url: str = NOBODY) -> "subprocess.CompletedProcess[str]":
+    """As typed where no terminal is."""
+    command = [sys.executable, "-m", "gcs", "kill", *words, "--record", str(record), "--url", url]
+    return subprocess.run(
+        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=SOON_S
+    )
+
+
+def code_in(text: str) -> str:
+    found = re.search(r"--confirm ([0-9a-f]{6})", text)
+    assert found is not None, text
+    return found[1]
+
+
+def armed(folder: Path) -> list[bool]:
+    return [bool(last_truths(folder / f"{row}.jsonl")[0]["armed"]) for row in range(len(IDS))]
+
+
+def test_a_vehicle_is_killed_without_the_service_and_the_record_says_so(tmp_path: Path) -> None:
+    base = free_ports(len(IDS))
+    config = config_of(base)
+    record = tmp_path / "station"
+    with vehicles(len(IDS), base, tmp_path, *proper(config)):
+        with service(config, record) as (client, process):
+            wait_until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in client.vehicles()))
+            client.start()
+            wait_until("running", SOON_S, lambda: client.show().phase == "running")
+            process.kill()
+            process.wait()
+        first = gcs_kill(record, "d2")
+        assert (first.returncode, armed(tmp_path)) == (1, [True, True])
+        assert "this stops the motors of d2" in first.stderr
+        wrong = gcs_kill(record, "d1", "--confirm", code_in(first.stdout))
+        assert (wrong.returncode, armed(tmp_path)) == (1, [True, True])
+        assert "does not confirm d1" in wrong.stderr
+        second = gcs_kill(record, "d2", "--confirm", code_in(first.stdout))
+        assert (second.returncode, second.stdout) == (0, "d2: done, its motors are off\n"), second.stderr
+        assert armed(tmp_path) == [True, False]
+        *_, order = orders(record)
+        assert (order.action, order.who.partition(" (")[0]) == ("kill", "gcs kill")
+        assert order.outcomes == {"d2": ("done", "its motors are off")}
+        assert last_known(record).vehicles["d2"].phase == "killed"
+        found = interruption(record)
+        assert found is not None
+        assert set(found.vehicles) == {"d1"}, "nobody offers to take over what was killed"
+        everybody = gcs_kill(record, "--all")
+        assert gcs_kill(record, "--all", "--confirm", code_in(everybody.stdout)).returncode == 0
+        assert armed(tmp_path) == [False, False]
+
+
+def test_nobody_is_killed_by_a_word_that_makes_no_sense(tmp_path: Path) -> None:
+    for words, code, said in (
+        ((), 2, "names, or --all"),
+        (("d1", "--all"), 2, "names, or --all"),
+        (("d1",), 1, "there is no such file"),
+    ):
+        answer = gcs_kill(tmp_path, *words)
+        assert answer.returncode == code, answer.stderr
+        assert said in answer.stderr

@@ -1,0 +1,66 @@
+"""`gcs serve --supervised`: what hangs is started again, what is asked to end ends, what is alone says so."""
+
+import os
+import signal
+from pathlib import Path
+
+from ground import SOON_S, Supervised, flying_config, supervised, wait_until
+from machine import free_ports
+
+from gcs.client import Client
+from gcs.config import Config
+
+
+def config_of() -> Config:
+    return flying_config(1, free_ports(1), silence_s=2.0)
+
+
+def is_gone(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def started_again(station: Supervised) -> bool:
+    return len(station.said("service_ready")) == 2 and station.answers()
+
+
+def test_a_service_that_hangs_is_started_again_and_ends_when_it_is_asked_to(tmp_path: Path) -> None:
+    with supervised(config_of(), tmp_path / "station") as station:
+        wait_until("ready", SOON_S, lambda: len(station.said("service_ready")) == 1)
+        hung = station.pid
+        os.kill(hung, signal.SIGSTOP)
+        wait_until("started again", SOON_S, lambda: started_again(station))
+        assert [line["pid"] for line in station.said("service_hangs")] == [hung]
+        assert is_gone(hung)
+        station.parent.send_signal(signal.SIGTERM)
+        assert station.parent.wait(SOON_S) == 0
+        wait_until("ended", SOON_S, lambda: is_gone(station.pid))
+        assert [(line["code"], line["restarted"]) for line in station.said("service_ended")] == [
+            (-signal.SIGKILL, True),
+            (0, False),
+        ]
+
+
+def test_a_service_whose_supervisor_is_gone_goes_on_and_says_so(tmp_path: Path) -> None:
+    with supervised(config_of(), tmp_path / "station") as station, Client(station.url) as client:
+        wait_until("ready", SOON_S, lambda: len(station.said("service_ready")) == 1)
+        assert client.fleet().notices == []
+        station.parent.kill()
+        station.parent.wait()
+        told = ["its supervisor is gone: nobody starts this service again"]
+        wait_until("told", SOON_S, lambda: client.fleet().notices == told)
+        assert client.health().alive
+        assert len(station.said("supervisor_gone")) == 1
+
+
+def test_a_service_that_cannot_begin_is_not_tried_again(tmp_path: Path) -> None:
+    station = Supervised(config_of(), tmp_path / "station", "--port", "70000")
+    try:
+        assert station.parent.wait(SOON_S) == 2
+        assert len(station.said("service_started")) == 1
+        assert "70000" in (station.folder / "log").read_text()
+    finally:
+        station.end()

@@ -1,0 +1,76 @@
+"""A kill takes two steps: a code that names whom, and the code given back in time, by the same caller."""
+
+import pytest
+from api_harness import Api
+
+from api.killswitch import VALID_S, WAITING_MAX, KillSwitch
+from gcs.errors import RefusedError
+from gcs.lifecycle import Phase
+
+
+@pytest.fixture
+def api() -> Api:
+    return Api()
+
+
+def test_nothing_happens_before_the_code_comes_back_and_then_to_those_it_names(api: Api) -> None:
+    api.service.fly()
+    armed = api("POST", "/api/v1/kill", json={"vehicles": ["d2", "d2"]})
+    assert (armed.status_code, armed.json()["vehicles"], armed.json()["valid_s"]) == (200, ["d2"], VALID_S)
+    assert set(api.service.phases.values()) == {Phase.FORMATION}
+    answer = api("POST", "/api/v1/kill/confirm", json={"code": armed.json()["code"]})
+    assert answer.status_code == 202
+    assert answer.headers["location"] == f"/api/v1/orders/{answer.json()['id']}"
+    assert set(answer.json()["vehicles"]) == {"d2"}
+    assert api.service.phases == {"d1": Phase.FORMATION, "d2": Phase.KILLED, "d3": Phase.FORMATION}
+    again = api("POST", "/api/v1/kill/confirm", json={"code": armed.json()["code"]})
+    assert (again.status_code, "a code works once" in again.json()["detail"]) == (409, True)
+
+
+def test_everybody_that_is_not_offline_where_nobody_is_named(api: Api) -> None:
+    api.service.fly()
+    api.service.phases["d3"] = Phase.OFFLINE
+    api.service.tick()
+    assert api("POST", "/api/v1/kill").json()["vehicles"] == ["d1", "d2"]
+    api.service.phases = dict.fromkeys(api.service.phases, Phase.OFFLINE)
+    api.service.tick()
+    nobody = api("POST", "/api/v1/kill")
+    assert (nobody.status_code, "--direct" in nobody.json()["detail"]) == (409, True)
+
+
+def test_who_is_unknown_or_offline_is_named(api: Api) -> None:
+    api.service.phases["d3"] = Phase.OFFLINE
+    api.service.tick()
+    unknown = api("POST", "/api/v1/kill", json={"vehicles": ["d1", "d9"]})
+    assert (unknown.status_code, unknown.json()["detail"]) == (
+        404,
+        "there is no vehicle 'd9'; there are d1, d2, d3",
+    )
+    offline = api("POST", "/api/v1/kill", json={"vehicles": ["d1", "d3"]})
+    assert (offline.status_code, offline.json()["detail"][:13]) == (409, "d3 is offline")
+
+
+def test_there_is_no_kill_in_one_step(api: Api) -> None:
+    api.service.fly()
+    assert api("POST", "/api/v1/vehicles/d1/kill").status_code == 404
+    assert api.service.phases["d1"] is Phase.FORMATION
+
+
+def test_a_code_is_good_for_its_time_for_whoever_armed_it() -> None:
+    switch = KillSwitch()
+    first = switch.arm(["d1"], "anna", 100.0)
+    with pytest.raises(RefusedError, match="confirms nothing"):
+        switch.confirm(first.code, "bert", 101.0)
+    assert switch.confirm(first.code, "anna", 100.0 + VALID_S) == ("d1",)
+    late = switch.arm(["d1"], "anna", 200.0)
+    with pytest.raises(RefusedError, match="came too late"):
+        switch.confirm(late.code, "anna", 200.1 + VALID_S)
+
+
+def test_however_many_are_armed_the_newest_can_be_confirmed() -> None:
+    codes = iter(f"{number:06x}" for number in range(10 * WAITING_MAX))
+    switch = KillSwitch(lambda: next(codes))
+    armed = [switch.arm(["d1"], "anna", 1.0) for _ in range(5 * WAITING_MAX)]
+    assert switch.confirm(armed[-1].code, "anna", 2.0) == ("d1",)
+    with pytest.raises(RefusedError, match="confirms nothing"):
+        switch.confirm(armed[0].code, "anna", 2.0)

@@ -1,0 +1,268 @@
+"""The service is cut off in flight; the next one knows from the record what was, and goes on when ordered."""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pytest
+from loopback_link import LoopbackLink, system_ids
+from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Show, UnixClock, refused, run_virtual, show_config
+from written_show import NAME, TEXT, check, keep
+
+from gcs.config import Config
+from gcs.errors import RefusedError
+from gcs.interrupted import Offer
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.orchestrator import Orchestrator
+from gcs.parameters import requirements, settings_of
+from gcs.plan import Formation, Obstacle
+from gcs.records.interruption import interruption
+from gcs.records.record import Record
+from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.state import Mode
+from sim.fleet import Fleet, Settings
+
+T = TypeVar("T")
+Story = Callable[[Show], Awaitable[T]]
+
+ALL = ("d1", "d2", "d3", "d4")
+AT_REST_M_S = 0.3
+BOX = Obstacle("box", 60.0, -60.0, 1.0, 1.0, 5.0)
+
+
+def four(**sections: dict[str, object]) -> Config:
+    return show_config(4, operation=HOLDS_WHEN_LOST, **sections)
+
+
+def with_shows(folder: Path) -> Config:
+    return four(shows={"folder": str(folder)})
+
+
+async def one_session(config: Config, fleet: Fleet, root: Path, unix: UnixClock, story: Story[T]) -> T:
+    """A service of its own over vehicles that were there before; cut off when the story ends."""
+    vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
+    link = LoopbackLink("loop", system_ids(config.ids), fleet, config.frame, deadman_s=config.deadman_s)
+    with Record(root, config.model_dump_json(), vehicles, flight=False, found=interruption(root)) as record:
+        service = Orchestrator(config, [link], record, unix_s=unix)
+        show = Show(config, fleet, link, service, unix)
+        tasks = {asyncio.create_task(service.run()), asyncio.create_task(show.record())}
+        await show.wait(0.0)
+        told = asyncio.ensure_future(story(show))
+        try:
+            await asyncio.wait({*tasks, told}, return_when=asyncio.FIRST_COMPLETED)
+            return await told
+        finally:
+            for task in {*tasks, told}:
+                task.cancel()
+            await asyncio.gather(*tasks, told, return_exceptions=True)
+
+
+def sessions(root: Path, *parts: tuple[Config, Story[T]], away_s: float = 2.0) -> list[T]:
+    """One service after the other over the same vehicles. Returns: what each story tells."""
+    config = parts[0][0]
+
+    async def main() -> list[T]:
+        loop = asyncio.get_running_loop()
+        proper = settings_of(requirements(config.operation, config.control))
+        settings = Settings(count=len(config.ids), grid_columns=2, parameters=proper)
+        fleet, unix = Fleet(settings, start_s=loop.time()), UnixClock()
+        unix.ahead_s = time.time() - loop.time()
+        told = []
+        for each, story in parts:
+            told.append(await one_session(each, fleet, root, unix, story))
+            await asyncio.sleep(away_s)
+        return told
+
+    return run_virtual(main)
+
+
+async def fly_for_a_while(show: Show) -> None:
+    show.service.set_formation(Formation(radius_m=7.0, height_m=15.0))
+    show.service.add_obstacle(BOX)
+    await show.start()
+    await show.wait(3.0)
+
+
+async def found(show: Show) -> None:
+    """Everybody has been heard again."""
+    await show.until(lambda: {seen.phase for seen in show.view.vehicles} == {Phase.PILOT})
+
+
+def test_what_was_cut_off_is_known_and_nothing_happens_by_itself(tmp_path: Path) -> None:
+    async def look(show: Show) -> None:
+        await found(show)
+        await show.wait(5.0)
+        shown = show.view.interrupted
+        assert shown is not None
+        assert (shown.show, shown.offers) == (ShowPhase.RUNNING, (Offer.TAKE_OVER, Offer.BRING_HOME))
+        assert [(one.id, one.before, one.pad_known, one.waits) for one in shown.vehicles] == [
+            (name, Phase.FORMATION, True, True) for name in ALL
+        ]
+        told = "the service was cut off while the show was running: take-over or bring-home can be ordered"
+        assert show.view.notices[0] == told
+        assert (show.view.show, show.view.setpoints_sent) == (ShowPhase.IDLE, 0)
+        assert {phase for name in ALL for phase in show.track.phases(name)} <= {Phase.OFFLINE, Phase.PILOT}
+
+    sessions(tmp_path, (four(), fly_for_a_while), (four(), look), (four(), look), (four(), look))
+
+
+def test_taken_over_they_stand_in_formation_and_fly_on_when_resumed(tmp_path: Path) -> None:
+    async def go_on(show: Show) -> None:
+        await found(show)
+        record = await show.settled(show.service.settle(Offer.TAKE_OVER))
+        assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
+        assert show.view.show is ShowPhase.PAUSED
+        assert {seen.phase for seen in show.view.vehicles} == {Phase.FORMATION}
+        assert show.view.plan.formation == Formation(radius_m=7.0, height_m=15.0)
+        assert [box.id for box in show.view.plan.obstacles] == ["box"]
+        await show.until(lambda: show.view.interrupted is None)
+        first_m_s = [show.link.sent[name][0].velocity_ned_m_s for name in ALL]
+        assert np.linalg.norm(first_m_s, axis=1).max() < AT_REST_M_S
+        await show.show(ShowAction.RESUME)
+        await show.reach(ShowPhase.RUNNING)
+        assert show.track.hardest_change_m_s() < JUMP_M_S
+        turned_down = await refused(show, lambda: show.service.settle(Offer.BRING_HOME))
+        assert turned_down.kind is RefusedError
+        await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+        assert show.floor_violations() == 0
+
+    sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on))
+
+
+def test_brought_home_they_land_where_they_took_off_though_two_services_ended(tmp_path: Path) -> None:
+    pads_m = []
+
+    async def fly_first(show: Show) -> None:
+        await show.standby()
+        pads_m.append(show.true_m.copy())
+        await fly_for_a_while(show)
+
+    async def only_look(show: Show) -> None:
+        await show.wait(0.5)
+
+    async def home(show: Show) -> None:
+        await found(show)
+        await show.settled(show.service.settle(Offer.BRING_HOME), 120.0)
+        await show.reach(ShowPhase.LANDED)
+        assert np.linalg.norm((show.true_m - pads_m[0])[:, :2], axis=1).max() < 1.0
+        assert show.floor_violations() == 0
+        assert show.view.interrupted is None
+
+    async def nothing_left(show: Show) -> None:
+        await show.standby()
+        assert show.view.interrupted is None
+        assert show.view.notices == ()
+
+    parts = [(four(), fly_first), (four(), only_look), (four(), home), (four(), nothing_left)]
+    sessions(tmp_path, *parts)
+
+
+def test_a_written_show_goes_on_where_it_was_and_only_as_it_was_checked(tmp_path: Path) -> None:
+    shows, root = tmp_path / "shows", tmp_path / "runs"
+    shows.mkdir()
+
+    async def into_the_walk(show: Show) -> None:
+        show_hash = check(show)
+        show.service.select_show(NAME, show_hash)
+        await show.standby()
+        show.service.command_show(ShowAction.START, show_hash=show_hash)
+        await show.until(lambda: show.view.selected is not None and show.view.selected.clock_s > 12.0)
+        keep(show, TEXT.replace("#00ff00", "#00fe00"))
+
+    async def changed(show: Show) -> None:
+        await found(show)
+        shown = show.view.interrupted
+        assert shown is not None
+        assert shown.written is not None
+        assert (shown.written.name, shown.written.cue) == (NAME, "walk")
+        assert shown.offers == (Offer.BRING_HOME,)
+        assert any("has changed since it was flown" in problem for problem in shown.problems)
+        keep(show)
+
+    async def flies_on(show: Show) -> None:
+        await found(show)
+        await show.settled(show.service.settle(Offer.TAKE_OVER))
+        selected = show.view.selected
+        assert selected is not None
+        assert (selected.cue, selected.runs) == ("walk", False)
+        assert 11.0 < selected.clock_s <= 12.2
+        await show.show(ShowAction.RESUME)
+        await show.until(lambda: show.view.selected is not None and show.view.selected.runs)
+        assert None not in [show.vehicle(name).light for name in ALL]
+        await show.until(lambda: show.view.selected is not None and show.view.selected.cue == "turn")
+        await show.show(ShowAction.STOP)
+
+    configs = with_shows(shows)
+    sessions(root, (configs, into_the_walk), (configs, changed), (configs, flies_on))
+
+
+@pytest.mark.parametrize(
+    ("section", "says"),
+    [
+        ({"show_frame": {"heading_deg": 37.0}}, "show_frame is another"),
+        ({"links": [{"name": "loop", "listen": "udpin://127.0.0.1:14540", "vehicles": {"count": 3}}]}, "d4"),
+    ],
+)
+def test_under_another_configuration_nothing_is_offered_that_would_be_wrong(
+    tmp_path: Path, section: dict[str, object], says: str
+) -> None:
+    other = Config.model_validate(four().model_dump() | _merged(section))
+
+    async def look(show: Show) -> None:
+        await found(show)
+        shown = show.view.interrupted
+        assert shown is not None
+        assert shown.offers == ()
+        assert any(says in problem for problem in shown.problems)
+        for offer in Offer:
+            assert says in (await refused(show, lambda: show.service.settle(offer))).text  # noqa: B023
+
+    sessions(tmp_path, (four(), fly_for_a_while), (other, look))
+
+
+def _merged(section: dict[str, object]) -> dict[str, object]:
+    raw = four().model_dump()
+    return {
+        key: {**raw[key], **value} if isinstance(value, dict) else value for key, value in section.items()
+    }
+
+
+def test_whom_a_pilot_has_is_left_to_the_pilot(tmp_path: Path) -> None:
+    async def fly_and_lose_one(show: Show) -> None:
+        await fly_for_a_while(show)
+        show.befall("d2", "pilot")
+        await show.phase("d2", Phase.PILOT)
+        await show.wait(1.0)
+
+    async def others_only(show: Show) -> None:
+        await found(show)
+        shown = show.view.interrupted
+        assert shown is not None
+        assert {one.id for one in shown.vehicles} == {"d1", "d3", "d4"}, (
+            "the record knows that d2 is a pilot's"
+        )
+        show.befall("d3", "pilot")
+        await show.until(lambda: show.vehicle("d3").mode is Mode.POSITION)
+        await show.wait(0.2)
+        record = await show.settled(show.service.settle(Offer.BRING_HOME), 120.0)
+        assert record.outcomes["d3"].outcome is Outcome.NOT_INCLUDED
+        assert "a pilot may have it" in record.outcomes["d3"].reason
+        assert "d2" not in record.outcomes
+        assert [show.vehicle(name).phase for name in ("d2", "d3")] == [Phase.PILOT] * 2
+        assert not show.link.sent["d2"]
+
+    sessions(tmp_path, (four(), fly_and_lose_one), (four(), others_only))
+
+
+def test_a_single_vehicle_handed_back_returns_to_where_it_took_off(tmp_path: Path) -> None:
+    async def one_by_one(show: Show) -> None:
+        await found(show)
+        await show.order("d1", VehicleAction.HAND_BACK)
+        record = await show.order("d1", VehicleAction.RETURN)
+        assert record.outcomes["d1"].outcome is Outcome.DONE
+
+    sessions(tmp_path, (four(), fly_for_a_while), (four(), one_by_one))
