@@ -1,7 +1,7 @@
 """What is done with the whole fleet on an order, and what follows by itself."""
 
-import asyncio
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 
 from gcs.errands import Errands
 from gcs.errors import InvalidError, RefusedError
@@ -34,14 +34,22 @@ class Director:
         inspection: Inspection,
         stage: Stage,
         unix_s: Callable[[], float],
+        planning: Executor,
     ) -> None:
+        """`planning` is where ways home are found: beside the flight."""
         self._flight = flight
+        self._planning = planning
         self._errands = errands
         self._book = book
         self._starting = Starting(flight, errands, book, inspection, stage, unix_s)
         self._vehicle_orders = VehicleOrders(flight, errands, book)
         self._homecoming: Homecoming | None = None
         self._watch = Watch(flight, errands, inspection, self._come_back)
+
+    def close(self) -> None:
+        """Plan nothing any more that nobody will fly."""
+        if self._homecoming is not None:
+            self._homecoming.give_up()
 
     # once a tick
 
@@ -145,7 +153,8 @@ class Director:
         record = self._book.open("stop", [v.id for v in (*flying, *waiting)], self._not_ours())
         homeless_m = landing_places_m(self._flight, [vehicle for vehicle in flying if vehicle.home_m is None])
         together = [v for v in flying if v.home_m is not None and not v.comes_down_alone]
-        self._homecoming = Homecoming(self._flight, together, asyncio.get_running_loop().time)
+        self.close()
+        self._homecoming = Homecoming(self._flight, together, self._planning)
         for vehicle in flying:
             place_m = homeless_m.get(vehicle.id)  # its start is not known: down where it is
             errand = (

@@ -6,7 +6,7 @@ import pytest
 from gcs.homeward import STEP_S, Planner, Ways, plan_ways
 from gcs.safety.filter import Limits
 from gcs.safety.separation import Floor
-from gcs.state import Array
+from gcs.state import Array, Mask
 
 FLOOR = Floor()
 UNSURE_M = 0.7
@@ -85,10 +85,10 @@ def test_two_above_each_others_pads_both_come_down() -> None:
 def test_ways_keep_clear_of_what_stands_where_one_can() -> None:
     start_m, pad_m = np.array([[30.0, 0.0, -10.0]]), np.zeros((1, 3))
 
-    def is_free(path_m: Array) -> bool:
-        return not (np.hypot(path_m[:, 0] - 15.0, path_m[:, 1]) < 3.0).any()
+    def are_free(place_m: Array) -> Mask:
+        return np.asarray(np.hypot(place_m[:, 0] - 15.0, place_m[:, 1]) > 3.0)
 
-    path_m = planned(start_m, pad_m, is_free=is_free).path_m[0]
+    path_m = planned(start_m, pad_m, are_free=are_free).path_m[0]
     assert np.hypot(path_m[:, 0] - 15.0, path_m[:, 1]).min() > 2.9
 
 
