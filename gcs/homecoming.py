@@ -7,8 +7,7 @@ import numpy as np
 
 from gcs.control import ellipses_of
 from gcs.flight import Flight
-from gcs.homeward import Pace, Planner, Ways, plan_ways
-from gcs.homeward.choices import AreFree
+from gcs.homeward import AreFree, Pace, Planner, Ways, plan_ways
 from gcs.landing import CLEAR_M
 from gcs.lifecycle import Phase
 from gcs.state import Array, Mask, VehicleId

@@ -4,8 +4,9 @@
 round after round, and `pace` lets the plan wait for who is held back.
 """
 
+from gcs.homeward.choices import AreFree
 from gcs.homeward.pace import Pace
 from gcs.homeward.planner import Homeward, Planner, plan_ways, warm_up
 from gcs.homeward.ways import STEP_S, Ways
 
-__all__ = ["STEP_S", "Homeward", "Pace", "Planner", "Ways", "plan_ways", "warm_up"]
+__all__ = ["STEP_S", "AreFree", "Homeward", "Pace", "Planner", "Ways", "plan_ways", "warm_up"]

@@ -128,7 +128,7 @@ def _steps(begin_m: Array, end_m: Array, sideways_m_s: float, up_m_s: float, dow
 def _laid(
     corners_m: Array, speeds_m_s: Array, touch_down_m_s: float, limits_m_s: Array, rate_per_s: float
 ) -> tuple[Array, Array, Rows, Rows]:
-    """Goals and paths (m, 3) of ways (k, 5, 3); where each begins, (k + 1,); its steps until over the pad, (k,)."""
+    """Goals and paths (m, 3) of ways (k, 5, 3); where each begins (k + 1,); steps until over the pad (k,)."""
     ways, corners = corners_m.shape[:2]
     sideways_m_s, up_m_s, down_m_s = speeds_m_s
     steps = np.empty((ways, corners - 1), np.intp)

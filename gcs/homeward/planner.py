@@ -29,8 +29,11 @@ SPARED_FAILS = 3
 MORE_S = 60.0
 """So much later may the last round let everybody be down."""
 
-LONGEST_SHARE = 1.4
+LONGEST_SHARE = 1.2
 """Of the longest way: nobody comes down later than that and `spare_s`, if that can be."""
+
+LATER_SHARE, LATER_ROUNDS = 1.4, 15
+"""Or later, after so many rounds."""
 
 
 class Homeward(Settings):
@@ -74,15 +77,17 @@ class Planner:
             uncertainty_m: of a pair's positions, added up.
             settings: of the plan.
             are_free: which places meet nothing that stands; None: nothing does.
+
+        Raises: ShapeError where there is nobody.
         """
+        if len(start_m) == 0:
+            raise ShapeError("a plan for nobody")
         settings = settings or Homeward()
         wide_m, tall_m = (kept_m + settings.spare_m for kept_m in floor.kept_m(uncertainty_m))
         self._start_m, self._pad_m, self._heights_m = start_m, pad_m, (over_m, handover_m)
         self._scale = np.array([1.0, 1.0, wide_m / tall_m])
         self._low_m = floor.pad_height_m * wide_m / tall_m
-        apart_m = np.linalg.norm((start_m[:, None] - start_m[None]) * self._scale, axis=2)
-        # a pair that is closer than that already only may come no closer
-        self._kept_m = np.minimum(wide_m, np.maximum(0.98 * apart_m, floor.horizontal_m))
+        self._kept_range_m = floor.horizontal_m, wide_m
         self._settings = settings
         self._limits_m_s = np.array([speed_m_s, limits.up_m_s, limits.down_m_s])
         self._goal_rate_per_s, self._are_free = goal_rate_per_s, are_free
@@ -92,31 +97,27 @@ class Planner:
         self._fails = np.zeros(len(start_m))
         self._rounds = 0
         self._choices: Choices | None = None
-        self._place_m = start_m
+        self._place_m = self._kept_m = start_m  # both follow with the first round
         self._best: tuple[Rows, Rows] | None = None  # as `chosen_ways` gives them
 
     @property
-    def ways(self) -> Ways | None:
-        """The best plan so far; None: there is none yet."""
-        return None if self._best is None or self._choices is None else self._laid(self._choices, *self._best)
+    def ways(self) -> Ways:
+        """The best plan so far. Raises: ShapeError before the first round."""
+        if self._best is None or self._choices is None:
+            raise ShapeError("no round has been planned")
+        return self._laid(self._choices, *self._best)
 
     def round(self) -> bool:
         """Plan for everybody once more. Returns: whether there is nothing left to find."""
         choices = self._choices
         if choices is None:
-            choices = self._choices = lay(
-                self._start_m,
-                self._pad_m,
-                *self._heights_m,
-                speeds_m_s=self._limits_m_s,
-                goal_rate_per_s=self._goal_rate_per_s,
-                are_free=self._are_free,
-            )
-            self._place_m = choices.path_m * self._scale
+            choices = self._choices = self._prepared()
         self._rounds += 1
         settings, last = self._settings, self._rounds >= ROUNDS
         longest_s = float(self._quickest_s.max(initial=STEP_S))
-        down_s = LONGEST_SHARE * longest_s + settings.spare_s + (MORE_S if last else 0.0)
+        share = LONGEST_SHARE if self._rounds <= LATER_ROUNDS else LATER_SHARE
+        down_s = share * longest_s + settings.spare_s + (MORE_S if last else 0.0)
+        quickest = int(choices.length.reshape(-1, EACH).min(axis=1).max())
         way, wait = chosen_ways(
             np.lexsort((-self._quickest_s, -self._fails)),
             self._place_m,
@@ -127,13 +128,30 @@ class Planner:
             settings.reaction_s * (HASTY_SHARE if self._rounds > PATIENT_ROUNDS else 1.0),
             settings.deceleration_m_s2,
             self._low_m,
-            max(int(down_s / STEP_S), int(choices.length.max())) + 1,
+            max(int(down_s / STEP_S), quickest) + 1,
         )
         left = way < 0
         if self._best is None or left.sum() < (self._best[0] < 0).sum():
             self._best = way, wait
         self._fails[left] += 1  # who found no way chooses earlier in the next round
         return last or not left.any()
+
+    def _prepared(self) -> Choices:
+        """What all rounds need."""
+        choices = lay(
+            self._start_m,
+            self._pad_m,
+            *self._heights_m,
+            speeds_m_s=self._limits_m_s,
+            goal_rate_per_s=self._goal_rate_per_s,
+            are_free=self._are_free,
+        )
+        self._place_m = choices.path_m * self._scale
+        least_m, wide_m = self._kept_range_m
+        apart_m = np.linalg.norm((self._start_m[:, None] - self._start_m[None]) * self._scale, axis=2)
+        # a pair that is closer than that already only may come no closer
+        self._kept_m = np.minimum(wide_m, np.maximum(0.98 * apart_m, least_m))
+        return choices
 
     def _laid(self, choices: Choices, way: Rows, wait: Rows) -> Ways:
         """The plan in places. Who found no way follows when all the others are down."""
@@ -165,8 +183,6 @@ def plan_ways(planner: Planner, enough: Callable[[], bool] = lambda: False) -> W
     """Round after round until nothing is left to find, or it is `enough`; the first is always finished."""
     while not planner.round() and not enough():
         pass
-    if planner.ways is None:
-        raise ShapeError("a plan for nobody")
     return planner.ways
 
 

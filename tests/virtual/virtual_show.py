@@ -308,6 +308,7 @@ def fly(
     *,
     failures: Sequence[LinkError] = (),
     record: Record | None = None,
+    planning: Executor | None = None,
     **fleet_settings: Any,
 ) -> T:
     """Play `story` with a running service; control's own errors end it.
@@ -317,6 +318,7 @@ def fly(
         config: four vehicles without one.
         failures: of the link, before it first runs.
         record: where the flight is recorded, entered.
+        planning: of ways home; None: done as soon as it is begun.
         fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
     """
     plan = show_config(4) if config is None else config
@@ -332,7 +334,7 @@ def fly(
         link.failures.extend(failures)
         links: list[Link] = [link]
         unix = UnixClock()
-        service = Orchestrator(plan, links, record, unix_s=unix, planning=AtOnce())
+        service = Orchestrator(plan, links, record, unix_s=unix, planning=planning or AtOnce())
         show = Show(plan, fleet, link, service, unix)
         services = {
             asyncio.create_task(show.service.run(), name="service"),
