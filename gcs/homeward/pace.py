@@ -5,13 +5,13 @@ import numpy as np
 from gcs.homeward.ways import Ways
 from gcs.state import Array, Mask
 
-KEPT_UP_M = 2.0
+KEPT_UP_M = 2.5
 """Who is no farther from where it should be keeps up."""
 
-HELD_UP_M = 3.2
+HELD_UP_M = 5.0
 """For who is that far, or farther, the plan stands still."""
 
-GIVEN_UP_M = 8.0
+GIVEN_UP_M = 9.0
 """Farther from it, a vehicle does not fly the plan any more, and is not waited for."""
 
 PATIENCE_S = 15.0

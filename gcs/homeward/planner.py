@@ -15,25 +15,27 @@ from gcs.safety.separation import Floor
 from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import Array
 
-ROUNDS = 60
-"""So often everything is planned, at most."""
+SPARED_FAILS = (5, 8, 3)
+"""Who has found no way so often is not flown past while it waits, if that can be. Where one number leads to no
+plan for all, another does: everything begins anew with it.
+"""
 
-PATIENT_ROUNDS = 30
-"""After so many, pairs may close faster, although the filter will slow some of them down."""
+ATTEMPT_ROUNDS = 25
+"""So often everything is planned with each, at most."""
+
+ROUNDS = len(SPARED_FAILS) * ATTEMPT_ROUNDS
 
 HASTY_SHARE = 0.4
-
-SPARED_FAILS = 3
-"""Who has found no way so often is not flown past while it waits, if that can be."""
+"""With the last of them, pairs may close faster, although the filter will slow some of them down."""
 
 MORE_S = 60.0
 """So much later may the last round let everybody be down."""
 
-LONGEST_SHARE = 1.2
+LONGEST_SHARE = 1.1
 """Of the longest way: nobody comes down later than that and `spare_s`, if that can be."""
 
 LATER_SHARE, LATER_ROUNDS = 1.4, 15
-"""Or later, after so many rounds."""
+"""Or later, after so many rounds of an attempt."""
 
 
 class Homeward(Settings):
@@ -114,8 +116,11 @@ class Planner:
             choices = self._choices = self._prepared()
         self._rounds += 1
         settings, last = self._settings, self._rounds >= ROUNDS
+        attempt, before = divmod(self._rounds - 1, ATTEMPT_ROUNDS)
+        if before == 0:
+            self._fails[:] = 0
         longest_s = float(self._quickest_s.max(initial=STEP_S))
-        share = LONGEST_SHARE if self._rounds <= LATER_ROUNDS else LATER_SHARE
+        share = LONGEST_SHARE if before < LATER_ROUNDS else LATER_SHARE
         down_s = share * longest_s + settings.spare_s + (MORE_S if last else 0.0)
         quickest = int(choices.length.reshape(-1, EACH).min(axis=1).max())
         way, wait = chosen_ways(
@@ -123,9 +128,9 @@ class Planner:
             self._place_m,
             choices.first,
             choices.free,
-            self._fails >= SPARED_FAILS,
+            self._fails >= SPARED_FAILS[attempt],
             self._kept_m,
-            settings.reaction_s * (HASTY_SHARE if self._rounds > PATIENT_ROUNDS else 1.0),
+            settings.reaction_s * (HASTY_SHARE if attempt == len(SPARED_FAILS) - 1 else 1.0),
             settings.deceleration_m_s2,
             self._low_m,
             max(int(down_s / STEP_S), quickest) + 1,
@@ -159,13 +164,13 @@ class Planner:
         way, wait, length = way.copy(), wait.copy(), choices.length
         planned = np.flatnonzero(way >= 0)
         last = int((wait[planned] + length[way[planned]]).max(initial=0))
-        for row in unplanned:
+        for row in unplanned.tolist():
             own = slice(row * EACH, (row + 1) * EACH)
             way[row] = row * EACH + int(np.argmin(np.where(choices.free[own], length[own], length.max() + 1)))
             wait[row] = last
         count = int((wait + length[way]).max(initial=1))
         drawn_m, path_m = (np.repeat(self._start_m[:, None], count, axis=1) for _ in range(2))
-        for row, (taken, begins) in enumerate(zip(way, wait, strict=True)):
+        for row, (taken, begins) in enumerate(zip(way.tolist(), wait.tolist(), strict=True)):
             whole = slice(choices.first[taken], choices.first[taken + 1])
             for moments_m, places_m in ((drawn_m, choices.goal_m[whole]), (path_m, choices.path_m[whole])):
                 moments_m[row, begins : begins + len(places_m)] = places_m
@@ -173,8 +178,8 @@ class Planner:
         return Ways(
             drawn_m,
             path_m,
-            (wait + choices.over[way]) * STEP_S,
-            (wait + length[way] - 1) * STEP_S,
+            np.multiply(wait + choices.over[way], STEP_S, dtype=np.float64),
+            np.multiply(wait + length[way] - 1, STEP_S, dtype=np.float64),
             tuple(unplanned.tolist()),
         )
 

@@ -334,8 +334,8 @@ def fly(
         link.failures.extend(failures)
         links: list[Link] = [link]
         unix = UnixClock()
-        service = Orchestrator(plan, links, record, unix_s=unix, planning=planning or AtOnce())
-        show = Show(plan, fleet, link, service, unix)
+        orchestrator = Orchestrator(plan, links, record, unix_s=unix, planning=planning or AtOnce())
+        show = Show(plan, fleet, link, orchestrator, unix)
         services = {
             asyncio.create_task(show.service.run(), name="service"),
             asyncio.create_task(show.record(), name="record"),

@@ -35,21 +35,21 @@ def test_a_plan_that_everybody_keeps_up_with_goes_by_the_clock() -> None:
 
 def test_it_stands_still_for_one_that_is_held_back_and_goes_on_when_it_is_free_again() -> None:
     pace = Pace(abreast())
-    held_m = np.array([[0.0, 0.0, 0.0], [-4.0, 0.0, 0.0]])
+    held_m = np.array([[0.0, 0.0, 0.0], [-6.0, 0.0, 0.0]])
     assert flown(pace, 2.0, held_m, BOTH) == pytest.approx(0.0)
-    assert flown(pace, 2.0, 0.1 * held_m, BOTH) == pytest.approx(2.0)
+    assert flown(pace, 2.0, 0.2 * held_m, BOTH) == pytest.approx(2.0)
 
 
 def test_the_farther_behind_somebody_is_the_slower_it_goes() -> None:
     went_s = [
-        flown(Pace(abreast()), 2.0, np.array([[0.0] * 3, [-m, 0.0, 0.0]]), BOTH) for m in (2.2, 2.6, 3.0)
+        flown(Pace(abreast()), 2.0, np.array([[0.0] * 3, [-m, 0.0, 0.0]]), BOTH) for m in (3.0, 3.8, 4.6)
     ]
     assert 2.0 > went_s[0] > went_s[1] > went_s[2] > 0.0
 
 
 def test_it_waits_so_long_in_all_and_no_longer() -> None:
     pace = Pace(abreast())
-    assert flown(pace, 60.0, np.full((2, 3), 2.5), BOTH) == pytest.approx(60.0 - PATIENCE_S)
+    assert flown(pace, 60.0, np.full((2, 3), 3.5), BOTH) == pytest.approx(60.0 - PATIENCE_S)
 
 
 @pytest.mark.parametrize("away_m", [20.0, np.nan])
@@ -59,7 +59,7 @@ def test_nobody_waits_for_one_that_has_gone_elsewhere_or_is_not_heard(away_m: fl
 
 def test_nobody_waits_for_one_that_was_ordered_to_do_something_else() -> None:
     only_first = np.array([True, False])
-    assert flown(Pace(abreast()), 2.0, np.array([[0.0] * 3, [-4.0, 0.0, 0.0]]), only_first) == pytest.approx(
+    assert flown(Pace(abreast()), 2.0, np.array([[0.0] * 3, [-6.0, 0.0, 0.0]]), only_first) == pytest.approx(
         2.0
     )
 
