@@ -16,8 +16,8 @@ from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import Array
 
 SPARED_FAILS = (5, 8, 3)
-"""Who has found no way so often is not flown past while it waits, if that can be. Where one number leads to no
-plan for all, another does: everything begins anew with it.
+"""Who has found no way so often is not flown past while it waits, if that can be. Where one number leads to
+no plan for all, another does: everything begins anew with it.
 """
 
 ATTEMPT_ROUNDS = 25
