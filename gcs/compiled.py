@@ -43,6 +43,12 @@ def kernel(function: Kernel) -> Kernel:
     return compiled
 
 
+def kernel_apart(function: Kernel) -> Kernel:
+    """As `kernel`; called in a thread of its own it holds up no other: it lets the interpreter's lock go."""
+    compiled: Kernel = numba.njit(cache=True, error_model="numpy", nogil=True)(function)
+    return compiled
+
+
 def kernel_in_any_order(function: Kernel) -> Kernel:
     """As `kernel`; sums may be formed in any order, so that they can be vectorised."""
     compiled: Kernel = numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz"})(function)

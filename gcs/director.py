@@ -1,7 +1,7 @@
 """What is done with the whole fleet on an order, and what follows by itself."""
 
-import asyncio
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 
 from gcs.checks import PreflightReport
 from gcs.clearance import Clearance
@@ -42,10 +42,15 @@ class Director:
         stage: Stage,
         unix_s: Callable[[], float],
         clock: TickClock,
+        planning: Executor,
         found: Interruption | None = None,
     ) -> None:
-        """`found`: a flight that was cut off before this service began."""
+        """`planning` is where ways home are found: beside the flight.
+
+        `found` is a flight that was cut off before this service began.
+        """
         self._flight = flight
+        self._planning = planning
         self._errands = errands
         self._book = book
         self._lineup = Lineup(flight, book, unix_s)
@@ -56,6 +61,11 @@ class Director:
         self.takeover = Takeover(flight, errands, book, stage, found, self._bring_home, unix_s)
         self._watch = Watch(flight, errands, inspection, self._come_back)
         self._reacting = Reacting(flight, stage, clock, unix_s, self, errands.running)
+
+    def close(self) -> None:
+        """Plan nothing any more that nobody will fly."""
+        if self._homecoming is not None:
+            self._homecoming.give_up()
 
     # once a tick
 
@@ -224,7 +234,8 @@ class Director:
         """These together above their own starts and down; down where they are when those are not known."""
         homeless_m = landing_places_m(self._flight, [vehicle for vehicle in flying if vehicle.home_m is None])
         together = [v for v in flying if v.home_m is not None and not v.comes_down_alone]
-        self._homecoming = Homecoming(self._flight, together, asyncio.get_running_loop().time)
+        self.close()
+        self._homecoming = Homecoming(self._flight, together, self._planning)
         for vehicle in flying:
             place_m = homeless_m.get(vehicle.id)  # its start is not known: down where it is
             errand = (

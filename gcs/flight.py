@@ -41,8 +41,8 @@ SPREAD_SHARE = 0.7
 """And when the two nearest directions are apart by this share of what they are in the best shape known."""
 
 
-BEHIND_M = 8.0
-"""Farther from where the plan has it, a vehicle does not fly the plan any more."""
+BEHIND_M = 11.0
+"""Farther from what the plan draws it to, a vehicle does not fly the plan any more."""
 
 
 FLIES = AIRBORNE | {Phase.PILOT}

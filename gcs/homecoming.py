@@ -1,30 +1,28 @@
-"""Everybody comes home together: they stop, their ways are planned a little every tick, and they set out."""
+"""Everybody comes home together: they stop, their ways are planned beside the flight, and they set out."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from concurrent.futures import Executor, Future
 
 import numpy as np
 
 from gcs.control import ellipses_of
 from gcs.flight import Flight
-from gcs.homeward import Planner, Ways
+from gcs.homeward import AreFree, Pace, Planner, Ways, plan_ways
 from gcs.landing import CLEAR_M
 from gcs.lifecycle import Phase
-from gcs.state import Array, VehicleId
+from gcs.state import Array, Mask, VehicleId
 from gcs.vehicle import Vehicle
 
 STANDS_M_S = 0.4
 STOPPED_WITHIN_S = 5.0
 """Who does not stand by then, or is not under control, comes home without the plan, through the filter."""
 
-PLANNED_WITHIN_S = 2.0
-"""Then the best plan so far is flown; the first is always finished."""
-
-SHARE_S = 0.01
-"""Of a tick may be spent on the plan."""
+PLANNED_WITHIN_S = 10.0
+"""Then the best plan so far is flown; the first is always finished. 50 are planned within a second or two."""
 
 INSIDE_FENCE_M = 1.0
 
-TOGETHER_MAX = 100
+TOGETHER_MAX = 300
 """For more the first plan takes too long; they come home through the filter alone."""
 
 FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
@@ -33,22 +31,27 @@ FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
 class Homecoming:
     """One collective return. Changed only on the event loop."""
 
-    def __init__(self, flight: Flight, vehicles: Iterable[Vehicle], clock_s: Callable[[], float]) -> None:
-        """`vehicles` know where they started; `clock_s` goes on while a tick is at work."""
+    def __init__(self, flight: Flight, vehicles: Iterable[Vehicle], planning: Executor) -> None:
+        """`vehicles` know where they started; the plan is found in `planning`: a tick has no time for it."""
         self._flight = flight
-        self._clock_s = clock_s
+        self._planning = planning
         self._expected = {vehicle.id: vehicle for vehicle in vehicles}
         self._stopping: dict[VehicleId, Vehicle] = {}
-        self._asked_s = flight.fleet.time_s
-        self._planner: Planner | None = None
         self._rows: dict[VehicleId, int] = {}
-        self._ways: Ways | None = None
-        self._begun_s = 0.0  # of the planning, then of the flight
+        self._planned: Future[Ways] | None = None
+        self._enough = False  # read by the thread that plans
+        self._pace: Pace | None = None
+        self._led: set[VehicleId] = set()  # who asked for its goal since the last tick
+        self._since_s = flight.fleet.time_s  # the order, then the planning, then the last tick
 
     @property
     def is_planned(self) -> bool:
         """Whether they have set out."""
-        return self._ways is not None
+        return self._pace is not None
+
+    def give_up(self) -> None:
+        """Look for no better plan."""
+        self._enough = True
 
     def stopping(self, vehicle: Vehicle) -> None:
         """It is under control, and stops."""
@@ -56,40 +59,52 @@ class Homecoming:
 
     def takes_part(self, vehicle: Vehicle) -> bool:
         """Whether it is, or may still be, part of the plan."""
-        return vehicle.id in self._rows if self._planner is not None else vehicle.id in self._expected
+        return vehicle.id in self._rows if self._planned is not None else vehicle.id in self._expected
 
     def advance(self) -> None:
-        """Go on planning; once a tick."""
+        """Go on; once a tick."""
         now_s = self._flight.fleet.time_s
-        if self._ways is not None:
-            return
-        if self._planner is None:
-            if self._all_stand() or now_s - self._asked_s > STOPPED_WITHIN_S:
-                self._begin(now_s)
-            return
-        until_s = self._clock_s() + SHARE_S
-        done = False
-        while not done and self._clock_s() < until_s:
-            done = self._planner.step()
-        late = now_s - self._begun_s > PLANNED_WITHIN_S and self._planner.ways is not None
-        if done or late:
-            self._ways, self._begun_s = self._planner.ways, now_s
+        since_s = now_s - self._since_s
+        if self._pace is not None:
+            self._since_s = now_s
+            self._pace.advance(since_s, self._flight.fleet.position_m[self._places], self._flown())
+        elif self._planned is None:
+            if self._all_stand() or since_s > STOPPED_WITHIN_S:
+                self._since_s = now_s
+                self._begin()
+        elif self._planned.done():
+            self._since_s = now_s
+            self._pace = Pace(self._planned.result())
+        elif since_s > PLANNED_WITHIN_S:
+            self.give_up()
+
+    @property
+    def _places(self) -> list[int]:
+        """Rows of FleetState, in the plan's order."""
+        return [self._expected[vehicle_id].row for vehicle_id in self._rows]
+
+    def _flown(self) -> Mask:
+        """(n,) who flies its way in the plan, and is waited for."""
+        flown = np.array([vehicle_id in self._led for vehicle_id in self._rows], dtype=np.bool_)
+        if self._pace is not None:
+            flown[list(self._pace.ways.unplanned)] = False
+        self._led.clear()
+        return flown
 
     def goal_m(self, vehicle: Vehicle) -> Array | None:
         """(3,) where it shall be now; None: it waits for the plan."""
-        if self._ways is None:
+        if self._pace is None:
             return None
-        return self._ways.goal_m(self._rows[vehicle.id], self._flight.fleet.time_s - self._begun_s)
+        self._led.add(vehicle.id)
+        return self._pace.goal_m(self._rows[vehicle.id])
 
     def has_way(self, vehicle: Vehicle) -> bool:
         """Whether a way was found for it that meets nobody."""
-        return self._ways is not None and self._rows[vehicle.id] not in self._ways.unplanned
+        return self._pace is not None and self._rows[vehicle.id] not in self._pace.ways.unplanned
 
     def is_over(self, vehicle: Vehicle) -> bool:
         """Whether its way has led it above its start."""
-        if self._ways is None:
-            return False
-        return self._flight.fleet.time_s - self._begun_s >= float(self._ways.over_s[self._rows[vehicle.id]])
+        return self._pace is not None and self._pace.is_over(self._rows[vehicle.id])
 
     def _all_stand(self) -> bool:
         """Everybody that is still ours is under control, and hardly moves."""
@@ -99,7 +114,7 @@ class Homecoming:
             vehicle.id in self._stopping and bool(speed_m_s[vehicle.row] < STANDS_M_S) for vehicle in ours
         )
 
-    def _begin(self, now_s: float) -> None:
+    def _begin(self) -> None:
         flight = self._flight
         ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
         homes = [(vehicle, vehicle.home_m) for vehicle in ready if vehicle.home_m is not None]
@@ -109,7 +124,7 @@ class Homecoming:
         rows = [vehicle.row for vehicle, _ in homes]
         control, operation = flight.control, flight.config.operation
         self._rows = {vehicle.id: row for row, (vehicle, _) in enumerate(homes)}
-        self._planner = Planner(
+        planner = Planner(
             flight.fleet.position_m[rows].copy(),
             np.array([home_m for _, home_m in homes]),
             operation.takeoff_height_m,
@@ -119,21 +134,22 @@ class Homecoming:
             limits=control.safety.limits,
             floor=control.safety.floor,
             uncertainty_m=2.0 * float(flight.traits.uncertainty_m[rows].max()),
-            is_free=self._is_free,
+            are_free=self._are_free(),
         )
-        self._begun_s = now_s
+        self._planned = self._planning.submit(plan_ways, planner, lambda: self._enough)
 
-    def _is_free(self, path_m: Array) -> bool:
-        """Whether a way (k, 3) is inside the fence and clear of obstacles."""
+    def _are_free(self) -> AreFree:
+        """Which places are inside the fence and clear of obstacles, as they are now."""
         flight, fence = self._flight, self._flight.control.safety.fence
-        inside_m = min(
-            fence.distance_max_m - float(np.hypot(path_m[:, 0], path_m[:, 1]).max()),
-            fence.height_max_m + float(path_m[:, 2].min()),
-        )
-        if inside_m < INSIDE_FENCE_M:
-            return False
-        for ellipse in ellipses_of(flight.plan, flight.control, flight.fleet.time_s).values():
-            low = -path_m[:, 2] < ellipse.top_height_m
-            if low.any() and float(ellipse.distance_m(path_m[low]).min()) < CLEAR_M:
-                return False
-        return True
+        ellipses = tuple(ellipses_of(flight.plan, flight.control, flight.fleet.time_s).values())
+
+        def are_free(place_m: Array) -> Mask:
+            height_m = -place_m[:, 2]
+            free = np.hypot(place_m[:, 0], place_m[:, 1]) <= fence.distance_max_m - INSIDE_FENCE_M
+            free &= height_m <= fence.height_max_m - INSIDE_FENCE_M
+            for ellipse in ellipses:
+                low = np.flatnonzero(height_m < ellipse.top_height_m)
+                free[low] &= ellipse.distance_m(place_m[low]) >= CLEAR_M
+            return np.asarray(free)
+
+        return are_free

@@ -8,6 +8,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import Protocol
@@ -110,6 +111,7 @@ class Orchestrator:
         *,
         unix_s: Callable[[], float] = time.time,
         heart: Heart | None = None,
+        planning: Executor | None = None,
     ) -> None:
         """Nothing moves before `run`; must be made on the running event loop.
 
@@ -119,6 +121,7 @@ class Orchestrator:
             record: where orders, events and every tick are noted; opened and closed by whoever made it.
             unix_s: the clock that people read, in s since 1970.
             heart: is told of every tick that came in time, and of no other.
+            planning: where ways home are found; None: in a thread of its own, ended with `run`.
         """
         warm_up()
         warm_up_ways()
@@ -131,6 +134,7 @@ class Orchestrator:
         self._book = OrderBook(None if record is None else record.audit)
         self._unix_s = unix_s
         self._heart = heart
+        self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
         self.shows = Repertoire(None if config.shows is None else config.shows.folder)
         self._stage = Stage(self._flight, self.shows)
         self._clock = TickClock(config.tick_rate_hz)
@@ -155,12 +159,16 @@ class Orchestrator:
                     self._stage,
                     self._unix_s,
                     self._clock,
+                    self._planning,
                     self._found,
                 )
                 for link in self._flight.links:
                     group.create_task(keep_open(link), name=f"link/{link.name}")
                 group.create_task(self._control(self._director), name="control")
         finally:
+            if self._director is not None:
+                self._director.close()
+            self._planning.shutdown(wait=False, cancel_futures=True)
             await self.shows.close()
 
     async def _control(self, director: Director) -> None:

@@ -1,13 +1,18 @@
 """Everybody comes home together: on ways found beforehand, soon, and never inside the floor."""
 
-from typing import NamedTuple
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pytest
-from virtual_show import Show, Track, fly, show_config
+from virtual_show import AtOnce, Show, Track, fly, show_config
 
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+
+T = TypeVar("T")
 
 COUNT = 12
 STOPPING_S = 5.0
@@ -77,3 +82,51 @@ def test_who_holds_and_who_is_stopped_on_the_way_are_part_of_it_or_left_out() ->
         assert show.floor_violations() == 0
 
     fly(story)
+
+
+PLANNING_S = 4.0
+
+
+class Slowly(AtOnce):
+    """As a thread that takes its time, which here is the loop's."""
+
+    def submit(self, work: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
+        done, told = super().submit(work, *given, **named), Future[T]()
+        asyncio.get_running_loop().call_later(PLANNING_S, lambda: told.set_result(done.result()))
+        return told
+
+
+def test_while_the_ways_are_planned_everybody_is_commanded_to_stand_where_it_is() -> None:
+    async def story(show: Show) -> tuple[Track, Track, int]:
+        await show.start()
+        show.service.command_show(ShowAction.STOP)
+        await show.until(lambda: all(seen.phase is Phase.RETURN for seen in show.view.vehicles))
+        await show.wait(STOPPING_S)
+        began_s = show.now_s
+        await show.until(lambda: show.vehicle("d1").reason == "on its way home")
+        planning = show.track.between(began_s, show.now_s - 0.1)
+        await show.reach(ShowPhase.LANDED, 120.0)
+        return planning, show.track, show.floor_violations()
+
+    planning, whole, violations = fly(story, planning=Slowly())
+    assert np.diff(planning.time_s).max() < 0.06  # no tick is missed for the plan
+    assert np.isfinite(planning.setpoint_m_s).all()
+    assert np.ptp(planning.true_m, axis=0).max() < 1.0
+    assert violations == 0
+    assert whole.show_phases()[-1] is ShowPhase.LANDED
+
+
+def test_who_is_stopped_while_the_ways_are_planned_is_not_waited_for() -> None:
+    async def story(show: Show) -> int:
+        await show.start()
+        show.service.command_show(ShowAction.STOP)
+        await show.wait(STOPPING_S)
+        await show.order("d1", VehicleAction.HOLD)
+        await show.until(lambda: show.vehicle("d2").phase is Phase.STANDBY, 60.0)
+        assert show.vehicle("d1").phase is Phase.HOLD
+        again = show.service.command_show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED, 120.0)
+        assert (await show.settled(again)).outcomes["d1"].outcome is Outcome.DONE
+        return show.floor_violations()
+
+    assert fly(story, planning=Slowly()) == 0

@@ -3,6 +3,7 @@
 import asyncio
 import json
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
@@ -142,6 +143,15 @@ class UnixClock:
 
     def __call__(self) -> float:
         return asyncio.get_running_loop().time() + self.ahead_s
+
+
+class AtOnce(Executor):
+    """Does what it is given when it is given it: in virtual time that takes no time, always the same."""
+
+    def submit(self, work: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
+        done: Future[T] = Future()
+        done.set_result(work(*given, **named))
+        return done
 
 
 class Show:
@@ -298,6 +308,7 @@ def fly(
     *,
     failures: Sequence[LinkError] = (),
     record: Record | None = None,
+    planning: Executor | None = None,
     **fleet_settings: Any,
 ) -> T:
     """Play `story` with a running service; control's own errors end it.
@@ -307,6 +318,7 @@ def fly(
         config: four vehicles without one.
         failures: of the link, before it first runs.
         record: where the flight is recorded, entered.
+        planning: of ways home; None: done as soon as it is begun.
         fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
     """
     plan = show_config(4) if config is None else config
@@ -324,7 +336,8 @@ def fly(
         link.failures.extend(failures)
         links: list[Link] = [link]
         unix = UnixClock()
-        show = Show(plan, fleet, link, Orchestrator(plan, links, record, unix_s=unix), unix)
+        orchestrator = Orchestrator(plan, links, record, unix_s=unix, planning=planning or AtOnce())
+        show = Show(plan, fleet, link, orchestrator, unix)
         services = {
             asyncio.create_task(show.service.run(), name="service"),
             asyncio.create_task(show.record(), name="record"),

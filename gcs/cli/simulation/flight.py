@@ -19,7 +19,7 @@ from gcs.errors import RefusedError
 from gcs.feasibility import check_obstacle
 from gcs.flight import BEHIND_M
 from gcs.formation.neighbours import Sight
-from gcs.homeward import Planner, Ways, plan_ways
+from gcs.homeward import Pace, Planner, Ways, plan_ways
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.state import Array, FleetState, Mask, Traits
@@ -48,7 +48,7 @@ class SimulatedFlight:
         self.present = np.ones(n, dtype=bool)
         self.center_moves = False
         self.pads_m: Array | None = None  # (n, 3) where everybody comes down; None: below where it began
-        self._ways: Ways | None = None
+        self._pace: Pace | None = None
         self.memory = Memory.fresh(n, 0.0)
         uncertainty_m = self.floor.uncertainty_m * min(1.0, scenario.world.noise)
         self.traits = Traits.alike(n, uncertainty_m)
@@ -151,27 +151,28 @@ class SimulatedFlight:
             self.task[self.present] = Task.GOAL
             pads_m = self.record.start_m * (1.0, 1.0, 0.0) if self.pads_m is None else self.pads_m
             self.record.goal_m = pads_m
-            self._ways = self._ways_home(here_m, pads_m, takeoff_height_m)
+            self._pace = Pace(self._ways_home(here_m, pads_m, takeoff_height_m))
         flown = (self.task == Task.GOAL) & self.present
-        pads_m, ways, since_s = self.record.goal_m, self._ways, self.time_s - self.record.changed_s
-        if ways is None:
+        pads_m, pace = self.record.goal_m, self._pace
+        if pace is None:
             return
-        for row in np.flatnonzero(flown & ~self.descending).tolist():
-            self.goal_m[row] = ways.goal_m(row, since_s)
-        over = flown & (np.hypot(*(here_m - pads_m)[:, :2].T) < ABOVE_HOME_M) & (since_s >= ways.over_s)
-        arrived = over & ~self.descending
-        self.descending = self.descending | arrived
-        self.goal_m[arrived] = pads_m[arrived]
-        low = flown & self.descending & (-here_m[:, 2] < HANDOVER_HEIGHT_M)
+        if not begin:
+            pace.advance(self.world.tick_s, here_m, flown)
+        for row in np.flatnonzero(flown).tolist():
+            self.goal_m[row] = pace.goal_m(row)
+        over = np.hypot(*(here_m - pads_m)[:, :2].T) < ABOVE_HOME_M
+        led = pace.time_s >= pace.ways.over_s
+        self.descending = self.descending | (flown & over & led)
+        low = flown & over & self.descending & (-here_m[:, 2] < HANDOVER_HEIGHT_M)
         self.task[low] = Task.NONE
         self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
     def _on_a_way(self) -> Mask | None:
         """As `gcs.flight`."""
-        if self._ways is None:
+        if self._pace is None:
             return None
         near = np.linalg.norm(self.goal_m - self.world.heard_m, axis=1) < BEHIND_M
-        near[list(self._ways.unplanned)] = False
+        near[list(self._pace.ways.unplanned)] = False
         return np.asarray(near & ~self.descending)
 
     def _ways_home(self, here_m: Array, pads_m: Array, takeoff_height_m: float) -> Ways:

@@ -2,26 +2,33 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from gcs.errors import ShapeError
 from gcs.homeward import STEP_S, Planner, Ways, plan_ways
 from gcs.safety.filter import Limits
 from gcs.safety.separation import Floor
-from gcs.state import Array
+from gcs.state import Array, Mask
 
 FLOOR = Floor()
 UNSURE_M = 0.7
 OVER_M, HANDOVER_M = 5.0, 1.5
 
 
-def planned(start_m: Array, pad_m: Array, **changes: object) -> Ways:
-    settings = {
+def planner_of(start_m: Array, pad_m: Array, **changes: object) -> Planner:
+    usual = {
         "speed_m_s": 4.0,
         "goal_rate_per_s": 0.8,
         "limits": Limits(),
         "floor": FLOOR,
         "uncertainty_m": UNSURE_M,
     }
-    return plan_ways(Planner(start_m, pad_m, OVER_M, HANDOVER_M, **{**settings, **changes}))  # type: ignore[arg-type]
+    return Planner(start_m, pad_m, OVER_M, HANDOVER_M, **{**usual, **changes})  # type: ignore[arg-type]
+
+
+def planned(start_m: Array, pad_m: Array, **changes: object) -> Ways:
+    return plan_ways(planner_of(start_m, pad_m, **changes))
 
 
 def fleet(count: int, seed: int) -> tuple[Array, Array]:
@@ -63,6 +70,49 @@ def test_a_fleet_whose_ways_cross_comes_down_without_anybody_inside_the_floor(se
     assert (-path_m[-1, :, 2]).max() < HANDOVER_M
 
 
+@given(st.integers(2, 12), st.integers(0, 10_000))
+@settings(max_examples=25, deadline=None)
+def test_no_two_expected_paths_meet_and_all_end_on_their_pads_in_time(count: int, seed: int) -> None:
+    start_m, pad_m = fleet(count, seed)
+    ways = planned(start_m, pad_m)
+    assert ways.unplanned == ()
+    assert ways.path_m[:, 0] == pytest.approx(start_m)
+    first, second = np.triu_indices(count, 1)
+    for moment_m in ways.path_m.swapaxes(0, 1):
+        apart_m = np.linalg.norm((moment_m[first] - moment_m[second]) * FLOOR.scale, axis=1)
+        low = (-moment_m[first, 2] < FLOOR.pad_height_m) & (-moment_m[second, 2] < FLOOR.pad_height_m)
+        assert apart_m[~low].min(initial=np.inf) > FLOOR.horizontal_m
+    assert ways.path_m[:, -1] == pytest.approx(pad_m, abs=0.3)
+    way_m = pad_m - start_m
+    longest_s = max(np.hypot(*way_m[:, :2].T).max() / 4.0, way_m[:, 2].max() / Limits().down_m_s)
+    assert ways.down_s.max() < 1.5 * longest_s + 10.0
+
+
+def test_the_same_fleet_gets_the_same_plan() -> None:
+    start_m, pad_m = fleet(16, 3)
+    once, again = planned(start_m, pad_m), planned(start_m, pad_m)
+    assert (once.path_m == again.path_m).all()
+
+
+def test_when_it_is_enough_the_best_plan_so_far_is_taken() -> None:
+    start_m = np.array([[0.0, 0.0, -10.0], [2.0, 0.0, -10.0], [20.0, 0.0, -10.0]])
+    pad_m = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [20.0, 0.0, 0.0]])  # two pads too close to each other
+    asked: list[bool] = []
+
+    def enough() -> bool:
+        asked.append(True)
+        return True
+
+    ways = plan_ways(planner_of(start_m, pad_m), enough)
+    assert len(asked) == 1
+    assert len(ways.unplanned) == 1
+
+
+def test_a_plan_for_nobody_is_refused() -> None:
+    with pytest.raises(ShapeError, match="nobody"):
+        planned(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
 def test_one_vehicle_flies_straight_away() -> None:
     start_m, pad_m = np.array([[20.0, 0.0, -15.0]]), np.zeros((1, 3))
     ways = planned(start_m, pad_m)
@@ -85,10 +135,10 @@ def test_two_above_each_others_pads_both_come_down() -> None:
 def test_ways_keep_clear_of_what_stands_where_one_can() -> None:
     start_m, pad_m = np.array([[30.0, 0.0, -10.0]]), np.zeros((1, 3))
 
-    def is_free(path_m: Array) -> bool:
-        return not (np.hypot(path_m[:, 0] - 15.0, path_m[:, 1]) < 3.0).any()
+    def are_free(place_m: Array) -> Mask:
+        return np.asarray(np.hypot(place_m[:, 0] - 15.0, place_m[:, 1]) > 3.0)
 
-    path_m = planned(start_m, pad_m, is_free=is_free).path_m[0]
+    path_m = planned(start_m, pad_m, are_free=are_free).path_m[0]
     assert np.hypot(path_m[:, 0] - 15.0, path_m[:, 1]).min() > 2.9
 
 

@@ -1,0 +1,166 @@
+"""The ways that each may take home: slanting, level or round about to above its pad, then straight down."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.compiled import kernel, kernel_apart
+from gcs.homeward.ways import STEP_S
+from gcs.safety.neighbours import Rows
+from gcs.state import Array, Mask
+
+SLANTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Heights above the pad where the slanting part ends: shares between `over_m` and one's own."""
+
+RISES_M = (0.0, 3.0, 6.0)
+"""Or one first climbs by so much, and flies level."""
+
+ASIDES_M = (-9.0, -4.5, 4.5, 9.0)
+"""Or one passes the middle of the straight way so far to its right."""
+
+ASIDE_SLANTS = (0.0, 0.5)
+
+EACH = len(SLANTS) + len(RISES_M) + len(ASIDES_M) * len(ASIDE_SLANTS)
+"""Ways of one vehicle."""
+
+TAIL = 10
+"""Steps by which a vehicle trails behind what it is drawn to, at most."""
+
+SPEED_SHARE = 0.95
+"""Of the limits: who is late must be able to catch up."""
+
+TOUCH_DOWN_M_S = 0.6
+"""Below the handover its autopilot lands it, slower than the limits."""
+
+AreFree = Callable[[Array], Mask]
+"""Which of places (m, 3), show frame, are inside the fence and clear of what stands: (m,)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Choices:
+    """All ways of all vehicles, one behind the other: way w of vehicle i is row ``i * EACH + w``."""
+
+    goal_m: Array  # (m, 3) what the vehicle is drawn to, every STEP_S; each way begins at the start
+    path_m: Array  # (m, 3) where it will be
+    first: Rows  # (n * EACH + 1,) where in those each way begins
+    over: Rows  # (n * EACH,) steps until it is above its pad
+    free: Mask  # (n * EACH,) of what stands
+
+    @property
+    def length(self) -> Rows:
+        """(n * EACH,) of each, in places."""
+        return np.diff(self.first)
+
+
+def lay(
+    start_m: Array,
+    pad_m: Array,
+    over_m: float,
+    handover_m: float,
+    *,
+    speeds_m_s: Array,
+    goal_rate_per_s: float,
+    are_free: AreFree | None = None,
+) -> Choices:
+    """Every way of everybody.
+
+    Args:
+        start_m: (n, 3) where they hover, show frame.
+        pad_m: (n, 3) where each comes down.
+        over_m: least height above the pads for anybody on its way.
+        handover_m: height above the pad from which its autopilot lands it.
+        speeds_m_s: (3,) limits sideways, up, down.
+        goal_rate_per_s: at which a vehicle is drawn to its goal.
+        are_free: None: nothing stands anywhere. Of a vehicle that has no free way all count as free: the
+            filter leads it.
+    """
+    corners_m = _corners_m(start_m, pad_m, over_m, handover_m)
+    goal_m, path_m, first, over = _laid(
+        corners_m, SPEED_SHARE * speeds_m_s, TOUCH_DOWN_M_S, speeds_m_s, goal_rate_per_s
+    )
+    free = np.ones(len(over), dtype=np.bool_)
+    if are_free is not None and len(path_m):
+        free = np.logical_and.reduceat(are_free(path_m), first[:-1])
+        free |= np.repeat(~free.reshape(-1, EACH).any(axis=1), EACH)
+    return Choices(goal_m, path_m, first, over, free)
+
+
+def _corners_m(start_m: Array, pad_m: Array, over_m: float, handover_m: float) -> Array:
+    """(n * EACH, 5, 3) start, a place between, above the pad, at the handover, on the pad."""
+    n = len(start_m)
+    lowest_z_m = pad_m[:, 2] - over_m
+    own_z_m = np.minimum(start_m[:, 2], lowest_z_m)
+    way_m = pad_m[:, :2] - start_m[:, :2]
+    right = np.stack([-way_m[:, 1], way_m[:, 0], np.zeros(n)], axis=1)
+    right /= np.maximum(np.hypot(way_m[:, 0], way_m[:, 1]), 1.0)[:, None]
+
+    def above_pad_m(slant: float) -> Array:
+        return np.column_stack([pad_m[:, :2], lowest_z_m + slant * (own_z_m - lowest_z_m)])
+
+    found: list[tuple[Array, Array]] = [(start_m, above_pad_m(slant)) for slant in SLANTS]
+    for rise_m in RISES_M:
+        above = (0.0, 0.0, rise_m)
+        found.append((np.column_stack([start_m[:, :2], own_z_m]) - above, above_pad_m(1.0) - above))
+    for aside_m in ASIDES_M:
+        for slant in ASIDE_SLANTS:
+            ends_m = above_pad_m(slant)
+            found.append(((start_m + ends_m) / 2.0 + aside_m * right, ends_m))
+    corners_m = np.empty((n, EACH, 5, 3))
+    corners_m[:, :, 0] = start_m[:, None]
+    corners_m[:, :, 3] = (pad_m - (0.0, 0.0, handover_m))[:, None]
+    corners_m[:, :, 4] = pad_m[:, None]
+    for k, (between_m, ends_m) in enumerate(found):
+        corners_m[:, k, 1], corners_m[:, k, 2] = between_m, ends_m
+    return corners_m.reshape(n * EACH, 5, 3)
+
+
+@kernel
+def _steps(begin_m: Array, end_m: Array, sideways_m_s: float, up_m_s: float, down_m_s: float) -> int:
+    """So many steps takes a straight line, as fast as the speeds allow."""
+    level_m = np.sqrt((end_m[0] - begin_m[0]) ** 2 + (end_m[1] - begin_m[1]) ** 2)
+    sinks_m = end_m[2] - begin_m[2]
+    time_s = max(level_m / sideways_m_s, -sinks_m / up_m_s, sinks_m / down_m_s)
+    return int(np.ceil(time_s / STEP_S - 1e-9))
+
+
+@kernel_apart
+def _laid(
+    corners_m: Array, speeds_m_s: Array, touch_down_m_s: float, limits_m_s: Array, rate_per_s: float
+) -> tuple[Array, Array, Rows, Rows]:
+    """Goals and paths (m, 3) of ways (k, 5, 3); where each begins (k + 1,); steps until over the pad (k,)."""
+    ways, corners = corners_m.shape[:2]
+    sideways_m_s, up_m_s, down_m_s = speeds_m_s
+    steps = np.empty((ways, corners - 1), np.intp)
+    first, over = np.zeros(ways + 1, np.intp), np.empty(ways, np.intp)
+    for k in range(ways):
+        for leg in range(corners - 1):
+            sinks_m_s = touch_down_m_s if leg == corners - 2 else down_m_s
+            steps[k, leg] = _steps(corners_m[k, leg], corners_m[k, leg + 1], sideways_m_s, up_m_s, sinks_m_s)
+        over[k] = steps[k, 0] + steps[k, 1]
+        first[k + 1] = first[k] + 1 + steps[k].sum() + TAIL
+    goal_m, path_m = np.empty((first[-1], 3)), np.empty((first[-1], 3))
+    for k in range(ways):
+        at = first[k]
+        goal_m[at] = corners_m[k, 0]
+        for leg in range(corners - 1):
+            for step in range(steps[k, leg]):
+                at += 1
+                share = (step + 1) / steps[k, leg]
+                goal_m[at] = corners_m[k, leg] + share * (corners_m[k, leg + 1] - corners_m[k, leg])
+        goal_m[at + 1 : first[k + 1]] = corners_m[k, corners - 1]
+        _follow(goal_m[first[k] : first[k + 1]], path_m[first[k] : first[k + 1]], rate_per_s, limits_m_s)
+    return goal_m, path_m, first, over
+
+
+@kernel
+def _follow(goal_m: Array, path_m: Array, rate_per_s: float, limits_m_s: Array) -> None:
+    """Write where a vehicle is (k, 3) that is drawn to goals (k, 3), one a step: it rounds the corners."""
+    path_m[0] = goal_m[0]
+    for k in range(1, len(goal_m)):
+        wanted_m_s = rate_per_s * (goal_m[k] - path_m[k - 1])
+        level_m_s = np.sqrt(wanted_m_s[0] ** 2 + wanted_m_s[1] ** 2)
+        share = min(1.0, limits_m_s[0] / max(level_m_s, 1e-9))
+        share = min(share, limits_m_s[1] / max(-wanted_m_s[2], 1e-9))
+        share = min(share, limits_m_s[2] / max(wanted_m_s[2], 1e-9))
+        path_m[k] = path_m[k - 1] + STEP_S * share * wanted_m_s

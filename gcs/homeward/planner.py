@@ -1,0 +1,210 @@
+"""Plans for everybody, round after round: who found no way chooses earlier in the next."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+from gcs.errors import ShapeError
+from gcs.homeward.choices import EACH, SPEED_SHARE, AreFree, Choices, lay
+from gcs.homeward.meeting import chosen_ways
+from gcs.homeward.ways import STEP_S, Ways
+from gcs.safety.filter import Limits
+from gcs.safety.neighbours import Rows
+from gcs.safety.separation import Floor
+from gcs.settings import NotNegative, Positive, Settings
+from gcs.state import Array
+
+SPARED_FAILS = (5, 8, 3)
+"""Who has found no way so often is not flown past while it waits, if that can be. Where one number leads to
+no plan for all, another does: everything begins anew with it.
+"""
+
+ATTEMPT_ROUNDS = 25
+"""So often everything is planned with each, at most."""
+
+ROUNDS = len(SPARED_FAILS) * ATTEMPT_ROUNDS
+
+HASTY_SHARE = 0.4
+"""With the last of them, pairs may close faster, although the filter will slow some of them down."""
+
+MORE_S = 60.0
+"""So much later may the last round let everybody be down."""
+
+LONGEST_SHARE = 1.1
+"""Of the longest way: nobody comes down later than that and `spare_s`, if that can be."""
+
+LATER_SHARE, LATER_ROUNDS = 1.4, 15
+"""Or later, after so many rounds of an attempt."""
+
+
+class Homeward(Settings):
+    """How ways home are planned."""
+
+    spare_m: NotNegative = 0.1  # on top of the floor's margin, for what the plan does not know
+    spare_s: Positive = 6.0
+    reaction_s: NotNegative = 0.5  # two close no faster than the safety filter lets them, see `Braking`
+    deceleration_m_s2: Positive = 2.0
+
+
+class Planner:
+    """Finds the ways. Owns all that it reads, so that it may work in a thread of its own."""
+
+    def __init__(
+        self,
+        start_m: Array,
+        pad_m: Array,
+        over_m: float,
+        handover_m: float,
+        *,
+        speed_m_s: float,
+        goal_rate_per_s: float,
+        limits: Limits,
+        floor: Floor,
+        uncertainty_m: float,
+        settings: Homeward | None = None,
+        are_free: AreFree | None = None,
+    ) -> None:
+        """Nothing is planned yet.
+
+        Args:
+            start_m: (n, 3) where they hover, show frame.
+            pad_m: (n, 3) where each comes down.
+            over_m: least height above the pads for anybody on its way.
+            handover_m: height above the pad from which its autopilot lands it.
+            speed_m_s: sideways, at most.
+            goal_rate_per_s: at which a vehicle is drawn to its goal.
+            limits: up and down.
+            floor: that no pair may be inside.
+            uncertainty_m: of a pair's positions, added up.
+            settings: of the plan.
+            are_free: which places meet nothing that stands; None: nothing does.
+
+        Raises: ShapeError where there is nobody.
+        """
+        if len(start_m) == 0:
+            raise ShapeError("a plan for nobody")
+        settings = settings or Homeward()
+        wide_m, tall_m = (kept_m + settings.spare_m for kept_m in floor.kept_m(uncertainty_m))
+        self._start_m, self._pad_m, self._heights_m = start_m, pad_m, (over_m, handover_m)
+        self._scale = np.array([1.0, 1.0, wide_m / tall_m])
+        self._low_m = floor.pad_height_m * wide_m / tall_m
+        self._kept_range_m = floor.horizontal_m, wide_m
+        self._settings = settings
+        self._limits_m_s = np.array([speed_m_s, limits.up_m_s, limits.down_m_s])
+        self._goal_rate_per_s, self._are_free = goal_rate_per_s, are_free
+        way_m = pad_m - start_m
+        level_s = np.hypot(way_m[:, 0], way_m[:, 1]) / (SPEED_SHARE * speed_m_s)
+        self._quickest_s = np.maximum(level_s, way_m[:, 2] / (SPEED_SHARE * limits.down_m_s))
+        self._fails = np.zeros(len(start_m))
+        self._rounds = 0
+        self._choices: Choices | None = None
+        self._place_m = self._kept_m = start_m  # both follow with the first round
+        self._best: tuple[Rows, Rows] | None = None  # as `chosen_ways` gives them
+
+    @property
+    def ways(self) -> Ways:
+        """The best plan so far. Raises: ShapeError before the first round."""
+        if self._best is None or self._choices is None:
+            raise ShapeError("no round has been planned")
+        return self._laid(self._choices, *self._best)
+
+    def round(self) -> bool:
+        """Plan for everybody once more. Returns: whether there is nothing left to find."""
+        choices = self._choices
+        if choices is None:
+            choices = self._choices = self._prepared()
+        self._rounds += 1
+        settings, last = self._settings, self._rounds >= ROUNDS
+        attempt, before = divmod(self._rounds - 1, ATTEMPT_ROUNDS)
+        if before == 0:
+            self._fails[:] = 0
+        longest_s = float(self._quickest_s.max(initial=STEP_S))
+        share = LONGEST_SHARE if before < LATER_ROUNDS else LATER_SHARE
+        down_s = share * longest_s + settings.spare_s + (MORE_S if last else 0.0)
+        quickest = int(choices.length.reshape(-1, EACH).min(axis=1).max())
+        way, wait = chosen_ways(
+            np.lexsort((-self._quickest_s, -self._fails)),
+            self._place_m,
+            choices.first,
+            choices.free,
+            self._fails >= SPARED_FAILS[attempt],
+            self._kept_m,
+            settings.reaction_s * (HASTY_SHARE if attempt == len(SPARED_FAILS) - 1 else 1.0),
+            settings.deceleration_m_s2,
+            self._low_m,
+            max(int(down_s / STEP_S), quickest) + 1,
+        )
+        left = way < 0
+        if self._best is None or left.sum() < (self._best[0] < 0).sum():
+            self._best = way, wait
+        self._fails[left] += 1  # who found no way chooses earlier in the next round
+        return last or not left.any()
+
+    def _prepared(self) -> Choices:
+        """What all rounds need."""
+        choices = lay(
+            self._start_m,
+            self._pad_m,
+            *self._heights_m,
+            speeds_m_s=self._limits_m_s,
+            goal_rate_per_s=self._goal_rate_per_s,
+            are_free=self._are_free,
+        )
+        self._place_m = choices.path_m * self._scale
+        least_m, wide_m = self._kept_range_m
+        apart_m = np.linalg.norm((self._start_m[:, None] - self._start_m[None]) * self._scale, axis=2)
+        # a pair that is closer than that already only may come no closer
+        self._kept_m = np.minimum(wide_m, np.maximum(0.98 * apart_m, least_m))
+        return choices
+
+    def _laid(self, choices: Choices, way: Rows, wait: Rows) -> Ways:
+        """The plan in places. Who found no way follows when all the others are down."""
+        unplanned = np.flatnonzero(way < 0)
+        way, wait, length = way.copy(), wait.copy(), choices.length
+        planned = np.flatnonzero(way >= 0)
+        last = int((wait[planned] + length[way[planned]]).max(initial=0))
+        for row in unplanned.tolist():
+            own = slice(row * EACH, (row + 1) * EACH)
+            way[row] = row * EACH + int(np.argmin(np.where(choices.free[own], length[own], length.max() + 1)))
+            wait[row] = last
+        count = int((wait + length[way]).max(initial=1))
+        drawn_m, path_m = (np.repeat(self._start_m[:, None], count, axis=1) for _ in range(2))
+        for row, (taken, begins) in enumerate(zip(way.tolist(), wait.tolist(), strict=True)):
+            whole = slice(choices.first[taken], choices.first[taken + 1])
+            for moments_m, places_m in ((drawn_m, choices.goal_m[whole]), (path_m, choices.path_m[whole])):
+                moments_m[row, begins : begins + len(places_m)] = places_m
+                moments_m[row, begins + len(places_m) :] = places_m[-1]
+        return Ways(
+            drawn_m,
+            path_m,
+            np.multiply(wait + choices.over[way], STEP_S, dtype=np.float64),
+            np.multiply(wait + length[way] - 1, STEP_S, dtype=np.float64),
+            tuple(unplanned.tolist()),
+        )
+
+
+def plan_ways(planner: Planner, enough: Callable[[], bool] = lambda: False) -> Ways:
+    """Round after round until nothing is left to find, or it is `enough`; the first is always finished."""
+    while not planner.round() and not enough():
+        pass
+    return planner.ways
+
+
+@cache
+def warm_up() -> None:
+    """Compile or load the kernels, so that nothing is compiled in the air."""
+    start_m = np.array([[0.0, 0.0, -10.0], [9.0, 0.0, -10.0]])
+    pad_m = np.array([[4.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    planner = Planner(
+        start_m,
+        pad_m,
+        5.0,
+        1.5,
+        speed_m_s=4.0,
+        goal_rate_per_s=0.8,
+        limits=Limits(),
+        floor=Floor(),
+        uncertainty_m=0.7,
+    )
+    plan_ways(planner)
