@@ -153,7 +153,7 @@ def test_target_stale_is_held_where_it_is_until_it_is_told_again(tmp_path: Path)
         show.service.command_show(ShowAction.STOP)
         await home(show)
 
-    fly(story, written_show.config(tmp_path, reactions={"clear_s": 1.0}))
+    written_show.fly(story, written_show.config(tmp_path, reactions={"clear_s": 1.0}))
 
 
 def test_target_told_once_without_a_show_goes_on_as_it_was_told() -> None:

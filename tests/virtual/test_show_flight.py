@@ -45,7 +45,7 @@ async def two_flights(show: Show) -> Flight:
     first, violations = show.track, show.floor_violations()
     sent = {name: list(setpoints) for name, setpoints in show.link.sent.items()}
     orders = {name: list(given) for name, given in show.link.orders.items()}
-    await show.wait(6.0)  # where they say that they stand drifts by half a metre
+    await show.wait(9.0)  # where they say that they stand drifts by half a metre
     again_s = show.now_s
     second_start = await show.start()
     return Flight(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from loopback_link import LoopbackLink, system_ids
 from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Show, UnixClock, refused, run_virtual, show_config
-from written_show import NAME, TEXT, check, keep
+from written_show import NAME, TEXT, check, keep, on_pads
 
 from gcs.config import Config
 from gcs.errors import RefusedError
@@ -67,9 +67,10 @@ def sessions(root: Path, *parts: tuple[Config, Story[T]], away_s: float = 2.0) -
     async def main() -> list[T]:
         loop = asyncio.get_running_loop()
         proper = settings_of(requirements(config.operation, config.control))
-        settings = Settings(count=len(config.ids), grid_columns=2, parameters=proper)
-        fleet, unix = Fleet(settings, start_s=loop.time()), UnixClock()
+        settings = Settings(count=len(config.ids), grid_columns=2, parameters=proper, **on_pads())
+        unix = UnixClock()
         unix.ahead_s = time.time() - loop.time()
+        fleet = Fleet(settings, start_s=loop.time(), unix_at_start_s=unix())
         told = []
         for each, story in parts:
             told.append(await one_session(each, fleet, root, unix, story))

@@ -197,7 +197,7 @@ class UdpLink(LinkFacts, ABC):
         self._receive()
         self._asked_before_s, self._asked_s = self._asked_s, self._received_s
         ahead_s = 2.0 * self._asked_s - self._asked_before_s - _AHEAD_S
-        if self._asked_s < ahead_s < self._asked_s + _IDLE_S:
+        if self._orders is not None and self._asked_s < ahead_s < self._asked_s + _IDLE_S:
             asyncio.get_running_loop().call_at(ahead_s, self._receive)
 
     def send(self, setpoints: Setpoints) -> None:
