@@ -206,7 +206,7 @@ class Errands(ErrandTasks):
             vehicle.on_a_way, vehicle.reason = homecoming.has_way(vehicle), "on its way home"
             await self._until(vehicle, lambda: self._led(vehicle, homecoming, home_m), patience_s=WAY_S)
             vehicle.apply(Event.DESCEND, "above its start, comes down")
-            await self._sink(vehicle, home_m, homecoming)
+            await self._sink(vehicle, home_m)
 
         return errand
 
@@ -350,18 +350,16 @@ class Errands(ErrandTasks):
         vehicle.goal_m = goal_m
         return True
 
-    async def _sink(self, vehicle: Vehicle, place_m: Array, homecoming: Homecoming | None = None) -> None:
-        """To just above the place, as planned for all where it is; then the autopilot touches down."""
-        vehicle.goal_m = place_m.copy()
-
-        def low() -> bool:
-            if homecoming is not None:
-                vehicle.goal_m = homecoming.goal_m(vehicle)
-            return self._height_m(vehicle, place_m) < self._settings.handover_height_m and self._above(
-                vehicle, place_m
-            )
-
-        await self._until(vehicle, low)
+    async def _sink(self, vehicle: Vehicle, place_m: Array) -> None:
+        """Through the filter to just above the place, then the autopilot touches down."""
+        vehicle.goal_m = np.array([place_m[0], place_m[1], place_m[2]])
+        await self._until(
+            vehicle,
+            lambda: (
+                self._height_m(vehicle, place_m) < self._settings.handover_height_m
+                and self._above(vehicle, place_m)
+            ),
+        )
         await self._touch_down(vehicle)
 
     async def _touch_down(self, vehicle: Vehicle) -> None:

@@ -156,14 +156,16 @@ class SimulatedFlight:
         pads_m, pace = self.record.goal_m, self._pace
         if pace is None:
             return
+        led = flown & ~self.descending
         if not begin:
-            pace.advance(self.world.tick_s, here_m, flown)
-        for row in np.flatnonzero(flown).tolist():
+            pace.advance(self.world.tick_s, here_m, led)
+        for row in np.flatnonzero(led).tolist():
             self.goal_m[row] = pace.goal_m(row)
         over = np.hypot(*(here_m - pads_m)[:, :2].T) < ABOVE_HOME_M
-        led = pace.time_s >= pace.ways.over_s
-        self.descending = self.descending | (flown & over & led)
-        low = flown & over & self.descending & (-here_m[:, 2] < HANDOVER_HEIGHT_M)
+        arrived = led & over & (pace.time_s >= pace.ways.over_s)
+        self.descending = self.descending | arrived
+        self.goal_m[arrived] = pads_m[arrived]
+        low = flown & self.descending & (-here_m[:, 2] < HANDOVER_HEIGHT_M)
         self.task[low] = Task.NONE
         self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
