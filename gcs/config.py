@@ -1,17 +1,14 @@
 """YAML to frozen settings. Read once; an unknown or repeated key is an error; every key ends in its unit."""
 
 from collections import Counter
-from collections.abc import Hashable
 from functools import cached_property
-from importlib import resources
 from math import radians
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-import yaml
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
-from pydantic_core import ErrorDetails
 
+from gcs import documents
 from gcs.access import AccessSettings, is_loopback
 from gcs.accuracy import Positioning
 from gcs.control import ControlSettings
@@ -328,42 +325,9 @@ class Config(Settings):
             raise ValueError(f"links: {count} MAVSDK instances; one process bears {INSTANCES_MAX}")
 
 
-class _StrictLoader(yaml.SafeLoader):
-    """YAML in which a repeated key is an error."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, object]:
-        """As SafeLoader, after looking for repetitions."""
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                continue  # refused below
-            if key.value in seen:
-                raise ConfigError(f"line {key.start_mark.line + 1}: key '{key.value}' is there twice")
-            seen.add(key.value)
-        return super().construct_mapping(node, deep=deep)
-
-
 def find(name: str) -> Path:
-    """A configuration file: a path as it is, else one of those that come with the package.
-
-    Works from a checkout and from an installed wheel. Raises: ConfigError naming what there is.
-    """
-    path = Path(name)
-    if path.is_file():
-        return path
-    shipped = shipped_folder()
-    stem = path.name.removesuffix(".yaml")
-    if path.parent in {Path(), Path("configs")} and (shipped / f"{stem}.yaml").is_file():
-        return shipped / f"{stem}.yaml"
-    known = ", ".join(sorted(found.stem for found in shipped.glob("*.yaml")))
-    raise ConfigError(f"{name}: there is no such file; configurations that come with the package: {known}")
-
-
-def shipped_folder() -> Path:
-    """Where the configurations lie: inside an installed wheel, or beside `gcs` in a checkout."""
-    package = Path(str(resources.files("gcs")))
-    packed = package / "_configs"
-    return packed if packed.is_dir() else package.parent / "configs"
+    """A configuration file: a path, or a shipped one. Raises: ConfigError naming what there is."""
+    return documents.CONFIGURATIONS.find(name)
 
 
 def load(path: Path) -> Config:
@@ -371,49 +335,13 @@ def load(path: Path) -> Config:
 
     Raises: ConfigError that names the file, the key, its value and what would be right.
     """
-    return parse(read(path), str(path))
-
-
-def read(path: Path) -> str:
-    """The text of a file. Raises: ConfigError when it cannot be read."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from None
+    return parse(documents.read(path), str(path))
 
 
 def parse(text: str, source: str) -> Config:
     """The configuration in `text`; `source` names it in errors. Raises: ConfigError."""
-    raw = parse_mapping(text, source, "show_frame, links and formation at least")
+    raw = documents.parse_mapping(text, source, "show_frame, links and formation at least")
     try:
         return Config.model_validate(raw)
     except ValidationError as error:
-        raise explained(error, source) from None
-
-
-def parse_mapping(text: str, source: str, needed: str) -> dict[str, object]:
-    """The YAML mapping in `text`, no key twice; `needed` says what it should hold. Raises: ConfigError."""
-    try:
-        raw = yaml.load(text, Loader=_StrictLoader)  # noqa: S506  (a SafeLoader, stricter)
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{source}: not YAML: {error}") from None
-    except ConfigError as error:
-        raise ConfigError(f"{source}: {error}") from None
-    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
-        # PyYAML's own constructors, of a month 13 or a tag that does not fit its value
-        raise ConfigError(f"{source}: not YAML: {error}") from None
-    if not isinstance(raw, dict):
-        raise ConfigError(f"{source}: a mapping is needed, with {needed}")
-    return {str(key): value for key, value in raw.items()}
-
-
-def explained(error: ValidationError, source: str) -> ConfigError:
-    """What a reader of `source` can mend: every key, its value and what would be right."""
-    return ConfigError(f"{source}: " + "; ".join(plain(problem) for problem in error.errors()))
-
-
-def plain(problem: ErrorDetails) -> str:
-    """Key, value and what would be right; without the value where it is a whole section."""
-    key = ".".join(str(part) for part in problem["loc"])
-    value = "" if isinstance(problem["input"], dict) else f" = {problem['input']!r}"
-    return f"{key}{value}: {problem['msg'].removeprefix('Value error, ')}".removeprefix(": ")
+        raise documents.explained(error, source) from None

@@ -12,7 +12,7 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from gcs import config as configuration
+from gcs import documents
 from gcs.cli.remote import REFUSED, add_connection, connected, failed
 from gcs.client import Client
 from gcs.config import Config
@@ -126,7 +126,7 @@ def _config(known: LastKnown, record: str) -> Config:
     try:
         return Config.model_validate(dict(known.session.config))
     except ValidationError as error:
-        raise configuration.explained(error, f"{record}: session {known.session.id}") from None
+        raise documents.explained(error, f"{record}: session {known.session.id}") from None
 
 
 def _chosen(known: LastKnown, arguments: argparse.Namespace) -> list[KnownVehicle]:

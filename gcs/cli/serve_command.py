@@ -7,7 +7,7 @@ import sys
 from pydantic import ValidationError
 
 from gcs import config as configuration
-from gcs import supervisor
+from gcs import documents, supervisor
 from gcs.cli import logs, serve
 
 
@@ -35,5 +35,5 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         config = configuration.Config.model_validate(config.model_dump() | {"api": api})
     except ValidationError as error:
-        raise configuration.explained(error, "with --host and --port") from None
+        raise documents.explained(error, "with --host and --port") from None
     return serve.run(config, lambda text: print(text, flush=True))

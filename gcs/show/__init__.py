@@ -1,10 +1,13 @@
 """Shows: written beforehand, checked on the ground, flown by the same tick as everything else."""
 
+from gcs.documents import SHOWS
 from gcs.show.clock import ShowClock
-from gcs.show.loading import LoadedShow, find, load, parse, shipped
+from gcs.show.loading import LoadedShow, load, parse
 from gcs.show.model import Show
 from gcs.show.rules import Flaw
 from gcs.show.timeline import Played, Timeline
+
+find, shipped = SHOWS.find, SHOWS.shipped
 
 __all__ = [
     "Flaw",

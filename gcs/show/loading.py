@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from gcs import config as configuration
+from gcs import documents
 from gcs.errors import ConfigError, Problem, ShowError
 from gcs.show.model import Show
 from gcs.show.rules import Flaw, flaws
@@ -33,34 +33,12 @@ class LoadedShow:
         return located(flaw, self.source, [cue.cue for cue in self.show.timeline])
 
 
-def folder() -> Path:
-    """Where the shows lie that come with the package."""
-    return configuration.shipped_folder() / "shows"
-
-
-def shipped() -> list[Path]:
-    """All of them, by name."""
-    return sorted(folder().glob("*.yaml"))
-
-
-def find(name: str) -> Path:
-    """A show file: a path as it is, else a shipped one. Raises: ConfigError naming what there is."""
-    path = Path(name)
-    if path.is_file():
-        return path
-    inside = folder() / f"{path.name.removesuffix('.yaml')}.yaml"
-    if path.parent in {Path(), Path("configs/shows")} and inside.is_file():
-        return inside
-    known = ", ".join(found.stem for found in shipped())
-    raise ConfigError(f"{name}: there is no such file; shows that come with the package: {known}")
-
-
 def load(path: Path) -> LoadedShow:
     """Read and check a show file.
 
     Raises: ShowError with everything that is wrong with it; ConfigError when it cannot be read.
     """
-    return parse(configuration.read(path), str(path))
+    return parse(documents.read(path), str(path))
 
 
 def parse(text: str, file: str) -> LoadedShow:
@@ -68,7 +46,7 @@ def parse(text: str, file: str) -> LoadedShow:
     if len(text) > MAX_CHARACTERS:
         raise ConfigError(f"{file}: {len(text)} characters: at most {MAX_CHARACTERS}")
     source = Source(text, file)
-    raw = configuration.parse_mapping(text, file, "about, origin, fleet, fence, timeline and duration_s")
+    raw = documents.parse_mapping(text, file, "about, origin, fleet, fence, timeline and duration_s")
     try:
         show = Show.model_validate(raw)
     except ValidationError as error:
@@ -101,7 +79,7 @@ def _plain(problem: ErrorDetails) -> str:
     """Key, value and what would be right; line and cue are told beside it."""
     loc = problem["loc"]
     within = loc[2:] if loc[0] == "timeline" and len(loc) > 2 else loc
-    return configuration.plain(ErrorDetails({**problem, "loc": within}))
+    return documents.plain(ErrorDetails({**problem, "loc": within}))
 
 
 def _all_located(found: Iterable[Flaw], source: Source, cues: list[str | None]) -> list[Problem]:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, TypeAlias, get_args
 
 from pydantic import Field, ValidationError, model_validator
 
-from gcs import config as configuration
+from gcs import documents
 from gcs.control import ControlSettings
 from gcs.errors import ConfigError
 from gcs.formation.article import ArticleParameters
@@ -234,26 +234,7 @@ class Scenario(Settings):
         return self
 
 
-def folder() -> Path:
-    """Where the scenarios lie that come with the package."""
-    return configuration.shipped_folder() / "scenarios"
-
-
-def shipped() -> list[Path]:
-    """All of them, by name."""
-    return sorted(folder().glob("*.yaml"))
-
-
-def find(name: str) -> Path:
-    """A scenario file: a path as it is, else a shipped one. Raises: ConfigError naming what there is."""
-    path = Path(name)
-    if path.is_file():
-        return path
-    inside = folder() / f"{path.name.removesuffix('.yaml')}.yaml"
-    if path.parent in {Path(), Path("configs/scenarios")} and inside.is_file():
-        return inside
-    known = ", ".join(found.stem for found in shipped())
-    raise ConfigError(f"{name}: there is no such file; scenarios that come with the package: {known}")
+find, shipped = documents.SCENARIOS.find, documents.SCENARIOS.shipped
 
 
 def load(path: Path) -> Scenario:
@@ -266,12 +247,12 @@ def load(path: Path) -> Scenario:
     try:
         return Scenario.model_validate(raw)
     except ValidationError as error:
-        raise configuration.explained(error, str(path)) from None
+        raise documents.explained(error, str(path)) from None
 
 
 def _merged(path: Path, parents: int) -> dict[str, object]:
-    raw = configuration.parse_mapping(
-        configuration.read(path), str(path), "about, duration_s, flight and judged at least"
+    raw = documents.parse_mapping(
+        documents.read(path), str(path), "about, duration_s, flight and judged at least"
     )
     like = raw.pop("like", None)
     if like is None:

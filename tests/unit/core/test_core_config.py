@@ -7,12 +7,13 @@ from typing import Any
 import pytest
 import yaml
 
-from gcs.config import Config, find, load, parse, shipped_folder
+from gcs.config import Config, find, load, parse
+from gcs.documents import CONFIGURATIONS
 from gcs.errors import ConfigError
 from gcs.links.endpoints import Listen, SerialPort, TcpIn, TcpOut, UdpOut
 from gcs.plan import Direction, YawPolicy
 
-SHIPPED = sorted(shipped_folder().glob("*.yaml"))
+SHIPPED = CONFIGURATIONS.shipped()
 
 SMALLEST = """
 show_frame: {latitude_deg: 47.0, longitude_deg: 8.0, altitude_amsl_m: 400.0}
