@@ -38,6 +38,8 @@ class Homecoming:
         self._expected = {vehicle.id: vehicle for vehicle in vehicles}
         self._stopping: dict[VehicleId, Vehicle] = {}
         self._rows: dict[VehicleId, int] = {}
+        self._places: list[int] = []  # rows of FleetState, in the plan's order
+        self._is_off = False  # nothing is planned: they come home one by one
         self._planned: Future[Ways] | None = None
         self._enough = False  # read by the thread that plans
         self._pace: Pace | None = None
@@ -59,7 +61,9 @@ class Homecoming:
 
     def takes_part(self, vehicle: Vehicle) -> bool:
         """Whether it is, or may still be, part of the plan."""
-        return vehicle.id in self._rows if self._planned is not None else vehicle.id in self._expected
+        if self._planned is not None:
+            return vehicle.id in self._rows
+        return vehicle.id in self._expected and not self._is_off
 
     def advance(self) -> None:
         """Go on; once a tick."""
@@ -69,7 +73,7 @@ class Homecoming:
             self._since_s = now_s
             self._pace.advance(since_s, self._flight.fleet.position_m[self._places], self._flown())
         elif self._planned is None:
-            if self._all_stand() or since_s > STOPPED_WITHIN_S:
+            if not self._is_off and (self._all_stand() or since_s > STOPPED_WITHIN_S):
                 self._since_s = now_s
                 self._begin()
         elif self._planned.done():
@@ -77,11 +81,6 @@ class Homecoming:
             self._pace = Pace(self._planned.result())
         elif since_s > PLANNED_WITHIN_S:
             self.give_up()
-
-    @property
-    def _places(self) -> list[int]:
-        """Rows of FleetState, in the plan's order."""
-        return [self._expected[vehicle_id].row for vehicle_id in self._rows]
 
     def _flown(self) -> Mask:
         """(n,) who flies its way in the plan, and is waited for."""
@@ -119,9 +118,9 @@ class Homecoming:
         ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
         homes = [(vehicle, vehicle.home_m) for vehicle in ready if vehicle.home_m is not None]
         if not homes or len(homes) > TOGETHER_MAX:
-            self._expected = {}
+            self._is_off = True
             return
-        rows = [vehicle.row for vehicle, _ in homes]
+        self._places = rows = [vehicle.row for vehicle, _ in homes]
         control, operation = flight.control, flight.config.operation
         self._rows = {vehicle.id: row for row, (vehicle, _) in enumerate(homes)}
         planner = Planner(
