@@ -90,7 +90,7 @@ class Fleet:
         self.settings = settings
         self.time_s = start_s
         self._start_s, self._steps = start_s, 0
-        self._unix_at_start_s = unix_at_start_s
+        self.unix_ahead_s = unix_at_start_s - start_s  # of time_s; grows where time is dropped
         self._response = dynamics.Response(drag_per_s=settings.drag_per_s)
         self.wind_m_s = np.tile(np.array(settings.wind_m_s, dtype=np.float64), (settings.count, 1))
         origin = settings.origin
@@ -251,7 +251,7 @@ class Fleet:
         said.setdefault(row, []).append(frame)
 
     def _report(self, message_id: int, rows: Rows, said: dict[int, list[bytes]]) -> None:
-        unix_s = self._unix_at_start_s + self.time_s - self._start_s
+        unix_s = self.time_s + self.unix_ahead_s
         snapshot = Snapshot(rows, unix_s, self.state, self._sensed, self._watch, self._batteries)
         fields = reports.report(message_id, snapshot)
         sequence = self.state.sequence[rows]

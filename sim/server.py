@@ -103,6 +103,7 @@ def _paced(
         behind_s = time.monotonic() - dropped_s - fleet.time_s
         if behind_s > CATCH_UP_S:
             dropped_s += behind_s - STEP_S
+            fleet.unix_ahead_s += behind_s - STEP_S  # the satellites' clocks go on
             behind_s = STEP_S  # one step at least: a machine that is always late still flies, slowly
         for _ in range(int(behind_s / STEP_S + 1e-9)):
             fleet.step()

@@ -210,14 +210,20 @@ def test_an_order_can_be_waited_for_and_what_fails_is_the_exit_code(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService()
+
+    def fail_o2() -> None:
+        while "o2" not in service.orders_by_id:
+            time.sleep(0.05)
+        service.finish("o2", Outcome.FAILED, "it did not land")
+
     with station(service, monkeypatch):
         assert main(["start", "--wait", "0.2"]) == 1
         assert "show start not done after 0.2 s by d1, d2, d3" in capsys.readouterr().err
         service.fly()
-        timer = threading.Timer(0.2, lambda: service.finish("o2", Outcome.FAILED, "it did not land"))
-        timer.start()
+        failing = threading.Thread(target=fail_o2)
+        failing.start()
         assert main(["stop", "--wait", "30"]) == 1
-        timer.join()
+        failing.join()
         assert "d1: failed, it did not land" in capsys.readouterr().out
 
 
