@@ -26,6 +26,7 @@ check: .venv/ready  ## what a reviewer should not have to say
 bench: .venv/ready  ## speed, as ratios against a named alternative in the same run
 	$(BIN)/python tests/bench/run.py
 	$(BIN)/python tests/bench/links.py
+	$(BIN)/python tests/bench/flood.py
 
 mutate: .venv/mutate  ## break gcs/safety on purpose, on copies; ARGS="gcs/safety/walls.py", ARGS=--again
 	$(BIN)/python tests/mutate/mutate.py $(ARGS)

@@ -86,6 +86,7 @@ class Flooded(NamedTuple):
     answered: int
     ticks: int  # while it lasted
     awake_s: float
+    late_p99_ms: float  # of the ticks at its end
 
 
 async def printed(program: str, *words: object) -> bytes:
@@ -118,7 +119,7 @@ async def lane_of(client: Client) -> int | None:
             await asyncio.sleep(0.1)
 
 
-async def fly_and_flood(folder: Path, machine: Witness) -> Flooded:
+async def fly_and_flood(folder: Path, machine: Witness, junk_s: float = JUNK_S) -> Flooded:
     """Vehicles in formation, junk without a token at both listeners, and a token that may stop them."""
     base = free_ports(COUNT)
     file = folder / "tokens.json"
@@ -140,17 +141,18 @@ async def fly_and_flood(folder: Path, machine: Witness) -> Flooded:
             ticks, began_s = view.value.tick.count, time.monotonic()
             lane = f"http://127.0.0.1:{lane_port}"
             junk, said = await asyncio.gather(
-                printed(JUNK, port, lane_port, JUNK_S, JUNK_PER_S),
-                printed(BUTTON, url, lane, button, JUNK_S, CALLS),
+                printed(JUNK, port, lane_port, junk_s, JUNK_PER_S),
+                printed(BUTTON, url, lane, button, junk_s, CALLS),
             )
             ticks, awake_s = view.value.tick.count - ticks, machine.awake_s(began_s, time.monotonic())
+            late_p99_ms = view.value.tick.lateness_p99_ms
             down = {ShowPhase.RETURNING, ShowPhase.LANDED}
             assert view.value.show in down
     answered, least = map(int, junk.split())
     told = json.loads(said)
     assert least in {200, 401}
     waits_s = [machine.awake_s(began_s, ended_s) for began_s, ended_s in told["times"]]
-    return Flooded(waits_s, told["by"], answered, ticks, awake_s)
+    return Flooded(waits_s, told["by"], answered, ticks, awake_s, late_p99_ms)
 
 
 def test_an_emergency_stop_gets_through_a_flood_of_junk(tmp_path: Path) -> None:
