@@ -34,18 +34,20 @@ COMMANDS: Final = {
 
 
 def build_parser(asked: str | None) -> argparse.ArgumentParser:
-    """For the command that is asked for; where it is none of `COMMANDS` for all, and each call of the API."""
+    """For the command that is asked for; for all, and each call of the API, where there is no such one."""
     parser = argparse.ArgumentParser(prog="gcs", description="Fly a self-organising formation of drones.")
     commands = parser.add_subparsers(dest="command", required=True)
+    remote = None if asked in COMMANDS else import_module("gcs.cli.remote")
+    is_call = remote is not None and asked in remote.words()
     for name, (module, text) in COMMANDS.items():
-        if asked not in COMMANDS or asked == name:
+        if asked == name or (remote is not None and not is_call):
             command = import_module(module)
             own = commands.add_parser(name, help=text, allow_abbrev=False)
             command.add_arguments(own)
             if own.get_default("run") is None and hasattr(command, "run"):
                 own.set_defaults(run=command.run)
-    if asked not in COMMANDS:
-        import_module("gcs.cli.remote").add_commands(commands)
+    if remote is not None:
+        remote.add_commands(commands)
     return parser
 
 

@@ -128,6 +128,11 @@ VEHICLE_HELP: Final = {
 }
 
 
+def words() -> frozenset[str]:
+    """What those commands begin with."""
+    return frozenset({call.name.split()[0] for call in CALLS} | {action.value for action in VEHICLE_HELP})
+
+
 def add_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """A command for every call."""
     groups = {"": commands}
