@@ -10,7 +10,7 @@ demo: .venv/ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 
 
 test: .venv/ready  ## lint, types, import contracts, then every test: what computes, behind what flies in real time
 	@$(MAKE) --no-print-directory -j2 check compiled
-	@nice -n 19 $(BIN)/pytest -m "not realtime" > .venv/computing.txt 2>&1 & computing=$$!; \
+	@nice -n 10 $(BIN)/pytest -m "not realtime" > .venv/computing.txt 2>&1 & computing=$$!; \
 	$(BIN)/pytest -m realtime -n 3 --no-loadscope-reorder; realtime=$$?; \
 	wait $$computing; computing=$$?; cat .venv/computing.txt; exit $$((realtime + computing))
 
