@@ -11,7 +11,8 @@ demo: .venv/ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 
 test: .venv/ready  ## lint, types, import contracts, then every test: first what computes, then what flies in real time
 	@$(MAKE) --no-print-directory -j2 check compiled
 	$(BIN)/pytest -m "not realtime"
-	$(BIN)/pytest -m realtime -n 3 --no-loadscope-reorder  # they mostly wait; the longest first
+	$(BIN)/pytest -m "realtime and not alone" -n 3 --no-loadscope-reorder  # they mostly wait; the longest first
+	$(BIN)/pytest -m alone -n 0  # what is judged by the clock
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
 	@$(BIN)/python -c "from gcs.control import warm_up; warm_up()"

@@ -11,6 +11,9 @@ REAL_TIME = (HERE / "e2e", HERE / "wire")
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line(
+        "markers", "alone: of those the ones that are judged by the clock; nothing runs beside them"
+    )
     config.addinivalue_line("markers", "computes: not a real-time test, whatever its folder")
     config.addinivalue_line(
         "markers", "realtime: flies on the real clock; not to share the machine with what computes"

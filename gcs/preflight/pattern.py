@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 
 from gcs.state import Array, Mask
 
-HYPOTHESES_MAX = 64
-"""Pairs of vehicles, each of which suggests how the pattern lies."""
+FIRST_MAX, PARTNERS = 64, 8
+"""Pairs of vehicles, each of which suggests how the pattern lies: so many, each with the farthest from it.
+
+With several, for the one that is farthest from nearly everybody may be the one that stands elsewhere.
+"""
 
 REFITS = 5
 
@@ -93,8 +96,9 @@ def fit(expected_m: Array, measured_m: Array, uncertainty_m: Array, within_m: fl
 def _guess(p: Complex, q: Complex, near_m: Array) -> tuple[complex, complex]:
     """The guess under which most stand in the pattern; of equals the first: as it should lie."""
     n = len(p)
-    first = np.unique(np.linspace(0, n - 1, min(n, HYPOTHESES_MAX)).astype(np.intp))
-    second = np.abs(p[first][:, None] - p[None]).argmax(axis=1)
+    first = np.unique(np.linspace(0, n - 1, min(n, FIRST_MAX)).astype(np.intp))
+    farthest = np.argsort(-np.abs(p[first][:, None] - p[None]), axis=1, kind="stable")[:, :PARTNERS]
+    first, second = np.repeat(first, farthest.shape[1]), farthest.ravel()
     base, seen = p[second] - p[first], q[second] - q[first]
     usable = (base != 0) & (seen != 0)
     ratio = seen[usable] / base[usable]

@@ -33,14 +33,10 @@ def test_the_demo_flies_its_story_nothing_touches_and_its_record_proves_it(tmp_p
     assert figures["setpoints_sent"] > 8 * 20 * 100
     for positions in ("true", "estimated"):
         report = tmp_path / f"{positions}.json"
-        code = main(["certify", str(tmp_path), "--positions", positions, "--report", str(report)])
+        assert main(["certify", str(tmp_path), "--positions", positions, "--report", str(report)]) == 0
         judged = json.loads(report.read_text())
-        broken = [check["name"] for check in judged["checks"] if not check["kept"]]
-        assert (judged["flew"], judged["remarks"]) == (8, [])
+        assert (judged["verdict"], judged["flew"], judged["remarks"]) == ("kept", 8, [])
         assert judged["based_on"] == f"{positions} positions"
-        # how they were accelerated cannot be told of telemetry that a busy machine reads late
-        assert broken == [] or (positions, broken) == ("estimated", ["acceleration"])
-        assert (code, judged["verdict"]) == ((1, "broken") if broken else (0, "kept"))
     assert [order.action for order in orders(tmp_path)] == ["start", "stop"]
     assert {outcome for order in orders(tmp_path) for outcome, _ in order.outcomes.values()} == {"done"}
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 from ground import (
     SOON_S,
     Supervised,
@@ -124,6 +125,7 @@ def home(client: Client) -> bool:
     return all(vehicle.phase == "standby" for vehicle in shown.vehicles)
 
 
+@pytest.mark.alone
 def test_killed_twenty_times_in_flight_it_is_back_and_brings_everybody_home(tmp_path: Path) -> None:
     base = free_ports(len(IDS))
     config = config_of(base)
@@ -146,7 +148,7 @@ def test_killed_twenty_times_in_flight_it_is_back_and_brings_everybody_home(tmp_
         time.sleep(0.5)
         at_home_m = places_m(tmp_path)
     print([round(each, 1) for each in took_s], len(crew.accepted))  # noqa: T201 (shown when it fails)
-    assert np.median(took_s) < BACK_S, took_s  # other tests run beside it
+    assert max(took_s) < BACK_S, took_s
     assert (in_the_air[:, 2] < pads_m[:, 2] - 1.0).all(), "they flew all the while"
     assert np.abs(at_home_m - pads_m).max() < AT_HOME_M
     kept = {Given(order.id, order.action, order.accepted_unix_s) for order in orders(station.folder)}

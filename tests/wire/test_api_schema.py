@@ -29,7 +29,7 @@ from api_fake_service import FakeService
 from loopback_link import LoopbackLink, system_ids
 from virtual_show import show_config
 
-EXAMPLES = 12
+EXAMPLES = 20
 """Of each operation and of each way to make one wrong; so that all of it takes less than a minute."""
 
 
