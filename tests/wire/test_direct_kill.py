@@ -1,0 +1,240 @@
+"""A kill without the service reaches vehicles over whatever the link is: signed, TCP both ways, serial."""
+
+import os
+import pty
+import socket
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from machine import free_ports
+from pymavlink.dialects.v20 import common as dialect
+
+from gcs.config import Config, find, load
+from gcs.direct_kill import direct_kill
+from gcs.errors import ConfigError
+from gcs.records.known import KnownVehicle
+from gcs.service import Outcome, VehicleOutcome
+
+KEY, OTHER_KEY = bytes(range(32)), bytes(32)
+KILL = (0.0, 21196.0)
+SOON_S = 60.0
+STUBBORN_S = 0.5
+LOOK_S = 0.01
+
+Send = Callable[[bytes], object]
+Receive = Callable[[], bytes]
+"""What has come; may be nothing."""
+
+
+class Vehicle:
+    """Armed, until a kill reaches it."""
+
+    def __init__(self, send: Send, receive: Receive, key: bytes | None = None) -> None:
+        """With a `key` it signs, and believes nothing unsigned."""
+        self.armed = True
+        self._send, self._receive = send, receive
+        self._packer = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+        self._parser = dialect.MAVLink(None)
+        self._parser.robust_parsing = True
+        if key is not None:
+            self._packer.signing.secret_key = self._parser.signing.secret_key = key
+            self._packer.signing.sign_outgoing = True
+            self._packer.signing.timestamp = int((time.time() - 1_420_070_400) * 1e5)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._live, name="vehicle")
+        self._thread.start()
+
+    def close(self) -> None:
+        """Fall silent."""
+        self._over.set()
+        self._thread.join()
+
+    def _say(self, message: Any) -> None:
+        self._send(message.pack(self._packer))
+
+    def _live(self) -> None:
+        due_s = 0.0
+        while not self._over.wait(LOOK_S):
+            if time.monotonic() >= due_s:
+                due_s = time.monotonic() + 0.1
+                self._say(dialect.MAVLink_heartbeat_message(2, 12, 1 | self.armed << 7, 6 << 16, 4, 3))
+            for message in self._parser.parse_buffer(self._receive()) or []:
+                if message.get_type() == "COMMAND_LONG" and message.command == 400:
+                    self.armed = self.armed and (message.param1, message.param2) != KILL
+                    self._say(dialect.MAVLink_command_ack_message(400, 0))
+
+
+def reader(sock: socket.socket) -> Receive:
+    sock.setblocking(False)
+
+    def receive() -> bytes:
+        try:
+            return sock.recv(2048)
+        except BlockingIOError:
+            return b""
+
+    return receive
+
+
+@contextmanager
+def over_udp(key: bytes | None = None) -> Iterator[tuple[Vehicle, str]]:
+    port = free_ports()
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as made:
+        made.bind(("127.0.0.1", 0))
+        with closing(
+            Vehicle(lambda data: made.sendto(data, ("127.0.0.1", port)), reader(made), key)
+        ) as vehicle:
+            yield vehicle, f"udpin://127.0.0.1:{port}"
+
+
+class Stream:
+    """One TCP connection that comes when it comes; what is said before it stands is lost, as on a radio."""
+
+    def __init__(self, come: Callable[[], socket.socket]) -> None:
+        self._come = come
+        self._connection: socket.socket | None = None
+
+    def _there(self) -> socket.socket | None:
+        if self._connection is None:
+            try:
+                self._connection = self._come()
+                self._connection.setblocking(False)
+            except (BlockingIOError, ConnectionError):
+                return None
+        return self._connection
+
+    def send(self, data: bytes) -> None:
+        """To the far end, if there is one."""
+        connection = self._there()
+        if connection is not None:
+            with suppress(ConnectionError):  # the station is done, and has hung up
+                connection.send(data)
+
+    def receive(self) -> bytes:
+        """What has come."""
+        connection = self._there()
+        try:
+            return b"" if connection is None else reader(connection)()
+        except ConnectionError:
+            return b""
+
+    def close(self) -> None:
+        """The connection too."""
+        if self._connection is not None:
+            self._connection.close()
+
+
+@contextmanager
+def behind_a_tcp_server() -> Iterator[tuple[Vehicle, str]]:
+    with closing(socket.socket()) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        listener.setblocking(False)
+        port = listener.getsockname()[1]
+        with (
+            closing(Stream(lambda: listener.accept()[0])) as stream,
+            closing(Vehicle(stream.send, stream.receive)) as vehicle,
+        ):
+            yield vehicle, f"tcpout://127.0.0.1:{port}"
+
+
+@contextmanager
+def that_dials_in() -> Iterator[tuple[Vehicle, str]]:
+    port = free_ports()
+    with (
+        closing(Stream(lambda: socket.create_connection(("127.0.0.1", port), timeout=1.0))) as stream,
+        closing(Vehicle(stream.send, stream.receive)) as vehicle,
+    ):
+        yield vehicle, f"tcpin://127.0.0.1:{port}"
+
+
+@contextmanager
+def on_a_cable() -> Iterator[tuple[Vehicle, str]]:
+    master, near = pty.openpty()
+    tty.setraw(near)
+    os.set_blocking(master, False)
+
+    def receive() -> bytes:
+        try:
+            return os.read(master, 2048)
+        except BlockingIOError:
+            return b""
+
+    def send(data: bytes) -> None:
+        try:
+            os.write(master, data)
+        except BlockingIOError:  # nobody reads yet, and the buffer is full
+            return
+
+    try:
+        with closing(Vehicle(send, receive)) as vehicle:
+            yield vehicle, f"serial://{os.ttyname(near)}:57600"
+    finally:
+        os.close(master)
+        os.close(near)
+
+
+def config_of(url: str, **link: object) -> Config:
+    raw = load(find("demo")).model_dump()
+    raw["links"] = [{"name": "far", "listen": url, "vehicles": [{"id": "d1", "system_id": 1}], **link}]
+    return Config.model_validate(raw)
+
+
+def known(host: str | None, port: int | None) -> KnownVehicle:
+    return KnownVehicle("d1", "s", 0.0, 1, "far", host, port, "formation", "", "offboard", True, None)
+
+
+def kill(config: Config, within_s: float = SOON_S) -> VehicleOutcome:
+    """Of the vehicle that was heard at a place where nobody is any more."""
+    return direct_kill(config, [known(None, None)], within_s=within_s)["d1"]
+
+
+@pytest.fixture
+def key_file(tmp_path: Path) -> Path:
+    file = tmp_path / "key"
+    file.write_text(KEY.hex())
+    file.chmod(0o600)
+    return file
+
+
+@pytest.mark.parametrize("way", [over_udp, behind_a_tcp_server, that_dials_in, on_a_cable])
+def test_a_kill_without_the_service_reaches_it(
+    way: Callable[[], AbstractContextManager[tuple[Vehicle, str]]],
+) -> None:
+    with way() as (vehicle, url):
+        assert kill(config_of(url)) == VehicleOutcome(Outcome.DONE, "its motors are off")
+        assert not vehicle.armed
+
+
+def test_a_vehicle_that_believes_nothing_unsigned_is_killed_with_the_key(key_file: Path) -> None:
+    with over_udp(KEY) as (vehicle, url):
+        told = kill(config_of(url, signing={"key_file": str(key_file), "link_id": 5}))
+        assert told.outcome is Outcome.DONE, told.reason
+        assert not vehicle.armed
+
+
+def test_with_another_key_it_flies_on_and_nobody_is_told_otherwise(key_file: Path) -> None:
+    with over_udp(OTHER_KEY) as (vehicle, url):
+        told = kill(config_of(url, signing={"key_file": str(key_file), "link_id": 5}), STUBBORN_S)
+        assert vehicle.armed
+        assert told.outcome is Outcome.FAILED
+
+
+def test_a_key_that_cannot_be_read_is_named_before_anything_is_sent(tmp_path: Path) -> None:
+    with over_udp(KEY) as (vehicle, url):
+        config = config_of(url, signing={"key_file": str(tmp_path / "none"), "link_id": 5})
+        with pytest.raises(ConfigError, match="none"):
+            kill(config)
+        assert vehicle.armed
+
+
+def test_a_cable_that_is_not_plugged_in_is_told() -> None:
+    told = kill(config_of("serial:///dev/gcs-is-not-there:57600"), STUBBORN_S)
+    assert told.outcome is Outcome.FAILED
+    assert "nothing could be sent" in told.reason
