@@ -130,6 +130,9 @@ class Orchestrator:
         self._flight = Flight(config, links, now_s)
         self._record = record
         self._found = None if record is None else record.found
+        if record is not None:
+            known = self._flight.vehicles.keys()
+            self._flight.excluded |= {name: out for name, out in record.excluded.items() if name in known}
         self._audit: Audit = NoAudit() if record is None else record.audit
         self._book = OrderBook(None if record is None else record.audit)
         self._unix_s = unix_s

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from gcs.config import Config
 from gcs.errors import GcsError
+from gcs.records.exclusions import exclusions
 from gcs.records.interruption import interruption
 from gcs.records.known import AUDIT, last_known
 from gcs.records.record import Record
@@ -18,12 +19,18 @@ def make_record(config: Config) -> Record | None:
         return None
     vehicles = {each.id: (each.system_id, link.name) for link in config.links for each in link.fleet}
     try:
-        found = interruption(config.record.folder)
+        found, excluded = interruption(config.record.folder), exclusions(config.record.folder)
     except GcsError as error:  # a damaged record keeps nobody from flying
         log.error("record_unread", extra={"cause": str(error)})
-        found = None
-    flight = config.record.flight
-    return Record(config.record.folder, config.model_dump_json(), vehicles, flight=flight, found=found)
+        found, excluded = None, {}
+    return Record(
+        config.record.folder,
+        config.model_dump_json(),
+        vehicles,
+        flight=config.record.flight,
+        found=found,
+        excluded=excluded,
+    )
 
 
 def session_folder(folder: Path) -> Path:

@@ -4,8 +4,10 @@ import logging
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, Self
 
+from gcs.checks import Exclusion
 from gcs.interrupted import Interruption
 from gcs.links import Link
 from gcs.records import layout
@@ -31,6 +33,7 @@ class Record:
         *,
         flight: bool = True,
         found: Interruption | None = None,
+        excluded: Mapping[VehicleId, Exclusion] = MappingProxyType({}),
     ) -> None:
         """Nothing is written before it is entered.
 
@@ -40,10 +43,12 @@ class Record:
             vehicles: system id and link of each, in the order of the ticks' rows.
             flight: whether flight data are recorded.
             found: the flight that was cut off before, if one was.
+            excluded: who was out of the show before.
         """
         self.session, self.folder = _new_folder(root)
         self._config_json = config_json
         self.found = found
+        self.excluded = excluded
         self._journal = Journal(root / AUDIT)
         self.audit = Audit(self._journal, self.session, vehicles)
         about = layout.about(self.session, config_json, vehicles)

@@ -19,9 +19,10 @@ from gcs.lifecycle import Phase, ShowPhase
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
 from gcs.plan import Formation, Obstacle
+from gcs.records.exclusions import exclusions
 from gcs.records.interruption import interruption
 from gcs.records.record import Record
-from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.service import WHO, Outcome, ShowAction, VehicleAction
 from gcs.state import Mode
 from sim.fleet import Fleet, Settings
 
@@ -45,7 +46,15 @@ async def one_session(config: Config, fleet: Fleet, root: Path, unix: UnixClock,
     """A service of its own over vehicles that were there before; cut off when the story ends."""
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
     link = LoopbackLink("loop", system_ids(config.ids), fleet, config.frame, deadman_s=config.deadman_s)
-    with Record(root, config.model_dump_json(), vehicles, flight=False, found=interruption(root)) as record:
+    record = Record(
+        root,
+        config.model_dump_json(),
+        vehicles,
+        flight=False,
+        found=interruption(root),
+        excluded=exclusions(root),
+    )
+    with record:
         service = Orchestrator(config, [link], record, unix_s=unix)
         show = Show(config, fleet, link, service, unix)
         tasks = {asyncio.create_task(service.run()), asyncio.create_task(show.record())}
@@ -108,6 +117,33 @@ def test_what_was_cut_off_is_known_and_nothing_happens_by_itself(tmp_path: Path)
         assert {phase for name in ALL for phase in show.track.phases(name)} <= {Phase.OFFLINE, Phase.PILOT}
 
     sessions(tmp_path, (four(), fly_for_a_while), (four(), look), (four(), look), (four(), look))
+
+
+def test_who_was_taken_out_of_the_show_stays_out_until_somebody_takes_it_in(tmp_path: Path) -> None:
+    why = "d2: not flying: taken out of the show by anna: a cracked propeller"
+
+    async def take_out(show: Show) -> None:
+        await show.standby()
+        WHO.set("anna")
+        for name, reason in (("d1", "a guess"), ("d2", "unclear"), ("d2", "a cracked propeller")):
+            show.service.exclude(name, reason)
+        show.service.include("d1")
+        await show.wait(0.2)
+
+    async def take_in(show: Show) -> None:
+        await show.standby()
+        assert why in show.view.notices
+        assert not any("d1" in notice for notice in show.view.notices)
+        by_name = lambda: show.service.command_show(ShowAction.START, ["d1", "d2"])  # noqa: E731
+        assert "include it first" in (await refused(show, by_name)).text
+        show.service.include("d2")
+        await show.wait(0.2)
+
+    async def all_fly(show: Show) -> None:
+        await show.standby()
+        assert not any("d2" in notice for notice in show.view.notices)
+
+    sessions(tmp_path, (four(), take_out), (four(), take_in), (four(), all_fly))
 
 
 def test_taken_over_they_stand_in_formation_and_fly_on_when_resumed(tmp_path: Path) -> None:

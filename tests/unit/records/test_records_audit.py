@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from records_moment import PLAN, moment
 
+from gcs.checks import Exclusion
 from gcs.errors import GcsError
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.links.roster import Address
@@ -20,6 +21,7 @@ from gcs.orders import OrderBook
 from gcs.plan import Formation, Obstacle, Plan
 from gcs.records import last_known
 from gcs.records.database import VERSION
+from gcs.records.exclusions import exclusions
 from gcs.records.journal import Journal, Row
 from gcs.records.known import AUDIT, calls, events, orders
 from gcs.records.record import Record
@@ -161,6 +163,25 @@ def test_a_written_show_moves_the_plan_all_the_time_and_is_told_cue_by_cue(tmp_p
     assert [event["event"] for event in shown] == ["cue", "plan", "cue", "plan"]
     assert shown[2]["detail"] == {"name": "small", "hash": "ab" * 32, "cue": "walk"}
     assert shown[3]["detail"]["obstacles"][0]["id"] == "tower"
+
+
+def test_who_is_out_of_the_show_is_read_back_with_whom_why_and_since_when(tmp_path: Path) -> None:
+    assert exclusions(tmp_path) == {}, "no record yet"
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        for event, vehicle, reason in (
+            ("excluded", "d1", "battery"),
+            ("excluded", "d2", "bent arm"),
+            ("included", "d1", ""),
+        ):
+            record.audit.event(1.8e9, "warning", event, vehicle, {"by": "anna", "reason": reason})
+    assert exclusions(tmp_path) == {"d2": Exclusion("anna", "bent arm", 1.8e9)}
+
+
+def test_an_exclusion_that_makes_no_sense_is_refused_by_name(tmp_path: Path) -> None:
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        record.audit.event(1.8e9, "warning", "excluded", "d2", {"by": "anna"})
+    with pytest.raises(GcsError, match="who took d2 out of the show is not to be read"):
+        exclusions(tmp_path)
 
 
 def test_an_audit_is_read_while_the_service_writes(tmp_path: Path) -> None:

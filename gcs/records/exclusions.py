@@ -1,0 +1,34 @@
+"""Finds in the record who was taken out of the show, and never taken in again, however many sessions ago."""
+
+import json
+from pathlib import Path
+from typing import Final
+
+from gcs.checks import Exclusion
+from gcs.errors import GcsError
+from gcs.records.known import audit_file, rows
+from gcs.state import VehicleId
+
+EXCLUDED: Final = "excluded"
+INCLUDED: Final = "included"
+
+
+def exclusions(root: Path) -> dict[VehicleId, Exclusion]:
+    """Who is out, by whom, why and since when. To be asked before a new session begins.
+
+    Raises: GcsError when there is a record, and it cannot be read.
+    """
+    if not audit_file(root).is_file():
+        return {}
+    sql = f"SELECT * FROM events WHERE event IN ('{EXCLUDED}', '{INCLUDED}') ORDER BY rowid"  # noqa: S608
+    out: dict[VehicleId, Exclusion] = {}
+    for row in rows(root, sql):
+        out.pop(row["vehicle"], None)
+        if row["event"] == EXCLUDED:
+            try:
+                said = json.loads(row["detail"])
+                out[row["vehicle"]] = Exclusion(said["by"], said["reason"], float(row["unix_s"]))
+            except (KeyError, TypeError, ValueError) as error:
+                told = f"who took {row['vehicle']} out of the show is not to be read: {error!r}"
+                raise GcsError(f"{root}: {told}") from None
+    return out
