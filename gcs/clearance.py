@@ -294,13 +294,24 @@ class Clearance:
         home_m = np.array([flight.position_m(flight.vehicles[name]) for name in chosen])
         width_m = column_m(flight.control.safety.floor)
         plan = min((plan for _, plan in self._stage.plans()), key=lambda each: each.formation.radius_m)
-        words = ""
+        rehearsed, words = self._rehearsed_columns(chosen), ""
         if len(chosen) <= PREDICTED_MAX:
             formed_m = formation_m(tuple(chosen), home_m, plan, flight.control)
-            words = told_columns(most_overlapping(formed_m, width_m + SWAYS_M))
+            words = told_columns(most_overlapping(formed_m, width_m + SWAYS_M), rehearsed)
+        elif rehearsed:
+            words = told_columns(0, rehearsed)
         if words and words != flight.columns:
             log.info("columns_overlap", extra={"reason": words})
         flight.columns = words
+
+    def _rehearsed_columns(self, chosen: Sequence[VehicleId]) -> list[str]:
+        """Who stood above whom when the selected show was checked, by the names of those who fly now."""
+        performance = self._flight.performance
+        pairs = () if performance is None else performance.figures.get("columns", ())
+        return [
+            f"{chosen[pair['upper'] - 1]} above {chosen[pair['lower'] - 1]} at '{pair['cue']}'"
+            for pair in pairs
+        ]
 
 
 def _everybody(chosen: Sequence[VehicleId]) -> Check:

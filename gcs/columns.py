@@ -1,5 +1,7 @@
 """Who stands above whom: they cannot both come straight down. Pure."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,7 @@ from gcs.safety.separation import Floor
 from gcs.state import Array
 
 TURNS = 200
+NAMED_MAX = 10
 
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -55,11 +58,18 @@ def _upward() -> Array:
     return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
 
 
-def told(pairs: int) -> str:
-    """In words, empty where there are none."""
-    if not pairs:
+def told(pairs: int, rehearsed: Sequence[str] = ()) -> str:
+    """In words, empty where there are none.
+
+    Args:
+        pairs: at most so many, whoever takes which place.
+        rehearsed: those of the show's check by name, which may come otherwise: the law gives nobody a place.
+    """
+    if not pairs and not rehearsed:
         return ""
+    names = [*rehearsed[:NAMED_MAX], *(["others"] if len(rehearsed) > NAMED_MAX else [])]
+    named = f" (in the show's check {', '.join(names)})" if names else ""
     return (
-        f"in the formation up to {pairs} pairs stand one above the other: land now leads them apart first,"
-        " and brings the lowest down first"
+        f"in the formation up to {max(pairs, len(rehearsed))} pairs stand one above the other{named}:"
+        " land now leads them apart first, and brings the lowest down first"
     )

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from virtual_show import Show, refused
-from written_show import NAME, TEXT, check, config, fly, keep, select
+from written_show import NAME, TEXT, answer, check, config, fly, keep, select
 
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.lifecycle import ShowPhase
@@ -125,6 +125,23 @@ def test_a_show_that_is_deselected_leaves_what_was_told_before(tmp_path: Path) -
         assert show.view.plan.formation == Formation(9.0, 16.0)
         assert [each.id for each in show.view.plan.obstacles] == ["crane"]
         service.set_formation(Formation(8.0, 15.0))
+
+    fly(story, config(tmp_path))
+
+
+def test_who_stood_above_whom_in_the_check_is_told_by_name_before_take_off(tmp_path: Path) -> None:
+    found = {"upper": 4, "lower": 1, "sideways_m": 0.4, "cue": "turn"}
+
+    async def story(show: Show) -> None:
+        await show.standby()
+        keep(show)
+        checked = show.service.shows.found(NAME, TEXT.encode(), {**answer(TEXT), "columns": [found]})
+        assert checked.hash is not None
+        show.service.select_show(NAME, checked.hash)
+        show.service.command_show(ShowAction.START, show_hash=checked.hash)
+        await show.reach(ShowPhase.ARMING)
+        (notice,) = [text for text in show.view.notices if "one above the other" in text]
+        assert "d4 above d1 at 'turn'" in notice
 
     fly(story, config(tmp_path))
 
