@@ -3,6 +3,9 @@ PYTHON ?= python3
 ARGS ?=
 BIN := .venv/bin
 
+# Modules are compiled once and kept, wherever we run: pytest's rewriting of them takes longer than many a test.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test check compiled bench mutate flight-quality format lock clean
 
 demo: .venv/ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
@@ -11,11 +14,12 @@ demo: .venv/ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 
 test: .venv/ready  ## lint, types, import contracts, then every test: first what computes, then what flies in real time
 	@$(MAKE) --no-print-directory -j2 check compiled
 	$(BIN)/pytest -m "not realtime"
-	$(BIN)/pytest -m "realtime and not alone" -n 3 --no-loadscope-reorder  # they mostly wait; the longest first
-	$(BIN)/pytest -m alone -n 0  # what is judged by the clock
+	$(BIN)/pytest -m "realtime and not alone" -n 3 --no-loadscope-reorder tests/e2e tests/wire  # they mostly wait
+	$(BIN)/pytest -m alone -n 0 tests/e2e  # what is judged by the clock
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
-	@$(BIN)/python -c "from gcs.control import warm_up; warm_up()"
+	@$(BIN)/python -c "from gcs import control, homeward; from gcs.links.direct import codec; \
+	  control.warm_up(); homeward.warm_up(); codec.warm_up()"
 
 check: .venv/ready  ## what a reviewer should not have to say
 	$(BIN)/ruff check .
@@ -63,5 +67,6 @@ clean:
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
 	  { echo "python3's venv module is missing; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv --clear .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-compile -r requirements.lock
+	@$(BIN)/python -m compileall -qq -j 0 .venv/lib || true  # on all cores; as with pip, what cannot be stays
 	@touch $@

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from sim.dynamics import Array
+    from sim.dynamics import Array, Mask
     from sim.params import Columns
     from sim.state import Numbers, State
 
@@ -29,9 +29,9 @@ class Batteries:
         self._parameters = parameters
         self._endurance_s = endurance_s
 
-    def drain(self, dt_s: float) -> None:
-        """Carry those in the air for dt_s."""
-        used = np.where(self._state.powered, dt_s / self._endurance_s, 0.0)
+    def drain(self, powered: Mask, dt_s: float) -> None:
+        """Carry those whose motors do, (n,), for dt_s."""
+        used = powered * (dt_s / self._endurance_s)
         np.maximum(self._state.remaining - used, 0.0, out=self._state.remaining)
 
     def remaining_percent(self) -> Numbers:

@@ -14,7 +14,7 @@ direction in which u is saturated. Frame: NED, metres, metres per second.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeAlias
 
@@ -26,6 +26,7 @@ Mask: TypeAlias = NDArray[np.bool_]
 Setting: TypeAlias = float | Array
 
 GRAVITY_M_S2 = 9.80665
+FALL_M_S2 = np.array((0.0, 0.0, GRAVITY_M_S2))
 
 KEPT_RESPONSES = 64
 """Of which the settings stay prepared; a response is never changed."""
@@ -155,9 +156,9 @@ def step(
 
     blend, drag_per_s = _lag_and_drag(response, dt_s)
     acceleration_m_s2 = state.acceleration_m_s2 + blend * (thrust_m_s2 - state.acceleration_m_s2)
-    if powered is not None:
+    if powered is not None and not powered.all():
         on = powered[:, np.newaxis]
-        acceleration_m_s2 = np.where(on, acceleration_m_s2, (0.0, 0.0, GRAVITY_M_S2))
+        acceleration_m_s2 = np.where(on, acceleration_m_s2, FALL_M_S2)
         integral_m_s2 = np.where(on, integral_m_s2, 0.0)
     airspeed_m_s = state.velocity_m_s if wind_m_s is None else state.velocity_m_s - wind_m_s
     velocity_m_s = state.velocity_m_s + dt_s * (acceleration_m_s2 - drag_per_s * airspeed_m_s)
@@ -178,18 +179,17 @@ def rest_on_ground(state: PointMasses, *, ground_down_m: float = 0.0) -> tuple[P
     touching = (state.position_m[:, 2] >= ground_down_m) & (state.velocity_m_s[:, 2] >= 0.0)
     if not touching.any():
         return state, touching
-    rows = touching[:, np.newaxis]
-    position_m = state.position_m.copy()
+    position_m, velocity_m_s = state.position_m.copy(), state.velocity_m_s.copy()
+    acceleration_m_s2, integral_m_s2 = state.acceleration_m_s2.copy(), state.integral_m_s2.copy()
     position_m[touching, 2] = ground_down_m
-    grounded = replace(
-        state,
+    velocity_m_s[touching] = integral_m_s2[touching] = acceleration_m_s2[touching, :2] = 0.0
+    acceleration_m_s2[touching, 2] = np.minimum(acceleration_m_s2[touching, 2], 0.0)
+    grounded = PointMasses(
         position_m=position_m,
-        velocity_m_s=np.where(rows, 0.0, state.velocity_m_s),
-        acceleration_m_s2=np.where(
-            rows, np.minimum(state.acceleration_m_s2, (0.0, 0.0, 0.0)), state.acceleration_m_s2
-        )
-        * np.where(rows, (0.0, 0.0, 1.0), 1.0),
-        integral_m_s2=np.where(rows, 0.0, state.integral_m_s2),
+        velocity_m_s=velocity_m_s,
+        acceleration_m_s2=acceleration_m_s2,
+        integral_m_s2=integral_m_s2,
+        commands_m_s=state.commands_m_s,
     )
     return grounded, touching
 

@@ -55,6 +55,8 @@ class Ears:
 
         Returns: for each whether there was a sound frame in it, whoever it was for.
         """
+        if not batch:
+            return []
         sound = [False] * len(batch)
         plain = [
             place
@@ -85,7 +87,8 @@ class Ears:
         fit[owner[~plain]] = False
         circle = np.array([batch[place][0] for place in places])[owner]
         row = self._row_of[circle, orders["target_system"]].astype(np.intp)
-        meant = fit[owner] & (row != NOBODY) & np.isin(orders["target_component"], (0, AUTOPILOT_COMPONENT))
+        component = orders["target_component"]
+        meant = fit[owner] & (row != NOBODY) & ((component == EVERYONE) | (component == AUTOPILOT_COMPONENT))
         itself = (sender[:, 0] == self._state.system_id[row]) & (sender[:, 1] == AUTOPILOT_COMPONENT)
         meant &= ~itself
         for invalid in setpoints.obey(self._state, row[meant], orders[meant]):

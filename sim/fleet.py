@@ -123,6 +123,7 @@ class Fleet:
         self._guidance = Guidance(self.state, commanders, parameters, settings.quirks)
         self.ears = Ears(self.state, self.autopilots)
         self._local_origin_m = np.full((count, 3), np.nan)
+        self._lost = True  # somebody has no local origin yet
         self._contact = np.ones(count, dtype=np.bool_)
         for row in range(count):
             self._boot(row, start_s)
@@ -132,17 +133,18 @@ class Fleet:
         """Let STEP_S pass for everyone."""
         self._steps += 1
         self.time_s = self.state.now_s = self._start_s + self._steps * STEP_S
-        self._error = noise.step(self._error, STEP_S, self.settings.noise_scale, self._random)
+        if self.settings.noise_scale > 0.0:
+            self._error = noise.step(self._error, STEP_S, self.settings.noise_scale, self._random)
         state, sensed = self.state, self._sense()
         self._sensed = sensed
         awake = self.time_s >= state.fix_at_s
-        if not (awake == state.home_set).all():
-            for row in np.flatnonzero(awake & ~state.home_set):
-                self._set_home(int(row))
+        for row in (awake & ~state.home_set).nonzero()[0].tolist():
+            self._set_home(row)
         demand_m_s = self._guidance.velocity(sensed, awake, STEP_S)
-        self._watch.update(awake, sensed.contact, -demand_m_s[:, 2], self._batteries.charge_state())
-        self._guidance.turn(STEP_S)
-        self._batteries.drain(STEP_S)
+        self._watch.update(awake, sensed.contact, -demand_m_s[:, 2], self._batteries)
+        powered = state.powered
+        self._guidance.turn(powered, STEP_S)
+        self._batteries.drain(powered, STEP_S)
         state.demanded_m_s = np.where(state.armed[:, np.newaxis], demand_m_s, np.nan)
         bodies = dynamics.step(
             self.bodies,
@@ -151,7 +153,7 @@ class Fleet:
             self._response,
             wind_m_s=self.wind_m_s,
             velocity_error_m_s=self._error.velocity_m_s,
-            powered=state.powered,
+            powered=powered,
         )
         self.bodies, self._contact = dynamics.rest_on_ground(bodies)
 
@@ -185,7 +187,7 @@ class Fleet:
         """
         self.state.forget(row)
         self.state.landed[row] = self._contact[row]
-        self._local_origin_m[row] = np.nan
+        self._local_origin_m[row], self._lost = np.nan, True
         self.autopilots[row].forget()
         self._boot(row, self.time_s + off_s)
 
@@ -213,22 +215,22 @@ class Fleet:
 
     def _sense(self) -> Sensed:
         """Every vehicle's estimate; its local origin is its first one (item 1)."""
-        state, contact = self.state, self._contact
+        state = self.state
         estimate_m = self.bodies.position_m + self._error.position_m + state.offset_m
         frozen_m = state.frozen_m
         estimate_m = np.where(np.isnan(frozen_m), estimate_m, frozen_m)
-        at_rest = contact[:, np.newaxis]
-        velocity_m_s = np.where(at_rest, 0.0, self.bodies.velocity_m_s) + self._error.velocity_m_s
-        fresh = (self.time_s >= state.fix_at_s) & np.isnan(self._local_origin_m[:, 0])
-        if fresh.any():
+        if self._lost:
+            unknown = np.isnan(self._local_origin_m[:, 0])
+            fresh = (self.time_s >= state.fix_at_s) & unknown
             own = self.settings.quirks.own_origin
             self._local_origin_m[fresh] = estimate_m[fresh] if own else 0.0
+            self._lost = bool((unknown & ~fresh).any())
         return Sensed(
             position_m=estimate_m - self._local_origin_m,
-            velocity_m_s=velocity_m_s,
+            velocity_m_s=self.bodies.velocity_m_s + self._error.velocity_m_s,
             acceleration_m_s2=self.bodies.acceleration_m_s2,
             height_m=-self.bodies.position_m[:, 2],
-            contact=contact,
+            contact=self._contact,
             estimate_m=estimate_m,
             locate=self.geodetic,
         )

@@ -58,36 +58,32 @@ def pack(message_id: int, fields: Fields, system_id: Bytes, sequence: Bytes) -> 
 
     Returns: m frames. Trailing zeros of the payload are left out, as MAVLink 2 does.
     """
-    records = np.zeros(len(system_id), dtype=layout(message_id))
+    form, head, extra = _whole(message_id)
+    records = np.zeros(len(system_id), dtype=form)
     for name, values in fields.items():
         records[name] = values
-    size = records.dtype.itemsize
-    raw = np.zeros((len(system_id), HEADER_LENGTH + size), dtype=np.uint8)
-    raw[:, HEADER_LENGTH:] = records.view(np.uint8).reshape(-1, size)
-    lengths = _lengths(raw[:, HEADER_LENGTH:])
-    raw[:, 0] = MAGIC
+    raw = records.view(np.uint8).reshape(-1, form.itemsize)
+    lengths = _lengths(raw[:, HEADER_LENGTH:-CHECKSUM_LENGTH])
+    raw[:, :HEADER_LENGTH] = head
     raw[:, 1] = lengths
     raw[:, 4] = sequence
     raw[:, 5] = system_id
-    raw[:, 6] = AUTOPILOT_COMPONENT
-    raw[:, 7:10] = tuple(message_id.to_bytes(3, "little"))
-    extra = common.mavlink_map[message_id].crc_extra
-    if (lengths == lengths[0]).all():
-        return _sealed(raw, int(lengths[0]), extra)
+    kinds = set(lengths.tolist())
+    if len(kinds) == 1:
+        return _sealed(raw, kinds.pop(), extra)
     frames = [b""] * len(raw)
-    for length in np.unique(lengths):
+    for length in kinds:
         rows = np.flatnonzero(lengths == length)
-        for row, frame in zip(rows, _sealed(raw[rows], int(length), extra), strict=True):
+        for row, frame in zip(rows, _sealed(raw[rows], length, extra), strict=True):
             frames[row] = frame
     return frames
 
 
 def checksums(checked: Bytes, extra: int) -> Words:
     """(m, k) bytes, k the same for all, and the message's extra byte: (m,) X.25 checksums."""
-    length = checked.shape[1]
-    following = length - np.arange(length)  # bytes after each, with the extra one
+    following, constant = _checking(checked.shape[1], extra)
     folded: Words = np.bitwise_xor.reduce(_table()[following, checked], axis=1)
-    return folded ^ np.uint16(int(_table()[0, extra]) ^ _empty(length + 1))
+    return folded ^ constant
 
 
 def setpoints(raw: bytes) -> tuple[NDArray[np.void], Bytes, Mask] | None:
@@ -124,13 +120,28 @@ def _lengths(payload: Bytes) -> Rows:
 
 
 def _sealed(raw: Bytes, length: int, extra: int) -> list[bytes]:
-    """Cut to that payload and add the checksums."""
-    end = HEADER_LENGTH + length
-    whole = np.empty((len(raw), end + CHECKSUM_LENGTH), dtype=np.uint8)
-    whole[:, :end] = raw[:, :end]
-    whole[:, end:] = checksums(raw[:, 1:end], extra).astype("<u2")[:, np.newaxis].view(np.uint8)
-    data, size = whole.tobytes(), whole.shape[1]
+    """Cut to that payload and add the checksums, in place."""
+    end, size = HEADER_LENGTH + length, HEADER_LENGTH + length + CHECKSUM_LENGTH
+    raw[:, end:size] = checksums(raw[:, 1:end], extra).astype("<u2")[:, np.newaxis].view(np.uint8)
+    data = raw[:, :size].tobytes()
     return [data[start : start + size] for start in range(0, len(data), size)]
+
+
+@cache
+def _whole(message_id: int) -> tuple[np.dtype[np.void], Bytes, int]:
+    """A frame as a record, the header that all of a kind share, and the message's extra byte."""
+    payload = layout(message_id)
+    fields = [(name, payload.fields[name][0]) for name in payload.names or () if payload.fields]
+    form = np.dtype([("head", np.uint8, (HEADER_LENGTH,)), *fields, ("sum", np.uint8, (CHECKSUM_LENGTH,))])
+    kind = message_id.to_bytes(3, "little")
+    head = np.array((MAGIC, 0, 0, 0, 0, 0, AUTOPILOT_COMPONENT, *kind), dtype=np.uint8)
+    return form, head, common.mavlink_map[message_id].crc_extra
+
+
+@cache
+def _checking(length: int, extra: int) -> tuple[Rows, np.uint16]:
+    """For so many bytes and an extra one: how many follow each, and what their number alone adds."""
+    return length - np.arange(length), np.uint16(int(_table()[0, extra]) ^ _empty(length + 1))
 
 
 @cache

@@ -13,7 +13,7 @@ from sim.modes import MODES, NEEDS_PILOT, Mode
 from sim.state import NO_MODE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from sim.commander import Commander
     from sim.dynamics import Array, Mask
@@ -30,7 +30,9 @@ TINY = 1e-9
 
 TAKEOFF, HOLD, RETURN = Mode.TAKEOFF.number, Mode.HOLD.number, Mode.RETURN.number
 LAND, OFFBOARD = Mode.LAND.number, Mode.OFFBOARD.number
-BY_HAND = np.array([mode in NEEDS_PILOT for mode in MODES])
+BY_HAND = Mode.POSITION.number
+FLOWN_AS = np.array([BY_HAND if mode in NEEDS_PILOT else mode.number for mode in MODES])
+LIFTS = np.array([mode.number in {TAKEOFF, OFFBOARD} for mode in MODES])  # only these two lift off
 
 
 class Guidance:
@@ -44,45 +46,63 @@ class Guidance:
         self._commanders = commanders
         self._parameters = parameters
         self._quirks = quirks
+        self._ask: Mapping[int, Callable[[Rows, Sensed], Array]] = {
+            OFFBOARD: self._offboard,
+            BY_HAND: self._by_hand,
+            HOLD: self._towards,
+            TAKEOFF: self._take_off,
+            LAND: self._land,
+            RETURN: self._return,
+        }
 
     def velocity(self, sensed: Sensed, awake: Mask, dt_s: float) -> Array:
         """(n, 3): the velocity that each mode demands, bounded per axis as PX4 bounds it; rest for others."""
         state = self._state
         demand_m_s = np.zeros((state.count, 3))
-        lifts = (state.mode == TAKEOFF) | (state.mode == OFFBOARD)  # only these two lift off
-        flying = awake & (~state.landed | lifts)
+        flying = awake & (~state.landed | LIFTS[state.mode])
         state.guided_mode[awake & ~flying] = NO_MODE
-        rows = np.flatnonzero(flying)
+        rows = flying.nonzero()[0]
         if not len(rows):
             return demand_m_s
         entering = rows[(state.mode[rows] != state.guided_mode[rows]) | ~state.armed[rows]]
         if len(entering):
             self._enter(entering, sensed)
-        mode = state.mode[rows]  # before a take-off that ends in this step
-        wanted_m_s = np.zeros((len(rows), 3))
-        offboard, by_hand = mode == OFFBOARD, BY_HAND[mode]
-        auto = ~(offboard | by_hand)
-        for chosen, ask in ((offboard, self._offboard), (by_hand, self._by_hand)):
-            if chosen.any():
-                wanted_m_s[chosen] = ask(rows[chosen], sensed)
-        if auto.any():
-            wanted_m_s[auto] = self._slew(rows[auto], self._auto(rows[auto], sensed), dt_s)
+        wanted_m_s = self._wanted(rows, sensed, dt_s)
         state.last_m_s[rows] = wanted_m_s
         demand_m_s[rows] = self._bounded(rows, wanted_m_s)
         return demand_m_s
 
-    def turn(self, dt_s: float) -> None:
-        """Turn the yaw towards what the setpoint commands, no faster than MPC_YAWRAUTO_MAX."""
+    def _wanted(self, rows: Rows, sensed: Sensed, dt_s: float) -> Array:
+        """What each one's mode asks for; the automatic ones accelerate gently."""
+        flown = FLOWN_AS[self._state.mode[rows]]  # before a take-off that ends in this step
+        kinds = set(flown.tolist())
+        wanted_m_s = np.empty((len(rows), 3))
+        for kind, ask in self._ask.items():
+            if kind not in kinds:
+                continue
+            chosen = slice(None) if len(kinds) == 1 else flown == kind
+            asked_m_s = ask(rows[chosen], sensed)
+            gentle = kind not in {OFFBOARD, BY_HAND}
+            wanted_m_s[chosen] = self._slew(rows[chosen], asked_m_s, dt_s) if gentle else asked_m_s
+        return wanted_m_s
+
+    def turn(self, powered: Mask, dt_s: float) -> None:
+        """Turn the yaw towards what the setpoint commands, no faster than MPC_YAWRAUTO_MAX.
+
+        Args:
+            powered: (n,), whom the motors carry.
+            dt_s: the step.
+        """
         state = self._state
-        rows = np.flatnonzero((state.mode == OFFBOARD) & state.powered)
+        rows = ((state.mode == OFFBOARD) & powered).nonzero()[0]
         if not len(rows):
             return
         yaw_rad, wanted_rad = state.yaw_rad[rows], state.order_yaw_rad[rows]
         by_rate_rad = state.order_yaw_rate_rad_s[rows] * dt_s
         turn_rad = np.where(np.isnan(wanted_rad), by_rate_rad, _wrapped(wanted_rad - yaw_rad))
+        turn_rad[np.isnan(turn_rad)] = 0.0
         most_rad = np.radians(self._parameters["MPC_YAWRAUTO_MAX"][rows]) * dt_s
-        turn_rad = np.clip(np.nan_to_num(turn_rad), -most_rad, most_rad)
-        state.yaw_rad[rows] = _wrapped(yaw_rad + turn_rad)
+        state.yaw_rad[rows] = _wrapped(yaw_rad + _clipped(turn_rad, -most_rad, most_rad))
 
     def _enter(self, rows: Rows, sensed: Sensed) -> None:
         """Take the target of a mode that begins: where the vehicle will have stopped, for most."""
@@ -127,23 +147,6 @@ class Guidance:
         down_m: Array = np.minimum(here_m[:, 2], home_m[:, 2] - height_m)
         return down_m
 
-    def _auto(self, rows: Rows, sensed: Sensed) -> Array:
-        """HOLD and what is flown like it; take-off; landing; the way home."""
-        mode = self._state.mode[rows]
-        wanted_m_s = np.zeros((len(rows), 3))
-        landing, homing, climbing = mode == LAND, mode == RETURN, mode == TAKEOFF
-        holding = ~(landing | homing | climbing)
-        asked = (
-            (holding, self._towards),
-            (climbing, self._take_off),
-            (landing, self._land),
-            (homing, self._return),
-        )
-        for chosen, ask in asked:
-            if chosen.any():
-                wanted_m_s[chosen] = ask(rows[chosen], sensed)
-        return wanted_m_s
-
     def _take_off(self, rows: Rows, sensed: Sensed) -> Array:
         state = self._state
         gap_m = np.abs(state.target_m[rows, 2] - sensed.position_m[rows, 2])
@@ -169,14 +172,17 @@ class Guidance:
         fastest_m_s = p["MPC_XY_CRUISE"][rows]
         speed_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
         scale = fastest_m_s / np.maximum(np.maximum(speed_m_s, fastest_m_s), TINY)
-        return np.column_stack([scale[:, np.newaxis] * velocity_m_s, down_m_s])
+        whole_m_s = np.empty((len(rows), 3))
+        whole_m_s[:, :2] = scale[:, np.newaxis] * velocity_m_s
+        whole_m_s[:, 2] = down_m_s
+        return whole_m_s
 
     def _land(self, rows: Rows, sensed: Sensed) -> Array:
         """Sink over the target, slower from MPC_LAND_ALT1 to MPC_LAND_ALT2, slowest below MPC_LAND_ALT3."""
         p, height_m = self._parameters, sensed.height_m[rows]
         fast_m_s, slow_m_s = p["MPC_Z_V_AUTO_DN"][rows], p["MPC_LAND_SPEED"][rows]
         upper_m, lower_m = p["MPC_LAND_ALT1"][rows], p["MPC_LAND_ALT2"][rows]
-        share = np.clip((height_m - lower_m) / np.maximum(upper_m - lower_m, TINY), 0.0, 1.0)
+        share = np.minimum(np.maximum((height_m - lower_m) / np.maximum(upper_m - lower_m, TINY), 0.0), 1.0)
         sink_m_s = slow_m_s + share * (fast_m_s - slow_m_s)
         crawling = height_m < p["MPC_LAND_ALT3"][rows]
         sink_m_s = np.where(crawling, np.minimum(sink_m_s, p["MPC_LAND_CRWL"][rows]), sink_m_s)
@@ -212,33 +218,39 @@ class Guidance:
 
     def _offboard(self, rows: Rows, sensed: Sensed) -> Array:
         """Follow the setpoint; one that cannot be flown is not followed at all (item 10)."""
-        state, p = self._state, self._parameters
-        across, up = p["MPC_XY_P"][rows], p["MPC_Z_P"][rows]
-        way_m = np.nan_to_num(state.order_position_m[rows] - sensed.position_m[rows])
-        velocity_m_s = np.nan_to_num(state.order_velocity_m_s[rows])
-        wanted_m_s: Array = velocity_m_s + np.stack([across, across, up], axis=1) * way_m
+        state = self._state
+        way_m: Array = state.order_position_m[rows] - sensed.position_m[rows]
+        velocity_m_s = state.order_velocity_m_s[rows]
+        way_m[np.isnan(way_m)] = velocity_m_s[np.isnan(velocity_m_s)] = 0.0
+        wanted_m_s: Array = velocity_m_s + self._parameters.axes("MPC_XY_P", "MPC_Z_P")[rows] * way_m
         if self._quirks.whole_velocity:
             wanted_m_s[~state.order_flyable[rows]] = 0.0
         return wanted_m_s
 
     def _slew(self, rows: Rows, wanted_m_s: Array, dt_s: float) -> Array:
         """The automatic modes accelerate gently."""
-        across, up = self._parameters["MPC_ACC_HOR"][rows], self._parameters["MPC_ACC_UP_MAX"][rows]
-        bound_m_s = np.stack([across, across, up], axis=1) * dt_s
+        bound_m_s = self._parameters.axes("MPC_ACC_HOR", "MPC_ACC_UP_MAX")[rows] * dt_s
         last_m_s = self._state.last_m_s[rows]
-        return last_m_s + np.clip(wanted_m_s - last_m_s, -bound_m_s, bound_m_s)
+        return last_m_s + _clipped(wanted_m_s - last_m_s, -bound_m_s, bound_m_s)
 
     def _bounded(self, rows: Rows, wanted_m_s: Array) -> Array:
         """Clip each axis on its own, as recorded, which bends the direction."""
         state, p = self._state, self._parameters
-        across_m_s, climb_m_s = p["MPC_XY_VEL_MAX"][rows], p["MPC_Z_VEL_MAX_UP"][rows]
+        low_m_s = -p.axes("MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_UP")[rows]
+        high_m_s = p.axes("MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_DN")[rows]
         airborne_s = state.now_s - state.airborne_since_s[rows]
-        ramp = np.minimum(airborne_s / np.maximum(p["MPC_TKO_RAMP_T"][rows], TINY), 1.0)
-        ramped_m_s = np.maximum(TAKEOFF_START_M_S + ramp * (climb_m_s - TAKEOFF_START_M_S), 0.0)
-        climb_m_s = np.where(ramp < 1.0, ramped_m_s, climb_m_s)
-        low_m_s = np.stack([-across_m_s, -across_m_s, -climb_m_s], axis=1)
-        high_m_s = np.stack([across_m_s, across_m_s, p["MPC_Z_VEL_MAX_DN"][rows]], axis=1)
-        return np.clip(wanted_m_s, low_m_s, high_m_s)
+        ramp = airborne_s / np.maximum(p["MPC_TKO_RAMP_T"][rows], TINY)
+        if (ramp < 1.0).any():
+            climb_m_s = -low_m_s[:, 2]
+            ramped_m_s = np.maximum(TAKEOFF_START_M_S + ramp * (climb_m_s - TAKEOFF_START_M_S), 0.0)
+            low_m_s[:, 2] = -np.where(ramp < 1.0, ramped_m_s, climb_m_s)
+        return _clipped(wanted_m_s, low_m_s, high_m_s)
+
+
+def _clipped(values: Array, low: Array, high: Array) -> Array:
+    """As np.clip, which takes its time with arrays as small as these."""
+    clipped: Array = np.minimum(np.maximum(values, low), high)
+    return clipped
 
 
 def _wrapped(angle_rad: Array) -> Array:

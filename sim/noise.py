@@ -10,20 +10,20 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sim.dynamics import ShapeError
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from sim.dynamics import Array
 
-POSITION_SD_M = (0.09, 0.19, 0.41)
-VELOCITY_SD_M_S = (0.04, 0.04, 0.03)
+POSITION_SD_M = np.array((0.09, 0.19, 0.41))
+VELOCITY_SD_M_S = np.array((0.04, 0.04, 0.03))
 # The position error is a wandering target followed with a lag: an estimator's error moves smoothly.
 # The two times add up to the correlation time.
 WANDER_S, FOLLOW_S = 3.5, 1.0
 VELOCITY_CORRELATION_S = 0.4
-TARGET_SD_M = tuple(sd * math.sqrt((WANDER_S + FOLLOW_S) / WANDER_S) for sd in POSITION_SD_M)
+TARGET_SD_M = POSITION_SD_M * math.sqrt((WANDER_S + FOLLOW_S) / WANDER_S)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -106,6 +106,7 @@ class Columns:
         """Row i is vehicles[i], whose changes are listened to from now on."""
         self._vehicles = vehicles
         self._columns: dict[str, Array] = {}
+        self._axes: dict[tuple[str, str], Array] = {}
         for row, parameters in enumerate(vehicles):
             parameters.on_change = partial(self._change, row)
 
@@ -117,7 +118,16 @@ class Columns:
             self._columns[name] = column
         return column
 
+    def axes(self, across: str, down: str) -> Array:
+        """(n, 3), read-only by agreement: one parameter for north and east, one for down."""
+        both = self._axes.get((across, down))
+        if both is None:
+            both = np.stack([self[across], self[across], self[down]], axis=1)
+            self._axes[across, down] = both
+        return both
+
     def _change(self, row: int, name: str, value: Value) -> None:
+        self._axes = {names: both for names, both in self._axes.items() if name not in names}
         if name in self._columns:
             self._columns[name][row] = value
 

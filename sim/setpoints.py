@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 LOCAL_NED, BODY_NED = 1, 8  # MAV_FRAME
 IGNORE_YAW, IGNORE_YAW_RATE = 0x400, 0x800
+AXES = 9  # of position, velocity and acceleration: the lowest bits of the mask, in the order of the payload
+FIRST_AXIS_AT = 4
 
 
 def obey(state: State, rows: Rows, orders: NDArray[np.void]) -> Rows:
@@ -28,8 +30,8 @@ def obey(state: State, rows: Rows, orders: NDArray[np.void]) -> Rows:
     known = (frame == LOCAL_NED) | (frame == BODY_NED)
     if not known.all():
         rows, orders, frame = rows[known], orders[known], frame[known]
-    position_m, velocity_m_s = _given(orders, 0, "x", "y", "z"), _given(orders, 3, "vx", "vy", "vz")
-    acceleration_m_s2 = _given(orders, 6, "afx", "afy", "afz")
+    orders_si = _given(orders)
+    position_m, velocity_m_s, acceleration_m_s2 = orders_si
     mask = orders["type_mask"]
     yaw_rad: Array = np.where(mask & IGNORE_YAW, np.nan, _finite(orders["yaw"]))
     body = frame == BODY_NED
@@ -39,7 +41,6 @@ def obey(state: State, rows: Rows, orders: NDArray[np.void]) -> Rows:
         velocity_m_s[body] = _turned(velocity_m_s[body], heading_rad)
         acceleration_m_s2[body] = _turned(acceleration_m_s2[body], heading_rad)
         yaw_rad[body] += heading_rad
-    orders_si: Array = np.stack([position_m, velocity_m_s, acceleration_m_s2])  # (3, m, 3)
     given: Mask = ~np.isnan(orders_si)
     says: Mask = np.any(given, axis=(0, 2))
     pairs: Mask = np.equal(given[:, :, 0], given[:, :, 1])  # north and east come together
@@ -56,12 +57,15 @@ def obey(state: State, rows: Rows, orders: NDArray[np.void]) -> Rows:
     return rows[~says]
 
 
-def _given(orders: NDArray[np.void], first_bit: int, *names: str) -> Array:
-    """(m, 3), NaN where an axis is ignored or no number."""
-    values = _finite(np.stack([orders[name] for name in names], axis=1))
-    ignored = orders["type_mask"][:, np.newaxis] >> np.arange(first_bit, first_bit + 3, dtype=np.uint16) & 1
+def _given(orders: NDArray[np.void]) -> Array:
+    """(3, m, 3): positions, velocities and accelerations, NaN where an axis is ignored or no number."""
+    raw = orders.view(np.uint8).reshape(len(orders), orders.itemsize)[
+        :, FIRST_AXIS_AT : FIRST_AXIS_AT + 4 * AXES
+    ]
+    values = _finite(np.ascontiguousarray(raw).view("<f4"))
+    ignored = orders["type_mask"][:, np.newaxis] >> np.arange(AXES, dtype=np.uint16) & 1
     values[ignored != 0] = np.nan
-    return values
+    return np.ascontiguousarray(values.reshape(-1, 3, 3).transpose(1, 0, 2))
 
 
 def _finite(values: NDArray[np.float32]) -> Array:

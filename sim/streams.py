@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -66,6 +67,7 @@ class Schedule:
         self._places = {message_id: place for place, message_id in enumerate(RECORDED_HZ)}
         self._interval_s = np.full((len(RECORDED_HZ), count), np.inf)
         self._due_s = np.full((len(RECORDED_HZ), count), np.inf)
+        self._next_s = math.inf  # none is due before
 
     def start(self, row: int, now_s: float, random: np.random.Generator) -> None:
         """Start a vehicle's streams as they are after booting, each at a phase of its own."""
@@ -76,6 +78,7 @@ class Schedule:
             if interval_s is not None:
                 self._interval_s[place, row] = interval_s
                 self._due_s[place, row] = now_s + interval_s * phase
+        self._next_s = -math.inf
 
     def default_s(self, message_id: int) -> float | None:
         """The interval of a stream that nobody has changed, or None where it is not sent unasked."""
@@ -91,16 +94,21 @@ class Schedule:
         place = self._places[message_id]
         self._interval_s[place, row] = np.inf if interval_s is None else max(interval_s, FASTEST_S)
         self._due_s[place, row] = np.inf if interval_s is None else now_s
+        self._next_s = -math.inf
 
     def due(self, now_s: float) -> list[tuple[int, Rows]]:
         """Which messages to send now, and whose; what was missed is dropped, not made up."""
-        is_due = self._due_s <= now_s + TIME_SLACK_S
-        if not is_due.any():
+        if self._next_s > now_s + TIME_SLACK_S:
             return []
-        places, rows = np.nonzero(is_due)
+        places, rows = np.nonzero(self._due_s <= now_s + TIME_SLACK_S)
         interval_s = self._interval_s[places, rows]
         next_s = self._due_s[places, rows] + interval_s
         self._due_s[places, rows] = np.where(next_s > now_s - interval_s, next_s, now_s + interval_s)
-        starts = np.flatnonzero(np.diff(places, prepend=-1)).tolist()
+        self._next_s = float(self._due_s.min(initial=math.inf))
+        starts = [0, *((places[1:] != places[:-1]).nonzero()[0] + 1).tolist()]
         ends = [*starts[1:], len(places)]
-        return [(IDS[places[start]], rows[start:end]) for start, end in zip(starts, ends, strict=True)]
+        return [
+            (IDS[places[start]], rows[start:end])
+            for start, end in zip(starts, ends, strict=True)
+            if start < end
+        ]

@@ -16,6 +16,7 @@ from sim.modes import MODES, PREVENTS_ARMING, Mode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sim.battery import Batteries
     from sim.commander import Commander
     from sim.dynamics import Array, Mask
     from sim.params import Columns
@@ -44,22 +45,23 @@ class Watch:
         self._parameters = parameters
         self._quirks = quirks
 
-    def update(self, awake: Mask, contact: Mask, climb_m_s: Array, charge: Numbers) -> None:
+    def update(self, awake: Mask, contact: Mask, climb_m_s: Array, batteries: Batteries) -> None:
         """Do what has fallen due at the state's time.
 
         Args:
             awake: (n,), who has a position.
             contact: (n,), who stands on the ground.
             climb_m_s: (n,), the upward speed that the flown mode demands.
-            charge: (n,), the batteries' MAV_BATTERY_CHARGE_STATE.
+            batteries: whose MAV_BATTERY_CHARGE_STATE counts.
         """
         state = self._state
         armed = awake & state.armed
         if armed.any():
             self._watch_setpoints(armed)
             self._watch_station(armed)
-            weak = awake & state.powered & (charge > state.charge)
-            for row in np.flatnonzero(weak).tolist():
+            charge = batteries.charge_state()
+            weak = armed & ~state.landed & (charge > state.charge)
+            for row in weak.nonzero()[0].tolist():
                 self._commanders[row].weaken(int(charge[row]))
         waiting = awake & state.armed & state.landed
         self._watch_landing(awake & ~state.landed, contact, climb_m_s)
@@ -100,13 +102,16 @@ class Watch:
             due &= ~state.failsafe
         if not self._quirks.setpoint_loss:
             due &= state.failsafe
-        for row in np.flatnonzero(due).tolist():
+        for row in due.nonzero()[0].tolist():
             self._commanders[row].starve_or_feed()
 
     def _watch_station(self, armed: Mask) -> None:
         """NAV_DLL_ACT, once, COM_DL_LOSS_T after the last heartbeat of a ground station."""
         state, p = self._state, self._parameters
         silent = state.now_s - state.station_s > p["COM_DL_LOSS_T"]
+        if not silent.any():
+            state.station_lost[:] = False
+            return
         due = armed & ~state.landed & silent & ~state.station_lost & (p["NAV_DLL_ACT"] > 0)
         state.station_lost = silent & (state.station_lost | due)
         for row in np.flatnonzero(due).tolist():
@@ -126,6 +131,9 @@ class Watch:
     def _watch_landing(self, flying: Mask, contact: Mask, climb_m_s: Array) -> None:
         """On the ground and told to sink: landed after a while; at once when the motors stand still."""
         state = self._state
+        if not contact.any():
+            state.down_since_s[flying] = np.inf
+            return
         down = flying & contact & ~(state.armed & (climb_m_s >= 0.0))
         state.down_since_s[flying & ~down] = np.inf
         if not down.any():

@@ -25,6 +25,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         in_real_time = any(folder in item.path.parents for folder in REAL_TIME)
         if in_real_time and item.get_closest_marker("computes") is None:
             item.add_marker(pytest.mark.realtime)
+        elif any(item.get_closest_marker(name) for name in ("alone", "realtime")):
+            raise pytest.UsageError(f"{item.nodeid}: what keeps time is in tests/e2e or tests/wire")
 
 
 @pytest.fixture(params=["mavsdk", "direct"])

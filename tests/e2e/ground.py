@@ -58,22 +58,27 @@ def flying_config(
 
 @contextmanager
 def vehicles(
-    count: int, port_base: int, truth: Path, *options: str
-) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """One fake vehicle a process, true states in `truth`/0.jsonl and so on; ended with the block.
+    count: int, port_base: int, truth: Path, *options: str, apart: int | None = None
+) -> Iterator[subprocess.Popen[bytes]]:
+    """Fake vehicles in a process of their own, true states in `truth`/truth.jsonl; ended with the block.
 
+    One process flies them all, but for the one that is to be `apart`, and so can be killed: it is yielded.
     They can be armed at once: PX4's few seconds until then are the demo's and the README session's.
     """
-    command = [sys.executable, "-m", "sim", "--count", "1", "--port-base", str(port_base)]
+    command = [sys.executable, "-m", "sim", "--port-base", str(port_base)]
     command += ["--origin", ORIGIN, "--grid-columns", "3", "--quirk", "late-ready=off", *options]
-    children = [
-        subprocess.Popen(
-            [*command, "--first", str(i), "--truth", str(truth / f"{i}.jsonl")], stdout=subprocess.DEVNULL
-        )
-        for i in range(count)
-    ]
+
+    def started(first: int, end: int, *more: str) -> subprocess.Popen[bytes]:
+        some = ["--first", str(first), "--count", str(end - first), *more]
+        return subprocess.Popen([*command, *some], stdout=subprocess.DEVNULL)
+
+    file = ("--truth", str(truth / "truth.jsonl"))
+    if apart is None:
+        children = [started(0, count, *file)]
+    else:
+        children = [started(apart, apart + 1), started(0, apart, *file), started(apart + 1, count)]
     try:
-        yield children
+        yield children[0]
     finally:
         for child in children:
             child.terminate()

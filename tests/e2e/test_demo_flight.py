@@ -1,13 +1,10 @@
 """`gcs demo`, as a user runs it: the whole story, judged by the vehicles' true states."""
 
 import json
-import signal
 import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-from ground import SOON_S, last_truths
 from machine import free_ports
 
 from gcs.cli.main import main
@@ -39,35 +36,3 @@ def test_the_demo_flies_its_story_nothing_touches_and_its_record_proves_it(tmp_p
         assert judged["based_on"] == f"{positions} positions"
     assert [order.action for order in orders(tmp_path)] == ["start", "stop"]
     assert {outcome for order in orders(tmp_path) for outcome, _ in order.outcomes.values()} == {"done"}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--vehicles", "1"], "--vehicles 1: 2 to 50"),
-        (["--vehicles", "8", "--seconds", "20"], "--seconds 20: at least 170"),
-    ],
-)
-def test_a_demo_that_cannot_be_flown_is_refused_in_words(arguments: list[str], says: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "gcs", "demo", *arguments], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
-    assert says in done.stderr
-
-
-def test_ctrl_c_brings_the_fleet_home(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "2", "--truth", str(tmp_path)]
-    command += ["--api-port", "0", "--port-base", str(free_ports(2))]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as demo:
-        assert demo.stdout is not None
-        said = ""
-        while "organise" not in said:
-            said = demo.stdout.readline()
-            assert said, "ended before it flew"
-        demo.send_signal(signal.SIGINT)
-        rest, _ = demo.communicate(timeout=2 * SOON_S)
-    assert "landed" in rest
-    assert demo.returncode == 130
-    states = last_truths(tmp_path / "truth.jsonl")
-    assert [(state["landed"], state["armed"]) for state in states] == [(True, False)] * 2

@@ -91,7 +91,7 @@ def config_of(port_base: int) -> Config:
 
 
 def places_m(folder: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    truths = [last_truths(folder / f"{row}.jsonl")[0] for row in range(len(IDS))]
+    truths = last_truths(folder / "truth.jsonl")
     axes = ("north_m", "east_m", "down_m")
     return np.array([[float(str(truth[name])) for name in axes] for truth in truths])
 

@@ -37,7 +37,7 @@ def code_in(text: str) -> str:
 
 
 def armed(folder: Path) -> list[bool]:
-    return [bool(last_truths(folder / f"{row}.jsonl")[0]["armed"]) for row in range(len(IDS))]
+    return [bool(truth["armed"]) for truth in last_truths(folder / "truth.jsonl")]
 
 
 def test_a_vehicle_is_killed_without_the_service_and_the_record_says_so(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def phases(client: Client) -> list[str]:
 
 
 def truths(folder: Path) -> list[dict[str, object]]:
-    return [last_truths(folder / f"{row}.jsonl")[0] for row in range(len(IDS))]
+    return last_truths(folder / "truth.jsonl")
 
 
 def places_m(folder: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

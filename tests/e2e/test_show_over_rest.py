@@ -98,5 +98,5 @@ def test_a_show_is_uploaded_checked_selected_flown_paused_and_brought_home(tmp_p
     config = Config.model_validate(raw)
     with vehicles(3, PORT_BASE, tmp_path, *proper(config)):
         asyncio.run(fly(config))
-        states = [last_truths(tmp_path / f"{index}.jsonl")[0] for index in range(3)]
+        states = last_truths(tmp_path / "truth.jsonl")
     assert [(state["landed"], state["armed"]) for state in states] == [(True, False)] * 3

@@ -74,7 +74,7 @@ async def fly_and_kill(folder: Path, machine: Witness) -> Seen:
     best = energy(best_configuration(7))
     base = free_ports(8)
     config = flying_config(8, base, silence_s=2.0)
-    with vehicles(8, base, folder, *proper(config)) as processes:
+    with vehicles(8, base, folder, *proper(config), apart=4) as fifth:
         link = make_link(config.links[0], config)
         assert isinstance(link, MavsdkUdpLink)
         orchestrator = Orchestrator(config, [link])
@@ -82,7 +82,7 @@ async def fly_and_kill(folder: Path, machine: Witness) -> Seen:
             view = orchestrator.view
             await until("running", SOON_S, lambda: view.value.show is ShowPhase.RUNNING)
             await asyncio.sleep(STEADY_S)
-            processes[4].kill()
+            fifth.kill()
             killed_s = time.monotonic()
             await until("lost", SOON_S, lambda: view.value.vehicles[4].phase is Phase.LOST)
             ratio = await re_formed(orchestrator, best, killed_s, machine)

@@ -21,7 +21,18 @@ HOLD, LAND, RETURN, OFFBOARD, POSITION = (4, 3), (4, 6), (4, 5), (6, 0), (3, 0)
 TAKEOFF = (4, 2)
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 START_S = 1000.0
-SELDOM_HZ = {message_id: min(rate_hz, 10.0) for message_id, rate_hz in RECORDED_HZ.items()}
+UNREAD = (
+    common.MAVLINK_MSG_ID_ALTITUDE,
+    common.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+    common.MAVLINK_MSG_ID_ATTITUDE_TARGET,
+    common.MAVLINK_MSG_ID_DISTANCE_SENSOR,
+    common.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED,
+    common.MAVLINK_MSG_ID_VFR_HUD,
+)
+SELDOM_HZ = {
+    message_id: min(rate_hz, 1.0 if message_id in UNREAD else 10.0)
+    for message_id, rate_hz in RECORDED_HZ.items()
+}
 """Streams for tests that are not about streams: most of the computing is in them."""
 
 
