@@ -229,7 +229,9 @@ class Batch:
         return np.flatnonzero(begins) + first
 
     def _call(self, function: Any, fd: int, first: int, count: int, *more: object) -> int:
-        return _called(function, fd, self._messages.ctypes.data + first * self._messages.itemsize, count, *more)
+        return _called(
+            function, fd, self._messages.ctypes.data + first * self._messages.itemsize, count, *more
+        )
 
 
 def _called(function: Any, fd: int, place: int, count: int, *more: object) -> int:
