@@ -77,7 +77,9 @@ def test_while_all_fly_in_formation_nobody_has_a_goal_but_who_is_frozen_or_retur
     subject.show = ShowPhase.RUNNING
     tasks = subject.tasks()
     assert tasks.task.tolist() == [Task.FORMATION] * 3
-    assert (tasks.airborne.all(), tasks.descending.any(), tasks.center_moves) == (True, False, True)
+    assert tasks.airborne.all()
+    assert not tasks.descending.any()
+    assert tasks.center_moves
     first, second, _ = subject.vehicles.values()
     here_m = subject.position_m(first)
     first.freeze(here_m, 1.0, "a jump")

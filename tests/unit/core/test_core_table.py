@@ -77,20 +77,27 @@ def ages_s(states: list[FleetState]) -> set[float]:
 )
 def test_the_compiled_way_into_the_frame_is_pymap3ds(frame: ShowFrame) -> None:
     random, n = np.random.default_rng(3), 50
-    place = [
-        at + random.normal(0.0, wide, n)
-        for at, wide in (
-            (frame.latitude_deg, 0.03),
-            (frame.longitude_deg, 0.03),
-            (frame.altitude_amsl_m, 99.0),
-        )
-    ]
+    latitude_deg = frame.latitude_deg + random.normal(0.0, 0.03, n)
+    longitude_deg = frame.longitude_deg + random.normal(0.0, 0.03, n)
+    altitude_m = frame.altitude_amsl_m + random.normal(0.0, 99.0, n)
     ned_m_s, yaw_deg = random.normal(0.0, 5.0, (n, 3)), random.uniform(0.0, 360.0, n)
     position_m, velocity_m_s = np.zeros((n, 3)), np.zeros((n, 3))
     yaw_rad, exists = np.zeros(n), np.zeros(n, np.bool_)
     origin = (frame.latitude_deg, frame.longitude_deg, frame.altitude_amsl_m, frame.heading_deg)
-    into_frame(np.arange(n), *place, ned_m_s, yaw_deg, origin, position_m, velocity_m_s, yaw_rad, exists)
-    assert position_m == pytest.approx(frame.position_m(*place), abs=1e-8)
+    into_frame(
+        np.arange(n),
+        latitude_deg,
+        longitude_deg,
+        altitude_m,
+        ned_m_s,
+        yaw_deg,
+        origin,
+        position_m,
+        velocity_m_s,
+        yaw_rad,
+        exists,
+    )
+    assert position_m == pytest.approx(frame.position_m(latitude_deg, longitude_deg, altitude_m), abs=1e-8)
     assert velocity_m_s == pytest.approx(frame.from_ned(ned_m_s))
     assert yaw_rad == pytest.approx(wrap_rad(np.radians(yaw_deg - frame.heading_deg)))
     assert exists.tolist() == (np.linalg.norm(position_m, axis=1) <= FAR_M).tolist()
