@@ -5,8 +5,10 @@ stays as written (no fast-math), so that the same input gives the same output ev
 """
 
 import os
+import sys
 from collections.abc import Callable
 from hashlib import sha256
+from importlib import import_module
 from pathlib import Path
 from typing import TypeVar
 
@@ -35,6 +37,21 @@ def kept_in(package: Path) -> Path:
 
 
 numba.config.CACHE_DIR = str(kept_in(Path(__file__).parent))
+
+
+def _load_without_blas() -> None:
+    """Numba looks for scipy's BLAS as soon as it is used: 15 MB, though no kernel multiplies matrices."""
+    blas = "scipy.linalg.cython_blas"
+    if blas in sys.modules:
+        return
+    sys.modules[blas] = None  # type: ignore[assignment]  # as documented: importing it fails
+    try:
+        import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[blas]
+
+
+_load_without_blas()
 
 
 def kernel(function: Kernel) -> Kernel:

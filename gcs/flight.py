@@ -304,14 +304,17 @@ class Flight:
         vehicles = self.vehicles.values()  # rows as in FleetState
         now_s, show = self.fleet.time_s, self.show
         show_flies = show in SHOW_FLIES
+        phases = [vehicle.phase for vehicle in vehicles]
+        frozen_until_s = max([vehicle.frozen_until_s for vehicle in vehicles])
+        if show_flies and now_s >= frozen_until_s and phases.count(Phase.FORMATION) == len(phases):
+            return Tasks.of_formation(len(phases), center_moves=show is ShowPhase.RUNNING)  # as a rule
         task = np.full(len(vehicles), Task.FORMATION, dtype=np.int8)
         goal_m = np.full((len(vehicles), 3), np.nan)
-        for row, vehicle in enumerate(vehicles):  # in most ticks there is but one answer
+        for row, vehicle in enumerate(vehicles):
             if not show_flies or vehicle.phase is not Phase.FORMATION or now_s < vehicle.frozen_until_s:
                 task[row], goal = vehicle.task(show, now_s)
                 if goal is not None:
                     goal_m[row] = goal
-        phases = [vehicle.phase for vehicle in vehicles]
         swept_m = [
             self._swept_m(vehicle, last_m)
             for vehicle in self.in_phase(Phase.LOST, Phase.KILLED)

@@ -1,31 +1,13 @@
 """Telemetry in, FleetState out: the one place where the fleet's state is made."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.frames import ShowFrame, wrap_rad
-from gcs.state import Array, FleetState, Mask, Telemetry, VehicleId
-
-FORWARD_MAX_S = 0.5
-"""Positions are brought forward by no more than this; what is older is refused by its age anyway."""
-
-
-SPEED_PLAUSIBLE_M_S, JUMP_PLAUSIBLE_M = 25.0, 10.0
-"""A position farther from the last believed one than this speed and this jump explain is not believed."""
-
-UNEXPLAINED_M, UNEXPLAINED_M_S = 1.5, 2.0
-"""A believed position that is off by more than this and this speed from where the velocity led is a reset: of
-the estimator, or of its receiver. Noise comes in centimetres a step.
-"""
-
-FAR_M = 10_000.0
-"""Nor is one farther than this from the show's origin, or at latitude and longitude 0."""
-
-CONSISTENT_S = 2.0
-"""How long a vehicle must have been told at a new place, without a jump, before the new place is believed."""
+from gcs.frames import ShowFrame
+from gcs.state import Array, FleetState, Telemetry, VehicleId
+from gcs.table_kernels import brought_forward, into_frame, judge
 
 
 class Table:
@@ -46,14 +28,15 @@ class Table:
         self.ids = tuple(ids)
         self._row = {vehicle_id: row for row, vehicle_id in enumerate(self.ids)}
         self._rows: dict[tuple[VehicleId, ...], NDArray[np.intp]] = {}  # of each link's vehicles
-        self._frame = frame
-        self._believed = _Track.unknown(len(self.ids))  # the newest that was believed
-        self._told = _Track.unknown(len(self.ids))  # the newest, believed or not
-        self._velocity_m_s = np.full((len(self.ids), 3), np.nan)  # with the believed position
-        self._trusted = np.ones(len(self.ids), dtype=bool)
-        self._told_since_s = np.full(len(self.ids), np.inf)  # without a jump, of those not trusted
-        self._resets = np.full(len(self.ids), -1)  # as the estimators count them
-        self.reset_time_s = np.full(len(self.ids), -np.inf)
+        self._origin = (frame.latitude_deg, frame.longitude_deg, frame.altitude_amsl_m, frame.heading_deg)
+        n = len(self.ids)
+        self._believed_m, self._believed_s = np.full((n, 3), np.nan), np.full(n, -np.inf)
+        self._believed_m_s = np.full((n, 3), np.nan)  # with the believed position
+        self._told_m, self._told_s = np.full((n, 3), np.nan), np.full(n, -np.inf)  # believed or not
+        self._told_since_s = np.full(n, np.inf)  # without a jump, of those not trusted
+        self._trusted = np.ones(n, dtype=np.bool_)
+        self._resets = np.full(n, -1)  # as the estimators count them
+        self.reset_time_s = np.full(n, -np.inf)
 
     def state(self, telemetry: Sequence[Telemetry], now_s: float) -> FleetState:
         """Where everybody is at `now_s`: newest believed positions, brought forward with their velocities.
@@ -61,108 +44,60 @@ class Table:
         Called once a tick; called again with the same telemetry it says the same.
         """
         n = len(self.ids)
-        told = _Track.unknown(n)
-        velocity_m_s, yaw_rad = np.full((n, 3), np.nan), np.full(n, np.nan)
-        exists, armed = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+        position_m, velocity_m_s, yaw_rad = (
+            np.full((n, 3), np.nan),
+            np.full((n, 3), np.nan),
+            np.full(n, np.nan),
+        )
+        time_s, exists, armed = np.full(n, -np.inf), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         resets = self._resets.copy()
         for part in telemetry:
             rows = self._rows_of(part.ids)
-            told.position_m[rows] = self._frame.position_m(
-                part.latitude_deg, part.longitude_deg, part.altitude_amsl_m
+            into_frame(
+                rows,
+                part.latitude_deg,
+                part.longitude_deg,
+                part.altitude_amsl_m,
+                part.velocity_ned_m_s,
+                part.yaw_deg,
+                self._origin,
+                position_m,
+                velocity_m_s,
+                yaw_rad,
+                exists,
             )
-            told.time_s[rows] = part.position_time_s
-            velocity_m_s[rows] = self._frame.from_ned(part.velocity_ned_m_s)
-            yaw_rad[rows] = wrap_rad(np.radians(part.yaw_deg - self._frame.heading_deg))
-            exists[rows] = (part.latitude_deg != 0.0) | (part.longitude_deg != 0.0)
+            time_s[rows] = part.position_time_s
             armed[rows] = part.armed
             resets[rows] = part.position_resets
-        exists &= np.linalg.norm(told.position_m, axis=1) <= FAR_M  # False for NaN
-        before, before_m_s = self._believed, self._velocity_m_s
-        self._judge(told, exists, armed)
-        counted = (resets != self._resets) & (self._resets >= 0)
-        self._resets = resets
-        self.reset_time_s = np.where(
-            armed & (counted | self._jumped(before, before_m_s, velocity_m_s)), now_s, self.reset_time_s
-        )
-        self._velocity_m_s = np.where(
-            (self._believed.time_s == told.time_s)[:, None], velocity_m_s, self._velocity_m_s
-        )
-        age_s = np.maximum(now_s - self._believed.time_s, 0.0)
-        forward_m = self._velocity_m_s * np.minimum(age_s, FORWARD_MAX_S)[:, None]
-        return FleetState(
+        self.reset_time_s = self.reset_time_s.copy()  # whoever has the old one keeps it
+        judge(
             now_s,
-            self.ids,
-            self._believed.position_m + forward_m,
-            self._velocity_m_s.copy(),
-            yaw_rad,
-            np.where(self._trusted, age_s, np.inf),
+            position_m,
+            time_s,
+            velocity_m_s,
+            exists,
+            armed,
+            resets,
+            self._told_m,
+            self._told_s,
+            self._told_since_s,
+            self._believed_m,
+            self._believed_s,
+            self._believed_m_s,
+            self._trusted,
+            self._resets,
+            self.reset_time_s,
         )
-
-    def _jumped(self, before: "_Track", before_m_s: Array, velocity_m_s: Array) -> Mask:
-        """(n,) whose newest believed position the velocities before it and with it do not explain."""
-        now = self._believed
-        new = (now.time_s > before.time_s) & np.isfinite(before.time_s)
-        elapsed_s = np.where(new, now.time_s - np.where(new, before.time_s, 0.0), 0.0)
-        flown_m = (before_m_s + velocity_m_s) / 2.0 * elapsed_s[:, None]
-        off_m = np.linalg.norm(now.position_m - before.position_m - flown_m, axis=1)
-        jumped: Mask = new & (off_m > UNEXPLAINED_M + UNEXPLAINED_M_S * elapsed_s)  # False for NaN
-        return jumped
+        here_m, age_s = brought_forward(
+            now_s, self._believed_m, self._believed_s, self._believed_m_s, self._trusted
+        )
+        return FleetState(now_s, self.ids, here_m, self._believed_m_s.copy(), yaw_rad, age_s)
 
     def _rows_of(self, ids: tuple[VehicleId, ...]) -> NDArray[np.intp]:
         rows = self._rows.get(ids)
         if rows is None:
             rows = self._rows[ids] = np.array([self._row[vehicle_id] for vehicle_id in ids], dtype=np.intp)
         return rows
-
-    def _judge(self, told: "_Track", exists: Mask, armed: Mask) -> None:
-        """Believe what is new in `told`, or do not; `exists` says where it can be a place at all."""
-        new = told.time_s > self._told.time_s
-        at_s = np.where(new, told.time_s, 0.0)
-        off_m, before_m = self._believed.off_m(told), self._told.off_m(told)
-        first = ~np.isfinite(self._believed.time_s)
-        can_be = first | (off_m <= self._believed.plausible_m(told))
-        went_on = before_m <= self._told.plausible_m(told)  # from the last one told, believed or not
-        since_s = np.where(~self._trusted & went_on, self._told_since_s, at_s)
-        settled = went_on & (at_s - since_s >= CONSISTENT_S)
-        came_back = off_m <= before_m
-        believe = exists & np.where(
-            self._trusted | first, can_be, (can_be & came_back) | (settled & (can_be | ~armed))
-        )
-        self._trusted = np.where(new, believe, self._trusted)
-        self._told_since_s = np.where(new, since_s, self._told_since_s)
-        self._told = self._told.replaced(told, new, exists)
-        self._believed = self._believed.replaced(told, new & believe, exists)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Track:
-    """The end of each vehicle's track. Owns its arrays."""
-
-    position_m: Array  # (n, 3) show frame
-    time_s: Array  # (n,) of arrival, -inf where unknown
-
-    @staticmethod
-    def unknown(count: int) -> "_Track":
-        return _Track(np.full((count, 3), np.nan), np.full(count, -np.inf))
-
-    def off_m(self, told: "_Track") -> Array:
-        """(n,) how far away `told` is; inf where either is no place."""
-        off_m = np.linalg.norm(told.position_m - self.position_m, axis=1)
-        return np.where(np.isfinite(off_m), off_m, np.inf)
-
-    def plausible_m(self, told: "_Track") -> Array:
-        """(n,) how far away `told` may be; nothing where this is unknown."""
-        since_s = np.where(np.isfinite(self.time_s), self.time_s, told.time_s)
-        elapsed_s = np.maximum(told.time_s, since_s) - np.where(np.isfinite(since_s), since_s, 0.0)
-        plausible_m: Array = JUMP_PLAUSIBLE_M + SPEED_PLAUSIBLE_M_S * np.maximum(elapsed_s, 0.0)
-        return plausible_m
-
-    def replaced(self, told: "_Track", rows: Mask, exists: Mask) -> "_Track":
-        """With those of `rows` as told; their place unknown where it is none."""
-        place_m = np.where(exists[:, None], told.position_m, np.nan)
-        return _Track(
-            np.where(rows[:, None], place_m, self.position_m), np.where(rows, told.time_s, self.time_s)
-        )
 
 
 def tuple3(row: Array) -> tuple[float, float, float] | None:

@@ -36,3 +36,17 @@ class Tasks:
         n = len(self.task)
         freeze(self.goal_m, (n, 3), "goal_m")
         freeze(self.segments_m, (len(self.segments_m), 2, 3), "segments_m")
+
+    @staticmethod
+    def of_formation(count: int, *, center_moves: bool) -> "Tasks":
+        """All of `count` vehicles are in the air, in formation, and nobody was lost."""
+        nobody = np.zeros(count, dtype=np.bool_)
+        return Tasks(
+            np.full(count, Task.FORMATION, dtype=np.int8),
+            np.full((count, 3), np.nan),
+            np.ones(count, dtype=np.bool_),
+            nobody,
+            np.zeros((0, 2, 3)),
+            center_moves=center_moves,
+            on_a_way=nobody,
+        )

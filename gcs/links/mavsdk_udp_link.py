@@ -42,7 +42,7 @@ _DISCOVER_S: Final = 0.25
 _HEALTH_SHARES: Final = 5
 """Of the vehicles one in so many is asked about its health at a time."""
 
-_PORTIONS: Final = (64, 256)
+_PORTIONS: Final = (24, 96, 256)
 """So many vehicles are told in all before what MAVSDK has written until then leaves: the urgent are first."""
 
 _ROOM: Final = 1024

@@ -5,7 +5,6 @@ or `... mavsdk` those rows only. The vehicles are `link_traffic`, in a process o
 that flies them is measured.
 """
 
-import asyncio
 import contextlib
 import logging
 import os
@@ -18,6 +17,8 @@ import link_pymavlink
 import link_service
 import mavsdk_plainly
 from link_measures import CannotError, Cost, flying
+
+from gcs.cli import eventloop
 
 BROKEN_SHARE = 0.05
 LONGEST_S = 90.0
@@ -146,12 +147,12 @@ def measured(row: Row) -> Cost:
         if what == "plainly":
             return mavsdk_plainly.with_subscriptions(fleet, count, rate_hz, broken)
         if what == "wrapped":
-            return asyncio.run(mavsdk_plainly.with_wrappers(fleet, count, rate_hz))
+            return eventloop.run(mavsdk_plainly.with_wrappers(fleet, count, rate_hz))
         if what == "pymavlink":
             return link_pymavlink.per_message(fleet, count, rate_hz)
         if what == "links":
-            return asyncio.run(link_service.links_alone(fleet, count, rate_hz))
-        return asyncio.run(link_service.service(fleet, count, rate_hz, row.transport, broken))
+            return eventloop.run(link_service.links_alone(fleet, count, rate_hz))
+        return eventloop.run(link_service.service(fleet, count, rate_hz, row.transport, broken))
 
 
 def connecting_s(row: Row) -> float:
@@ -160,7 +161,7 @@ def connecting_s(row: Row) -> float:
         return mavsdk_plainly.connecting_s(row.count)
     if row.what == "connect-pymavlink":
         return link_pymavlink.connecting_s(row.count)
-    return asyncio.run(link_service.connecting_s(row.count, row.transport))
+    return eventloop.run(link_service.connecting_s(row.count, row.transport))
 
 
 def figures(cost: Cost) -> str:

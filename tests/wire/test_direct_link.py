@@ -16,7 +16,7 @@ from gcs.errors import LinkError
 from gcs.frames import ShowFrame
 from gcs.links import Verb, mmsg
 from gcs.links.direct.link import DirectLink
-from gcs.links.direct.packets import Datagrams, Packets, host_of, port_of, socket_of
+from gcs.links.direct.packets import Datagrams, Packets, host_of, port_of, socket_of, source_of
 from gcs.links.endpoints import Listen
 from gcs.links.rates import wanted
 from gcs.links.settings import StreamSettings
@@ -66,6 +66,34 @@ def test_datagrams_come_and_go_in_batches_with_the_kernels_times(batched: bool) 
         assert packets.send(data, np.array([1, 2, 4]), destination).tolist() == [True, False, True]
         assert [one.recv(10), one.recv(10)] == [b"\0", b"\x08\x09\x0a\x0b"]
     assert not packets.send(data, np.array([1, 2, 4]), destination).any()
+
+
+@pytest.mark.parametrize("length", [65, 1400])  # 64 of the longer ones are too many for one piece
+def test_neighbours_to_one_place_arrive_as_the_datagrams_they_are(length: int) -> None:
+    packets = Packets("bench", Listen(HOST, free_ports()), time.monotonic)
+    packets.open()
+    receivers = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
+    with closing(packets), closing(receivers[0]), closing(receivers[1]):
+        for receiver in receivers:
+            receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+            receiver.bind((HOST, 0))
+            receiver.setblocking(False)
+        number = int.from_bytes(socket.inet_aton(HOST), "big")
+        sources = np.array([source_of(number, receiver.getsockname()[1], 0) for receiver in receivers])
+        to = (np.arange(200) >= 150).astype(int)
+        to[[20, 30]] = 1
+        data = np.arange(200, dtype=np.uint8)[:, None].repeat(length, axis=1)
+        lengths = np.full(200, length)
+        lengths[100:103] = 11, 12, 11
+        for _ in range(2):
+            assert packets.send(data, lengths, sources[to]).all()
+            for which, receiver in enumerate(receivers):
+                came = [receiver.recv(2048) for _ in range((to == which).sum())]
+                wanted = [data[row, : lengths[row]].tobytes() for row in np.flatnonzero(to == which)]
+                assert came == wanted
+                with pytest.raises(BlockingIOError):
+                    receiver.recv(2048)
+        assert packets.send_errors == 0
 
 
 def test_a_port_in_use_is_named_and_no_other_stays_open() -> None:

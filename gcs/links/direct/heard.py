@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable, Sequence
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,8 @@ from gcs.links.mavlink_frames import (
 from gcs.links.roster import SILENT_AFTER_S
 from gcs.state import Array, Landed, Mask, Mode, Telemetry, VehicleId
 
+Value = TypeVar("Value")
+
 _AUTOPILOT_COMPONENT: Final = 1
 _ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
 _CUSTOM: Final = int(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
@@ -49,6 +51,22 @@ _UNKNOWN, _OTHER = -1, -2
 """Custom modes that no autopilot sends: nothing heard yet, and something that is not PX4's."""
 
 _LANDED: Final = tuple(Landed)
+
+
+class _Told(Generic[Value]):
+    """A column as values of Python: made again only when it has changed, which is seldom."""
+
+    def __init__(self, value_of: Callable[[Any], Value]) -> None:
+        self._value_of = value_of
+        self._column = b""
+        self._values: tuple[Value, ...] = ()
+
+    def of(self, column: NDArray[Any]) -> tuple[Value, ...]:
+        """(n,) numbers, always of one type."""
+        now = column.tobytes()
+        if now != self._column:
+            self._column, self._values = now, tuple(map(self._value_of, column.tolist()))
+        return self._values
 
 
 class FleetHeard:
@@ -86,6 +104,9 @@ class FleetHeard:
         self._texts = tuple(Heard() for _ in ids)
         self._waiting: dict[int, asyncio.Event] = {}
         self._modes: dict[int, Mode] = {_UNKNOWN: Mode.UNKNOWN, _OTHER: Mode.OTHER}
+        self._armed_told, self._ready_told = _Told(bool), _Told(bool)
+        self._boots_told, self._resets_told = _Told(int), _Told(int)
+        self._modes_told, self._landed_told = _Told(self._mode_of), _Told(_LANDED.__getitem__)
         self._readers: MappingProxyType[int, Callable[[Whole, Records, Array], None]] = MappingProxyType(
             {
                 GLOBAL_POSITION_INT: self._take_positions,
@@ -150,8 +171,7 @@ class FleetHeard:
             may_be_ready: (n,) who can be armed, if it says so itself.
             met: (n,) whose position is told; None: everybody's.
         """
-        modes, mode_of = self._mode.tolist(), self._mode_of
-        unmet = np.zeros(len(modes), np.bool_) if met is None else ~met
+        unmet = np.zeros(len(self._ids), np.bool_) if met is None else ~met
         complete = np.isfinite(self.heartbeat_time_s) & np.isfinite(self._place[:, 0])
         ready = self.prearm_ok & complete & may_be_ready
         return Telemetry(
@@ -164,14 +184,14 @@ class FleetHeard:
             velocity_ned_m_s=np.where(unmet[:, None], np.nan, self._velocity_m_s),
             yaw_deg=np.where(unmet, np.nan, self._yaw_deg),
             battery_remaining=self._battery.copy(),
-            armed=tuple(self.armed.tolist()),
-            mode=tuple(map(mode_of, modes)),
-            landed=tuple(map(_LANDED.__getitem__, self.landed.tolist())),
-            ready=tuple(ready.tolist()),
+            armed=self._armed_told.of(self.armed),
+            mode=self._modes_told.of(self._mode),
+            landed=self._landed_told.of(self.landed),
+            ready=self._ready_told.of(ready),
             horizontal_accuracy_m=self._accuracy_m[:, 0].copy(),
             vertical_accuracy_m=self._accuracy_m[:, 1].copy(),
-            boots=tuple(self.boots.tolist()),
-            position_resets=tuple(self.position_resets.tolist()),
+            boots=self._boots_told.of(self.boots),
+            position_resets=self._resets_told.of(self.position_resets),
             fix_type=self._fix_type.copy(),
             sick_sensors=self._sick_sensors.copy(),
             clock_base_s=self._clock_base_s.copy(),

@@ -105,6 +105,7 @@ class Packets:
         self._index = np.zeros(_ROOM, np.int64)
         self._outbox = mmsg.Batch(1, 1)
         self._send_failed = False
+        self._in_runs = False
 
     def open(self) -> None:
         """Bind every port. Raises: LinkError naming the port."""
@@ -117,6 +118,7 @@ class Packets:
                     other.close()
                 raise LinkError(f"{self._name}: UDP port {port} on {host}: {error}") from error
         self._sockets = tuple(opened)
+        self._in_runs = self._batched and all(map(mmsg.sends_runs, opened))
         self._drained_s = np.full(len(opened), self._clock())
         self._selector = selectors.DefaultSelector()
         for index, opened_socket in enumerate(opened):
@@ -204,12 +206,11 @@ class Packets:
         # Asked again right before every call: the process may be stopped anywhere.
         while first < end and self._clock() <= until_s:
             try:
-                count = (
-                    outbox.send(through.fileno(), first, end)
-                    if self._batched
-                    else _send_one(through, outbox, first)
-                )
+                count = self._send_some(outbox, through, first, end)
             except OSError as error:  # a full buffer, no route: it may come back
+                if self._in_runs and error.errno in mmsg.REFUSALS:
+                    self._in_runs = False  # not on this way: one by one, from now on
+                    continue
                 self.send_errors += 1
                 if not self._send_failed:
                     self._send_failed = True
@@ -218,6 +219,13 @@ class Packets:
                 continue
             left[first : first + count] = True
             first += count
+
+    def _send_some(self, outbox: mmsg.Batch, through: socket.socket, first: int, end: int) -> int:
+        """How many of these rows left. Raises: OSError when the first could not."""
+        if not self._batched:
+            return _send_one(through, outbox, first)
+        send = outbox.send_runs if self._in_runs else outbox.send
+        return send(through.fileno(), first, end)
 
     def _read(self, index: int, first: int, most: int) -> int:
         """Take in what a socket has, `most` at most; how many."""

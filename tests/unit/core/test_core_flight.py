@@ -7,11 +7,11 @@ import pytest
 from core_silent_link import SilentLink
 
 from gcs.config import Config
-from gcs.control import Memory
+from gcs.control import Memory, Task
 from gcs.flight import Flight
 from gcs.formation.orbit import Center
 from gcs.formation.thomson import best_configuration
-from gcs.lifecycle import Phase
+from gcs.lifecycle import Phase, ShowPhase
 from gcs.state import Array, FleetState
 
 CENTER_M, RADIUS_M = np.array([3.0, 1.0, -20.0]), 8.0
@@ -70,6 +70,27 @@ def test_small_charges_may_settle_closer_together() -> None:
     direction = np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros(3)], axis=1)
     assert at(flight(3, (20.0, 1.0, 1.0)), CENTER_M + RADIUS_M * direction).assembled()
     assert not at(flight(3), CENTER_M + RADIUS_M * direction).assembled()
+
+
+def test_while_all_fly_in_formation_nobody_has_a_goal_but_who_is_frozen_or_returns() -> None:
+    subject = at(flight(3), CENTER_M + RADIUS_M * best_configuration(3, starts=4))
+    subject.show = ShowPhase.RUNNING
+    tasks = subject.tasks()
+    assert tasks.task.tolist() == [Task.FORMATION] * 3
+    assert tasks.airborne.all()
+    assert not tasks.descending.any()
+    assert tasks.center_moves
+    first, second, _ = subject.vehicles.values()
+    here_m = subject.position_m(first)
+    first.freeze(here_m, 1.0, "a jump")
+    tasks = subject.tasks()
+    assert tasks.task.tolist() == [Task.GOAL, Task.FORMATION, Task.FORMATION]
+    assert (tasks.goal_m[0] == here_m).all()
+    first.frozen_until_s = -1.0
+    second.phase, second.goal_m = Phase.RETURN, here_m
+    assert subject.tasks().task.tolist() == [Task.FORMATION, Task.GOAL, Task.FORMATION]
+    second.phase, subject.show = Phase.FORMATION, ShowPhase.PAUSED
+    assert Task.FORMATION not in subject.tasks().task.tolist()
 
 
 @pytest.mark.parametrize(("phase", "climbs"), [(Phase.LOST, True), (Phase.KILLED, False)])

@@ -10,7 +10,8 @@ from gcs.errors import GcsError, InvalidError, ShapeError
 from gcs.frames import ShowFrame
 from gcs.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.state import FleetState, Landed, Mode, Setpoints, Telemetry
-from gcs.table import FORWARD_MAX_S, Table, tuple3
+from gcs.table import Table, tuple3
+from gcs.table_kernels import FORWARD_MAX_S
 
 FRAME = ShowFrame(47.0, 8.0, 400.0, heading_deg=90.0)
 

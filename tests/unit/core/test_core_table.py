@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from gcs.frames import ShowFrame
+from gcs.frames import ShowFrame, wrap_rad
 from gcs.state import FleetState, Landed, Mode, Telemetry
-from gcs.table import CONSISTENT_S, FAR_M, FORWARD_MAX_S, Table
+from gcs.table import Table
+from gcs.table_kernels import CONSISTENT_S, FAR_M, FORWARD_MAX_S, into_frame
 
 FRAME = ShowFrame(47.0, 8.0, 400.0)
 STEP_S = 0.1
@@ -69,6 +70,37 @@ class Heard:
 
 def ages_s(states: list[FleetState]) -> set[float]:
     return {float(state.age_s[0]) for state in states}
+
+
+@pytest.mark.parametrize(
+    "frame", [FRAME, ShowFrame(-33.9, 151.2, 5.0, 37.0), ShowFrame(89.9, -179.99, -20.0, 200.0)]
+)
+def test_the_compiled_way_into_the_frame_is_pymap3ds(frame: ShowFrame) -> None:
+    random, n = np.random.default_rng(3), 50
+    latitude_deg = frame.latitude_deg + random.normal(0.0, 0.03, n)
+    longitude_deg = frame.longitude_deg + random.normal(0.0, 0.03, n)
+    altitude_m = frame.altitude_amsl_m + random.normal(0.0, 99.0, n)
+    ned_m_s, yaw_deg = random.normal(0.0, 5.0, (n, 3)), random.uniform(0.0, 360.0, n)
+    position_m, velocity_m_s = np.zeros((n, 3)), np.zeros((n, 3))
+    yaw_rad, exists = np.zeros(n), np.zeros(n, np.bool_)
+    origin = (frame.latitude_deg, frame.longitude_deg, frame.altitude_amsl_m, frame.heading_deg)
+    into_frame(
+        np.arange(n),
+        latitude_deg,
+        longitude_deg,
+        altitude_m,
+        ned_m_s,
+        yaw_deg,
+        origin,
+        position_m,
+        velocity_m_s,
+        yaw_rad,
+        exists,
+    )
+    assert position_m == pytest.approx(frame.position_m(latitude_deg, longitude_deg, altitude_m), abs=1e-8)
+    assert velocity_m_s == pytest.approx(frame.from_ned(ned_m_s))
+    assert yaw_rad == pytest.approx(wrap_rad(np.radians(yaw_deg - frame.heading_deg)))
+    assert exists.tolist() == (np.linalg.norm(position_m, axis=1) <= FAR_M).tolist()
 
 
 @pytest.fixture

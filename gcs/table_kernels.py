@@ -1,0 +1,198 @@
+"""Compiled loops of `gcs.table`: telemetry into the show frame, and which of it is believed. Pure."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.compiled import kernel
+from gcs.state import Array, Bits, Mask
+
+FORWARD_MAX_S: Final = 0.5
+"""Positions are brought forward by no more than this; what is older is refused by its age anyway."""
+
+SPEED_PLAUSIBLE_M_S, JUMP_PLAUSIBLE_M = 25.0, 10.0
+"""A position farther from the last believed one than this speed and this jump explain is not believed."""
+
+UNEXPLAINED_M, UNEXPLAINED_M_S = 1.5, 2.0
+"""A believed position that is off by more than this and this speed from where the velocity led is a reset: of
+the estimator, or of its receiver. Noise comes in centimetres a step.
+"""
+
+FAR_M: Final = 10_000.0
+"""Nor is one farther than this from the show's origin, or at latitude and longitude 0."""
+
+CONSISTENT_S: Final = 2.0
+"""How long a vehicle must have been told at a new place, without a jump, before the new place is believed."""
+
+_SEMIMAJOR_M: Final = 6378137.0
+_FLATTENING: Final = 1.0 / 298.257223563
+_POLAR_SHARE: Final = (1.0 - _FLATTENING) ** 2
+"""WGS84, as pymap3d has it."""
+
+
+@kernel
+def _geocentric_m(latitude: float, longitude: float, altitude_m: float) -> tuple[float, float, float]:
+    """From the middle of the earth, angles in radians: towards 0 E, towards 90 E, north."""
+    sine, cosine = np.sin(latitude), np.cos(latitude)
+    normal_m = _SEMIMAJOR_M / np.sqrt(cosine * cosine + _POLAR_SHARE * sine * sine)
+    ring_m = (normal_m + altitude_m) * cosine
+    return (
+        ring_m * np.cos(longitude),
+        ring_m * np.sin(longitude),
+        (_POLAR_SHARE * normal_m + altitude_m) * sine,
+    )
+
+
+@kernel
+def into_frame(
+    rows: NDArray[np.intp],
+    latitude_deg: Array,
+    longitude_deg: Array,
+    altitude_m: Array,
+    velocity_ned_m_s: Array,
+    yaw_deg: Array,
+    origin: tuple[float, float, float, float],
+    position_m: Array,
+    velocity_m_s: Array,
+    yaw_rad: Array,
+    exists: Mask,
+) -> None:
+    """What one link's vehicles say, in the show frame. `ShowFrame.position_m` is the same by pymap3d.
+
+    Args:
+        rows: (k,) whose each is.
+        latitude_deg: (k,), and so are longitude and altitude AMSL.
+        longitude_deg: see there.
+        altitude_m: see there.
+        velocity_ned_m_s: (k, 3).
+        yaw_deg: (k,) clockwise from north.
+        origin: latitude, longitude, altitude AMSL and heading of the show frame.
+        position_m: (n, 3), rows written, as of all that follow.
+        velocity_m_s: (n, 3).
+        yaw_rad: (n,) from the show's x axis, within [-pi, pi).
+        exists: (n,) whether it can be a place at all.
+    """
+    latitude, longitude = np.radians(origin[0]), np.radians(origin[1])
+    sine, cosine = np.sin(latitude), np.cos(latitude)
+    sine_east, cosine_east = np.sin(longitude), np.cos(longitude)
+    sine_turned, cosine_turned = np.sin(np.radians(origin[3])), np.cos(np.radians(origin[3]))
+    x0_m, y0_m, z0_m = _geocentric_m(latitude, longitude, origin[2])
+    for k in range(len(rows)):
+        i = rows[k]
+        x_m, y_m, z_m = _geocentric_m(
+            np.radians(latitude_deg[k]), np.radians(longitude_deg[k]), altitude_m[k]
+        )
+        x_m, y_m, z_m = x_m - x0_m, y_m - y0_m, z_m - z0_m
+        out_m, east_m = cosine_east * x_m + sine_east * y_m, cosine_east * y_m - sine_east * x_m
+        north_m, down_m = cosine * z_m - sine * out_m, -(cosine * out_m + sine * z_m)
+        position_m[i, 0] = cosine_turned * north_m + sine_turned * east_m
+        position_m[i, 1] = cosine_turned * east_m - sine_turned * north_m
+        position_m[i, 2] = down_m
+        north_m_s, east_m_s = velocity_ned_m_s[k, 0], velocity_ned_m_s[k, 1]
+        velocity_m_s[i, 0] = cosine_turned * north_m_s + sine_turned * east_m_s
+        velocity_m_s[i, 1] = cosine_turned * east_m_s - sine_turned * north_m_s
+        velocity_m_s[i, 2] = velocity_ned_m_s[k, 2]
+        yaw_rad[i] = (np.radians(yaw_deg[k] - origin[3]) + np.pi) % (2.0 * np.pi) - np.pi
+        square = north_m * north_m + east_m * east_m + down_m * down_m
+        exists[i] = square <= FAR_M * FAR_M and (latitude_deg[k] != 0.0 or longitude_deg[k] != 0.0)
+
+
+@kernel
+def _apart_m(one_m: Array, other_m: Array) -> float:
+    """Between two (3,); inf where either is no place."""
+    apart_m = np.sqrt(
+        (one_m[0] - other_m[0]) ** 2 + (one_m[1] - other_m[1]) ** 2 + (one_m[2] - other_m[2]) ** 2
+    )
+    return apart_m if np.isfinite(apart_m) else np.inf
+
+
+@kernel
+def _plausible_m(since_s: float, time_s: float) -> float:
+    """How far away something told at `time_s` may be; a jump where nothing was known before."""
+    elapsed_s = time_s - since_s if np.isfinite(since_s) and time_s > since_s else 0.0
+    return JUMP_PLAUSIBLE_M + SPEED_PLAUSIBLE_M_S * elapsed_s
+
+
+@kernel
+def judge(
+    now_s: float,
+    position_m: Array,
+    time_s: Array,
+    velocity_m_s: Array,
+    exists: Mask,
+    armed: Mask,
+    resets: Bits,
+    told_m: Array,
+    told_s: Array,
+    told_since_s: Array,
+    believed_m: Array,
+    believed_s: Array,
+    believed_m_s: Array,
+    trusted: Mask,
+    known_resets: Bits,
+    reset_time_s: Array,
+) -> None:
+    """Believe what is new, or do not: see `gcs.table.Table`.
+
+    Args:
+        now_s: of this tick.
+        position_m: (n, 3) as told now, NaN where nothing is, and so are the next five.
+        time_s: (n,) of arrival, -inf before the first.
+        velocity_m_s: (n, 3).
+        exists: (n,) whether it can be a place at all.
+        armed: (n,).
+        resets: (n,) as the estimators count them.
+        told_m: (n, 3) the newest told, believed or not; written, as all that follow.
+        told_s: (n,) of its arrival.
+        told_since_s: (n,) since when it was told without a jump, of those not trusted.
+        believed_m: (n, 3) the newest that was believed.
+        believed_s: (n,) of its arrival.
+        believed_m_s: (n, 3) the velocity with it.
+        trusted: (n,) whether the newest was believed.
+        known_resets: (n,).
+        reset_time_s: (n,) when the position last jumped.
+    """
+    for i in range(len(time_s)):
+        jumped = resets[i] != known_resets[i] and known_resets[i] >= 0
+        known_resets[i] = resets[i]
+        if time_s[i] > told_s[i]:
+            off_m, before_m = _apart_m(position_m[i], believed_m[i]), _apart_m(position_m[i], told_m[i])
+            first = not np.isfinite(believed_s[i])
+            can_be = first or off_m <= _plausible_m(believed_s[i], time_s[i])
+            went_on = before_m <= _plausible_m(told_s[i], time_s[i])
+            since_s = told_since_s[i] if went_on and not trusted[i] else time_s[i]
+            settled = went_on and time_s[i] - since_s >= CONSISTENT_S
+            if trusted[i] or first:
+                believe = can_be
+            else:
+                believe = (can_be and off_m <= before_m) or (settled and (can_be or not armed[i]))
+            believe = believe and exists[i]
+            told_m[i] = position_m[i] if exists[i] else np.full(3, np.nan)
+            told_s[i], told_since_s[i], trusted[i] = time_s[i], since_s, believe
+            if believe:
+                if not first:
+                    elapsed_s, square = time_s[i] - believed_s[i], 0.0
+                    for axis in range(3):
+                        flown_m = (believed_m_s[i, axis] + velocity_m_s[i, axis]) / 2.0 * elapsed_s
+                        square += (position_m[i, axis] - believed_m[i, axis] - flown_m) ** 2
+                    jumped = jumped or np.sqrt(square) > UNEXPLAINED_M + UNEXPLAINED_M_S * elapsed_s
+                believed_m[i], believed_s[i] = position_m[i], time_s[i]
+        if believed_s[i] == time_s[i]:
+            believed_m_s[i] = velocity_m_s[i]
+        if jumped and armed[i]:
+            reset_time_s[i] = now_s
+
+
+@kernel
+def brought_forward(
+    now_s: float, believed_m: Array, believed_s: Array, believed_m_s: Array, trusted: Mask
+) -> tuple[Array, Array]:
+    """(n, 3) where everybody is at `now_s`; (n,) how old that is, inf where the newest is not believed."""
+    position_m, age_s = np.empty_like(believed_m), np.empty(len(believed_s))
+    for i in range(len(believed_s)):
+        old_s = max(now_s - believed_s[i], 0.0)
+        for axis in range(3):
+            position_m[i, axis] = believed_m[i, axis] + believed_m_s[i, axis] * min(old_s, FORWARD_MAX_S)
+        age_s[i] = old_s if trusted[i] else np.inf
+    return position_m, age_s
