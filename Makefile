@@ -2,17 +2,29 @@
 PYTHON ?= python3
 ARGS ?=
 BIN := .venv/bin
+NPM := cd api/console && PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm
 
-.PHONY: demo test check compiled bench mutate flight-quality format lock clean
+.PHONY: demo test console console-test wire check compiled bench mutate flight-quality format lock clean
 
-demo: .venv/ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
+demo: .venv/ready console  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
 	@$(BIN)/gcs demo $(ARGS)
 
-test: .venv/ready  ## lint, types, import contracts, then every test: first what computes, then what flies in real time
+test: .venv/ready console  ## lint, types, import contracts, then every test: first what computes, then what flies in real time
 	@$(MAKE) --no-print-directory -j2 check compiled
+	@$(MAKE) --no-print-directory console-test
 	$(BIN)/pytest -m "not realtime"
 	$(BIN)/pytest -m "realtime and not alone" -n 3 --no-loadscope-reorder  # they mostly wait; the longest first
 	$(BIN)/pytest -m alone -n 0  # what is judged by the clock
+
+console: api/console/dist/index.html  ## the operator's page, built by Node from a wheel of its own
+
+console-test: .venv/ready api/console/node_modules/ready  ## the page's types and unit tests
+	$(BIN)/python -m api.openapi | $(NPM) run --silent wire -- --check --output src/wire/schema.ts
+	$(NPM) run --silent types
+	$(NPM) run --silent test
+
+wire: .venv/ready api/console/node_modules/ready  ## the page's wire types, from the API's own OpenAPI
+	$(BIN)/python -m api.openapi | $(NPM) run --silent wire -- --output src/wire/schema.ts
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
 	@$(BIN)/python -c "from gcs.control import warm_up; warm_up()"
@@ -45,9 +57,11 @@ lock:  ## needs uv on the PATH; names no registry host
 	  --extra dev --output-file requirements.lock pyproject.toml
 	uv pip compile --quiet --generate-hashes --universal --python-version 3.11 --no-header \
 	  --constraint requirements.lock --group mutate --output-file requirements-mutate.lock
+	uv pip compile --quiet --generate-hashes --universal --python-version 3.11 --no-header \
+	  --group node --output-file requirements-node.lock
 
 clean:
-	rm -rf .venv build dist
+	rm -rf .venv .venv-node build dist api/console/dist api/console/node_modules
 
 .venv/ready: pyproject.toml .venv/locked
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
@@ -64,4 +78,18 @@ clean:
 	  { echo "python3's venv module is missing; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv --clear .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	@touch $@
+
+.venv-node/ready: requirements-node.lock  # 200 MB, for building alone: no part of the running environment
+	$(PYTHON) -m venv --clear .venv-node
+	.venv-node/bin/pip install --quiet --disable-pip-version-check --require-hashes -r requirements-node.lock
+	@touch $@
+
+api/console/node_modules/ready: .venv-node/ready api/console/package.json api/console/package-lock.json api/console/.npmrc
+	$(NPM) ci --silent
+	@touch $@
+
+api/console/dist/index.html: api/console/node_modules/ready $(shell find api/console/src -type f) \
+  api/console/index.html api/console/vite.config.ts
+	$(NPM) run --silent build -- --logLevel warn
 	@touch $@

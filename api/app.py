@@ -50,6 +50,16 @@ def create_app(
         door: who may call; None: everybody on this machine, as often as they like.
     """
     door = door or Door()
+    app = routed()
+    app.state.desk = Desk(service, door)
+    app.add_middleware(Guard, names=host_names, door=door)
+    app.add_middleware(Audited, audit=service.audit)  # the last added is the outermost
+    _install(app)
+    return app
+
+
+def routed() -> FastAPI:
+    """Every route, and what OpenAPI says of it, without a service: nothing of it can be called."""
     app = FastAPI(
         title="Formation ground station",
         version="1",
@@ -60,7 +70,6 @@ def create_app(
         generate_unique_id_function=lambda route: route.name,
         responses=problem_docs.errors(401, 403, 429, 500),
     )
-    app.state.desk = Desk(service, door)
     app.include_router(docs.router)
     app.include_router(routes.health)
     app.include_router(metrics.router)
@@ -70,9 +79,6 @@ def create_app(
     app.include_router(show_routes.selected, prefix="/api/v1")
     app.include_router(show_routes.files, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")
-    app.add_middleware(Guard, names=host_names, door=door)
-    app.add_middleware(Audited, audit=service.audit)  # the last added is the outermost
-    _install(app)
     return app
 
 
