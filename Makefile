@@ -2,7 +2,7 @@
 PYTHON ?= python3
 ARGS ?=
 BIN := .venv/bin
-NPM := cd api/console && PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm
+NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 
 .PHONY: demo test console console-test wire check compiled bench mutate flight-quality format lock clean
 
@@ -19,7 +19,8 @@ test: .venv/ready console  ## lint, types, import contracts, then every test: fi
 console: api/console/dist/index.html  ## the operator's page, built by Node from a wheel of its own
 
 console-test: .venv/ready api/console/node_modules/ready  ## the page's types and unit tests
-	$(BIN)/python -m api.openapi | $(NPM) run --silent wire -- --check --output src/wire/schema.ts
+	$(BIN)/python -m api.openapi | $(NPM) run --silent wire -- --check --output src/wire/schema.ts || \
+	  { echo "api/console/src/wire/schema.ts is not what the API says of itself: make wire" >&2; exit 1; }
 	$(NPM) run --silent types
 	$(NPM) run --silent test
 
