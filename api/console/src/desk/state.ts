@@ -58,9 +58,9 @@ export const ROW_PX = 36;
 export const REFUSALS_KEPT = 100;
 export const HOLD_MS = 2000;
 
-export function initialDesk(narrow: boolean): DeskState {
+export function initialDesk(): DeskState {
   return {
-    left: narrow ? null : "preflight",
+    left: "preflight",
     right: "fleet",
     sheet: null,
     drafts: {},
