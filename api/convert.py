@@ -13,6 +13,7 @@ from gcs.frames import ShowFrame
 from gcs.interrupted import Interrupted
 from gcs.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
 from gcs.reactions import Action, Cause
+from gcs.rows import VehicleView
 from gcs.service import (
     FleetView,
     OrderRecord,
@@ -21,7 +22,6 @@ from gcs.service import (
     ShowAction,
     ShowCheck,
     StoredShow,
-    VehicleView,
 )
 
 Triple = tuple[float, float, float]
@@ -249,6 +249,16 @@ def reaction(told: Reaction) -> wire_reactions.Reaction:
     )
 
 
+def origin(frame: ShowFrame) -> wire.Origin:
+    """Where the show frame lies, for the wire."""
+    return wire.Origin(
+        latitude_deg=frame.latitude_deg,
+        longitude_deg=frame.longitude_deg,
+        altitude_amsl_m=frame.altitude_amsl_m,
+        heading_deg=frame.heading_deg,
+    )
+
+
 def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.Fleet:
     """Everything for the wire; `problem` is `health_problem`'s answer, `access` the door's text."""
     return wire.Fleet(
@@ -257,12 +267,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
         control_alive=not problem,
         control_reason=problem,
         show=show(view),
-        origin=wire.Origin(
-            latitude_deg=frame.latitude_deg,
-            longitude_deg=frame.longitude_deg,
-            altitude_amsl_m=frame.altitude_amsl_m,
-            heading_deg=frame.heading_deg,
-        ),
+        origin=origin(frame),
         formation=formation(view.plan.formation, view),
         center=center(view, frame),
         target=target(view.plan.target, view.target_m, frame),

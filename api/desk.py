@@ -10,6 +10,7 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from api import convert
+from api.console_feed import Feed
 from api.door import Door
 from api.killswitch import KillSwitch
 from gcs.errors import RefusedError
@@ -32,6 +33,7 @@ class Desk:
         self.service = service
         self.door = door
         self.kill_switch = KillSwitch()
+        self.feed = Feed(service, door.text, self.health_problem)
         self.emergency_port: int | None = None  # of the listener for emergency calls alone, once it listens
         self._accepted = service.view.value.plan
         self._accepted_during = service.view.value

@@ -20,7 +20,8 @@ from starlette.responses import Response
 from api.desk import DeskDep
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.reactions import Cause
-from gcs.service import FleetView, Histogram, VehicleView
+from gcs.rows import VehicleView
+from gcs.service import FleetView, Histogram
 
 router = APIRouter()
 

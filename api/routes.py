@@ -7,10 +7,12 @@ from typing import Final
 
 from fastapi import APIRouter, Response
 from starlette.exceptions import HTTPException
+from starlette.requests import HTTPConnection
 
 from api import convert, wire
 from api.desk import Desk, DeskDep
 from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
+from api.wire_stream import Access, Status
 from gcs.errors import InvalidError, UnknownError
 from gcs.interrupted import Offer
 from gcs.plan import Obstacle
@@ -51,6 +53,19 @@ async def readyz(desk: DeskDep) -> wire.Readiness:
 async def get_fleet(desk: DeskDep) -> Response:
     """The show, the formation, the target, the obstacles and every vehicle, as the newest tick left them."""
     return Response(desk.fleet_json(), media_type="application/json")
+
+
+@api.get("/status", tags=["fleet"], summary="What changes seldom, for who draws")
+async def get_status(desk: DeskDep) -> Status:
+    """What the console's stream tells beside its frames; see docs/stream.md."""
+    return desk.feed.newest()
+
+
+@api.get("/access", tags=["fleet"], summary="Who am I, and what may I do?")
+async def get_access(connection: HTTPConnection, desk: DeskDep) -> Access:
+    """The name of the token that came along, and its rights."""
+    visitor = desk.door.visitor(connection.headers)
+    return Access(who=visitor.name, rights=sorted(visitor.rights))
 
 
 @api.get("/vehicles", tags=["fleet"], summary="Every vehicle")

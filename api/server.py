@@ -14,6 +14,8 @@ from typing import Any, Final
 
 import uvicorn
 from starlette.types import ASGIApp
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.http11 import Request
 
 from gcs.access import TlsSettings
 from gcs.errors import ConfigError, LinkError
@@ -41,6 +43,24 @@ BACKLOG: Final = 64
 
 STALLED_MS: Final = 20_000
 """A connection whose peer takes nothing for so long is cut."""
+
+
+class _Viewer(WebSocketsSansIOProtocol):
+    """A WebSocket that keeps nothing but what is on its way, and says when all of it has left.
+
+    What is sent next is then the newest at that time, not what waited.
+    """
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Pause whoever sends as long as anything is left."""
+        super().connection_made(transport)
+        self.transport.set_write_buffer_limits(high=0)
+
+    def handle_connect(self, event: Request) -> None:
+        """Let the app know how to wait for that."""
+        super().handle_connect(event)
+        if self.handshake_initiated and not self.handshake_complete:
+            self.scope["state"]["drained"] = self.writable.wait
 
 
 class _Server(uvicorn.Server):
@@ -115,6 +135,7 @@ async def serve(
         lifespan="off",
         proxy_headers=False,
         server_header=False,
+        ws=_Viewer,
         ws_max_size=4096,  # viewers have nothing to say
         ws_per_message_deflate=False,  # compression would take time from the control loop beside us
         timeout_graceful_shutdown=SHUTDOWN_S,

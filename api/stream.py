@@ -1,11 +1,13 @@
 """The fleet over a WebSocket: the newest state, at the viewer's pace.
 
 The stream samples; it queues nothing. A reader that is slow gets fewer frames, each the newest when it was
-sent, and delays nobody.
+sent, and delays nobody. States are sent right behind the tick that made them, when the loop has most time.
 """
 
 import asyncio
-from typing import Final
+from collections.abc import AsyncGenerator, Callable
+from contextlib import aclosing, suppress
+from typing import Final, TypeAlias
 
 from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect
@@ -18,11 +20,17 @@ RATE_DEFAULT_HZ: Final = 10.0
 RATE_MIN_HZ: Final = 1.0
 RATE_MAX_HZ: Final = 20.0
 
-REPEAT_S: Final = 1.0
+EARLY: Final = 0.25
+"""A state may be sent that share of the period before it is due: the next might come much later."""
+
+REPEAT_S: Final = 0.5
 """An unchanged state is sent again after this, so that a viewer learns when control has died."""
 
 POLICY_VIOLATION: Final = 1008
 TRY_AGAIN_LATER: Final = 1013
+
+Messages: TypeAlias = Callable[[Desk], list[str | bytes]]
+"""What one viewer is sent at one moment."""
 
 router = APIRouter()
 
@@ -44,42 +52,74 @@ def rate_hz(text: str | None) -> float:
 @router.websocket("/stream")
 async def stream(websocket: WebSocket, desk: DeskDep) -> None:
     """Send the fleet until the viewer has gone. A bad request is told why with the close frame."""
+    await _watched(websocket, desk, lambda desk: [desk.fleet_json()])
+
+
+@router.websocket("/stream/console")
+async def console(websocket: WebSocket, desk: DeskDep) -> None:
+    """The same for who draws: frames, and before them the status where it has changed. docs/stream.md."""
+    seen = 0
+
+    def messages(desk: Desk) -> list[str | bytes]:
+        nonlocal seen
+        revision, status = desk.feed.status(desk.now_s())
+        news = [status] if revision != seen else []
+        seen = revision
+        return [*news, desk.feed.frame()]
+
+    await _watched(websocket, desk, messages)
+
+
+async def _watched(websocket: WebSocket, desk: Desk, messages: Messages) -> None:
     offered = websocket.scope["subprotocols"]
     await websocket.accept(SUBPROTOCOL if SUBPROTOCOL in offered else None)
     try:
         period_s = 1.0 / rate_hz(websocket.query_params.get("rate_hz"))
         with desk.seat():
-            await _watch(websocket, desk, period_s)
+            await _watch(websocket, desk, period_s, messages)
     except InvalidError as error:
         await websocket.close(POLICY_VIOLATION, str(error))
     except RefusedError as error:
         await websocket.close(TRY_AGAIN_LATER, str(error))
 
 
-async def _watch(websocket: WebSocket, desk: Desk, period_s: float) -> None:
+async def _watch(websocket: WebSocket, desk: Desk, period_s: float, messages: Messages) -> None:
     async with asyncio.TaskGroup() as group:
-        sender = group.create_task(_send(websocket, desk, period_s), name="stream/send")
+        sender = group.create_task(_send(websocket, desk, period_s, messages), name="stream/send")
         await _gone(websocket)
         sender.cancel()
 
 
-async def _send(websocket: WebSocket, desk: Desk, period_s: float) -> None:
+async def _send(websocket: WebSocket, desk: Desk, period_s: float, messages: Messages) -> None:
     """Sample and send; returns when the viewer has gone."""
-    loop = asyncio.get_running_loop()
-    sent, sent_time_s = None, 0.0
-    due_s = loop.time()
-    while True:
-        if not websocket.state.is_welcome():
-            await websocket.close(POLICY_VIOLATION, "the token was revoked")
-            return
-        if desk.view is not sent or loop.time() - sent_time_s >= REPEAT_S:
-            sent, sent_time_s = desk.view, loop.time()
+    async with aclosing(_moments(websocket, desk, period_s)) as moments:
+        async for _ in moments:
+            if not websocket.state.is_welcome():
+                await websocket.close(POLICY_VIOLATION, "the token was revoked")
+                return
             try:
-                await websocket.send_text(desk.fleet_json())
+                for message in messages(desk):
+                    if isinstance(message, str):
+                        await websocket.send_text(message)
+                    else:
+                        await websocket.send_bytes(message)
             except WebSocketDisconnect:
                 return
-        due_s = max(due_s + period_s, loop.time())  # what a slow reader missed is not made up
-        await asyncio.sleep(due_s - loop.time())
+
+
+async def _moments(websocket: WebSocket, desk: Desk, period_s: float) -> AsyncGenerator[None, None]:
+    """When to look: at once, then with the tick that comes when one is due; never with something unsent."""
+    loop = asyncio.get_running_loop()
+    early_s = EARLY * period_s
+    due_s = loop.time()
+    while True:
+        await websocket.state.drained()
+        yield
+        due_s = max(due_s + period_s, loop.time() - early_s)  # what a slow reader missed is not made up
+        await asyncio.sleep(due_s - early_s - loop.time())
+        with suppress(TimeoutError):
+            async with asyncio.timeout(REPEAT_S):
+                await desk.service.view.changed()
 
 
 async def _gone(websocket: WebSocket) -> None:

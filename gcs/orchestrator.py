@@ -9,6 +9,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from typing import Protocol
@@ -25,6 +26,7 @@ from gcs.errors import LinkError, RefusedError, UnknownError
 from gcs.feasibility import check_formation, check_obstacle, check_orbit, check_target, followed
 from gcs.flight import Flight
 from gcs.frames import ShowFrame
+from gcs.happenings import Happening, Happenings, heard
 from gcs.homeward import warm_up as warm_up_ways
 from gcs.inspection import Inspection
 from gcs.interrupted import Offer
@@ -139,6 +141,7 @@ class Orchestrator:
         self._stage = Stage(self._flight, self.shows)
         self._clock = TickClock(config.tick_rate_hz)
         self._interventions = 0
+        self._happenings = Happenings()
         self._director: Director | None = None
         self._shares = Shares(links)
         self._view = Latest(self._promised_view(self._decide())())
@@ -147,6 +150,8 @@ class Orchestrator:
 
     async def run(self) -> None:
         """Fly until cancelled."""
+        listening = ExitStack()
+        listening.enter_context(heard(self._happenings))
         try:
             async with asyncio.TaskGroup() as group:
                 errands = Errands(group, self._flight, self._config.operation)
@@ -166,6 +171,7 @@ class Orchestrator:
                     group.create_task(keep_open(link), name=f"link/{link.name}")
                 group.create_task(self._control(self._director), name="control")
         finally:
+            listening.close()
             if self._director is not None:
                 self._director.close()
             self._planning.shutdown(wait=False, cancel_futures=True)
@@ -245,15 +251,16 @@ class Orchestrator:
         flight = self._flight
         return partial(
             fleet_view,
+            flight,
             fleet=flight.fleet,
             tick=result,
-            vehicles=tuple(flight.vehicles.values()),
-            telemetry=flight.telemetry,
+            telemetry=flight.telemetry.parts,
             known=flight.known,
             traits=flight.traits,
             show=flight.show,
             reason=flight.reason,
             plan=flight.plan,
+            safety=flight.control.safety,
             timing=self._clock.summary(),
             control_alive=self._control_alive,
             interventions=self._interventions,
@@ -293,6 +300,10 @@ class Orchestrator:
     def orders(self) -> Sequence[OrderRecord]:
         """The last orders, the newest first."""
         return self._book.newest()
+
+    def happenings(self) -> Sequence[Happening]:
+        """What happened last, the newest last."""
+        return self._happenings.newest()
 
     def command_show(
         self,

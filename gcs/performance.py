@@ -4,6 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gcs.lifecycle import ShowPhase
 from gcs.plan import Obstacle, Plan, Target
 from gcs.service import SelectedShow
@@ -25,6 +28,10 @@ class Performance:
     started: bool = False  # by an order that named its hash; False again once everybody is down
     parts: dict[VehicleId, int] = field(default_factory=dict)  # rows of the lights
     figures: Mapping[str, Any] = field(default_factory=dict)  # what its check found; empty: not known
+    cue_times: tuple[tuple[str, float], ...] = field(init=False)  # every cue as it is played, and when
+
+    def __post_init__(self) -> None:
+        self.cue_times = tuple((one.cue.cue, one.at_s) for one in self.timeline.played)
 
     @property
     def hash(self) -> str:
@@ -70,14 +77,15 @@ class Performance:
             self.clock.show_s(now_s), clock_s=now_s, runs=self.clock.runs, live=self.live
         )
 
-    def lights(self, vehicle_ids: Sequence[VehicleId], now_s: float) -> dict[VehicleId, str]:
-        """Of all who play a part."""
-        colours = self.timeline.colours_at(self._within(now_s)).tolist()
-        return {
-            name: "#{:02x}{:02x}{:02x}".format(*colours[self.parts[name]])
-            for name in vehicle_ids
-            if name in self.parts
-        }
+    def colours(
+        self, vehicle_ids: Sequence[VehicleId], now_s: float
+    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """(n, 3) red, green, blue of each vehicle, and (n,) who plays a part: of others they mean nothing."""
+        part = np.array([self.parts.get(name, -1) for name in vehicle_ids], dtype=np.intp)
+        lit = part >= 0
+        colour = np.zeros((len(vehicle_ids), 3), np.uint8)
+        colour[lit] = self.timeline.colours_at(self._within(now_s))[part[lit]]
+        return colour, lit
 
     def view(self, now_s: float) -> SelectedShow:
         """For people and programs."""
@@ -90,6 +98,7 @@ class Performance:
             duration_s=self.timeline.duration_s,
             runs=self.clock.runs,
             target_is_live=self.is_live(now_s),
+            timeline=self.cue_times,
         )
 
     def _within(self, now_s: float) -> float:

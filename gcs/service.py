@@ -9,15 +9,18 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 from gcs.checks import PreflightReport
 from gcs.errors import Problem
 from gcs.frames import ShowFrame
+from gcs.happenings import Happening
 from gcs.interrupted import Interrupted, Offer
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.lifecycle import ShowPhase
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
-from gcs.state import Landed, Mode, VehicleId
+from gcs.rows import VehicleRows, VehicleView
+from gcs.state import VehicleId
 
 T = TypeVar("T")
 
@@ -84,35 +87,6 @@ class OrderRecord:
 
 
 @dataclass(frozen=True, slots=True)
-class VehicleView:
-    """One vehicle, as the service believes it to be. None: not known."""
-
-    id: VehicleId
-    system_id: int
-    link: str
-    phase: Phase
-    reason: str  # why it is in that phase, in words
-    mode: Mode
-    armed: bool
-    landed: Landed
-    ready: bool
-    position_m: tuple[float, float, float] | None  # show frame
-    velocity_m_s: tuple[float, float, float] | None
-    yaw_rad: float | None
-    latitude_deg: float | None
-    longitude_deg: float | None
-    altitude_amsl_m: float | None
-    battery_remaining: float | None  # 0 to 1
-    position_age_s: float | None
-    position_uncertainty_m: float  # the margin that its reported accuracy, or a jump, gives it; sideways
-    heartbeat_age_s: float | None
-    setpoint_m_s: tuple[float, float, float] | None  # sent in the last tick; None: not commanded
-    link_quality: float | None  # share of the positions asked for that arrive, 0 to 1
-    restrained_by: str  # what the safety filter held it back for, "" when it did not
-    light: str | None = None  # colour that the show gives it now, #rrggbb; None: it has no part in one
-
-
-@dataclass(frozen=True, slots=True)
 class StoredShow:
     """A show file that the service keeps."""
 
@@ -155,6 +129,7 @@ class SelectedShow:
     duration_s: float  # loops played
     runs: bool  # the clock; False: before it begins, and while it is paused
     target_is_live: bool
+    timeline: tuple[tuple[str, float], ...] = ()  # every cue as it is played, and when; loops written out
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +169,31 @@ class Reaction:
 
 
 @dataclass(frozen=True, slots=True)
+class Bounds:
+    """What nobody may pass: the fence, and how near two may come. Heights above the show's origin."""
+
+    height_min_m: float  # of who flies in the formation
+    height_max_m: float
+    distance_max_m: float  # from the show's origin, over the ground
+    floor_horizontal_m: float  # semi-axes of the ellipsoid around one that no other may be inside
+    floor_vertical_m: float
+    margin_m: float  # kept on top of it, sideways
+
+
+@dataclass(frozen=True, slots=True)
+class Playback:
+    """A recorded flight that is played, and how far it has got."""
+
+    file: str
+    began_unix_s: float  # of the first recorded state
+    duration_s: float
+    position_s: float  # since the first recorded state
+    speed: float  # times as fast as it was flown
+    paused: bool
+    ended: bool  # the last recorded state is shown
+
+
+@dataclass(frozen=True)
 class FleetView:
     """The newest state of everything, complete in itself."""
 
@@ -201,8 +201,9 @@ class FleetView:
     unix_time_s: float
     show: ShowPhase
     reason: str
-    vehicles: tuple[VehicleView, ...]
+    rows: VehicleRows
     plan: Plan
+    bounds: Bounds
     center_m: tuple[float, float, float] | None  # commanded; None while no formation flies
     center_velocity_m_s: tuple[float, float, float] | None
     radius_m: float | None  # commanded now, on its way to the plan's
@@ -218,6 +219,12 @@ class FleetView:
     countdown_s: float | None = None
     reactions: tuple[Reaction, ...] = ()  # those whose causes last, the most severe first
     interrupted: Interrupted | None = None  # a flight that was cut off, and is not settled
+    playback: Playback | None = None  # None: this is no replay
+
+    @cached_property
+    def vehicles(self) -> tuple[VehicleView, ...]:
+        """One by one; made when somebody looks."""
+        return self.rows.one_by_one()
 
 
 class Latest(Generic[T]):
@@ -249,6 +256,10 @@ class Latest(Generic[T]):
     def _wake(self) -> None:
         self._changed.set()
         self._changed = asyncio.Event()
+
+    async def changed(self) -> None:
+        """Return with the next change."""
+        await self._changed.wait()
 
     async def values(self) -> AsyncIterator[T]:
         """The value now, then the newest after each change; a slow reader misses those between."""
@@ -413,6 +424,10 @@ class Service(Protocol):
 
     def orders(self) -> Sequence[OrderRecord]:
         """The last orders, the newest first."""
+        ...
+
+    def happenings(self) -> Sequence[Happening]:
+        """What happened last, the newest last."""
         ...
 
     def set_formation(self, formation: Formation) -> None:

@@ -5,16 +5,19 @@ from types import MappingProxyType
 
 import numpy as np
 
+from gcs.bounds import bounds
 from gcs.checks import listed
 from gcs.control import Tick
+from gcs.flight import Flight
 from gcs.interrupted import Interrupted
 from gcs.lifecycle import ShowPhase, not_ours
 from gcs.performance import Performance
 from gcs.plan import Plan
-from gcs.service import FleetView, Reaction, TickView, VehicleView
+from gcs.rows import VehicleRows
+from gcs.safety.filter import SafetySettings
+from gcs.service import FleetView, Reaction, TickView
 from gcs.state import Array, FleetState, Telemetry, Traits, VehicleId
 from gcs.table import tuple3
-from gcs.vehicle import Vehicle
 
 
 def finite(value: float) -> float | None:
@@ -23,16 +26,17 @@ def finite(value: float) -> float | None:
 
 
 def fleet_view(
+    flight: Flight,
     *,
     fleet: FleetState,
     tick: Tick,
-    vehicles: Sequence[Vehicle],
-    telemetry: Mapping[VehicleId, tuple[Telemetry, int]],
+    telemetry: Sequence[Telemetry],
     known: Collection[VehicleId],
     traits: Traits,
     show: ShowPhase,
     reason: str,
     plan: Plan,
+    safety: SafetySettings,
     timing: TickView,
     control_alive: bool,
     setpoints_sent: int,
@@ -47,36 +51,23 @@ def fleet_view(
     not_flying: Mapping[VehicleId, str] = MappingProxyType({}),
     interrupted: Interrupted | None = None,
 ) -> FleetView:
-    """Put one tick's state together; rows of `fleet` and `vehicles` correspond.
+    """Put one tick's state together. Of `flight` only what no order changes is asked, and its vehicles.
 
-    `known` are those of whom all is known that a start asks for: only they are ready. `problems` are the
-    links', `waits` say which obstacles of the selected show do not stand yet, `start_unix_s` is that of a
-    countdown, `not_flying` says who stays on the ground, and why, `interrupted` is a flight that was cut off.
+    `telemetry` is that of all links, `known`
+    are those of whom all is known that a start asks for: only they are ready. `problems` are the links',
+    `waits` say which obstacles of the selected show do not stand yet, `start_unix_s` is that of a countdown,
+    `not_flying` says who stays on the ground, and why, `interrupted` is a flight that was cut off.
     """
     cut_off = () if interrupted is None else (interrupted.notice,)
-    lights = {} if performance is None else performance.lights(fleet.ids, fleet.time_s)
-    sent = dict(zip(tick.setpoints.ids, tick.setpoints.velocity_m_s, strict=True))
     center = tick.memory.center
     return FleetView(
         time_s=fleet.time_s,
         unix_time_s=unix_time_s,
         show=show,
         reason=reason,
-        vehicles=tuple(
-            _vehicle_view(
-                vehicle,
-                fleet,
-                tick,
-                telemetry[vehicle.id],
-                sent.get(vehicle.id),
-                is_known=vehicle.id in known,
-                uncertainty_m=float(traits.uncertainty_m[vehicle.row]),
-                light=lights.get(vehicle.id),
-                link_quality=float(link_quality[vehicle.row]),
-            )
-            for vehicle in vehicles
-        ),
+        rows=_rows(flight, fleet, tick, telemetry, known, traits, performance, link_quality),
         plan=plan,
+        bounds=bounds(safety),
         center_m=None if center is None else tuple3(center.position_m),
         center_velocity_m_s=None if center is None else tuple3(center.velocity_m_s),
         radius_m=None if center is None else tick.memory.radius_m,
@@ -88,7 +79,7 @@ def fleet_view(
         interventions=interventions,
         notices=(
             *cut_off,
-            *not_ours((vehicle.id, vehicle.phase) for vehicle in vehicles),
+            *not_ours((vehicle.id, vehicle.phase) for vehicle in flight.vehicles.values()),
             *grounded(not_flying),
             *waits,
             *problems,
@@ -109,42 +100,51 @@ def grounded(not_flying: Mapping[VehicleId, str]) -> list[str]:
     return [f"{listed(names)}: not flying: {reason}" for reason, names in whose.items()]
 
 
-def _vehicle_view(
-    vehicle: Vehicle,
+def _rows(
+    flight: Flight,
     fleet: FleetState,
     tick: Tick,
-    heard: tuple[Telemetry, int],
-    setpoint_m_s: Array | None,
-    *,
-    is_known: bool,
-    uncertainty_m: float,
-    light: str | None,
-    link_quality: float,
-) -> VehicleView:
-    telemetry, at = heard
-    row = vehicle.row
-    return VehicleView(
-        id=vehicle.id,
-        system_id=vehicle.system_id,
-        link=vehicle.link,
-        phase=vehicle.phase,
-        reason=vehicle.reason,
-        mode=telemetry.mode[at],
-        armed=telemetry.armed[at],
-        landed=telemetry.landed[at],
-        ready=telemetry.ready[at] and is_known,
-        position_m=tuple3(fleet.position_m[row]),
-        velocity_m_s=tuple3(fleet.velocity_m_s[row]),
-        yaw_rad=finite(fleet.yaw_rad[row]),
-        latitude_deg=finite(telemetry.latitude_deg[at]),
-        longitude_deg=finite(telemetry.longitude_deg[at]),
-        altitude_amsl_m=finite(telemetry.altitude_amsl_m[at]),
-        battery_remaining=finite(telemetry.battery_remaining[at]),
-        position_age_s=finite(fleet.age_s[row]),
-        position_uncertainty_m=uncertainty_m,
-        heartbeat_age_s=finite(fleet.time_s - telemetry.heartbeat_time_s[at]),
-        setpoint_m_s=None if setpoint_m_s is None else tuple3(setpoint_m_s),
+    telemetry: Sequence[Telemetry],
+    known: Collection[VehicleId],
+    traits: Traits,
+    performance: Performance | None,
+    link_quality: Array,
+) -> VehicleRows:
+    vehicles = flight.vehicles.values()
+    heartbeat_s = flight.in_rows([part.heartbeat_time_s for part in telemetry])
+    ready = flight.ordered([part.ready for part in telemetry])
+    setpoint_m_s = np.full((len(fleet.ids), 3), np.nan)
+    if tick.setpoints.ids:
+        row_of = {name: row for row, name in enumerate(fleet.ids)}
+        setpoint_m_s[[row_of[name] for name in tick.setpoints.ids]] = tick.setpoints.velocity_m_s
+    colour, lit = np.zeros((len(fleet.ids), 3), np.uint8), np.zeros(len(fleet.ids), np.bool_)
+    if performance is not None:
+        colour, lit = performance.colours(fleet.ids, fleet.time_s)
+    return VehicleRows(
+        ids=fleet.ids,
+        system_ids=[vehicle.system_id for vehicle in vehicles],
+        links=[vehicle.link for vehicle in vehicles],
+        phases=[vehicle.phase for vehicle in vehicles],
+        reasons=[vehicle.reason for vehicle in vehicles],
+        modes=flight.ordered([part.mode for part in telemetry]),
+        armed=flight.ordered([part.armed for part in telemetry]),
+        landed=flight.ordered([part.landed for part in telemetry]),
+        ready=[is_ready and name in known for name, is_ready in zip(fleet.ids, ready, strict=True)],
+        position_m=fleet.position_m,
+        velocity_m_s=fleet.velocity_m_s,
+        setpoint_m_s=setpoint_m_s,
+        yaw_rad=fleet.yaw_rad,
+        latitude_deg=flight.in_rows([part.latitude_deg for part in telemetry]),
+        longitude_deg=flight.in_rows([part.longitude_deg for part in telemetry]),
+        altitude_amsl_m=flight.in_rows([part.altitude_amsl_m for part in telemetry]),
+        battery_remaining=flight.in_rows([part.battery_remaining for part in telemetry]),
+        position_age_s=fleet.age_s,
+        uncertainty_m=traits.uncertainty_m,
+        heartbeat_age_s=fleet.time_s - heartbeat_s,
         link_quality=link_quality,
-        restrained_by=tick.restrained_by[row],
-        light=light,
+        fix_type=flight.in_rows([part.fix_type for part in telemetry]),
+        restrained_by=tick.restrained_by,
+        colour=colour,
+        lit=lit,
+        homes_m=[vehicle.home_m for vehicle in vehicles],
     )

@@ -2,10 +2,12 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Self
 
+from gcs.happenings import details, heard, vehicle_of
 from gcs.interrupted import Interruption
 from gcs.links import Link
 from gcs.records import layout
@@ -17,7 +19,6 @@ from gcs.records.moment import Moment
 from gcs.state import VehicleId
 
 WHEREABOUTS_S: Final = 1.0
-_PLAIN: Final = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "vehicle"}
 
 
 class Record:
@@ -49,8 +50,7 @@ class Record:
         about = layout.about(self.session, config_json, vehicles)
         self._flight = FlightFile(self.folder, about) if flight else None
         self._heard = _Heard(self.audit, self._flight)
-        self._logger = logging.getLogger("gcs")
-        self._level = self._logger.level
+        self._listening = ExitStack()
         self._whereabouts_due_s = 0.0
 
     def __enter__(self) -> Self:
@@ -59,15 +59,12 @@ class Record:
         self.audit.begin(self.folder, self._config_json, self.found)
         if self._flight is not None:
             self._flight.open()
-        self._logger.addHandler(self._heard)
-        if self._logger.getEffectiveLevel() > logging.INFO:
-            self._logger.setLevel(logging.INFO)  # what is shown is the other handlers' business
+        self._listening.enter_context(heard(self._heard))
         return self
 
     def __exit__(self, *_error: object) -> None:
         """Write what is left, and note that the session has ended. Blocks for some milliseconds."""
-        self._logger.removeHandler(self._heard)
-        self._logger.setLevel(self._level)
+        self._listening.close()
         if self._flight is not None:
             self._flight.close()
         self.audit.end()
@@ -100,9 +97,7 @@ class _Heard(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Note one line of the log. On any thread."""
-        said = {key: value for key, value in vars(record).items() if key not in _PLAIN}
-        vehicle = getattr(record, "vehicle", None)
-        name = None if vehicle is None else str(vehicle)
+        said, name = details(record), vehicle_of(record)
         level, event = record.levelname.lower(), record.getMessage()
         self._audit.event(record.created, level, event, name, said)
         if self._flight is not None:

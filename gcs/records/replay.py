@@ -7,15 +7,21 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
+import numpy as np
+
+from gcs.bounds import bounds
 from gcs.checks import PreflightReport
 from gcs.errors import GcsError, RefusedError, UnknownError
 from gcs.frames import ShowFrame
+from gcs.happenings import Happening
 from gcs.interrupted import Offer
 from gcs.lifecycle import ShowPhase, not_ours
 from gcs.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.records import layout
+from gcs.records.certify import Standard
 from gcs.records.flown import FlightData, Flown
 from gcs.records.plans import plan_of
+from gcs.rows import VehicleRows
 from gcs.service import (
     Audit,
     FleetView,
@@ -30,9 +36,8 @@ from gcs.service import (
     StoredShow,
     TickView,
     VehicleAction,
-    VehicleView,
 )
-from gcs.state import Landed, VehicleId
+from gcs.state import Array, Landed, VehicleId
 
 REPEAT_S: Final = 0.5
 """The last state is shown again that often, so that a viewer knows that somebody is there."""
@@ -88,6 +93,7 @@ class Replay:
             self._frame = ShowFrame(**data.about.config["show_frame"])
         except (KeyError, TypeError, GcsError) as error:
             raise GcsError(f"{data.path}: its configuration has no show frame: {error}") from None
+        self._bounds = bounds(Standard.of(data.about.config, str(data.path)).safety)
         self._ticks: Iterator[Flown] = data.ticks()
         first = next(self._ticks, None)
         if first is None:
@@ -114,7 +120,7 @@ class Replay:
         tick, status = flown.tick, flown.status
         selected, start_unix_s = status["selected"], status["start_unix_time_s"]
         now_s = asyncio.get_running_loop().time()
-        vehicles = self._vehicles(flown)
+        rows = self._rows(flown)
         problems: Sequence[str] = status["problems"]
         timing: dict[str, Any] = {
             name: nan if value is None else value for name, value in tick["timing"].items()
@@ -124,8 +130,9 @@ class Replay:
             unix_time_s=flown.unix_s,
             show=ShowPhase(status["show"]),
             reason=status["reason"],
-            vehicles=vehicles,
+            rows=rows,
             plan=plan_of(status["plan"], now_s - tick["time_s"]),
+            bounds=self._bounds,
             center_m=_triple(tick["center_m"]),
             center_velocity_m_s=_triple(tick["center_velocity_m_s"]),
             radius_m=tick["radius_m"],
@@ -137,12 +144,18 @@ class Replay:
             interventions=0,
             notices=(
                 self._notice(flown, alive=alive),
-                *not_ours((v.id, v.phase) for v in vehicles),
+                *not_ours(zip(rows.ids, rows.phases, strict=True)),
                 *problems,
             ),
             selected=None
             if selected is None
-            else SelectedShow(**{**selected, "cues": tuple(selected["cues"])}),
+            else SelectedShow(
+                **{
+                    **selected,
+                    "cues": tuple(selected["cues"]),
+                    "timeline": tuple((cue, at_s) for cue, at_s in selected.get("timeline", ())),
+                }
+            ),
             start_unix_time_s=start_unix_s,
             countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - flown.unix_s),
         )
@@ -152,44 +165,43 @@ class Replay:
         told = f"replay of {self._data.path} at {self._speed:g} times its speed: {when}; nothing here flies"
         return told if alive else f"{told}; the record has ended. {self._data.cut}".strip()
 
-    def _vehicles(self, flown: Flown) -> tuple[VehicleView, ...]:
-        about, table = self._data.about, flown.vehicles
+    def _rows(self, flown: Flown) -> VehicleRows:
+        about, table, n = self._data.about, flown.vehicles, len(flown.vehicles)
         position_m = layout.positions_m(table)
-        latitude_deg, longitude_deg, altitude_m = (
-            values.tolist() for values in self._frame.geodetic(position_m)
-        )
-        columns = {name: table[name].tolist() for name in table.dtype.names or ()}
-        velocity_m_s, setpoint_m_s = layout.velocities_m_s(table), layout.setpoints_m_s(table)
-        restrained_by, reasons = flown.tick["restrained_by"], flown.status["reasons"]
-        return tuple(
-            VehicleView(
-                id=name,
-                system_id=about.system_ids[row],
-                link=about.links[row],
-                phase=about.phases[columns["phase"][row]],
-                reason=reasons[row],
-                mode=about.modes[columns["mode"][row]],
-                armed=bool(columns["armed"][row]),
-                landed=Landed(columns["landed"][row]),
-                ready=bool(columns["ready"][row]),
-                position_m=_triple(position_m[row].tolist()),
-                velocity_m_s=_triple(velocity_m_s[row].tolist()),
-                yaw_rad=_known(columns["yaw_rad"][row]),
-                latitude_deg=_known(latitude_deg[row]),
-                longitude_deg=_known(longitude_deg[row]),
-                altitude_amsl_m=_known(altitude_m[row]),
-                battery_remaining=_known(columns["battery_remaining"][row]),
-                position_age_s=_known(columns["position_age_s"][row]),
-                position_uncertainty_m=columns["position_uncertainty_m"][row],
-                heartbeat_age_s=_known(columns["heartbeat_age_s"][row]),
-                setpoint_m_s=_triple(setpoint_m_s[row].tolist()),
-                restrained_by=restrained_by.get(name, ""),
-                link_quality=None,
-            )
-            for row, name in enumerate(about.ids)
-        )
+        latitude_deg, longitude_deg, altitude_m = self._frame.geodetic(position_m)
+        restrained_by: dict[str, str] = flown.tick["restrained_by"]
 
-    # the service
+        def column(name: str) -> Array:
+            return table[name].astype(np.float64)
+
+        return VehicleRows(
+            ids=about.ids,
+            system_ids=about.system_ids,
+            links=about.links,
+            phases=[about.phases[number] for number in table["phase"].tolist()],
+            reasons=flown.status["reasons"],
+            modes=[about.modes[number] for number in table["mode"].tolist()],
+            armed=table["armed"].astype(np.bool_).tolist(),
+            landed=[Landed(number) for number in table["landed"].tolist()],
+            ready=table["ready"].astype(np.bool_).tolist(),
+            position_m=position_m,
+            velocity_m_s=layout.velocities_m_s(table),
+            setpoint_m_s=layout.setpoints_m_s(table),
+            yaw_rad=column("yaw_rad"),
+            latitude_deg=latitude_deg,
+            longitude_deg=longitude_deg,
+            altitude_amsl_m=altitude_m,
+            battery_remaining=column("battery_remaining"),
+            position_age_s=column("position_age_s"),
+            uncertainty_m=column("position_uncertainty_m"),
+            heartbeat_age_s=column("heartbeat_age_s"),
+            link_quality=np.full(n, np.nan),
+            fix_type=np.full(n, np.nan),
+            restrained_by=[restrained_by.get(name, "") for name in about.ids],
+            colour=np.zeros((n, 3), np.uint8),
+            lit=np.zeros(n, np.bool_),
+            homes_m=[None] * n,
+        )
 
     @property
     def view(self) -> Latest[FleetView]:
@@ -217,6 +229,10 @@ class Replay:
     def shows(self) -> Shows:
         """None."""
         return self._shows
+
+    def happenings(self) -> Sequence[Happening]:
+        """None yet."""
+        return ()
 
     def command_show(
         self,
@@ -303,7 +319,3 @@ def _triple(values: Sequence[float] | None) -> Triple | None:
     if values is None or not isfinite(values[0]):
         return None
     return values[0], values[1], values[2]
-
-
-def _known(value: float) -> float | None:
-    return value if isfinite(value) else None

@@ -19,8 +19,9 @@ from gcs.links import Link
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
 from gcs.records.record import Record
+from gcs.rows import VehicleView
 from gcs.safety.separation import minimum_separation
-from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleView
+from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.state import Array, VehicleId
 from sim.fleet import Fleet, Settings
 from sim.trouble import Trouble

@@ -9,16 +9,21 @@ from dataclasses import replace
 from math import sqrt
 from pathlib import Path
 
+import numpy as np
+
 from gcs.checks import Check, Exclusion, PreflightReport, State, VehicleChecks
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.frames import ShowFrame
+from gcs.happenings import Happening, Severity
 from gcs.interrupted import Interrupted, Offer
 from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.repertoire import Repertoire
+from gcs.rows import VehicleRows
 from gcs.service import (
     WHO,
     Audit,
+    Bounds,
     FleetView,
     Histogram,
     Latest,
@@ -31,9 +36,8 @@ from gcs.service import (
     TickView,
     VehicleAction,
     VehicleOutcome,
-    VehicleView,
 )
-from gcs.state import Landed, Mode
+from gcs.state import Array, Landed, Mode
 
 FRAME = ShowFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_amsl_m=488.0, heading_deg=90.0)
 HEIGHT_MIN_M = 2.0
@@ -87,6 +91,7 @@ class FakeService:
         self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
         self.orders_by_id = {}
         self.excluded: dict[str, Exclusion] = {}
+        self.happened: tuple[Happening, ...] = ()
         self.battery = 0.9
 
     def tick(self) -> None:
@@ -204,6 +209,13 @@ class FakeService:
     def orders(self) -> Sequence[OrderRecord]:
         return tuple(reversed(self.orders_by_id.values()))
 
+    def happenings(self) -> Sequence[Happening]:
+        return self.happened
+
+    def happen(self, text: str, vehicle: str | None = None) -> None:
+        number = len(self.happened) + 1
+        self.happened = (*self.happened, Happening(number, time.time(), Severity.INFO, text, vehicle))
+
     def set_formation(self, formation: Formation) -> None:
         smallest_m = 3.0 * sqrt(len(self.phases))
         if formation.radius_m < smallest_m:
@@ -272,8 +284,9 @@ class FakeService:
             unix_time_s=time.time(),
             show=self.show,
             reason="",
-            vehicles=tuple(self._vehicle(index) for index in range(len(self.phases))),
+            rows=self._rows(),
             plan=self.plan,
+            bounds=Bounds(3.0, 100.0, 300.0, 2.0, 3.0, 0.3),
             center_m=(1.0, 2.0, -20.0) if flying else None,
             center_velocity_m_s=(0.5, 0.0, 0.0) if flying else None,
             radius_m=9.0 if flying else None,
@@ -299,31 +312,49 @@ class FakeService:
             reactions=self.reactions,
         )
 
-    def _vehicle(self, index: int) -> VehicleView:
-        name, phase = list(self.phases.items())[index]
-        heard = phase not in (Phase.OFFLINE, Phase.LOST)
-        airborne = phase in AIRBORNE
-        return VehicleView(
-            id=name,
-            system_id=index + 1,
-            link="fake",
-            phase=phase,
-            reason="",
-            mode=Mode.OFFBOARD if phase is Phase.FORMATION else Mode.HOLD,
-            armed=airborne,
-            landed=Landed.IN_AIR if airborne else Landed.ON_GROUND,
+    def _rows(self) -> VehicleRows:
+        names, phases = list(self.phases), list(self.phases.values())
+        n = len(names)
+        up = np.array([phase in AIRBORNE for phase in phases])
+        formed = np.array([phase is Phase.FORMATION for phase in phases])
+        heard = [phase not in (Phase.OFFLINE, Phase.LOST) for phase in phases]
+        unheard = ~np.array(heard)
+        restrained_by = [""] * n
+        if formed[0]:
+            restrained_by[0] = "separation from d9"
+
+        def told(value: float) -> Array:
+            column = np.full(n, value)
+            column[unheard] = np.nan
+            return column
+
+        place_m = np.stack([told(0.0), 5.0 * np.arange(n), np.where(up, -20.0, 0.0)], axis=1)
+        place_m[unheard] = np.nan
+        return VehicleRows(
+            ids=names,
+            system_ids=[index + 1 for index in range(n)],
+            links=["fake"] * n,
+            phases=phases,
+            reasons=[""] * n,
+            modes=[Mode.OFFBOARD if phase is Phase.FORMATION else Mode.HOLD for phase in phases],
+            armed=up.tolist(),
+            landed=[Landed.IN_AIR if each else Landed.ON_GROUND for each in up],
             ready=heard,
-            position_m=(0.0, 5.0 * index, -20.0 if airborne else 0.0) if heard else None,
-            velocity_m_s=(0.1, 0.2, 0.3) if heard else None,
-            yaw_rad=0.0 if heard else None,
-            latitude_deg=47.3977 if heard else None,
-            longitude_deg=8.5456 if heard else None,
-            altitude_amsl_m=488.0 if heard else float("nan"),
-            battery_remaining=0.9,
-            position_uncertainty_m=0.35,
-            position_age_s=0.05,
-            heartbeat_age_s=float("inf"),
-            setpoint_m_s=(1.0, 0.0, -1.0) if phase is Phase.FORMATION else None,
-            link_quality=0.75,
-            restrained_by="separation from d9" if phase is Phase.FORMATION and index == 0 else "",
+            position_m=place_m,
+            velocity_m_s=np.stack([told(0.1), told(0.2), told(0.3)], axis=1),
+            setpoint_m_s=np.where(formed[:, None], [1.0, 0.0, -1.0], np.nan),
+            yaw_rad=told(0.0),
+            latitude_deg=told(47.3977),
+            longitude_deg=told(8.5456),
+            altitude_amsl_m=told(488.0),
+            battery_remaining=np.full(n, 0.9),
+            position_age_s=np.full(n, 0.05),
+            uncertainty_m=np.full(n, 0.35),
+            heartbeat_age_s=np.append(np.full(n - 1, np.inf), 0.4),
+            link_quality=np.full(n, 0.75),
+            fix_type=told(3.0),
+            restrained_by=restrained_by,
+            colour=np.tile(np.array([[255, 128, 0]], np.uint8), (n, 1)),
+            lit=formed,
+            homes_m=[np.array([0.0, 5.0 * row, 0.0]) if up[row] else None for row in range(n)],
         )

@@ -1,0 +1,73 @@
+"""What the console's stream sends, made once per state however many watch."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+from api import convert_status, frames
+from api.wire_stream import Status
+from gcs.service import FleetView, Service
+
+STATUS_S: Final = 0.5
+"""What changes seldom is told no more often than that."""
+
+
+class Feed:
+    """Frames and status of one service. Used on the loop alone."""
+
+    def __init__(self, service: Service, access: str, problem: Callable[[], str]) -> None:
+        """`access` is the door's text; `problem` says why control is not alive now."""
+        self._service = service
+        self._access = access
+        self._problem = problem
+        self._told: object = None  # what the status tells, without what a frame tells as well
+        self._made_s = 0.0
+        self._status = ""
+        self._revision = 0
+        self._frame = b""
+        self._frame_of: tuple[FleetView, bool, int] | None = None
+
+    def status(self, now_s: float) -> tuple[int, str]:
+        """Its revision, and the newest status as JSON text; at most STATUS_S old where something changed."""
+        if not self._revision or now_s - self._made_s >= STATUS_S:
+            self._made_s = now_s
+            told = self._tells()
+            if told != self._told:
+                self._told = told
+                self._revision += 1
+                self._status = self.newest().model_dump_json()
+        return self._revision, self._status
+
+    def newest(self) -> Status:
+        """The status of the newest state."""
+        view, happenings = self._service.view.value, self._service.happenings()
+        told = (self._revision, self._problem(), self._access)
+        return convert_status.status(view, self._service.frame, happenings, *told)
+
+    def frame(self) -> bytes:
+        """The newest state."""
+        view, alive = self._service.view.value, not self._problem()
+        if (
+            self._frame_of is None
+            or self._frame_of[0] is not view
+            or self._frame_of[1:] != (alive, self._revision)
+        ):
+            self._frame = frames.encode(view, self._service.frame, revision=self._revision, alive=alive)
+            self._frame_of = view, alive, self._revision
+        return self._frame
+
+    def _tells(self) -> object:
+        view, happenings = self._service.view.value, self._service.happenings()
+        rows, selected, playback = view.rows, view.selected, view.playback
+        return (
+            self._problem(),
+            (view.show, view.reason, view.plan, view.bounds, view.start_unix_time_s),
+            None if selected is None else replace(selected, clock_s=0.0),
+            None if playback is None else replace(playback, position_s=0.0),
+            (view.interrupted, view.notices, view.reactions),
+            happenings[-1].number if happenings else 0,
+            list(rows.reasons),
+            list(rows.restrained_by),
+            [None if home_m is None else home_m.tolist() for home_m in rows.homes_m],
+            convert_status.fixes(rows),
+        )

@@ -1,0 +1,119 @@
+"""What changes seldom, between the service's types and the wire's."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from api import convert, wire_replay, wire_stream
+from gcs.frames import ShowFrame
+from gcs.happenings import Happening
+from gcs.rows import VehicleRows
+from gcs.service import Bounds, FleetView, Playback
+from gcs.state import Array
+
+
+def status(
+    view: FleetView,
+    frame: ShowFrame,
+    happenings: Sequence[Happening],
+    revision: int,
+    problem: str,
+    access: str,
+) -> wire_stream.Status:
+    """What changes seldom; `problem` is `health_problem`'s answer, `access` the door's text."""
+    plan, selected = view.plan, view.selected
+    return wire_stream.Status(
+        revision=revision,
+        time_s=view.time_s,
+        unix_time_s=view.unix_time_s,
+        control_reason=problem,
+        show=convert.show(view),
+        timeline=[
+            wire_stream.CueTime(cue=cue, at_s=at_s)
+            for cue, at_s in (() if selected is None else selected.timeline)
+        ],
+        origin=convert.origin(frame),
+        formation=convert.formation(plan.formation, view),
+        target=convert.target(plan.target, view.target_m, frame),
+        orbit=convert.orbit(plan.orbit),
+        yaw=convert.yaw(plan.yaw, frame),
+        obstacles=[convert.obstacle(box, view.time_s) for box in plan.obstacles],
+        fence=_fence(view.bounds),
+        separation=_separation(view.bounds),
+        interrupted=None if view.interrupted is None else convert.interrupted(view.interrupted),
+        notices=list(view.notices),
+        reactions=[convert.reaction(each) for each in view.reactions],
+        access=access,
+        restraints=sorted(set(view.rows.restrained_by) - {""}),
+        replay=None if view.playback is None else replay(view.playback),
+        events=[_happening(each) for each in happenings],
+        vehicles=_vehicles(view.rows),
+    )
+
+
+def replay(playback: Playback) -> wire_replay.Replay:
+    """How a record is played."""
+    return wire_replay.Replay(
+        file=playback.file,
+        began_unix_time_s=playback.began_unix_s,
+        duration_s=playback.duration_s,
+        position_s=playback.position_s,
+        speed=playback.speed,
+        paused=playback.paused,
+        ended=playback.ended,
+    )
+
+
+def fixes(rows: VehicleRows) -> list[int | None]:
+    """What each receiver has; None: not known."""
+    known = np.isfinite(rows.fix_type).tolist()
+    numbers = np.nan_to_num(rows.fix_type).astype(np.int64).tolist()
+    return [fix if is_known else None for fix, is_known in zip(numbers, known, strict=True)]
+
+
+def _vehicles(rows: VehicleRows) -> list[wire_stream.StatusVehicle]:
+    return [
+        wire_stream.StatusVehicle(
+            id=name,
+            system_id=rows.system_ids[row],
+            link=rows.links[row],
+            reason=rows.reasons[row],
+            restrained_by=rows.restrained_by[row],
+            home=_home(rows.homes_m[row]),
+            fix_type=fix,
+        )
+        for row, (name, fix) in enumerate(zip(rows.ids, fixes(rows), strict=True))
+    ]
+
+
+def _home(place_m: Array | None) -> wire_stream.Home | None:
+    if place_m is None:
+        return None
+    x_m, y_m, z_m = place_m.tolist()
+    return wire_stream.Home(x_m=x_m, y_m=y_m, height_m=0.0 - z_m)
+
+
+def _fence(bounds: Bounds) -> wire_stream.Fence:
+    return wire_stream.Fence(
+        height_min_m=bounds.height_min_m,
+        height_max_m=bounds.height_max_m,
+        distance_max_m=bounds.distance_max_m,
+    )
+
+
+def _separation(bounds: Bounds) -> wire_stream.Separation:
+    return wire_stream.Separation(
+        horizontal_m=bounds.floor_horizontal_m,
+        vertical_m=bounds.floor_vertical_m,
+        margin_m=bounds.margin_m,
+    )
+
+
+def _happening(each: Happening) -> wire_stream.Happening:
+    return wire_stream.Happening(
+        number=each.number,
+        unix_time_s=each.unix_time_s,
+        severity=each.severity,
+        text=each.text,
+        vehicle=each.vehicle,
+    )

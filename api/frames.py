@@ -1,0 +1,132 @@
+"""One state as bytes, for viewers that draw: see docs/stream.md.
+
+A header, then columns one after another, each as long as the fleet: single precision first, then bytes.
+Everything is little-endian. What is not known is NaN.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.frames import ShowFrame
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.rows import VehicleRows
+from gcs.service import FleetView
+from gcs.state import Mode
+
+VERSION: Final = 1
+
+HEADER: Final = np.dtype(
+    {
+        "names": [
+            *("version", "control_alive", "has_center", "show", "n", "revision", "tick_count"),
+            *("time_s", "unix_time_s", "missed", "setpoints_sent", "interventions"),
+            *("center_x_m", "center_y_m", "center_height_m", "target_x_m", "target_y_m", "radius_m"),
+            *("minimum_separation_m", "rate_hz", "p50_ms", "p99_ms", "lateness_p99_ms"),
+            *("clock_s", "countdown_s"),
+        ],
+        "formats": ["u1"] * 4 + ["<u4"] * 3 + ["<f8"] * 2 + ["<u4"] * 3 + ["<f4"] * 13,
+        "offsets": [0, 1, 2, 3, 4, 8, 12, 16, 24, 32, 36, 40, *range(48, 100, 4)],
+        "itemsize": 128,
+    }
+)
+
+FLOATS: Final = (
+    *("x_m", "y_m", "height_m", "vx_m_s", "vy_m_s", "vup_m_s", "heading_deg"),
+    *("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_up_m_s"),
+    *("battery", "position_age_s", "heartbeat_age_s", "uncertainty_m", "link_quality"),
+)
+"""Columns of single precision, in their order."""
+
+BYTES: Final = ("phase", "mode", "landed", "flags", "red", "green", "blue")
+"""Columns of bytes, in their order."""
+
+ARMED, READY, RESTRAINED, COMMANDED, LIT = (1 << bit for bit in range(5))
+"""Bits of `flags`."""
+
+UPWARDS: Final = np.array([1.0, 1.0, -1.0])
+
+
+_PHASE: Final = {phase: number for number, phase in enumerate(Phase)}
+_MODE: Final = {mode: number for number, mode in enumerate(Mode)}
+_SHOW: Final = {phase: number for number, phase in enumerate(ShowPhase)}
+
+
+def encode(view: FleetView, frame: ShowFrame, *, revision: int, alive: bool) -> bytes:
+    """One state, `HEADER.itemsize` + 67 bytes a vehicle long.
+
+    Args:
+        view: the state.
+        frame: of the show.
+        revision: of the status that it belongs to.
+        alive: whether control is, judged by the clock now.
+    """
+    rows = view.rows
+    n = len(rows.ids)
+    floats_at = HEADER.itemsize
+    bytes_at = floats_at + 4 * len(FLOATS) * n
+    data = bytearray(bytes_at + len(BYTES) * n)
+    _fill_header(np.frombuffer(data, HEADER, 1), view, revision=revision, alive=alive)
+    _fill_floats(np.frombuffer(data, "<f4", len(FLOATS) * n, floats_at).reshape(-1, n), rows, frame)
+    _fill_bytes(np.frombuffer(data, np.uint8, len(BYTES) * n, bytes_at).reshape(-1, n), rows)
+    return bytes(data)
+
+
+def _fill_header(header: NDArray[np.void], view: FleetView, *, revision: int, alive: bool) -> None:
+    x_m, y_m, z_m = (np.nan,) * 3 if view.center_m is None else view.center_m
+    tick, selected = view.tick, view.selected
+    header[0] = (
+        VERSION,
+        alive,
+        view.center_m is not None,
+        _SHOW[view.show],
+        len(view.rows.ids),
+        *(count % 2**32 for count in (revision, tick.count)),
+        view.time_s,
+        view.unix_time_s,
+        *(count % 2**32 for count in (tick.missed, view.setpoints_sent, view.interventions)),
+        *(x_m, y_m, 0.0 - z_m, *view.target_m),
+        _or_nan(view.radius_m),
+        _or_nan(view.minimum_separation_m),
+        *(tick.rate_hz, tick.duration_p50_ms, tick.duration_p99_ms, tick.lateness_p99_ms),
+        np.nan if selected is None else selected.clock_s,
+        _or_nan(view.countdown_s),
+    )
+
+
+def _or_nan(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def _fill_floats(table: NDArray[np.float32], rows: VehicleRows, frame: ShowFrame) -> None:
+    table[0:3] = (rows.position_m * UPWARDS).T
+    table[3:6] = (rows.velocity_m_s * UPWARDS).T
+    table[6] = (np.degrees(rows.yaw_rad) + frame.heading_deg) % 360.0
+    table[7:10] = (rows.setpoint_m_s * UPWARDS).T
+    table[10] = rows.battery_remaining
+    table[11] = rows.position_age_s
+    table[12] = rows.heartbeat_age_s
+    table[13] = rows.uncertainty_m
+    table[14] = rows.link_quality
+    table[6][table[6] == 360.0] = 0.0  # a hair below it is rounded up
+    table += 0.0  # no -0
+    table[~np.isfinite(table)] = np.nan
+
+
+def _fill_bytes(table: NDArray[np.uint8], rows: VehicleRows) -> None:
+    def given(values: Sequence[object]) -> NDArray[np.bool_]:
+        return np.fromiter(map(bool, values), np.bool_, len(rows.ids))
+
+    table[0] = [_PHASE[phase] for phase in rows.phases]
+    table[1] = [_MODE[mode] for mode in rows.modes]
+    table[2] = rows.landed
+    table[3] = (
+        ARMED * given(rows.armed)
+        + READY * given(rows.ready)
+        + RESTRAINED * given(rows.restrained_by)
+        + COMMANDED * np.isfinite(rows.setpoint_m_s).all(axis=1)
+        + LIT * rows.lit
+    )
+    table[4:7] = np.where(rows.lit, rows.colour.T, 0)

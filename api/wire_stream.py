@@ -1,0 +1,112 @@
+"""JSON names of what the stream of the console tells beside its frames: what changes seldom."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from api.wire import (
+    Formation,
+    Obstacle,
+    Orbit,
+    Origin,
+    Outward,
+    Show,
+    Target,
+    Yaw,
+)
+from api.wire_interrupted import Interrupted
+from api.wire_reactions import Reaction
+from api.wire_replay import Replay
+from gcs.access import Right
+from gcs.happenings import Severity
+
+
+class Access(Outward):
+    """Who calls, and what they may."""
+
+    who: str = Field(description="The token's name; `local` without any.", examples=["local"])
+    rights: list[Right] = Field(description="watch: read; emergency: also pause, land, kill; operate: all.")
+
+
+class CueTime(Outward):
+    """A cue as it is played: one in a loop comes several times."""
+
+    cue: str
+    at_s: float = Field(description="On the show's clock.")
+
+
+class Fence(Outward):
+    """Where vehicles may be: heights above the show's origin, distance from it over the ground."""
+
+    height_min_m: float = Field(description="For who flies in the formation.")
+    height_max_m: float
+    distance_max_m: float
+
+
+class Separation(Outward):
+    """How near two may come: semi-axes of the ellipsoid around one that no other's centre may be inside."""
+
+    horizontal_m: float
+    vertical_m: float = Field(description="Greater, for the air below a vehicle goes down.")
+    margin_m: float = Field(description="Kept on top of it sideways, and in proportion up and down.")
+
+
+class Home(Outward):
+    """Where a vehicle took off, in the show frame."""
+
+    x_m: float
+    y_m: float
+    height_m: float
+
+
+class Happening(Outward):
+    """Something that happened, as the service's log tells it."""
+
+    number: int = Field(description="Counts up since the service began.")
+    unix_time_s: float
+    severity: Severity
+    text: str
+    vehicle: str | None = Field(description="Whom it concerns; null: nobody in particular.")
+
+
+class StatusVehicle(Outward):
+    """Of one vehicle what changes seldom. Its place in the list is its place in the frames' columns."""
+
+    id: str
+    system_id: int
+    link: str
+    reason: str = Field(description="Why it is in its phase.")
+    restrained_by: str = Field(
+        description="What the safety filter holds it back for, empty when it does not."
+    )
+    home: Home | None = Field(description="null: it has not taken off.")
+    fix_type: Annotated[int, Field(ge=0, le=255)] | None = Field(
+        description="GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known."
+    )
+
+
+class Status(Outward):
+    """What changes seldom: the text messages of the console's stream."""
+
+    revision: int = Field(description="Counts up with every change; a frame names the one it belongs to.")
+    time_s: float = Field(description="The service's monotonic clock.")
+    unix_time_s: float
+    control_reason: str = Field(description="Why control is not alive, empty when it is.")
+    show: Show
+    timeline: list[CueTime] = Field(description="Of the selected show, loops written out.")
+    origin: Origin
+    formation: Formation
+    target: Target = Field(description="Where it was at `time_s`.")
+    orbit: Orbit
+    yaw: Yaw
+    obstacles: list[Obstacle] = Field(description="Where they were at `time_s`.")
+    fence: Fence
+    separation: Separation
+    interrupted: Interrupted | None = Field(description="A flight that was cut off, and is not settled.")
+    notices: list[str] = Field(description="What an operator should know now, in words.")
+    reactions: list[Reaction] = Field(description="What the service does by itself now.")
+    access: str = Field(description="Whether tokens are asked for, in words.")
+    restraints: list[str] = Field(description="What vehicles are held back for now, each once.")
+    replay: Replay | None = Field(description="null: this is no replay.")
+    events: list[Happening] = Field(description="The newest 100, the newest last.")
+    vehicles: list[StatusVehicle]

@@ -1,0 +1,17 @@
+"""What nobody may pass, of the settings that say so, for people and programs."""
+
+from gcs.safety.filter import SafetySettings
+from gcs.service import Bounds
+
+
+def bounds(safety: SafetySettings) -> Bounds:
+    """Fence and floor."""
+    fence, floor = safety.fence, safety.floor
+    return Bounds(
+        fence.height_min_m,
+        fence.height_max_m,
+        fence.distance_max_m,
+        floor.horizontal_m,
+        floor.vertical_m,
+        floor.margin_m,
+    )

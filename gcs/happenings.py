@@ -1,0 +1,100 @@
+"""What happened last, in words: the newest lines of the service's own log."""
+
+import logging
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import count
+from typing import Final
+
+from gcs.state import VehicleId
+
+KEPT: Final = 100
+
+_PLAIN: Final = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "vehicle"}
+
+
+class Severity(StrEnum):
+    """How much it matters."""
+
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """Something that happened."""
+
+    number: int  # counts up
+    unix_time_s: float
+    severity: Severity
+    text: str
+    vehicle: VehicleId | None  # whom it concerns; None: nobody in particular
+
+
+def vehicle_of(record: logging.LogRecord) -> VehicleId | None:
+    """Whom a line of the log is about."""
+    vehicle = getattr(record, "vehicle", None)
+    return None if vehicle is None else str(vehicle)
+
+
+def details(record: logging.LogRecord) -> dict[str, object]:
+    """What a line of the log says besides."""
+    return {key: value for key, value in vars(record).items() if key not in _PLAIN}
+
+
+def told(event: str, said: Mapping[str, object]) -> str:
+    """An event of the log in words."""
+    phase = said.get("phase")
+    if event in {"vehicle_phase", "show_phase"}:
+        what = f"{phase}" if event == "vehicle_phase" else f"show {phase}"
+        return f"{what}: {said.get('reason', '')}"
+    words = [f"{name.replace('_', ' ')} {value}" for name, value in said.items() if name not in _WHY]
+    why = [str(said[name]) for name in _WHY if name in said]
+    parts = (event.replace("_", " "), ", ".join(words), "; ".join(why))
+    return ": ".join(filter(None, parts))
+
+
+_WHY: Final = ("reason", "cause")
+
+
+def severity(level: str) -> Severity:
+    """Of a level of the log, by its name."""
+    return {"info": Severity.INFO, "warning": Severity.WARNING}.get(level, Severity.ERROR)
+
+
+class Happenings(logging.Handler):
+    """The newest lines of the log. Heard on any thread, read on the loop."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self._kept: deque[Happening] = deque(maxlen=KEPT)
+        self._numbers = count(1)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep one."""
+        text = told(record.getMessage(), details(record))
+        how = severity(record.levelname.lower())
+        self._kept.append(Happening(next(self._numbers), record.created, how, text, vehicle_of(record)))
+
+    def newest(self) -> tuple[Happening, ...]:
+        """The newest last."""
+        return tuple(self._kept)
+
+
+@contextmanager
+def heard(handler: logging.Handler) -> Iterator[None]:
+    """Have a handler hear what the service's loggers say, informations too, until the block ends."""
+    logger = logging.getLogger("gcs")
+    level = logger.level
+    logger.addHandler(handler)
+    if logger.getEffectiveLevel() > logging.INFO:
+        logger.setLevel(logging.INFO)  # what is shown is the other handlers' business
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)

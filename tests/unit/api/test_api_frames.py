@@ -1,0 +1,108 @@
+"""One state as bytes, read back by the document that tells how (docs/stream.md)."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from api_fake_service import FRAME, FakeService
+from numpy.typing import NDArray
+
+from api import frames
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.service import SelectedShow
+from gcs.state import Mode
+
+DOCUMENT = (Path(__file__).parents[3] / "docs" / "stream.md").read_text(encoding="utf-8")
+
+
+def decoded(data: bytes) -> tuple[Any, dict[str, NDArray[Any]]]:
+    """As docs/stream.md says."""
+    header = np.frombuffer(data, frames.HEADER, 1)[0]
+    n = int(header["n"])
+    assert len(data) == 128 + 67 * n
+    floats = np.frombuffer(data, "<f4", 15 * n, 128).reshape(15, n)
+    small = np.frombuffer(data, np.uint8, 7 * n, 128 + 60 * n).reshape(7, n)
+    return header, dict(zip(frames.FLOATS, floats, strict=True)) | dict(zip(frames.BYTES, small, strict=True))
+
+
+def encoded(service: FakeService, **changes: Any) -> tuple[Any, dict[str, NDArray[Any]]]:
+    view = replace(service.view.value, **changes)
+    return decoded(frames.encode(view, FRAME, revision=7, alive=True))
+
+
+def test_a_frame_tells_what_the_fleet_answers() -> None:
+    service = FakeService()
+    service.fly()
+    service.phases["d3"] = Phase.LOST
+    service.tick()
+    header, columns = encoded(service, countdown_s=3.5)
+    view = service.view.value
+    assert (header["version"], header["control_alive"], header["n"], header["revision"]) == (1, 1, 3, 7)
+    assert list(ShowPhase)[header["show"]] is ShowPhase.RUNNING
+    assert (header["time_s"], header["unix_time_s"]) == (view.time_s, view.unix_time_s)
+    assert (header["center_x_m"], header["center_y_m"], header["center_height_m"]) == (1.0, 2.0, 20.0)
+    assert (header["radius_m"], header["minimum_separation_m"], header["countdown_s"]) == (9.0, 5.0, 3.5)
+    assert np.isnan(header["clock_s"])
+    assert (header["tick_count"], header["interventions"]) == (view.tick.count, 7)
+    for row, vehicle in enumerate(view.vehicles):
+        assert list(Phase)[columns["phase"][row]] is vehicle.phase
+        assert list(Mode)[columns["mode"][row]] is vehicle.mode
+        assert columns["landed"][row] == vehicle.landed
+        place_m = [columns[name][row] for name in ("x_m", "y_m", "height_m")]
+        if vehicle.position_m is None:
+            assert np.isnan(place_m).all()
+        else:
+            x_m, y_m, z_m = vehicle.position_m
+            assert place_m == pytest.approx([x_m, y_m, -z_m])
+    assert columns["heading_deg"][:2].tolist() == [90.0, 90.0]
+    assert columns["vup_m_s"][0] == pytest.approx(-0.3)
+    assert columns["setpoint_up_m_s"][0] == 1.0
+    assert np.isnan(columns["setpoint_up_m_s"][2])
+    assert columns["heartbeat_age_s"][:2].tolist() == pytest.approx([np.nan, np.nan], nan_ok=True)
+    assert columns["flags"].tolist() == [
+        frames.ARMED | frames.READY | frames.RESTRAINED | frames.COMMANDED | frames.LIT,
+        frames.ARMED | frames.READY | frames.COMMANDED | frames.LIT,
+        0,
+    ]
+    colours = np.stack([columns[name] for name in ("red", "green", "blue")], axis=1)
+    assert colours.tolist() == [[255, 128, 0], [255, 128, 0], [0, 0, 0]]
+
+
+def test_what_is_not_there_is_not_made_up() -> None:
+    header, columns = encoded(FakeService())
+    assert header["has_center"] == 0
+    for name in ("center_x_m", "center_height_m", "radius_m", "minimum_separation_m", "countdown_s"):
+        assert np.isnan(header[name]), name
+    assert columns["red"].tolist() == [0, 0, 0]
+
+
+def test_counters_that_are_too_long_go_round_and_a_heading_stays_below_360() -> None:
+    service = FakeService()
+    view = service.view.value
+    rows = replace(view.rows, yaw_rad=np.radians([-90.0 - 1e-9, 270.0, 0.0]))
+    clock = SelectedShow("s", "ab", "c", ("c",), 12.25, 60.0, runs=True, target_is_live=False)
+    header, columns = encoded(service, rows=rows, setpoints_sent=2**32 + 5, selected=clock)
+    assert header["setpoints_sent"] == 5
+    assert header["clock_s"] == 12.25
+    assert columns["heading_deg"].tolist() == [0.0, 0.0, 90.0]
+
+
+def test_the_document_tells_the_bytes_as_they_are() -> None:
+    fields = frames.HEADER.fields
+    assert fields is not None
+    told = {
+        int(at)
+        for row in re.findall(r"^\| ([\d, ]+) \| \w+ \|", DOCUMENT, re.MULTILINE)
+        for at in row.split(",")
+    }
+    assert told == {offset for _, offset, *_ in fields.values()}
+    for names in (frames.FLOATS, frames.BYTES):
+        places = [re.search(rf"\b{name}\b", DOCUMENT.partition("From byte 128 on")[2]) for name in names]
+        found = [place.start() for place in places if place is not None]
+        assert len(found) == len(names)
+        assert found == sorted(found)
+    for kinds in (Phase, Mode, ShowPhase):
+        assert ", ".join(f"{number} {kind.value}" for number, kind in enumerate(kinds)) in DOCUMENT

@@ -1,0 +1,240 @@
+"""The console's stream over real TCP: status and frames, who is slow, who is shown out."""
+
+import asyncio
+import json
+import socket
+import struct
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+import websockets
+from websockets.asyncio.client import ClientConnection, connect
+
+from api import frames
+from api.app import create_app
+from api.door import Door
+from api.server import serve
+from gcs.access import Role
+from gcs.plan import Formation
+from gcs.tokens import Tokens, create_token, revoke_token
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
+
+from api_fake_service import FakeService
+
+TICK_S = 0.02
+
+
+@asynccontextmanager
+async def served(service: FakeService, door: Door | None = None) -> AsyncIterator[int]:
+    """A server on a port of its own, and ticks as control makes them."""
+
+    async def tick() -> None:
+        while True:
+            service.tick()
+            await asyncio.sleep(TICK_S)
+
+    listening = asyncio.get_running_loop().create_future()
+    app = create_app(service, door=door)
+    tasks = [asyncio.create_task(serve(app, port=0, listening=listening)), asyncio.create_task(tick())]
+    try:
+        yield await asyncio.wait_for(listening, timeout=30)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def run(main: Callable[[FakeService, int], Awaitable[None]], count: int = 3) -> None:
+    async def both() -> None:
+        service = FakeService(count)
+        async with asyncio.timeout(60), served(service) as port:
+            await main(service, port)
+
+    asyncio.run(both())
+
+
+def console_of(port: int, query: str = "", **options: Any) -> connect:
+    return connect(f"ws://127.0.0.1:{port}/api/v1/stream/console{query}", **options)
+
+
+async def next_of(viewer: ClientConnection, kind: type) -> Any:
+    """The next status, or header of a frame."""
+    while True:
+        message = await asyncio.wait_for(viewer.recv(), timeout=30)
+        if isinstance(message, kind):
+            return json.loads(message) if isinstance(message, str) else header_of(message)
+
+
+async def until_closed(viewer: ClientConnection) -> None:
+    while True:
+        await asyncio.wait_for(viewer.recv(), timeout=30)
+
+
+def header_of(message: str | bytes) -> Any:
+    assert isinstance(message, bytes)
+    return np.frombuffer(message, frames.HEADER, 1)[0]
+
+
+def test_the_status_comes_first_then_frames_that_belong_to_it() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        service.fly()
+        service.happen("formation: offboard", "d1")
+        async with console_of(port, "?rate_hz=20") as viewer, httpx.AsyncClient() as http:
+            status = json.loads(await viewer.recv())
+            answered = (await http.get(f"http://127.0.0.1:{port}/api/v1/status")).json()
+            moving = {"time_s", "unix_time_s"}
+            assert {name: value for name, value in status.items() if name not in moving} == {
+                name: value for name, value in answered.items() if name not in moving
+            }
+            assert [each["id"] for each in status["vehicles"]] == ["d1", "d2", "d3"]
+            assert status["vehicles"][1]["home"] == {"x_m": 0.0, "y_m": 5.0, "height_m": 0.0}
+            assert status["fence"] == {"height_min_m": 3.0, "height_max_m": 100.0, "distance_max_m": 300.0}
+            assert status["restraints"] == ["separation from d9"]
+            assert [each["text"] for each in status["events"]] == ["formation: offboard"]
+            assert status["replay"] is None
+            seen = [header_of(await viewer.recv()) for _ in range(5)]
+        assert {int(each["revision"]) for each in seen} == {status["revision"]}
+        counts = [int(each["tick_count"]) for each in seen]
+        assert counts == sorted(set(counts))
+
+    run(main)
+
+
+def test_what_changes_is_told_again_with_the_next_revision_and_nothing_else_is() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        async with console_of(port, "?rate_hz=20") as viewer:
+            first = await next_of(viewer, str)
+            for _ in range(20):  # a second
+                assert isinstance(await viewer.recv(), bytes)
+            service.set_formation(Formation(12.0, 30.0))
+            second = await next_of(viewer, str)
+            frame = await next_of(viewer, bytes)
+        assert (first["formation"]["radius_m"], second["formation"]["radius_m"]) == (10.0, 12.0)
+        assert second["revision"] == first["revision"] + 1 == frame["revision"]
+
+    run(main)
+
+
+def test_a_frame_says_so_when_control_is_dead() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        async with console_of(port) as viewer:
+            while not (await next_of(viewer, bytes))["control_alive"]:
+                pass
+            service.control_alive = False
+            while (await next_of(viewer, bytes))["control_alive"]:
+                pass
+            assert "no tick" in (await next_of(viewer, str))["control_reason"]
+
+    run(main)
+
+
+def test_all_viewers_are_sent_the_same_bytes_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[bytes] = []
+    encode = frames.encode
+
+    def counted(*arguments: Any, **named: Any) -> bytes:
+        made.append(encode(*arguments, **named))
+        return made[-1]
+
+    monkeypatch.setattr(frames, "encode", counted)
+
+    async def main(_: FakeService, port: int) -> None:
+        async with asyncio.TaskGroup() as group:
+            watching = [group.create_task(watch(port)) for _ in range(5)]
+        seen = [message for each in watching for message in each.result()]
+        assert set(seen) <= set(made)
+        assert len(made) < len(seen) / 2
+
+    async def watch(port: int) -> list[bytes]:
+        async with console_of(port, "?rate_hz=20") as viewer:
+            got = [await viewer.recv() for _ in range(41)]
+        return [message for message in got if isinstance(message, bytes)]
+
+    run(main)
+
+
+def test_who_reads_nothing_delays_nobody_and_is_then_told_the_newest() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        narrow = socket.socket()
+        narrow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        narrow.connect(("127.0.0.1", port))
+        options = {"sock": narrow, "max_queue": 1, "compression": None}
+        async with (
+            console_of(port, "?rate_hz=20", **options) as slow,
+            console_of(port, "?rate_hz=20") as quick,
+        ):
+            seen = [int((await next_of(quick, bytes))["tick_count"]) for _ in range(60)]
+            missed = service.ticks
+            late = [int((await next_of(slow, bytes))["tick_count"]) for _ in range(12)]
+        assert max(np.diff(seen)) < 40
+        assert late == sorted(set(late))
+        assert max(np.diff(late)) > 20  # by leaving out, not by catching up
+        assert late[-1] >= missed
+
+    run(main, count=1000)
+
+
+@pytest.mark.parametrize("rate", ["0", "21", "nan", "fast"])
+def test_a_bad_rate_is_told(rate: str) -> None:
+    async def main(_: FakeService, port: int) -> None:
+        async with console_of(port, f"?rate_hz={rate}") as viewer:
+            with pytest.raises(websockets.ConnectionClosed):
+                await viewer.recv()
+            assert (viewer.close_code, viewer.close_reason) == (
+                1008,
+                f"rate_hz = {rate}: a number from 1 to 20",
+            )
+
+    run(main)
+
+
+def test_a_token_is_asked_for_and_one_that_is_revoked_ends_it(tmp_path: Path) -> None:
+    file = tmp_path / "tokens.json"
+    token = create_token(file, "screen", Role.WATCH)
+
+    async def main() -> None:
+        door = Door(Tokens(file))
+        async with asyncio.timeout(60), served(FakeService(), door) as port:
+            with pytest.raises(websockets.InvalidStatus) as refused:
+                await console_of(port)
+            assert refused.value.response.status_code == 401
+            offered = [websockets.Subprotocol("gcs.v1"), websockets.Subprotocol(f"bearer.{token}")]
+            async with console_of(port, subprotocols=offered) as viewer, httpx.AsyncClient() as http:
+                url, header = f"http://127.0.0.1:{port}/api/v1/access", {"Authorization": f"Bearer {token}"}
+                assert (await http.get(url)).status_code == 401
+                assert (await http.get(url, headers=header)).json() == {"who": "screen", "rights": ["watch"]}
+                await next_of(viewer, bytes)
+                revoke_token(file, "screen")
+                with pytest.raises(websockets.ConnectionClosed):
+                    await until_closed(viewer)
+                assert (viewer.close_code, viewer.close_reason) == (1008, "the token was revoked")
+
+    asyncio.run(main())
+
+
+def test_without_tokens_everybody_here_may_do_everything() -> None:
+    async def main(_: FakeService, port: int) -> None:
+        async with httpx.AsyncClient() as http:
+            told = (await http.get(f"http://127.0.0.1:{port}/api/v1/access")).json()
+        assert told == {"who": "local", "rights": ["emergency", "operate", "watch"]}
+
+    run(main)
+
+
+def test_a_viewer_that_is_cut_off_leaves_its_seat() -> None:
+    async def main(service: FakeService, port: int) -> None:
+        for _ in range(40):  # more than there are seats
+            viewer = await console_of(port)
+            await viewer.recv()
+            linger = struct.pack("ii", 1, 0)
+            viewer.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
+            viewer.transport.abort()
+
+    run(main)
