@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from http import HTTPStatus
+from pathlib import Path
 from typing import Final
 
 from fastapi import FastAPI
@@ -11,7 +12,18 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Match, Route
 
-from api import docs, kill_routes, metrics, preflight_routes, problem_docs, routes, show_routes, stream, wire
+from api import (
+    docs,
+    kill_routes,
+    metrics,
+    page,
+    preflight_routes,
+    problem_docs,
+    routes,
+    show_routes,
+    stream,
+    wire,
+)
 from api.audit import Audited
 from api.desk import Desk
 from api.door import Door
@@ -40,17 +52,23 @@ when the record has the order; with the header `X-Recorded: no` it does not, and
 
 
 def create_app(
-    service: Service, *, host_names: Sequence[str] = ("localhost",), door: Door | None = None
+    service: Service,
+    *,
+    host_names: Sequence[str] = ("localhost",),
+    door: Door | None = None,
+    console: Path = page.DIST,
 ) -> FastAPI:
-    """The REST API and the stream over one service.
+    """The REST API, the stream and the operator's page over one service.
 
     Args:
         service: the control side.
         host_names: by which a browser may call this service, besides its IP addresses.
         door: who may call; None: everybody on this machine, as often as they like.
+        console: the folder that the page was built into.
     """
     door = door or Door()
     app = routed()
+    app.include_router(page.routes(console))
     app.state.desk = Desk(service, door)
     app.add_middleware(Guard, names=host_names, door=door)
     app.add_middleware(Audited, audit=service.audit)  # the last added is the outermost
