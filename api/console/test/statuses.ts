@@ -15,9 +15,9 @@ export function status(change: Partial<Status> = {}): Status {
     },
     orbit: { radius_m: 15, speed_m_s: 2, direction: "counterclockwise" },
     yaw: { policy: "fixed", heading_deg: 0 },
-    obstacles: [], fence: null, separation: { floor_m: 2, vertical_factor: 2 },
+    obstacles: [], fence: { height_min_m: 2, height_max_m: 100, distance_max_m: 200 }, separation: { horizontal_m: 3, vertical_m: 6, margin_m: 1 },
     interrupted: null, notices: [], reactions: [], access: "off", restraints: [], replay: null, events: [],
-    vehicles: [{ id: "d1", system_id: 1, link: "d1", reason: "", restrained_by: "", home: null }],
+    vehicles: [{ id: "d1", system_id: 1, link: "d1", reason: "", restrained_by: "", home: null, fix_type: 3 }],
     ...change,
   };
 }

@@ -80,7 +80,7 @@ function rowView(state: State, actions: DeskActions, row: Row, position: number)
     <td>${row.mode}</td>
     <td class="number ${low ? "low" : ""}">${low ? icon("warning") : nothing}${percent(row.battery)}</td>
     <td class="number age">${fixed(row.age_s)}</td>
-    <td class="number">${fixed(row.fix_m)}</td>
+    <td class="number">${row.fix} ${fixed(row.fix_m)}</td>
     <td class="number">${fixed(row.nearest_m)}</td>
     <td class="number">${percent(row.link)}</td>
     <td class="number">${fixed(row.height_m)}</td>

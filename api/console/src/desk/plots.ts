@@ -23,7 +23,7 @@ interface Curve {
 const NONE = (): number => NaN;
 
 const CURVES: readonly Curve[] = [
-  { id: "separation", title: t.separation, unit: "m", digits: 1, values: (h) => h.minimumSeparation_m, floor: (s) => s.status?.separation.floor_m ?? NaN },
+  { id: "separation", title: t.separation, unit: "m", digits: 1, values: (h) => h.minimumSeparation_m, floor: (s) => s.status?.separation.horizontal_m ?? NaN },
   { id: "radius", title: t.radius, unit: "m", digits: 2, values: (h) => h.radiusError_m, floor: NONE },
   { id: "energy", title: t.energy, unit: "", digits: 3, values: (h) => h.energy, floor: NONE },
   { id: "tick", title: t.tick, unit: "ms", digits: 1, values: (h) => h.tick_p99_ms, floor: NONE },
@@ -60,7 +60,7 @@ class Plot extends AsyncDirective {
     this.night = state.view.night;
     const data = columns(state.history, curve.values(state.history), curve.floor(state)) as uPlot.AlignedData;
     const width = element.clientWidth || 320;
-    this.plot ??= new uPlot(options(curve, width, getComputedStyle(element)), data, element);
+    this.plot ??= new uPlot(options(width, getComputedStyle(element)), data, element);
     if (this.plot.width !== width) this.plot.setSize({ width, height: HEIGHT_PX });
     this.plot.setData(data);
     return noChange;
@@ -75,7 +75,7 @@ class Plot extends AsyncDirective {
 
 const plot = directive(Plot);
 
-function options(curve: Curve, width: number, look: CSSStyleDeclaration): uPlot.Options {
+function options(width: number, look: CSSStyleDeclaration): uPlot.Options {
   const colour = (name: string): string => look.getPropertyValue(name).trim();
   const axis = { stroke: colour("--text-dim"), grid: { stroke: colour("--line"), width: 1 }, ticks: { show: false }, font: "11px system-ui" };
   return {

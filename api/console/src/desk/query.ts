@@ -26,6 +26,7 @@ const WORDS: Record<string, (row: Row) => string> = {
   id: (row) => row.id,
   phase: (row) => row.phase,
   mode: (row) => row.mode,
+  fix: (row) => row.fix.toLowerCase(),
 };
 
 const FLAGS: Record<string, Test> = {
@@ -35,7 +36,7 @@ const FLAGS: Record<string, Test> = {
   stale: isStale,
 };
 
-export const FIELDS = [...Object.keys(WORDS), ...Object.keys(NUMBERS)];
+export const FIELDS = [...new Set([...Object.keys(WORDS), ...Object.keys(NUMBERS)])];
 
 /** Raises: Error with words for the operator. */
 function term(text: string): Test {

@@ -1,17 +1,19 @@
 /** The fleet as rows of a table: what is shown, in which order, and which of it is on the screen. Pure. */
 
 import type { Frame, Phase, Status } from "../state";
-import { MODES, PHASES } from "../state";
+import { MODES, PHASES, type Mode } from "../state";
+import { texts } from "../texts";
 
 export interface Row {
   index: number; // of the vehicle in status and frame
   id: string;
   phase: Phase;
-  mode: string;
+  mode: Mode;
   height_m: number;
   battery: number; // 0 to 1, as everything here NaN where it is not known
   age_s: number; // of the position
   link: number; // share of positions that arrive
+  fix: string; // GPS_FIX_TYPE in words
   fix_m: number; // how far off the position may be
   nearest_m: number; // distance to the nearest other one in the air
   armed: boolean;
@@ -42,6 +44,7 @@ export function rowOf(status: Status, frame: Frame, nearest_m: ArrayLike<number>
     battery: frame.battery[index]!,
     age_s: frame.position_age_s[index]!,
     link: frame.link_quality[index]!,
+    fix: vehicle.fix_type === null ? "" : (texts.fixes[vehicle.fix_type] ?? String(vehicle.fix_type)),
     fix_m: frame.uncertainty_m[index]!,
     nearest_m: nearest_m[index] ?? NaN,
     armed: (flags & 1) !== 0,

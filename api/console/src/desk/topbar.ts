@@ -69,7 +69,7 @@ function gauges(state: State): TemplateResult {
   const { frame, status } = state;
   const countdown_s = frame?.countdown_s ?? NaN;
   const airborne = frame ? inTheAir(frame.phase) : NaN;
-  const floor_m = status?.separation?.floor_m;
+  const floor_m = status?.separation.horizontal_m;
   return html`<div class="gauges">
     ${Number.isFinite(countdown_s)
       ? html`<div class="gauge countdown" data-testid="countdown">

@@ -49,7 +49,7 @@ function facts(state: State, row: Row): TemplateResult {
     ${pair("nearest", withUnit(row.nearest_m, "m"))}
     ${pair("home", place2(vehicle.home?.x_m, vehicle.home?.y_m))}
     ${pair("battery", percent(row.battery))}
-    ${pair("fix", withUnit(row.fix_m, "m"))}
+    ${pair("fix", `${row.fix || UNKNOWN}, ${withUnit(row.fix_m, "m")}`)}
     ${pair("age", seconds(row.age_s))}
     ${pair("heartbeat", seconds(frame.heartbeat_age_s[i]))}
     ${pair("quality", percent(row.link))}

@@ -4,6 +4,26 @@
  */
 
 export interface paths {
+    "/api/v1/access": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Who am I, and what may I do?
+         * @description The name of the token that came along, and its rights.
+         */
+        get: operations["get_access"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/fleet": {
         parameters: {
             query?: never;
@@ -516,6 +536,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/status": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * What changes seldom, for who draws
+         * @description What the console's stream tells beside its frames; see docs/stream.md.
+         */
+        get: operations["get_status"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/target": {
         parameters: {
             query?: never;
@@ -829,6 +869,23 @@ export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
         /**
+         * Access
+         * @description Who calls, and what they may.
+         */
+        Access: {
+            /**
+             * Rights
+             * @description watch: read; emergency: also pause, land, kill; operate: all.
+             */
+            rights: components["schemas"]["Right"][];
+            /**
+             * Who
+             * @description The token's name; `local` without any.
+             * @example local
+             */
+            who: string;
+        };
+        /**
          * Action
          * @description What is done: with the vehicles concerned, or with the whole show.
          * @enum {string}
@@ -939,6 +996,19 @@ export interface components {
             speed_m_s: number | null;
         };
         /**
+         * CueTime
+         * @description A cue as it is played: one in a loop comes several times.
+         */
+        CueTime: {
+            /**
+             * At S
+             * @description On the show's clock.
+             */
+            at_s: number;
+            /** Cue */
+            cue: string;
+        };
+        /**
          * Direction
          * @description Sense of the orbit, seen from above.
          * @enum {string}
@@ -972,6 +1042,21 @@ export interface components {
              * @example a propeller is cracked
              */
             reason: string;
+        };
+        /**
+         * Fence
+         * @description Where vehicles may be: heights above the show's origin, distance from it over the ground.
+         */
+        Fence: {
+            /** Distance Max M */
+            distance_max_m: number;
+            /** Height Max M */
+            height_max_m: number;
+            /**
+             * Height Min M
+             * @description For who flies in the formation.
+             */
+            height_min_m: number;
         };
         /**
          * Fleet
@@ -1096,6 +1181,27 @@ export interface components {
             velocity_north_m_s: number;
         };
         /**
+         * Happening
+         * @description Something that happened, as the service's log tells it.
+         */
+        Happening: {
+            /**
+             * Number
+             * @description Counts up since the service began.
+             */
+            number: number;
+            severity: components["schemas"]["Severity"];
+            /** Text */
+            text: string;
+            /** Unix Time S */
+            unix_time_s: number;
+            /**
+             * Vehicle
+             * @description Whom it concerns; null: nobody in particular.
+             */
+            vehicle: string | null;
+        };
+        /**
          * Health
          * @description The control loop runs and its newest state is fresh.
          */
@@ -1120,6 +1226,18 @@ export interface components {
              * @description Since the newest state was made.
              */
             view_age_s: number;
+        };
+        /**
+         * Home
+         * @description Where a vehicle took off, in the show frame.
+         */
+        Home: {
+            /** Height M */
+            height_m: number;
+            /** X M */
+            x_m: number;
+            /** Y M */
+            y_m: number;
         };
         /**
          * Interrupted
@@ -1562,6 +1680,44 @@ export interface components {
             waits: boolean;
         };
         /**
+         * Replay
+         * @description A recorded flight that is played as if live.
+         */
+        Replay: {
+            /**
+             * Began Unix Time S
+             * @description Of the first recorded state; a state's own tells where it is.
+             */
+            began_unix_time_s: number;
+            /** Duration S */
+            duration_s: number;
+            /**
+             * Ended
+             * @description The last recorded state is shown.
+             */
+            ended: boolean;
+            /** File */
+            file: string;
+            /** Paused */
+            paused: boolean;
+            /**
+             * Position S
+             * @description Since the first recorded state, at this state.
+             */
+            position_s: number;
+            /**
+             * Speed
+             * @description Times as fast as it was flown.
+             */
+            speed: number;
+        };
+        /**
+         * Right
+         * @description What a call needs.
+         * @enum {string}
+         */
+        Right: "watch" | "operate" | "emergency";
+        /**
          * SeekBody
          * @description Where the show begins.
          */
@@ -1618,6 +1774,30 @@ export interface components {
              */
             target_is_live: boolean;
         };
+        /**
+         * Separation
+         * @description How near two may come: semi-axes of the ellipsoid around one that no other's centre may be inside.
+         */
+        Separation: {
+            /** Horizontal M */
+            horizontal_m: number;
+            /**
+             * Margin M
+             * @description Kept on top of it sideways, and in proportion up and down.
+             */
+            margin_m: number;
+            /**
+             * Vertical M
+             * @description Greater, for the air below a vehicle goes down.
+             */
+            vertical_m: number;
+        };
+        /**
+         * Severity
+         * @description How much it matters.
+         * @enum {string}
+         */
+        Severity: "info" | "warning" | "error";
         /**
          * Show
          * @description Where the show stands, and what may be asked of it now.
@@ -1807,6 +1987,108 @@ export interface components {
          * @enum {string}
          */
         State: "pass" | "fail" | "unknown";
+        /**
+         * Status
+         * @description What changes seldom: the text messages of the console's stream.
+         */
+        Status: {
+            /**
+             * Access
+             * @description Whether tokens are asked for, in words.
+             */
+            access: string;
+            /**
+             * Control Reason
+             * @description Why control is not alive, empty when it is.
+             */
+            control_reason: string;
+            /**
+             * Events
+             * @description The newest 100, the newest last.
+             */
+            events: components["schemas"]["Happening"][];
+            fence: components["schemas"]["Fence"];
+            formation: components["schemas"]["Formation"];
+            /** @description A flight that was cut off, and is not settled. */
+            interrupted: components["schemas"]["Interrupted"] | null;
+            /**
+             * Notices
+             * @description What an operator should know now, in words.
+             */
+            notices: string[];
+            /**
+             * Obstacles
+             * @description Where they were at `time_s`.
+             */
+            obstacles: components["schemas"]["Obstacle"][];
+            orbit: components["schemas"]["Orbit"];
+            origin: components["schemas"]["Origin"];
+            /**
+             * Reactions
+             * @description What the service does by itself now.
+             */
+            reactions: components["schemas"]["Reaction"][];
+            /** @description null: this is no replay. */
+            replay: components["schemas"]["Replay"] | null;
+            /**
+             * Restraints
+             * @description What vehicles are held back for now, each once.
+             */
+            restraints: string[];
+            /**
+             * Revision
+             * @description Counts up with every change; a frame names the one it belongs to.
+             */
+            revision: number;
+            separation: components["schemas"]["Separation"];
+            show: components["schemas"]["Show"];
+            /** @description Where it was at `time_s`. */
+            target: components["schemas"]["Target"];
+            /**
+             * Time S
+             * @description The service's monotonic clock.
+             */
+            time_s: number;
+            /**
+             * Timeline
+             * @description Of the selected show, loops written out.
+             */
+            timeline: components["schemas"]["CueTime"][];
+            /** Unix Time S */
+            unix_time_s: number;
+            /** Vehicles */
+            vehicles: components["schemas"]["StatusVehicle"][];
+            yaw: components["schemas"]["Yaw"];
+        };
+        /**
+         * StatusVehicle
+         * @description Of one vehicle what changes seldom. Its place in the list is its place in the frames' columns.
+         */
+        StatusVehicle: {
+            /**
+             * Fix Type
+             * @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known.
+             */
+            fix_type: number | null;
+            /** @description null: it has not taken off. */
+            home: components["schemas"]["Home"] | null;
+            /** Id */
+            id: string;
+            /** Link */
+            link: string;
+            /**
+             * Reason
+             * @description Why it is in its phase.
+             */
+            reason: string;
+            /**
+             * Restrained By
+             * @description What the safety filter holds it back for, empty when it does not.
+             */
+            restrained_by: string;
+            /** System Id */
+            system_id: number;
+        };
         /**
          * StoredShow
          * @description A show file that the service keeps.
@@ -2012,6 +2294,62 @@ export interface components {
 }
 export type $defs = Record<string, never>;
 export interface operations {
+    get_access: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Access"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to come again. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
     get_fleet: {
         parameters: {
             query?: never;
@@ -5135,6 +5473,62 @@ export interface operations {
             };
             /** @description Control is not alive; `detail` says why. */
             503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    get_status: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Status"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to come again. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
