@@ -1,27 +1,70 @@
-// Keys, besides Tab and Enter, which reach every button. What takes something from a flight takes no single key.
+// Carries out what a key means; `desk/keys.ts` says what that is.
 
-import type { Actions } from "./actions";
-import type { Camera, State } from "./state";
+import { command } from "./desk/keys";
+import type { DeskActions } from "./desk/actions";
+import { pressBig } from "./desk/flight";
+import { whyNotGhost } from "./desk/ghost";
+import { jumped_s } from "./replay/bar";
+import type { State } from "./state";
+import { texts } from "./texts";
 
-const CAMERAS: Readonly<Record<string, Camera>> = { "1": "orbit", "2": "top", "3": "side", "4": "follow" };
-
-/** Pause and come home need one key; land now and kill need their buttons. */
-export function onKey(event: KeyboardEvent, state: State, actions: Actions): void {
-  if (event.ctrlKey || event.altKey || event.metaKey || event.defaultPrevented) return;
+export function onKey(event: KeyboardEvent, state: State, actions: DeskActions): void {
   const where = event.target instanceof Element ? event.target : null;
-  if (state.ghost !== null && event.key === "Escape") return actions.cancelGhost();
-  if (where?.closest("input, select, textarea, dialog")) return;
-  if (state.ghost !== null && event.key === "Enter" && !where?.closest("button, a, summary")) return void actions.confirmGhost();
-  const camera = CAMERAS[event.key];
-  if (camera !== undefined) return actions.dispatch({ kind: "view", change: { camera } });
-  switch (event.key) {
-    case "p":
-      return void actions.show("pause");
-    case "n":
-      return actions.dispatch({ kind: "view", change: { night: !state.view.night } });
-    case "?":
-      return actions.dispatch({ kind: "view", change: { dialog: { kind: "help" } } });
-    case "Escape":
-      return actions.dispatch({ kind: "view", change: { dialog: null, selected: null } });
+  const meant = event.defaultPrevented
+    ? null
+    : command({
+        key: event.key,
+        shift: event.shiftKey,
+        other: event.ctrlKey || event.altKey || event.metaKey,
+        typing: where?.matches("input:not([type=range]), textarea, select") ?? false,
+        onControl: where?.matches("button, a, summary, input, [role=region]") ?? false,
+      });
+  if (meant === null || (event.repeat && meant.kind !== "jump")) return;
+  const replay = state.status?.replay;
+  switch (meant.kind) {
+    case "flight":
+      if (state.connection.kind !== "denied" && !replay) pressBig(state, actions, meant.action);
+      break;
+    case "camera":
+      actions.view({ camera: meant.camera });
+      break;
+    case "panel":
+      actions.togglePanel(meant.panel);
+      break;
+    case "night":
+      actions.view({ night: !state.view.night });
+      break;
+    case "help":
+      actions.sheet("help");
+      break;
+    case "filter":
+      actions.openPanel("fleet");
+      requestAnimationFrame(() => document.querySelector<HTMLElement>('[data-testid="filter"]')?.focus());
+      break;
+    case "confirm":
+      if (state.ghost === null) return;
+      if (whyNotGhost(state) === "") actions.confirmGhost();
+      else actions.refuse(texts.ghost.confirm, whyNotGhost(state));
+      break;
+    case "close":
+      close(state, actions);
+      break;
+    case "play":
+      if (!replay) return;
+      actions.replay({ paused: !replay.paused });
+      break;
+    case "jump":
+      if (!replay) return;
+      actions.replay({ position_s: jumped_s(state, meant.by_s) });
   }
+  event.preventDefault();
+}
+
+/** One thing at a time, the foremost first. */
+function close(state: State, actions: DeskActions): void {
+  if (state.ghost !== null) actions.cancelGhost();
+  else if (state.desk.sheet !== null) actions.sheet(null);
+  else if (state.desk.editing !== null) actions.edit(null);
+  else if (state.desk.excluding !== null) actions.set({ excluding: null });
+  else if (state.view.selected !== null) actions.view({ selected: null });
 }

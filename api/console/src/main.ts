@@ -1,11 +1,16 @@
 // Composition: the one state, who changes it, and the one loop that draws it.
 
 import "./styles/tokens.css";
+import "./styles/desk.css";
+import "./styles/controls.css";
+import "./styles/panels.css";
 
 import { render } from "lit-html";
 
-import { createActions, type Session } from "./actions";
+import { createActions } from "./actions";
+import { createDeskActions } from "./desk/actions";
 import { desk } from "./desk/index";
+import { createReader } from "./desk/reading";
 import { onKey } from "./keyboard";
 import { createScene } from "./scene/index";
 import { initial, type State } from "./state";
@@ -15,6 +20,10 @@ import { openStream } from "./wire/stream";
 
 /** The desk's own pace; what a person does is shown at once. */
 const DESK_MS = 100;
+/** How often it is looked what has to be asked for. */
+const READ_MS = 500;
+/** With less the scene would have no room between two panels. */
+const NARROW_PX = 1200;
 const TOKEN = "token";
 const LOOK = "look";
 
@@ -39,17 +48,10 @@ const byHand = (message: Message): void => {
 const token = (): string => sessionStorage.getItem(TOKEN) ?? "";
 const stream = openStream(token, dispatch);
 
-const session: Session = {
-  token,
-  login(text) {
-    sessionStorage.setItem(TOKEN, text.trim());
-    stream.restart();
-  },
-  logout() {
-    sessionStorage.removeItem(TOKEN);
-    stream.restart();
-  },
-};
+function login(text: string): void {
+  sessionStorage.setItem(TOKEN, text);
+  stream.restart();
+}
 
 /** The newest, with what is waiting to be shown. */
 function newest(): State {
@@ -59,10 +61,11 @@ function newest(): State {
   return state;
 }
 
-const actions = createActions(createApi(token), session, byHand, newest);
+const service = createActions(createApi(token), byHand, newest);
+const actions = createDeskActions(service, byHand, newest, login);
 const scene = createScene(canvas, {
   ghost: (ghost) => byHand({ kind: "ghost", ghost }),
-  select: (selected) => byHand({ kind: "view", change: { selected } }),
+  select: (id) => actions.select(id),
 });
 
 function onFrame(now_ms: number): void {
@@ -83,5 +86,8 @@ function onFrame(now_ms: number): void {
 const fit = (): void => scene.resize(innerWidth, innerHeight, devicePixelRatio);
 addEventListener("resize", fit);
 addEventListener("keydown", (event) => onKey(event, newest(), actions));
+const read = createReader(service);
+setInterval(() => read(newest()), READ_MS);
+if (innerWidth < NARROW_PX) dispatch({ kind: "desk", change: { left: null } });
 fit();
 requestAnimationFrame(onFrame);

@@ -1,5 +1,6 @@
 // The page's one state. Everything that is shown follows from it; `update` alone makes the next one.
 
+import { initialDesk, type DeskState } from "./desk/state";
 import type { components } from "./wire/schema";
 
 type Schemas = components["schemas"];
@@ -140,24 +141,11 @@ export interface Toast {
 }
 
 export type Camera = "orbit" | "top" | "side" | "follow";
-export type Panel = "fleet" | "preflight" | "events" | "plots" | "show" | "vehicle" | "certificate";
-export type SortKey = "id" | "phase" | "mode" | "battery" | "link" | "fix" | "nearest" | "restrained";
-export type Dialog =
-  | { kind: "login"; reason: string }
-  | { kind: "help" }
-  | { kind: "confirm-start" }
-  | { kind: "obstacle" }
-  | null;
-
 export interface View {
   camera: Camera;
   night: boolean;
   /** Vehicle. */
   selected: string | null;
-  panel: Panel;
-  sort: { by: SortKey; descending: boolean };
-  filter: string;
-  dialog: Dialog;
 }
 
 export interface Kill {
@@ -178,9 +166,6 @@ export interface State {
   history: History;
   orders: readonly Order[];
   preflight: PreflightReport | null;
-  shows: readonly StoredShow[];
-  /** Of the show that was checked last. */
-  check: ShowCheck | null;
   /** The certificate of the record that is replayed, as JSON. */
   certificate: Readonly<Record<string, unknown>> | null;
   toasts: readonly Toast[];
@@ -188,6 +173,8 @@ export interface State {
   view: View;
   ghost: Ghost | null;
   kill: Kill | null;
+  /** What the desk alone remembers. */
+  desk: DeskState;
 }
 
 /** Without a frame for so long, nothing that is shown is fresh. */
@@ -215,8 +202,6 @@ export function initial(now_ms: number): State {
     history: NO_HISTORY,
     orders: [],
     preflight: null,
-    shows: [],
-    check: null,
     certificate: null,
     toasts: [],
     toastsMade: 0,
@@ -224,13 +209,10 @@ export function initial(now_ms: number): State {
       camera: "orbit",
       night: true,
       selected: null,
-      panel: "fleet",
-      sort: { by: "id", descending: false },
-      filter: "",
-      dialog: null,
     },
     ghost: null,
     kill: null,
+    desk: initialDesk(),
   };
 }
 

@@ -1,5 +1,6 @@
 // The one way from a state to the next. Pure: no clock, no network, no document.
 
+import { updateDesk, type DeskMessage } from "./desk/update";
 import { energy, radiusError_m } from "./formation";
 import {
   HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Access, type Connection, type Frame, type Ghost, type History, type KillArmed,
@@ -23,9 +24,15 @@ export type Message =
   | { kind: "view"; change: Partial<View> }
   | { kind: "ghost"; ghost: Ghost | null }
   | { kind: "kill-armed"; armed: KillArmed }
-  | { kind: "kill-over" };
+  | { kind: "kill-over" }
+  | DeskMessage;
 
 export function update(state: State, message: Message): State {
+  return updateDesk(updateShared(state, message), message);
+}
+
+/** What the desk and the scene share. */
+function updateShared(state: State, message: Message): State {
   switch (message.kind) {
     case "tick":
       return onTick(state, message.now_ms);
@@ -43,10 +50,6 @@ export function update(state: State, message: Message): State {
       return { ...state, orders: message.orders };
     case "preflight":
       return { ...state, preflight: message.report };
-    case "shows":
-      return { ...state, shows: message.shows };
-    case "check":
-      return { ...state, check: message.check };
     case "certificate":
       return { ...state, certificate: message.certificate };
     case "done":
@@ -62,6 +65,12 @@ export function update(state: State, message: Message): State {
       return { ...state, kill: { armed: message.armed, until_ms: state.page_ms + 1000 * message.armed.valid_s } };
     case "kill-over":
       return { ...state, kill: null };
+    case "shows":
+    case "check":
+    case "desk":
+    case "draft":
+    case "undo":
+      return state;
   }
 }
 
