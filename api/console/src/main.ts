@@ -46,7 +46,8 @@ const byHand = (message: Message): void => {
 };
 
 const token = (): string => sessionStorage.getItem(TOKEN) ?? "";
-const stream = openStream(token, dispatch);
+/** Nor waits a change of the connection: what is old must not look fresh for longer than it has to. */
+const stream = openStream(token, (message) => (message.kind === "connection" ? byHand(message) : dispatch(message)));
 
 function login(text: string): void {
   sessionStorage.setItem(TOKEN, text);
