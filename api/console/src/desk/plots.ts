@@ -56,6 +56,7 @@ class Plot extends AsyncDirective {
     const element = part.element as HTMLElement;
     if (this.night !== state.view.night) this.disconnected();
     if (state.page_ms - this.drawn_ms < REDRAW_MS || state.history.time_s.length < 2) return noChange;
+    if (!element.isConnected) return noChange; // it has no size and no colours yet
     this.drawn_ms = state.page_ms;
     this.night = state.view.night;
     const data = columns(state.history, curve.values(state.history), curve.floor(state)) as uPlot.AlignedData;
