@@ -229,6 +229,7 @@ export const texts = {
     policy: "Policy",
     policies: { held: "as at take-off", fixed: "one heading", target: "at the target" },
     heading: "Heading",
+    groups: { formation: "Sphere", orbit: "Orbit", target: "Target", yaw: "Where they look" },
     led: "A written show leads these now. Pause it, or deselect it on the ground.",
     badNumber: "a number",
     none: "Nothing is known yet.",
@@ -428,7 +429,7 @@ export const texts = {
       "hand-back": "A pilot's vehicle becomes ours, in hold",
       "confirm-down": "A lost or killed vehicle was seen on the ground",
     },
-    notIn: (phase: string): string => `Not while it is ${phase}.`,
+    notIn: (phase: string): string => `Not from ${phase}.`,
   },
   events: {
     title: "Events",

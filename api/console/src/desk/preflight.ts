@@ -7,7 +7,7 @@ import type { DeskActions } from "./actions";
 import { button, textField } from "./controls";
 import { plain, seconds } from "./format";
 import { icon } from "./icons";
-import { whyNot } from "./rights";
+import { whyNot, whyNotOnGround } from "./rights";
 
 type Check = PreflightReport["fleet"][number];
 type Vehicle = PreflightReport["vehicles"][number];
@@ -112,7 +112,7 @@ function vehicle(state: State, actions: DeskActions, one: Vehicle): TemplateResu
             label: t.exclude,
             name: t.excludeOne(one.id),
             kind: "quiet",
-            why: whyNot(state, "exclude"),
+            why: whyNot(state, "exclude") || whyNotOnGround(state),
             expanded: who === one.id,
             press: () => actions.set({ excluding: who === one.id ? null : one.id }),
           })
@@ -121,7 +121,7 @@ function vehicle(state: State, actions: DeskActions, one: Vehicle): TemplateResu
             label: t.include,
             name: t.includeOne(one.id),
             kind: "quiet",
-            why: whyNot(state, "include"),
+            why: whyNot(state, "include") || whyNotOnGround(state),
             press: () => actions.include(one.id),
           })}
     </header>
@@ -140,6 +140,7 @@ const VEHICLES_MAX = 60;
 
 function report(state: State, actions: DeskActions, found: PreflightReport): TemplateResult {
   const { allChecks } = state.desk;
+  const isDown = whyNotOnGround(state) === "";
   const failing = found.fleet.filter((each) => each.state !== "pass");
   const passing = found.fleet.filter((each) => each.state === "pass");
   const vehicles = [...found.vehicles].sort((a, b) => rank(a) - rank(b));
@@ -147,7 +148,7 @@ function report(state: State, actions: DeskActions, found: PreflightReport): Tem
   return html`<div class="verdict ${found.passes ? "good" : "bad"}" role="status" data-testid="preflight-verdict">
       ${icon(found.passes ? "check" : "cross")}
       <strong>${found.passes ? t.passes : t.fails(failures(found))}</strong>
-      <small>${t.read(seconds((state.page_ms - state.desk.preflightRead_ms) / 1000))}</small>
+      <small>${isDown ? "" : `${t.before}; `}${t.read(seconds((state.page_ms - state.desk.preflightRead_ms) / 1000))}</small>
     </div>
     ${failing.length || list.length
       ? html`<section data-testid="preflight-todo">
