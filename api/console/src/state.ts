@@ -1,12 +1,14 @@
 // The page's one state. Everything that is shown follows from it; `update` alone makes the next one.
 
 import { initialDesk, type DeskState } from "./desk/state";
-import type { components, paths } from "./wire/schema";
-import type { Status } from "./wire/status";
+import type { components } from "./wire/schema";
 
 type Schemas = components["schemas"];
 
-export type { Status } from "./wire/status";
+/** What the stream's text messages say: what changes seldom. */
+export type Status = Schemas["Status"];
+export type StatusVehicle = Schemas["StatusVehicle"];
+export type Happening = Schemas["Happening"];
 export type Order = Schemas["Order"];
 export type PreflightReport = Schemas["Preflight"];
 export type StoredShow = Schemas["StoredShow"];
@@ -15,7 +17,6 @@ export type ShowAction = Schemas["ShowAction"];
 export type ShowPhase = Schemas["ShowPhase"];
 export type Obstacle = Schemas["Obstacle"];
 export type KillArmed = Schemas["KillArmed"];
-export type Paths = paths;
 
 /** In the order of gcs/lifecycle.py: a frame's column `phase` counts here. */
 export const PHASES = [

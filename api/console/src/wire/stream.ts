@@ -1,9 +1,10 @@
 // The console's stream: asks who we are, opens the WebSocket, opens it again when it is cut or silent.
 
-import type { Access, Connection, Right, Status } from "../state";
+import type { Access, Connection, Status } from "../state";
 import { texts } from "../texts";
 import type { Message } from "../update";
 import { decode, FrameError } from "./frame";
+import type { components } from "./schema";
 
 /** Silence for so long, and whatever is shown is old: together with the grace, less than a second. */
 const SILENT_MS = 900;
@@ -115,7 +116,7 @@ async function ask(token: string): Promise<Access | "denied" | "unreachable"> {
     const response = await fetch("/api/v1/access", { headers, signal: AbortSignal.timeout(3000) });
     if (response.status === 401 || response.status === 403) return "denied";
     if (!response.ok) return "unreachable";
-    const { who, rights } = (await response.json()) as { who: string; rights: Right[] };
+    const { who, rights } = (await response.json()) as components["schemas"]["Access"];
     return { who, rights: new Set(rights) };
   } catch (error) {
     if (error instanceof TypeError || error instanceof DOMException || error instanceof SyntaxError) return "unreachable";
