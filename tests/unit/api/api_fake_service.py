@@ -31,6 +31,7 @@ from gcs.service import (
     OrderRecord,
     Outcome,
     Reaction,
+    Replaying,
     SelectedShow,
     ShowAction,
     TickView,
@@ -65,6 +66,7 @@ class FakeService:
         self.ticks = 0
         self.control_alive = True
         self.audit: Audit = NoAudit()
+        self.record: Replaying | None = None
         self._begin(count)
         self._view = Latest(self._look())
 
@@ -75,6 +77,10 @@ class FakeService:
     @property
     def frame(self) -> ShowFrame:
         return FRAME
+
+    @property
+    def replaying(self) -> Replaying | None:
+        return self.record
 
     def reset(self) -> None:
         """As new."""
