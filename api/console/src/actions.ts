@@ -197,12 +197,20 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     removeShow: (name) => done(texts.orders.remove(name), api.DELETE("/api/v1/shows/{name}", ofShow(name)), texts.showRemoved(name)),
     seek: (cue) => done(texts.orders.seek(cue), api.POST("/api/v1/show/seek", { body: { cue } }), texts.showSought(cue)),
     replay: (change) => done(texts.replay.title, api.POST("/api/v1/replay", { body: change }), texts.replayChanged),
-    loadCertificate: () =>
-      read(
-        api.GET("/api/v1/replay/certificate"),
-        (certificate) => ({ kind: "certificate", certificate: certificate as Readonly<Record<string, unknown>> }),
-        (certificateProblem) => ({ kind: "desk", change: { certificateProblem } }),
-      ),
+    async loadCertificate() {
+      for (;;) {
+        const result: Outcome<Schemas["Certificate"]> = await outcome(api.GET("/api/v1/replay/certificate"));
+        const found = result.ok ? result.data : null;
+        if (found !== null && (found.state === "waiting" || found.state === "running")) {
+          await later(POLL_MS);
+          continue;
+        }
+        if (found?.report) dispatch({ kind: "certificate", certificate: found.report });
+        const certificateProblem = result.ok ? result.data.reason : result.reason;
+        dispatch({ kind: "desk", change: { certificateProblem } });
+        return certificateProblem === "";
+      }
+    },
   };
   return actions;
 }

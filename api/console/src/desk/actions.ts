@@ -6,7 +6,7 @@ import { texts } from "../texts";
 import type { Message } from "../update";
 import { NEW_OBSTACLE } from "./obstacles";
 import type { Sort } from "./rows";
-import { typedNumbers, type Group } from "./shape";
+import { typedNumbers, whyNotGroup, type Group } from "./shape";
 import { HOLD_MS, type DeskState, type LeftPanel, type RightPanel, type Sheet } from "./state";
 import type { StartOrder } from "./start";
 
@@ -89,9 +89,11 @@ export function createDeskActions(
 
   /** What a group has on the screen, with what was typed into it. */
   async function apply(group: Group): Promise<void> {
-    const numbers = typedNumbers(state().desk.drafts, group);
-    const { status, frame } = state();
-    if (numbers === null || !status) return;
+    const { status, frame, desk } = state();
+    const numbers = typedNumbers(desk.drafts, group);
+    const why = whyNotGroup(state(), group) || (numbers === null ? texts.shape.badNumber : "");
+    if (why !== "") return refuse(texts.shape.groups[group], why);
+    if (numbers === null || !status || Object.keys(numbers).length === 0) return;
     let accepted: boolean;
     switch (group) {
       case "formation":

@@ -125,7 +125,8 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
     <div class="alerts">${banner(state)} ${interrupted(state, actions)} ${notices(state, actions)}</div>
     ${rail(state, actions, "left", LEFT)} ${panel(state, actions, "left")}
     ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)} ${panel(state, actions, "right")}
-    <div class="center-low">${sheet(state, actions)} ${ghostBar(state, actions)}</div>
+    ${state.desk.sheet === "help" ? sheet(state, actions) : nothing}
+    <div class="center-low">${state.desk.sheet === "help" ? nothing : sheet(state, actions)} ${ghostBar(state, actions)}</div>
     <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : flight(state, actions)}</footer>
     ${toasts(state, actions)} ${login(state, actions)}
   </div>`;
