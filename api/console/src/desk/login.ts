@@ -19,7 +19,9 @@ export function login(state: State, actions: DeskActions): TemplateResult | type
     <form
       @submit=${(event: Event) => {
         event.preventDefault();
-        if (typed !== "") actions.enter(typed);
+        const now = new FormData(event.currentTarget as HTMLFormElement); // Enter may come before the next drawing
+        const text = String(now.get("token") ?? "").trim();
+        if (text !== "") actions.enter(text);
       }}
     >
       ${textField(state, actions, { field: "token", label: t.label, focus: true, secret: true })}
