@@ -1,6 +1,6 @@
 // What can be asked of the service. Each tells what came of it; nothing is believed before it answers.
 
-import type { Ghost, Order, State } from "./state";
+import type { Ghost, Order, ShowCheck, State, StoredShow } from "./state";
 import { texts } from "./texts";
 import type { Message } from "./update";
 import { outcome, type Api, type Outcome } from "./wire/rest";
@@ -179,12 +179,15 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       if (result.ok) dispatch({ kind: "orders", orders: result.data });
       return result.ok;
     },
-    loadShows: () =>
-      read(
-        api.GET("/api/v1/shows"),
-        (shows) => ({ kind: "shows", shows }),
-        (showsProblem) => ({ kind: "desk", change: { showsProblem } }),
-      ),
+    async loadShows() {
+      const result: Outcome<StoredShow[]> = await outcome(api.GET("/api/v1/shows"));
+      dispatch(result.ok ? { kind: "shows", shows: result.data } : { kind: "desk", change: { showsProblem: result.reason } });
+      for (const { name } of result.ok ? result.data : []) {
+        const known: Outcome<ShowCheck> = await outcome(api.GET("/api/v1/shows/{name}/check", ofShow(name)));
+        if (known.ok) dispatch({ kind: "check", check: known.data }); // else it was never checked
+      }
+      return result.ok;
+    },
     checkShow: followCheck,
     selectShow: (name, hash) =>
       done(texts.orders.select(name), api.POST("/api/v1/shows/{name}/select", { ...ofShow(name), body: { hash } }), texts.showSelected(name)),

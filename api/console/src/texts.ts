@@ -54,7 +54,6 @@ export const texts = {
     closePanel: (name: string): string => `Close ${name}`,
   },
   bar: {
-    name: "Formation control",
     show: "Show",
     countdown: "Takes off in",
     separation: "Nearest two",
@@ -366,7 +365,7 @@ export const texts = {
     restrained: "restrained",
     stale: "old data",
     low: "battery below 30 %",
-    sortBy: (name: string): string => `Sort by ${name}`,
+    sortBy: (name: string, what: string): string => `${name}: sort by ${what}`,
     phases: {
       offline: "offline",
       standby: "standby",

@@ -84,7 +84,6 @@ export function textField(
         type=${f.secret ? "password" : "text"}
         autocomplete="off"
         spellcheck="false"
-        name=${f.field}
         data-testid=${f.field}
         ${focused(f.focus ?? false)}
         placeholder=${f.placeholder ?? nothing}

@@ -56,7 +56,7 @@ function heading(state: State, actions: DeskActions, column: Column): TemplateRe
       type="button"
       data-testid="sort-${column}"
       title=${texts.fleet.columnHelp[column]}
-      aria-label=${texts.fleet.sortBy(texts.fleet.columnHelp[column])}
+      aria-label=${texts.fleet.sortBy(name, texts.fleet.columnHelp[column])}
       @click=${() => actions.sort({ column, descending: isSorted && !sort.descending })}
     >
       ${name}${isSorted ? icon(sort.descending ? "down" : "up") : nothing}
