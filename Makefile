@@ -4,7 +4,7 @@ ARGS ?=
 BIN := .venv/bin
 NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 
-.PHONY: demo test console console-test wire check compiled bench mutate flight-quality format lock clean
+.PHONY: demo test console console-test wire check compiled bench mutate flight-quality screenshots format lock clean
 
 demo: .venv/ready console  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
 	@$(BIN)/gcs demo $(ARGS)
@@ -48,6 +48,9 @@ flight-quality: .venv/ready  ## fly every scenario as it is judged; brings docs/
 	@mkdir -p runs
 	-$(BIN)/gcs simulate --all --json > runs/flight-quality.jsonl
 	$(BIN)/python tests/bench/flight_quality.py runs/flight-quality.jsonl docs/flight-quality.md
+
+screenshots: .venv/ready console  ## docs/screenshots, of a flight over the fake fleet; needs Chromium; look at them
+	$(BIN)/python tests/browser/screenshots.py
 
 format: .venv/ready
 	$(BIN)/ruff format .
