@@ -1,6 +1,7 @@
 """What changes seldom, between the service's types and the wire's."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from api import convert, wire_replay, wire_stream
 from gcs.frames import ShowFrame
 from gcs.happenings import Happening
 from gcs.rows import VehicleRows
-from gcs.service import Bounds, FleetView, Playback
+from gcs.service import Bounds, Certification, FleetView, Playback
 from gcs.state import Array
 
 
@@ -62,6 +63,15 @@ def replay(playback: Playback) -> wire_replay.Replay:
         paused=playback.paused,
         ended=playback.ended,
     )
+
+
+def certificate(found: Certification) -> wire_replay.Certificate:
+    """The judgement of a record."""
+    return wire_replay.Certificate(state=found.state, reason=found.reason, report=_report(found.report))
+
+
+def _report(told: dict[str, Any] | None) -> wire_replay.CertificateReport | None:
+    return None if told is None else wire_replay.CertificateReport.model_validate(told)
 
 
 def fixes(rows: VehicleRows) -> list[int | None]:

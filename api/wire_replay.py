@@ -1,23 +1,79 @@
 """JSON names of a replay: how it is played, and the judgement of its record."""
 
-from typing import Final
+from typing import Annotated, Final
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from api.wire import ABSENT, Change, Measured, Outward
+from gcs.service import CheckState
 
 SPEED_MAX: Final = 100.0
 
 
-class Replay(BaseModel):
+class ReplayChange(Change):
+    """Play the record otherwise; at least one field."""
+
+    paused: bool = Field(default=ABSENT)
+    speed: Annotated[float, Field(gt=0, le=SPEED_MAX, examples=[4.0])] = Field(
+        default=ABSENT, description="Times as fast as it was flown."
+    )
+    position_s: Annotated[float, Field(ge=0, examples=[12.5])] = Field(
+        default=ABSENT, description="Since the first recorded state, at most the record's duration."
+    )
+
+
+class Replay(Outward):
     """A recorded flight that is played as if live."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
     file: str
-    began_unix_time_s: float = Field(
-        description="Of the first recorded state; a state's own tells where it is."
-    )
+    began_unix_time_s: float = Field(description="Of the first recorded state.")
     duration_s: float
     position_s: float = Field(description="Since the first recorded state, at this state.")
     speed: float = Field(description="Times as fast as it was flown.")
     paused: bool
     ended: bool = Field(description="The last recorded state is shown.")
+
+
+class CertificateCheck(Outward):
+    """One limit: kept or not, and the worst that was."""
+
+    name: str = Field(examples=["greatest height"])
+    limit: Measured
+    worst: Measured = Field(description="null: there was nothing to judge.")
+    unit: str = Field(description="Of limit and worst.", examples=["m"])
+    vehicle: str = Field(description="Whose worst it was.")
+    at_s: Measured = Field(description="Since the beginning of the record.")
+    kept: bool
+
+
+class NearestPair(Outward):
+    """Two vehicles, when they were nearest in the floor's metric."""
+
+    vehicles: list[str]
+    distance_m: Measured
+    floor_ratio: Measured = Field(description="1: just the floor.")
+    floor_ratio_if_off: Measured = Field(description="If both were off by their margin, towards each other.")
+    at_s: Measured
+
+
+class CertificateReport(Outward):
+    """What `gcs certify --json` tells of a record."""
+
+    source: str
+    verdict: str = Field(examples=["kept", "broken"])
+    based_on: str = Field(examples=["true positions", "estimated positions"])
+    uncertainty: str = Field(description="Of the positions, in words.")
+    remarks: list[str] = Field(description="About the file.")
+    vehicles: int
+    flew: int
+    duration_s: float
+    checks: list[CertificateCheck]
+    nearest_pairs: list[NearestPair]
+
+
+class Certificate(Outward):
+    """How far the judgement of the record has got."""
+
+    state: CheckState
+    reason: str = Field(description="Why it failed, empty when it did not.")
+    report: CertificateReport | None = Field(description="null until it is done.")

@@ -21,9 +21,10 @@ from urllib.parse import quote
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from api import wire, wire_kill
+from api import wire, wire_kill, wire_stream
 from api.wire_interrupted import Interrupted
 from gcs.client_preflight import Preflight
+from gcs.client_replay import Playback
 from gcs.client_shows import Shows
 from gcs.errors import LinkError, OrderError
 from gcs.exchange import Exchange
@@ -72,6 +73,7 @@ class Client:
         self._exchange = Exchange(url, token, emergency_url, ca_file, timeout_s)
         self.shows = Shows(self)
         self.preflight = Preflight(self)
+        self.playback = Playback(self)
 
     def __enter__(self) -> Self:
         return self
@@ -100,6 +102,14 @@ class Client:
     def fleet(self) -> wire.Fleet:
         """Everything at one instant."""
         return self.one(wire.Fleet, "GET", "/api/v1/fleet")
+
+    def status(self) -> wire_stream.Status:
+        """What changes seldom: the fence, home places, cues, events and so on."""
+        return self.one(wire_stream.Status, "GET", "/api/v1/status")
+
+    def access(self) -> wire_stream.Access:
+        """Whose token this is, and what it may do."""
+        return self.one(wire_stream.Access, "GET", "/api/v1/access")
 
     def vehicles(self) -> list[wire.Vehicle]:
         """Every vehicle."""

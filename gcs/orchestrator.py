@@ -293,6 +293,11 @@ class Orchestrator:
         """Where calls are noted, and what an answer waits for."""
         return self._audit
 
+    @property
+    def replaying(self) -> None:
+        """This is no replay."""
+        return None
+
     def order(self, order_id: str) -> OrderRecord:
         """An accepted order. Raises: UnknownError."""
         return self._book.get(order_id)

@@ -11,13 +11,13 @@ import json
 import logging
 import os
 import re
-import sys
 import tempfile
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from gcs.apart import answered
 from gcs.errors import ConfigError, GcsError, InvalidError, Problem, RefusedError, UnknownError
 from gcs.service import CheckState, ShowCheck, StoredShow
 from gcs.show import Show, Timeline
@@ -33,7 +33,6 @@ CHECKS_MAX = 2
 """One runs, one waits: the machine that flies has little to spare."""
 
 CHECK_WITHIN_S = 900.0
-LOWEST_PRIORITY = 19
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 
 
@@ -260,29 +259,11 @@ def _stored(name: str, text: bytes) -> StoredShow:
 
 
 async def _checked_apart(name: str, text: bytes) -> dict[str, Any]:
-    """What `gcs show check` says of a text, in a process of its own. Raises: RefusedError, OSError."""
+    """What `gcs show check` says of a text. Raises: RefusedError, OSError, TimeoutError, ValueError."""
     with tempfile.TemporaryDirectory(prefix="gcs-check-") as folder:
         path = Path(folder) / f"{name}.yaml"
         path.write_bytes(text)
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "gcs", "show", "check", str(path), "--json", "--model"),
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-        )
         try:
-            with contextlib.suppress(ProcessLookupError):  # it has ended already
-                os.setpriority(os.PRIO_PROCESS, process.pid, LOWEST_PRIORITY)
-            async with asyncio.timeout(CHECK_WITHIN_S):
-                said, complaint = await process.communicate()
-        finally:
-            if process.returncode is None:
-                process.kill()
-                await process.wait()
-    if process.returncode not in (0, 1) or not said:
-        words = complaint.decode(errors="replace").strip().replace(f"{path}: ", "")
-        raise RefusedError(f"it ended with {process.returncode}: {words[-300:]}")
-    answer = json.loads(said)
-    if not isinstance(answer, dict):
-        raise RefusedError("it answered no JSON object")
-    return answer
+            return await answered(("show", "check", str(path), "--json", "--model"), CHECK_WITHIN_S)
+        except RefusedError as refused:
+            raise RefusedError(str(refused).replace(f"{path}: ", "")) from None

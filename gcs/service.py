@@ -337,6 +337,34 @@ class NoAudit:
         return True
 
 
+@dataclass(frozen=True, slots=True)
+class Certification:
+    """How far the judgement of a record has got, and what it found."""
+
+    state: CheckState
+    reason: str = ""  # why it failed
+    report: dict[str, Any] | None = None  # as `gcs certify --json` tells it
+
+
+class Replaying(Protocol):
+    """How a record is played. Raises: InvalidError, RefusedError; then nothing has changed."""
+
+    @property
+    def playback(self) -> Playback:
+        """Now."""
+        ...
+
+    def change(
+        self, *, paused: bool | None = None, speed: float | None = None, position_s: float | None = None
+    ) -> Playback:
+        """Play it otherwise: what is given changes, at once."""
+        ...
+
+    def certify(self) -> Certification:
+        """The judgement of the record; the first call begins it, in a process of its own."""
+        ...
+
+
 class Service(Protocol):
     """What the API may do.
 
@@ -362,6 +390,11 @@ class Service(Protocol):
     @property
     def shows(self) -> Shows:
         """The show files that can be selected."""
+        ...
+
+    @property
+    def replaying(self) -> Replaying | None:
+        """How the record is played; None: this is no replay."""
         ...
 
     def command_show(

@@ -23,6 +23,7 @@ from pydantic import BaseModel
 from api import wire
 from gcs.client import URL, Client
 from gcs.client_preflight import Preflight
+from gcs.client_replay import Playback
 from gcs.client_shows import Shows
 from gcs.errors import AccessError, ConfigError, GcsError, InvalidError, LinkError, OrderError
 from gcs.service import Outcome, VehicleAction
@@ -97,10 +98,15 @@ CALLS: Final = (
     Call("shows seek", Shows.seek, of=attrgetter("shows")),
     Call("exclude", Preflight.exclude, of=attrgetter("preflight")),
     Call("include", Preflight.include, of=attrgetter("preflight")),
+    Call("playback show", Playback.now, of=attrgetter("playback")),
+    Call("playback set", Playback.change, of=attrgetter("playback")),
+    Call("playback certificate", Playback.certificate, of=attrgetter("playback")),
     Call("order list", Client.orders),
     Call("order show", Client.order),
     Call("state", Client.fleet),
     Call("phase", Client.show),
+    Call("facts", Client.status),
+    Call("whoami", Client.access),
     Call("vehicle list", Client.vehicles),
     Call("vehicle show", Client.vehicle),
     Call("health", Client.health, text="Whether control is alive; exit code 3 when it is not"),
@@ -114,6 +120,7 @@ GROUPS: Final = {
     "yaw": "where the vehicles look",
     "obstacle": "what the fleet keeps clear of",
     "shows": "show files that the service keeps, and the one that is flown next",
+    "playback": "how gcs replay plays its record, and what the flight kept",
     "order": "what was ordered, and what became of it",
     "vehicle": "what is known of each vehicle",
 }
@@ -210,13 +217,21 @@ def _add_parameters(parser: argparse.ArgumentParser, call: Call) -> tuple[str, .
     return tuple(parameter.name for parameter in parameters)
 
 
-def _kind(hint: Any) -> tuple[type, bool]:
+def _kind(hint: Any) -> tuple[Callable[[str], Any], bool]:
     """What an argument is read as, of several kinds the first, and whether there may be several arguments."""
     is_union = typing.get_origin(hint) in {typing.Union, types.UnionType}  # with None: it may be left out
     only = next(each for each in typing.get_args(hint) if each is not types.NoneType) if is_union else hint
     if typing.get_origin(only) is list:
         return typing.get_args(only)[0], True
-    return only, False
+    return (_truth if only is bool else only), False
+
+
+def _truth(text: str) -> bool:
+    """Raises: ArgumentTypeError for neither."""
+    try:
+        return {"yes": True, "true": True, "no": False, "false": False}[text.lower()]
+    except KeyError:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither yes nor no") from None
 
 
 def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int:

@@ -10,12 +10,12 @@ from pathlib import Path
 from api.app import create_app
 from api.server import serve as serve_api
 from gcs.cli import logs
+from gcs.cli.certify import TRUTH
 from gcs.cli.record import session_folder
 from gcs.errors import GcsError
 from gcs.records.flown import FlightData
+from gcs.records.playing import SPEED_MAX
 from gcs.records.replay import Replay
-
-SPEED_MAX = 100.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +33,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"gcs replay: --speed {arguments.speed:g}: above 0, at most {SPEED_MAX:g}", file=sys.stderr)
         return 2
     try:
-        asyncio.run(_replay(FlightData(flight_file(Path(arguments.file))), arguments))
+        file = flight_file(Path(arguments.file))
+        asyncio.run(_replay(FlightData(file), truths(Path(arguments.file), file), arguments))
     except GcsError as error:
         print(f"gcs replay: {error}", file=sys.stderr)
         return 2
@@ -45,12 +46,18 @@ def flight_file(path: Path) -> Path:
     return session_folder(path) / "flight.mcap" if path.is_dir() else path
 
 
-async def _replay(data: FlightData, arguments: argparse.Namespace) -> None:
+def truths(path: Path, file: Path) -> list[Path]:
+    """Files of true positions, beside the flight data or in the folder that was named."""
+    folders = {file.parent, path} if path.is_dir() else {file.parent}
+    return sorted(found for folder in folders for found in folder.glob(TRUTH))
+
+
+async def _replay(data: FlightData, truths: list[Path], arguments: argparse.Namespace) -> None:
     loop = asyncio.get_running_loop()
     asked = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, asked.set)
-    service = Replay(data, arguments.speed)
+    service = Replay(data, arguments.speed, truths)
     listening: asyncio.Future[int] = loop.create_future()
     app = create_app(service, host_names=("localhost", arguments.host))
     tasks = [
@@ -72,5 +79,6 @@ async def _replay(data: FlightData, arguments: argparse.Namespace) -> None:
 
 def _say(data: FlightData, arguments: argparse.Namespace, port: asyncio.Future[int]) -> None:
     if not port.cancelled():
-        url = f"http://{arguments.host}:{port.result()}/docs"
-        print(f"replay of {data.path}, {len(data.about.ids)} vehicles; API at {url}", flush=True)
+        url = f"http://{arguments.host}:{port.result()}"
+        vehicles = f"{len(data.about.ids)} vehicles"
+        print(f"replay of {data.path}, {vehicles}; look at it at {url}/ ; API at {url}/docs", flush=True)

@@ -3,21 +3,26 @@
 import json
 import struct
 from base64 import b64decode
+from bisect import bisect_right
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Final, Self
 
 import numpy as np
 from mcap.exceptions import McapError
-from mcap.records import Channel, Footer, McapRecord, Message, Metadata
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata
+from mcap.stream_reader import MAGIC_SIZE, StreamReader, breakup_chunk
 from numpy.typing import NDArray
 from zstandard import ZstdError
 
 from gcs.errors import GcsError
 from gcs.lifecycle import Phase
 from gcs.records import layout
+from gcs.records.flightfile import CHUNK_S, STATUS_S
 from gcs.state import Mode, VehicleId
 
 RECORD_MAX_BYTES: Final = 64 << 20
@@ -65,6 +70,30 @@ class Flown:
     status: Mapping[str, Any]  # the newest of `/fleet/status`
 
 
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The same as it lies in the file."""
+
+    unix_s: float
+    vehicles: bytes
+    tick: bytes
+    status: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Index:
+    """Where in a file what lies."""
+
+    topics: Mapping[int, str]
+    chunks: tuple[tuple[float, int], ...]  # when each begins (Unix time), and at which byte; in order
+
+    def offset(self, from_s: float) -> int:
+        """Where to begin to read, for ticks from a time on: the status before them is needed, too."""
+        times_s = [start_s for start_s, _ in self.chunks]
+        at = bisect_right(times_s, from_s - STATUS_S - CHUNK_S) - 1
+        return self.chunks[max(at, 0)][1] if self.chunks else 0
+
+
 class FlightData:
     """A recorded flight. Nothing but the beginning is read before `ticks`."""
 
@@ -91,36 +120,91 @@ class FlightData:
                 break
         return None
 
-    def _records(self) -> Iterator[McapRecord]:
+    def _records(self, offset: int = 0) -> Iterator[McapRecord]:
+        """From a byte of the file on, where a record begins."""
         with self.path.open("rb") as file:
-            yield from StreamReader(file, validate_crcs=True, record_size_limit=RECORD_MAX_BYTES).records
+            file.seek(offset)
+            begins = offset == 0
+            reader = StreamReader(
+                file, skip_magic=not begins, validate_crcs=True, record_size_limit=RECORD_MAX_BYTES
+            )
+            yield from reader.records
 
     def ticks(self) -> Iterator[Flown]:
         """Every recorded tick, in order; ends where the file does, which `cut` then tells."""
+        for moment in self.moments():
+            try:
+                flown = self.decoded(moment)
+            except _DAMAGED as error:
+                self._cut_at(moment.unix_s, error)
+                return
+            yield flown
+
+    def moments(self, from_s: float = -inf) -> Iterator[Moment]:
+        """Every recorded tick from a time on, undecoded: who shows but few of them is quick."""
         self.cut = ""
-        topics: dict[int, str] = {}
-        vehicles: NDArray[np.void] | None = None
-        status: Mapping[str, Any] | None = None
+        topics: dict[int, str] = dict(self.index.topics) if isfinite(from_s) else {}
+        vehicles: bytes | None = None
+        status: bytes | None = None
         last_s = None
         try:
-            for record in self._records():
+            for record in self._records(self.index.offset(from_s) if isfinite(from_s) else 0):
                 if isinstance(record, Channel):
                     topics[record.id] = record.topic
                 if not isinstance(record, Message):
                     continue
                 topic = topics[record.channel_id]
                 if topic == "/fleet/vehicles":
-                    vehicles = self._vehicles(record.data)
+                    vehicles = record.data
                 elif topic == "/fleet/status":
-                    status = json.loads(record.data)
+                    status = record.data
                 elif topic == "/fleet/tick" and vehicles is not None and status is not None:
                     last_s = record.log_time * 1e-9
-                    yield Flown(last_s, vehicles, json.loads(record.data), status)
+                    if last_s >= from_s:
+                        yield Moment(last_s, vehicles, record.data, status)
         except _DAMAGED as error:
-            after = "before the first tick" if last_s is None else f"after {last_s:.1f} (Unix time)"
-            self.cut = f"the file is cut off or damaged {after}: {_plain(error)}"
+            self._cut_at(last_s, error)
         except OSError as error:
             self.cut = f"the file could not be read on: {error.strerror or error}"
+
+    def decoded(self, moment: Moment) -> Flown:
+        """Raises: ValueError or KeyError where it is damaged."""
+        return Flown(
+            moment.unix_s,
+            self._vehicles(moment.vehicles),
+            json.loads(moment.tick),
+            json.loads(moment.status),
+        )
+
+    def _cut_at(self, last_s: float | None, error: Exception) -> None:
+        after = "before the first tick" if last_s is None else f"after {last_s:.1f} (Unix time)"
+        self.cut = f"the file is cut off or damaged {after}: {_plain(error)}"
+
+    @cached_property
+    def index(self) -> Index:
+        """Where in the file what lies; reads all of it once, without unpacking it."""
+        topics: dict[int, str] = {}
+        chunks: list[tuple[float, int]] = []
+        with suppress(*_DAMAGED, OSError), self.path.open("rb") as file:
+            records = StreamReader(file, emit_chunks=True, record_size_limit=RECORD_MAX_BYTES).records
+            offset = MAGIC_SIZE
+            for record in records:
+                if isinstance(record, Chunk):
+                    chunks.append((record.message_start_time * 1e-9, offset))
+                inside = breakup_chunk(record) if isinstance(record, Chunk) and not topics else [record]
+                topics.update({one.id: one.topic for one in inside if isinstance(one, Channel)})
+                offset = file.tell()
+        return Index(topics, tuple(chunks))
+
+    def last_s(self) -> float | None:
+        """When the last tick was that can be read; None where there is none."""
+        for start_s, _ in reversed(self.index.chunks):
+            last_s = None
+            for moment in self.moments(start_s):
+                last_s = moment.unix_s
+            if last_s is not None:
+                return last_s
+        return None
 
     def _vehicles(self, data: bytes) -> NDArray[np.void]:
         """Raises: ValueError when it does not fit."""

@@ -1,46 +1,41 @@
-"""A recorded flight as a service: its states come as if live, and nothing can be ordered."""
+"""A recorded flight as a service: its states come as if live, and all that can be ordered is how."""
 
 import asyncio
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
+from functools import partial
 from math import isfinite, nan
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Any, Final
 
 import numpy as np
 
 from gcs.bounds import bounds
-from gcs.checks import PreflightReport
-from gcs.errors import GcsError, RefusedError, UnknownError
+from gcs.errors import GcsError
 from gcs.frames import ShowFrame
 from gcs.happenings import Happening
-from gcs.interrupted import Offer
 from gcs.lifecycle import ShowPhase, not_ours
-from gcs.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.records import layout
 from gcs.records.certify import Standard
-from gcs.records.flown import FlightData, Flown
+from gcs.records.certifying import Certifying
+from gcs.records.flown import FlightData, Flown, Moment
+from gcs.records.past import Past
 from gcs.records.plans import plan_of
+from gcs.records.playing import Playhead
+from gcs.records.refusing import Refusing
 from gcs.rows import VehicleRows
-from gcs.service import (
-    Audit,
-    FleetView,
-    Histogram,
-    Latest,
-    NoAudit,
-    OrderRecord,
-    SelectedShow,
-    ShowAction,
-    ShowCheck,
-    Shows,
-    StoredShow,
-    TickView,
-    VehicleAction,
-)
-from gcs.state import Array, Landed, VehicleId
+from gcs.service import Certification, FleetView, Histogram, Latest, Playback, SelectedShow, TickView
+from gcs.state import Array, Landed
 
 REPEAT_S: Final = 0.5
-"""The last state is shown again that often, so that a viewer knows that somebody is there."""
+"""The state is shown again that often, so that a viewer knows that somebody is there."""
+
+LATE_S: Final = 0.1
+"""States that come later than that are passed over: it is played too fast to show every one."""
+
+PASSED: Final = 100
+"""After so many that were passed over somebody else may have the loop."""
 
 NOTHING_COUNTED: Final = Histogram((), (0,), 0.0)
 """What is counted for metrics is not recorded."""
@@ -48,78 +43,139 @@ NOTHING_COUNTED: Final = Histogram((), (0,), 0.0)
 Triple = tuple[float, float, float]
 
 
-class NoShows:
-    """The show files of a replay: none, and none are taken. A `gcs.service.Shows`."""
+class Replay(Refusing):
+    """A `gcs.service.Service` and a `gcs.service.Replaying` over a recorded flight.
 
-    def __init__(self, path: Path) -> None:
-        """`path` of the record."""
-        self._why = f"this is a replay of {path}: it keeps no shows"
+    Must be made on the running event loop.
+    """
 
-    async def listed(self) -> list[StoredShow]:
-        """None."""
-        return []
+    def __init__(self, data: FlightData, speed: float, truths: Sequence[Path] = ()) -> None:
+        """`truths` are files of true positions, by which it is judged.
 
-    async def text(self, _name: str) -> str:
-        """Refused."""
-        raise RefusedError(self._why)
-
-    async def store(self, _name: str, _text: bytes) -> StoredShow:
-        """Refused."""
-        raise RefusedError(self._why)
-
-    async def remove(self, _name: str) -> None:
-        """Refused."""
-        raise RefusedError(self._why)
-
-    def check(self, _name: str) -> ShowCheck:
-        """Refused."""
-        raise RefusedError(self._why)
-
-    def checked(self, name: str) -> ShowCheck:
-        """Raises: UnknownError."""
-        raise UnknownError(f"{name} was never checked here: {self._why}")
-
-
-class Replay:
-    """A `gcs.service.Service` over a recorded flight. Must be made on the running event loop."""
-
-    def __init__(self, data: FlightData, speed: float) -> None:
-        """Raises: GcsError when the record has no tick, or its configuration no show frame."""
+        Raises: GcsError when the record has no tick, or its configuration no show frame; InvalidError.
+        """
+        super().__init__(data.path)
         self._data = data
-        self._speed = speed
-        self._audit = NoAudit()
-        self._shows = NoShows(data.path)
         try:
             self._frame = ShowFrame(**data.about.config["show_frame"])
         except (KeyError, TypeError, GcsError) as error:
             raise GcsError(f"{data.path}: its configuration has no show frame: {error}") from None
         self._bounds = bounds(Standard.of(data.about.config, str(data.path)).safety)
-        self._ticks: Iterator[Flown] = data.ticks()
-        first = next(self._ticks, None)
-        if first is None:
+        first, last_s = next(data.moments(), None), data.last_s()
+        if first is None or last_s is None:
             raise GcsError(f"{data.path}: there is no flight in it. {data.cut}".strip())
-        self._first = first
-        self._view = Latest(self._state(first, alive=True))
+        self._began_s = first.unix_s
+        self._past = Past.of(data.path, data.about.session)
+        self._certifying = Certifying((data.path, *truths))
+        self._head = Playhead(last_s - first.unix_s, speed, self._now_s())
+        self._sought = False  # another place is wanted
+        self._changed = asyncio.Event()
+        self._ended = False
+        self._moment, self._shown_s = first, self._now_s()
+        self._view = Latest(self._state(first, self._shown_s, ended=False))
 
     async def run(self) -> None:
         """Show every state in its time, then the last one, until cancelled."""
-        loop = asyncio.get_running_loop()
-        began_s, flown = loop.time(), self._first
-        for flown in self._ticks:
-            due_s = began_s + (flown.unix_s - self._first.unix_s) / self._speed
-            if due_s > loop.time():
-                await asyncio.sleep(due_s - loop.time())
-            elif flown.tick["timing"]["count"] % 20:
-                continue  # too fast to show every one
-            self._view.set(self._state(flown, alive=True))
-        while True:
-            self._view.set(self._state(flown, alive=False))
-            await asyncio.sleep(REPEAT_S)
+        try:
+            while True:
+                await self._play()
+                self._ended = not self._sought
+                while not self._sought:
+                    self._show(self._moment)
+                    await self._wait(REPEAT_S)
+        finally:
+            await self._certifying.close()
 
-    def _state(self, flown: Flown, *, alive: bool) -> FleetView:
+    async def _play(self) -> None:
+        """From where the playhead is, until the end of the record, or until another place is wanted."""
+        self._sought = self._ended = False
+        first, passed = True, 0
+        for moment in self._data.moments(self._began_s + self._head.position_s(self._now_s())):
+            if not first and self._left_s(moment) < -LATE_S:
+                self._moment, passed = moment, passed + 1
+                if passed % PASSED == 0:
+                    await asyncio.sleep(0)
+            else:
+                while not (first or self._sought) and (left_s := self._left_s(moment)) > 0.0:
+                    await self._wait(min(left_s, REPEAT_S))
+                    if self._now_s() - self._shown_s >= REPEAT_S:
+                        self._show(self._moment)
+                if not self._sought:
+                    self._show(moment)
+            first = False
+            if self._sought:
+                return
+
+    def _left_s(self, moment: Moment) -> float:
+        """Until it is to be shown."""
+        return self._head.left_s(moment.unix_s - self._began_s, self._now_s())
+
+    async def _wait(self, most_s: float) -> None:
+        """Until it is played otherwise, at most so long."""
+        self._changed.clear()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(most_s):
+                await self._changed.wait()
+
+    def _show(self, moment: Moment) -> None:
+        self._moment, self._shown_s = moment, self._now_s()
+        self._view.promise(partial(self._state, moment, self._shown_s, ended=self._ended))
+
+    def _now_s(self) -> float:
+        return asyncio.get_running_loop().time()
+
+    @property
+    def replaying(self) -> "Replay":
+        """It is one."""
+        return self
+
+    @property
+    def playback(self) -> Playback:
+        """How it is played now."""
+        position_s = self._moment.unix_s - self._began_s
+        if self._sought:
+            position_s = self._head.position_s(self._now_s())
+        return self._playback(position_s, ended=self._ended and not self._sought)
+
+    def _playback(self, position_s: float, *, ended: bool) -> Playback:
+        head = self._head
+        return Playback(
+            str(self._data.path), self._began_s, head.duration_s, position_s, head.speed, head.paused, ended
+        )
+
+    def change(
+        self, *, paused: bool | None = None, speed: float | None = None, position_s: float | None = None
+    ) -> Playback:
+        """Play it otherwise. Raises: InvalidError, RefusedError; then nothing has changed."""
+        self._head.change(self._now_s(), paused=paused, speed=speed, position_s=position_s)
+        self._sought = self._sought or position_s is not None
+        self._changed.set()
+        if not self._sought:
+            self._show(self._moment)
+        return self.playback
+
+    def certify(self) -> Certification:
+        """The judgement of the record."""
+        return self._certifying.ask()
+
+    @property
+    def view(self) -> Latest[FleetView]:
+        """The state that is shown now."""
+        return self._view
+
+    @property
+    def frame(self) -> ShowFrame:
+        """Where the show's origin lay."""
+        return self._frame
+
+    def happenings(self) -> Sequence[Happening]:
+        """What had happened by then."""
+        return self._past.until(self._moment.unix_s)
+
+    def _state(self, moment: Moment, now_s: float, *, ended: bool) -> FleetView:
+        flown = self._data.decoded(moment)
         tick, status = flown.tick, flown.status
         selected, start_unix_s = status["selected"], status["start_unix_time_s"]
-        now_s = asyncio.get_running_loop().time()
         rows = self._rows(flown)
         problems: Sequence[str] = status["problems"]
         timing: dict[str, Any] = {
@@ -133,17 +189,18 @@ class Replay:
             rows=rows,
             plan=plan_of(status["plan"], now_s - tick["time_s"]),
             bounds=self._bounds,
+            playback=self._playback(flown.unix_s - self._began_s, ended=ended),
             center_m=_triple(tick["center_m"]),
             center_velocity_m_s=_triple(tick["center_velocity_m_s"]),
             radius_m=tick["radius_m"],
             target_m=(tick["target_m"][0], tick["target_m"][1]),
             minimum_separation_m=tick["minimum_separation_m"],
             tick=TickView(**timing, durations=NOTHING_COUNTED, latenesses=NOTHING_COUNTED),
-            control_alive=alive and tick["control_alive"],
+            control_alive=not ended and tick["control_alive"],
             setpoints_sent=tick["setpoints_sent"],
             interventions=0,
             notices=(
-                self._notice(flown, alive=alive),
+                self._notice(flown, ended=ended),
                 *not_ours(zip(rows.ids, rows.phases, strict=True)),
                 *problems,
             ),
@@ -160,10 +217,12 @@ class Replay:
             countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - flown.unix_s),
         )
 
-    def _notice(self, flown: Flown, *, alive: bool) -> str:
+    def _notice(self, flown: Flown, *, ended: bool) -> str:
         when = datetime.fromtimestamp(flown.unix_s, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-        told = f"replay of {self._data.path} at {self._speed:g} times its speed: {when}; nothing here flies"
-        return told if alive else f"{told}; the record has ended. {self._data.cut}".strip()
+        told = (
+            f"replay of {self._data.path} at {self._head.speed:g} times its speed: {when}; nothing here flies"
+        )
+        return f"{told}; the record has ended. {self._data.cut}".strip() if ended else told
 
     def _rows(self, flown: Flown) -> VehicleRows:
         about, table, n = self._data.about, flown.vehicles, len(flown.vehicles)
@@ -200,118 +259,8 @@ class Replay:
             restrained_by=[restrained_by.get(name, "") for name in about.ids],
             colour=np.zeros((n, 3), np.uint8),
             lit=np.zeros(n, np.bool_),
-            homes_m=[None] * n,
+            homes_m=[self._past.home_m(name, flown.unix_s) for name in about.ids],
         )
-
-    @property
-    def view(self) -> Latest[FleetView]:
-        """The state that is shown now."""
-        return self._view
-
-    @property
-    def frame(self) -> ShowFrame:
-        """Where the show's origin lay."""
-        return self._frame
-
-    @property
-    def audit(self) -> Audit:
-        """Nothing is recorded of a replay."""
-        return self._audit
-
-    def orders(self) -> Sequence[OrderRecord]:
-        """None: they stand in the audit beside the flight data."""
-        return ()
-
-    def _refuse(self) -> NoReturn:
-        raise RefusedError(f"this is a replay of {self._data.path}: nothing can be ordered or changed")
-
-    @property
-    def shows(self) -> Shows:
-        """None."""
-        return self._shows
-
-    def happenings(self) -> Sequence[Happening]:
-        """None yet."""
-        return ()
-
-    def command_show(
-        self,
-        _action: ShowAction,
-        _vehicles: Sequence[VehicleId] | None = None,
-        *,
-        show_hash: str | None = None,  # noqa: ARG002 (callers name it)
-        at_unix_time_s: float | None = None,  # noqa: ARG002
-    ) -> OrderRecord:
-        """Refused."""
-        self._refuse()
-
-    def select_show(self, _name: str, _show_hash: str) -> SelectedShow:
-        """Refused."""
-        self._refuse()
-
-    def deselect_show(self) -> None:
-        """Refused."""
-        self._refuse()
-
-    def seek_show(self, _cue: str) -> SelectedShow:
-        """Refused."""
-        self._refuse()
-
-    def preflight(self, _vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
-        """Refused."""
-        self._refuse()
-
-    def exclude(self, _vehicle_id: VehicleId, _reason: str) -> OrderRecord:
-        """Refused."""
-        self._refuse()
-
-    def include(self, _vehicle_id: VehicleId) -> OrderRecord:
-        """Refused."""
-        self._refuse()
-
-    def command_vehicle(self, _vehicle_id: VehicleId, _action: VehicleAction) -> OrderRecord:
-        """Refused."""
-        self._refuse()
-
-    def kill(self, _vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
-        """Refused."""
-        self._refuse()
-
-    def settle(self, _offer: Offer) -> OrderRecord:
-        """Refused."""
-        self._refuse()
-
-    def order(self, order_id: str) -> OrderRecord:
-        """Raises: UnknownError; orders are in the audit."""
-        raise UnknownError(f"there is no order {order_id}: this is a replay; past orders are in the audit")
-
-    def set_formation(self, _formation: Formation) -> None:
-        """Refused."""
-        self._refuse()
-
-    def set_orbit(self, _orbit: Orbit) -> None:
-        """Refused."""
-        self._refuse()
-
-    def set_target(self, _target: Target) -> None:
-        """Refused."""
-        self._refuse()
-
-    def set_yaw(self, _yaw: Yaw) -> None:
-        """Refused."""
-        self._refuse()
-
-    def add_obstacle(self, _obstacle: Obstacle) -> None:
-        """Refused."""
-        self._refuse()
-
-    def change_obstacle(self, _obstacle: Obstacle) -> None:
-        """Refused."""
-        self._refuse()
-
-    def remove_obstacle(self, _obstacle_id: str) -> None:
-        """Refused."""
-        self._refuse()
 
 
 def _triple(values: Sequence[float] | None) -> Triple | None:

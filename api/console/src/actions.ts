@@ -1,6 +1,6 @@
 // What can be asked of the service. Each tells what came of it; nothing is believed before it answers.
 
-import type { Ghost, Order, State } from "./state";
+import type { Ghost, Order, ShowCheck, State, StoredShow } from "./state";
 import { texts } from "./texts";
 import type { Message } from "./update";
 import { outcome, type Api, type Outcome } from "./wire/rest";
@@ -179,12 +179,15 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       if (result.ok) dispatch({ kind: "orders", orders: result.data });
       return result.ok;
     },
-    loadShows: () =>
-      read(
-        api.GET("/api/v1/shows"),
-        (shows) => ({ kind: "shows", shows }),
-        (showsProblem) => ({ kind: "desk", change: { showsProblem } }),
-      ),
+    async loadShows() {
+      const result: Outcome<StoredShow[]> = await outcome(api.GET("/api/v1/shows"));
+      dispatch(result.ok ? { kind: "shows", shows: result.data } : { kind: "desk", change: { showsProblem: result.reason } });
+      for (const { name } of result.ok ? result.data : []) {
+        const known: Outcome<ShowCheck> = await outcome(api.GET("/api/v1/shows/{name}/check", ofShow(name)));
+        if (known.ok) dispatch({ kind: "check", check: known.data }); // else it was never checked
+      }
+      return result.ok;
+    },
     checkShow: followCheck,
     selectShow: (name, hash) =>
       done(texts.orders.select(name), api.POST("/api/v1/shows/{name}/select", { ...ofShow(name), body: { hash } }), texts.showSelected(name)),
@@ -197,12 +200,20 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     removeShow: (name) => done(texts.orders.remove(name), api.DELETE("/api/v1/shows/{name}", ofShow(name)), texts.showRemoved(name)),
     seek: (cue) => done(texts.orders.seek(cue), api.POST("/api/v1/show/seek", { body: { cue } }), texts.showSought(cue)),
     replay: (change) => done(texts.replay.title, api.POST("/api/v1/replay", { body: change }), texts.replayChanged),
-    loadCertificate: () =>
-      read(
-        api.GET("/api/v1/replay/certificate"),
-        (certificate) => ({ kind: "certificate", certificate: certificate as Readonly<Record<string, unknown>> }),
-        (certificateProblem) => ({ kind: "desk", change: { certificateProblem } }),
-      ),
+    async loadCertificate() {
+      for (;;) {
+        const result: Outcome<Schemas["Certificate"]> = await outcome(api.GET("/api/v1/replay/certificate"));
+        const found = result.ok ? result.data : null;
+        if (found !== null && (found.state === "waiting" || found.state === "running")) {
+          await later(POLL_MS);
+          continue;
+        }
+        if (found?.report) dispatch({ kind: "certificate", certificate: found.report });
+        const certificateProblem = result.ok ? result.data.reason : result.reason;
+        dispatch({ kind: "desk", change: { certificateProblem } });
+        return certificateProblem === "";
+      }
+    },
   };
   return actions;
 }

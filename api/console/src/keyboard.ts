@@ -4,7 +4,7 @@ import { command } from "./desk/keys";
 import type { DeskActions } from "./desk/actions";
 import { pressBig } from "./desk/flight";
 import { whyNotGhost } from "./desk/ghost";
-import { jumped_s } from "./replay/bar";
+import { jumped_s, played } from "./replay/bar";
 import type { State } from "./state";
 import { texts } from "./texts";
 
@@ -51,7 +51,7 @@ export function onKey(event: KeyboardEvent, state: State, actions: DeskActions):
       break;
     case "play":
       if (!replay) return;
-      actions.replay({ paused: !replay.paused });
+      actions.replay(played(replay));
       break;
     case "jump":
       if (!replay) return;

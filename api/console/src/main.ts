@@ -14,6 +14,7 @@ import { createReader } from "./desk/reading";
 import { onKey } from "./keyboard";
 import { createScene } from "./scene/index";
 import { initial, type State } from "./state";
+import { texts } from "./texts";
 import { update, type Message } from "./update";
 import { createApi } from "./wire/rest";
 import { openStream } from "./wire/stream";
@@ -46,7 +47,8 @@ const byHand = (message: Message): void => {
 };
 
 const token = (): string => sessionStorage.getItem(TOKEN) ?? "";
-const stream = openStream(token, dispatch);
+/** Nor waits a change of the connection: what is old must not look fresh for longer than it has to. */
+const stream = openStream(token, (message) => (message.kind === "connection" ? byHand(message) : dispatch(message)));
 
 function login(text: string): void {
   sessionStorage.setItem(TOKEN, text);
@@ -89,5 +91,7 @@ addEventListener("keydown", (event) => onKey(event, newest(), actions));
 const read = createReader(service);
 setInterval(() => read(newest()), READ_MS);
 if (innerWidth < NARROW_PX) dispatch({ kind: "desk", change: { left: null } });
+canvas.setAttribute("role", "img");
+canvas.setAttribute("aria-label", texts.shell.scene);
 fit();
 requestAnimationFrame(onFrame);

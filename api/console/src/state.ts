@@ -13,6 +13,7 @@ export type Order = Schemas["Order"];
 export type PreflightReport = Schemas["Preflight"];
 export type StoredShow = Schemas["StoredShow"];
 export type ShowCheck = Schemas["ShowCheck"];
+export type CertificateReport = Schemas["CertificateReport"];
 export type ShowAction = Schemas["ShowAction"];
 export type ShowPhase = Schemas["ShowPhase"];
 export type Obstacle = Schemas["Obstacle"];
@@ -166,8 +167,8 @@ export interface State {
   history: History;
   orders: readonly Order[];
   preflight: PreflightReport | null;
-  /** The certificate of the record that is replayed, as JSON. */
-  certificate: Readonly<Record<string, unknown>> | null;
+  /** What the record that is replayed kept and broke, once it was judged. */
+  certificate: CertificateReport | null;
   toasts: readonly Toast[];
   toastsMade: number;
   view: View;

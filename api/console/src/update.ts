@@ -3,7 +3,7 @@
 import { updateDesk, type DeskMessage } from "./desk/update";
 import { energy, radiusError_m } from "./formation";
 import {
-  HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Access, type Connection, type Frame, type Ghost, type History, type KillArmed,
+  HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Access, type CertificateReport, type Connection, type Frame, type Ghost, type History, type KillArmed,
   type Order, type PreflightReport, type ShowCheck, type State, type Status, type StoredShow, type Toast, type View,
 } from "./state";
 
@@ -18,7 +18,7 @@ export type Message =
   | { kind: "preflight"; report: PreflightReport | null }
   | { kind: "shows"; shows: readonly StoredShow[] }
   | { kind: "check"; check: ShowCheck | null }
-  | { kind: "certificate"; certificate: Readonly<Record<string, unknown>> | null }
+  | { kind: "certificate"; certificate: CertificateReport | null }
   | { kind: "done" | "refused"; text: string }
   | { kind: "toast-gone"; id: number }
   | { kind: "view"; change: Partial<View> }

@@ -21,7 +21,7 @@ def operations(document: Any) -> dict[str, Any]:
 
 def test_every_operation_has_a_name_of_its_own_a_summary_and_a_tag(operations: dict[str, Any]) -> None:
     names = [operation["operationId"] for operation in operations.values()]
-    assert len(names) == len(set(names)) == 51
+    assert len(names) == len(set(names)) == 54
     assert all(name.isidentifier() for name in names)
     assert all(operation["summary"] and operation["description"] for operation in operations.values())
     assert all(len(operation["tags"]) == 1 for operation in operations.values())
@@ -74,7 +74,17 @@ def test_every_number_names_its_unit(document: Any) -> None:
         if "number" in json.dumps(described) and not field.endswith(units)
     }
     # shares of 1, what was wrong, and of a replay
-    assert without == {"battery_remaining", "battery_need", "link_quality", "value", "speed"}
+    assert without == {
+        "battery_remaining",
+        "battery_need",
+        "link_quality",
+        "value",
+        "speed",
+        "limit",
+        "worst",
+        "floor_ratio",
+        "floor_ratio_if_off",
+    }
 
 
 def test_the_docs_are_at_docs_and_need_no_internet(document: Any) -> None:

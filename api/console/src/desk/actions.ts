@@ -6,9 +6,9 @@ import { texts } from "../texts";
 import type { Message } from "../update";
 import { NEW_OBSTACLE } from "./obstacles";
 import type { Sort } from "./rows";
-import { typedNumbers, type Group } from "./shape";
+import { typedNumbers, whyNotGroup, type Group } from "./shape";
 import { HOLD_MS, type DeskState, type LeftPanel, type RightPanel, type Sheet } from "./state";
-import type { StartOrder } from "./start";
+import { startOrder } from "./start";
 
 type PanelName = LeftPanel | RightPanel;
 
@@ -29,7 +29,7 @@ export interface DeskActions
   refuse(what: string, why: string): void;
 
   show(command: ShowCommand): void;
-  start(order: StartOrder): void;
+  start(): void;
   vehicle(id: string, command: VehicleCommand): void;
   exclude(id: string): void;
   include(id: string): void;
@@ -38,13 +38,13 @@ export interface DeskActions
   confirmGhost(): void;
   cancelGhost(): void;
   armKill(vehicles: readonly string[] | null): void;
-  confirmKill(code: string): void;
+  confirmTyped(): void;
   holdKill(): void;
   releaseKill(): void;
   disarmKill(): void;
   readPreflight(): void;
   upload(file: File): void;
-  enter(token: string): void;
+  enter(): void;
   replay(change: ReplayChange): void;
   readCertificate(): void;
 }
@@ -89,9 +89,11 @@ export function createDeskActions(
 
   /** What a group has on the screen, with what was typed into it. */
   async function apply(group: Group): Promise<void> {
-    const numbers = typedNumbers(state().desk.drafts, group);
-    const { status, frame } = state();
-    if (numbers === null || !status) return;
+    const { status, frame, desk } = state();
+    const numbers = typedNumbers(desk.drafts, group);
+    const why = whyNotGroup(state(), group) || (numbers === null ? texts.shape.badNumber : "");
+    if (why !== "") return refuse(texts.shape.groups[group], why);
+    if (numbers === null || !status || Object.keys(numbers).length === 0) return;
     let accepted: boolean;
     switch (group) {
       case "formation":
@@ -182,7 +184,9 @@ export function createDeskActions(
     refuse,
 
     show: (command) => void service.show(command),
-    async start(order) {
+    async start() {
+      const order = startOrder(state());
+      if (typeof order === "string") return refuse(texts.start.title, order);
       if (await service.start(order.vehicles, order.at_unix_time_s)) {
         set({ sheet: null, startAt: false, startNamed: false });
         undo("start-");
@@ -208,7 +212,7 @@ export function createDeskActions(
     },
     cancelGhost: () => dispatch({ kind: "ghost", ghost: null }),
     armKill: (vehicles) => void service.armKill(vehicles),
-    confirmKill: (code) => void confirmKill(code),
+    confirmTyped: () => void confirmKill(state().desk.drafts["kill-typed"] ?? ""),
     holdKill() {
       const { kill, page_ms } = state();
       if (kill === null || state().desk.holding_ms !== null) return;
@@ -235,9 +239,10 @@ export function createDeskActions(
     },
     seek: service.seek,
     upload: (file) => void upload(file),
-    enter(token) {
+    enter() {
+      const token = (state().desk.drafts["token"] ?? "").trim();
       undo("token");
-      login(token);
+      if (token !== "") login(token);
     },
     replay: (change) => void service.replay(change),
     readCertificate: () => void readCertificate(),

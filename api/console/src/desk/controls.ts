@@ -14,7 +14,7 @@ export interface Button {
   press: () => void;
   why?: string; // it may not be pressed, and why
   icon?: IconName;
-  kind?: "plain" | "primary" | "danger" | "quiet";
+  kind?: "normal" | "primary" | "danger" | "quiet";
   name?: string; // for a screen reader, where the label alone says too little
   pressed?: boolean;
   expanded?: boolean;
@@ -27,7 +27,7 @@ export function button(actions: DeskActions, b: Button): TemplateResult {
   const why = b.why ?? "";
   return html`<button
     type="button"
-    class="button ${b.kind ?? "plain"} ${b.iconOnly ? "icon-only" : ""}"
+    class="button ${b.kind ?? "normal"} ${b.iconOnly ? "icon-only" : ""}"
     data-testid=${b.id}
     aria-label=${b.name ?? (b.iconOnly ? b.label : nothing)}
     aria-disabled=${why === "" ? nothing : "true"}

@@ -6,14 +6,14 @@ import { PHASES, type Frame, type State, type Status } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { button } from "./controls";
-import { fixed, percent } from "./format";
+import { fixed, percentOnly } from "./format";
 import { icon, PHASE_ICON } from "./icons";
 import { place } from "./place";
 import { hasTerm, toggled } from "./query";
 import { isStale, rowOf, windowed, type Column, type Row } from "./rows";
 import { ROW_PX } from "./state";
 
-const COLUMNS: readonly Column[] = ["id", "phase", "mode", "battery", "age", "fix", "nearest", "link", "height", "held"];
+const COLUMNS: readonly Column[] = ["id", "phase", "held", "nearest", "battery", "age", "fix", "link", "height", "mode"];
 
 const TERMS = [
   { term: "restrained", label: texts.fleet.restrained },
@@ -56,7 +56,7 @@ function heading(state: State, actions: DeskActions, column: Column): TemplateRe
       type="button"
       data-testid="sort-${column}"
       title=${texts.fleet.columnHelp[column]}
-      aria-label=${texts.fleet.sortBy(texts.fleet.columnHelp[column])}
+      aria-label=${texts.fleet.sortBy(name, texts.fleet.columnHelp[column])}
       @click=${() => actions.sort({ column, descending: isSorted && !sort.descending })}
     >
       ${name}${isSorted ? icon(sort.descending ? "down" : "up") : nothing}
@@ -77,16 +77,16 @@ function rowView(state: State, actions: DeskActions, row: Row, position: number)
       <button type="button" class="row-open" tabindex="-1" data-testid="open-${row.id}" aria-current=${isSelected ? "true" : nothing}>${row.id}</button>
     </th>
     <td class="phase phase-${row.phase}">${icon(PHASE_ICON[row.phase])}<span>${texts.fleet.phases[row.phase]}</span></td>
-    <td>${row.mode}</td>
-    <td class="number ${low ? "low" : ""}">${low ? icon("warning") : nothing}${percent(row.battery)}</td>
-    <td class="number age">${fixed(row.age_s)}</td>
-    <td class="number">${row.fix} ${fixed(row.fix_m)}</td>
-    <td class="number">${fixed(row.nearest_m)}</td>
-    <td class="number">${percent(row.link)}</td>
-    <td class="number">${fixed(row.height_m)}</td>
     <td class="held" title=${row.restrainedBy || nothing}>
       ${row.restrained ? html`${icon("restrained")}<span class="for-readers">${texts.fleet.restrained}</span>` : nothing}
     </td>
+    <td class="number">${fixed(row.nearest_m)}</td>
+    <td class="number ${low ? "low" : ""}">${low ? icon("warning") : nothing}${percentOnly(row.battery)}</td>
+    <td class="number age">${fixed(row.age_s)}</td>
+    <td class="number">${row.fix} ${fixed(row.fix_m)}</td>
+    <td class="number">${percentOnly(row.link)}</td>
+    <td class="number">${fixed(row.height_m)}</td>
+    <td>${row.mode}</td>
   </tr>`;
 }
 

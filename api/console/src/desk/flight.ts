@@ -7,6 +7,7 @@ import { fresh } from "../state";
 import type { DeskActions } from "./actions";
 import { icon, type IconName } from "./icons";
 import { KEYS } from "./keys";
+import { failures } from "./preflight";
 import { whyNot, whyNotShow } from "./rights";
 
 type Big = ShowAction | "kill";
@@ -24,6 +25,12 @@ export function whyNotBig(state: State, action: Big): string {
   return action === "kill" ? whyNot(state, "kill") : whyNotShow(state, action);
 }
 
+/** What is known to speak against it already; the service has the last word. */
+function warning(state: State, action: Big): string {
+  const report = state.preflight;
+  return action === "start" && report && !report.passes ? texts.flight.fails(failures(report)) : "";
+}
+
 /** What a big button does, by hand or by key. */
 export function pressBig(state: State, actions: DeskActions, action: Big): void {
   const why = whyNotBig(state, action);
@@ -38,7 +45,7 @@ export function flight(state: State, actions: DeskActions): TemplateResult {
     ${BIG.map(({ action, icon: name }) => {
       const why = whyNotBig(state, action);
       const opens = action === "start" || action === "kill";
-      const what = why || (fresh(state) ? texts.flight.what[action] : texts.flight.decides);
+      const what = why || (fresh(state) ? (warning(state, action) || texts.flight.what[action]) : texts.flight.decides);
       return html`<button
         type="button"
         class="big big-${action}"

@@ -15,6 +15,11 @@ export function fixed(value: Maybe, digits = 1): string {
   return Number(text) === 0 ? text.replace("-", "") : text;
 }
 
+/** A number with as many digits as it has, two at most: 8, 0.5, 2.43. */
+export function plain(value: Maybe): string {
+  return known(value) ? String(Number(value.toFixed(2))) : UNKNOWN;
+}
+
 /** A number with its unit; the unit goes with what is known only. */
 export function withUnit(value: Maybe, unit: string, digits = 1): string {
   return known(value) ? `${fixed(value, digits)} ${unit}` : UNKNOWN;
@@ -23,6 +28,11 @@ export function withUnit(value: Maybe, unit: string, digits = 1): string {
 /** A share, 0 to 1, as percent; rounded down, so that 19.6 % never reads as 20 %. */
 export function percent(share: Maybe): string {
   return known(share) ? `${Math.floor(share * 100 + 1e-6)} %` : UNKNOWN;
+}
+
+/** As above, without the sign: where the heading says it. */
+export function percentOnly(share: Maybe): string {
+  return known(share) ? String(Math.floor(share * 100 + 1e-6)) : UNKNOWN;
 }
 
 /** An age or a time left, as short as it can be read. */

@@ -106,10 +106,10 @@ function sheet(state: State, actions: DeskActions): TemplateResult | typeof noth
   const name = state.desk.sheet;
   if (name === null) return nothing;
   return html`<section class="sheet sheet-${name}" role="dialog" aria-label=${SHEETS[name].title} data-testid="sheet-${name}">
-    <header>
+    <div class="head">
       <h2>${SHEETS[name].title}</h2>
       ${button(actions, { id: "sheet-close", label: texts.shell.close, icon: "cross", iconOnly: true, kind: "quiet", press: () => actions.sheet(null) })}
-    </header>
+    </div>
     ${SHEETS[name].view(state, actions)}
   </section>`;
 }
@@ -120,13 +120,13 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
   const isOld = now !== "live" && now !== "replay";
   const { left, right } = state.desk;
   return html`<div class="desk ${isOld ? "is-old" : ""} ${left ? "has-left" : ""} ${right ? "has-right" : ""}" data-testid="desk" data-life=${now}>
-    <h1 class="for-readers">${texts.bar.name}</h1>
     ${topbar(state, actions)}
-    <div class="alerts">${banner(state)} ${interrupted(state, actions)} ${notices(state, actions)}</div>
+    <div class="alerts">${banner(state)} ${interrupted(state, actions)} ${notices(state, actions)} ${toasts(state, actions)}</div>
     ${rail(state, actions, "left", LEFT)} ${panel(state, actions, "left")}
     ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)} ${panel(state, actions, "right")}
-    <div class="center-low">${sheet(state, actions)} ${ghostBar(state, actions)}</div>
+    ${state.desk.sheet === "help" ? sheet(state, actions) : nothing}
+    <div class="center-low">${state.desk.sheet === "help" ? nothing : sheet(state, actions)} ${ghostBar(state, actions)}</div>
     <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : flight(state, actions)}</footer>
-    ${toasts(state, actions)} ${login(state, actions)}
+    ${login(state, actions)}
   </div>`;
 }

@@ -113,7 +113,7 @@ function confirm(state: State, actions: DeskActions, kill: Kill): TemplateResult
       class="inline-form rowed"
       @submit=${(event: Event) => {
         event.preventDefault();
-        actions.confirmKill(state.desk.drafts["kill-typed"] ?? "");
+        actions.confirmTyped();
       }}
     >
       ${textField(state, actions, { field: "kill-typed", label: t.code })}

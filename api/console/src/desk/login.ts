@@ -19,12 +19,12 @@ export function login(state: State, actions: DeskActions): TemplateResult | type
     <form
       @submit=${(event: Event) => {
         event.preventDefault();
-        if (typed !== "") actions.enter(typed);
+        actions.enter();
       }}
     >
       ${textField(state, actions, { field: "token", label: t.label, focus: true, secret: true })}
       <div class="buttons">
-        ${button(actions, { id: "token-enter", label: t.send, kind: "primary", why: typed === "" ? t.label : "", press: () => actions.enter(typed) })}
+        ${button(actions, { id: "token-enter", label: t.send, kind: "primary", why: typed === "" ? t.label : "", press: () => actions.enter() })}
       </div>
     </form>
   </section>`;

@@ -7,7 +7,7 @@ import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import type { History, State } from "../state";
 import { texts } from "../texts";
-import { withUnit } from "./format";
+import { minutes, withUnit } from "./format";
 
 const t = texts.plots;
 
@@ -17,16 +17,17 @@ interface Curve {
   unit: string;
   digits: number;
   values: (history: History) => Float64Array;
+  fromZero: boolean;
   floor: (state: State) => number; // a line that it should stay above; NaN: none
 }
 
 const NONE = (): number => NaN;
 
 const CURVES: readonly Curve[] = [
-  { id: "separation", title: t.separation, unit: "m", digits: 1, values: (h) => h.minimumSeparation_m, floor: (s) => s.status?.separation.horizontal_m ?? NaN },
-  { id: "radius", title: t.radius, unit: "m", digits: 2, values: (h) => h.radiusError_m, floor: NONE },
-  { id: "energy", title: t.energy, unit: "", digits: 3, values: (h) => h.energy, floor: NONE },
-  { id: "tick", title: t.tick, unit: "ms", digits: 1, values: (h) => h.tick_p99_ms, floor: NONE },
+  { id: "separation", title: t.separation, unit: "m", digits: 1, fromZero: true, values: (h) => h.minimumSeparation_m, floor: (s) => s.status?.separation.horizontal_m ?? NaN },
+  { id: "radius", title: t.radius, unit: "m", digits: 2, fromZero: true, values: (h) => h.radiusError_m, floor: NONE },
+  { id: "energy", title: t.energy, unit: "", digits: 3, fromZero: false, values: (h) => h.energy, floor: NONE },
+  { id: "tick", title: t.tick, unit: "ms", digits: 1, fromZero: true, values: (h) => h.tick_p99_ms, floor: NONE },
 ];
 
 /** Numbers as uPlot wants them: seconds before now, and null where nothing is known. Pure. */
@@ -56,11 +57,12 @@ class Plot extends AsyncDirective {
     const element = part.element as HTMLElement;
     if (this.night !== state.view.night) this.disconnected();
     if (state.page_ms - this.drawn_ms < REDRAW_MS || state.history.time_s.length < 2) return noChange;
+    if (!element.isConnected) return noChange; // it has no size and no colours yet
     this.drawn_ms = state.page_ms;
     this.night = state.view.night;
     const data = columns(state.history, curve.values(state.history), curve.floor(state)) as uPlot.AlignedData;
     const width = element.clientWidth || 320;
-    this.plot ??= new uPlot(options(width, getComputedStyle(element)), data, element);
+    this.plot ??= new uPlot(options(curve, width, getComputedStyle(element)), data, element);
     if (this.plot.width !== width) this.plot.setSize({ width, height: HEIGHT_PX });
     this.plot.setData(data);
     return noChange;
@@ -75,7 +77,7 @@ class Plot extends AsyncDirective {
 
 const plot = directive(Plot);
 
-function options(width: number, look: CSSStyleDeclaration): uPlot.Options {
+function options(curve: Curve, width: number, look: CSSStyleDeclaration): uPlot.Options {
   const colour = (name: string): string => look.getPropertyValue(name).trim();
   const axis = { stroke: colour("--text-dim"), grid: { stroke: colour("--line"), width: 1 }, ticks: { show: false }, font: "11px system-ui" };
   return {
@@ -86,10 +88,10 @@ function options(width: number, look: CSSStyleDeclaration): uPlot.Options {
     padding: [8, 8, 0, 0],
     scales: {
       x: { time: false },
-      y: { range: (_plot, least, most) => [Math.min(0, least ?? 0), Math.max(1e-3, most ?? 1) * 1.1] },
+      y: curve.fromZero ? { range: (_plot, _least, most) => [0, Math.max(1e-3, most ?? 1) * 1.1] } : {},
     },
     axes: [
-      { ...axis, size: 22, values: (_plot, ticks) => ticks.map((each) => (each === 0 ? "0" : `${each} s`)) },
+      { ...axis, size: 22, values: (_plot, ticks) => ticks.map((each) => minutes(each)) },
       { ...axis, size: 42 },
     ],
     series: [

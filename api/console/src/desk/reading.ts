@@ -1,9 +1,9 @@
 /** What the stream does not say is asked for while somebody looks at it: preflight, orders, show files. */
 
 import type { Actions } from "../actions";
+import { whyNotOnGround } from "./rights";
 import { fresh, type State } from "../state";
 
-const ON_THE_GROUND: readonly string[] = ["idle", "countdown", "landed"];
 const PREFLIGHT_MS = 2000;
 const ORDERS_MS = 2000;
 
@@ -24,7 +24,7 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
     if (!fresh(state) || !status || state.access === null || status.replay) return;
     const isLooking = desk.left === "preflight" || desk.sheet === "start";
     const first = state.preflight === null && asked_ms.preflight === -Infinity;
-    const onGround = ON_THE_GROUND.includes(status.show.phase);
+    const onGround = whyNotOnGround(state) === "";
     if ((first || (isLooking && onGround)) && page_ms - asked_ms.preflight >= PREFLIGHT_MS) {
       asked_ms.preflight = page_ms;
       ask("preflight", service.loadPreflight);

@@ -42,6 +42,14 @@ export function whyNotVehicle(state: State, action: VehicleAction, phase: Phase)
   return FROM[action].includes(phase) ? "" : texts.vehicle.notIn(texts.fleet.phases[phase]);
 }
 
+const ON_THE_GROUND: readonly string[] = ["idle", "countdown", "landed"];
+
+/** What is settled before a start and not in the air. */
+export function whyNotOnGround(state: State): string {
+  const phase = state.status?.show.phase;
+  return phase === undefined || ON_THE_GROUND.includes(phase) ? "" : texts.flight.notNow(texts.phases[phase]);
+}
+
 /** The formation, orbit and target belong to a written show while it runs. */
 export function whyNotShape(state: State): string {
   const why = whyNot(state, "formation");

@@ -25,6 +25,10 @@ export function typedNumbers(drafts: Readonly<Record<string, string>>, group: st
   return numbers;
 }
 
+export function whyNotGroup(state: State, group: Group): string {
+  return group === "yaw" ? whyNot(state, "yaw") : whyNotShape(state);
+}
+
 function hasDrafts(state: State, group: Group): boolean {
   return Object.keys(state.desk.drafts).some((field) => field.startsWith(`${group}:`));
 }
@@ -38,34 +42,31 @@ function section(
   more: TemplateResult | typeof nothing = nothing,
 ): TemplateResult {
   const changed = hasDrafts(state, group);
-  const why = group === "yaw" ? whyNot(state, "yaw") : whyNotShape(state);
+  const why = whyNotGroup(state, group);
   const wrong = typedNumbers(state.desk.drafts, group) === null ? t.badNumber : "";
   return html`<form
     class="group"
     aria-label=${title}
     @submit=${(event: Event) => {
       event.preventDefault();
-      if (changed && wrong === "" && why === "") actions.apply(group);
-      else if (why !== "") actions.refuse(title, why);
+      actions.apply(group);
     }}
   >
     <h3>${title}</h3>
     <div class="fields">${fields.map((each) => numberField(state, actions, each))}</div>
     ${more}
-    ${changed
-      ? html`<div class="buttons">
-          <button
-            type="submit"
-            class="button primary"
-            data-testid="${group}-apply"
-            aria-disabled=${why || wrong ? "true" : nothing}
-            title=${why || wrong || nothing}
-          >
-            <span>${texts.shell.apply}</span>
-          </button>
-          ${button(actions, { id: `${group}-undo`, label: texts.shell.undo, kind: "quiet", press: () => actions.undo(`${group}:`) })}
-        </div>`
-      : nothing}
+    <div class="buttons" ?hidden=${!changed}>
+      <button
+        type="submit"
+        class="button primary"
+        data-testid="${group}-apply"
+        aria-disabled=${why || wrong ? "true" : nothing}
+        title=${why || wrong || nothing}
+      >
+        <span>${texts.shell.apply}</span>
+      </button>
+      ${button(actions, { id: `${group}-undo`, label: texts.shell.undo, kind: "quiet", press: () => actions.undo(`${group}:`) })}
+    </div>
   </form>`;
 }
 

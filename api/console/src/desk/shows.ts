@@ -7,7 +7,7 @@ import type { DeskActions } from "./actions";
 import { button } from "./controls";
 import { fixed, minutes, percent, withUnit } from "./format";
 import { icon } from "./icons";
-import { whyNot } from "./rights";
+import { whyNot, whyNotOnGround } from "./rights";
 
 const t = texts.shows;
 
@@ -70,6 +70,7 @@ function one(state: State, actions: DeskActions, file: StoredShow): TemplateResu
   const check = checks[file.name];
   const selected = state.status?.show.selected?.name === file.name;
   const why = whyNot(state, "shows");
+  const whyNotNow = why || whyNotOnGround(state);
   const open = openShow === file.name;
   const removing = sure === `show:${file.name}`;
   const named = (label: string): string => `${label} ${file.name}`;
@@ -84,13 +85,13 @@ function one(state: State, actions: DeskActions, file: StoredShow): TemplateResu
     <div class="buttons">
       ${button(actions, { id: `show-check-${file.name}`, label: t.check, name: named(t.check), why, press: () => actions.checkShow(file.name) })}
       ${selected
-        ? button(actions, { id: `show-deselect-${file.name}`, label: t.deselect, name: named(t.deselect), why, press: () => actions.deselectShow() })
+        ? button(actions, { id: `show-deselect-${file.name}`, label: t.deselect, name: named(t.deselect), why: whyNotNow, press: () => actions.deselectShow() })
         : button(actions, {
             id: `show-select-${file.name}`,
             label: t.select,
             name: named(t.select),
-            kind: check?.good ? "primary" : "plain",
-            why: why || (check?.good && check.hash ? "" : t.unchecked),
+            kind: check?.good ? "primary" : "normal",
+            why: whyNotNow || (check?.good && check.hash ? "" : t.unchecked),
             press: () => actions.selectShow(file.name, check?.hash ?? ""),
           })}
       ${check?.state === "done"

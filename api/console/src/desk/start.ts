@@ -62,7 +62,7 @@ export function start(state: State, actions: DeskActions): TemplateResult {
   return html`<form
     @submit=${(event: Event) => {
       event.preventDefault();
-      if (typeof order !== "string") actions.start(order);
+      actions.start();
     }}
   >
     <div class="rowed"><b>${t.show}</b><span data-testid="start-show">${selected ? selected.name : t.noShow}</span></div>
@@ -94,7 +94,7 @@ export function start(state: State, actions: DeskActions): TemplateResult {
         icon: "takeoff",
         focus: true,
         why: whyNotShow(state, "start") || wrong,
-        press: () => typeof order !== "string" && actions.start(order),
+        press: () => actions.start(),
       })}
       ${button(actions, { id: "start-cancel", label: texts.shell.cancel, press: () => actions.sheet(null) })}
     </div>

@@ -7,9 +7,7 @@ import type { DeskActions } from "./actions";
 import { minutes } from "./format";
 import { icon } from "./icons";
 import { place } from "./place";
-import { whyNot } from "./rights";
-
-const ON_THE_GROUND: readonly string[] = ["idle", "countdown", "landed"];
+import { whyNot, whyNotOnGround } from "./rights";
 
 export interface Segment {
   cue: string;
@@ -27,13 +25,6 @@ export function playing(all: readonly Segment[], clock_s: number): number {
   return all.findLastIndex((each) => each.at_s <= clock_s);
 }
 
-function whyNotSeek(state: State): string {
-  const why = whyNot(state, "seek");
-  if (why !== "" || !state.status) return why;
-  const { phase } = state.status.show;
-  return ON_THE_GROUND.includes(phase) ? "" : texts.flight.notNow(texts.phases[phase]);
-}
-
 export function timeline(state: State, actions: DeskActions): TemplateResult {
   const show = state.status?.show.selected;
   if (!show || !state.status) {
@@ -42,7 +33,7 @@ export function timeline(state: State, actions: DeskActions): TemplateResult {
   const clock_s = state.frame && Number.isFinite(state.frame.clock_s) ? state.frame.clock_s : show.clock_s;
   const all = segments(state.status.timeline, show.duration_s);
   const now = playing(all, clock_s);
-  const why = whyNotSeek(state);
+  const why = whyNot(state, "seek") || whyNotOnGround(state);
   const share = (time_s: number): string => `${(100 * Math.min(1, Math.max(0, time_s / show.duration_s))).toFixed(3)}%`;
   return html`<section class="timeline" aria-label=${texts.timeline.title} data-testid="timeline">
     <header>

@@ -56,7 +56,7 @@ function showState(state: State): TemplateResult {
   const show = state.status?.show;
   const phase = show?.phase ?? "idle";
   const known = show ? texts.phases[phase] : "–";
-  return html`<div class="show-state phase-${phase} value" data-testid="show-state" role="status">
+  return html`<div class="show-state phase-${phase} value" data-testid="show-state" role="status" title=${show?.reason || nothing}>
     ${icon(SHOW_ICON[phase])}
     <span class="show-words">
       <strong data-testid="show-phase">${known}</strong>
@@ -111,6 +111,7 @@ export function topbar(state: State, actions: DeskActions): TemplateResult {
   const now = life(state);
   const { night, camera } = state.view;
   return html`<header class="topbar">
+    <h1 class="for-readers">${texts.title}</h1>
     <div class="life life-${now}" data-testid="connection" role="status" title=${state.connection.reason || nothing}>
       ${icon(LIFE_ICON[now])}<strong>${texts.bar.states[now]}</strong>
     </div>

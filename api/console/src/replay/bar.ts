@@ -4,29 +4,39 @@ import { html, nothing, type TemplateResult } from "lit-html";
 import type { DeskActions } from "../desk/actions";
 import { button, choices } from "../desk/controls";
 import { minutes } from "../desk/format";
-import type { State } from "../state";
+import type { ReplayChange } from "../actions";
+import type { Status, State } from "../state";
 import { texts } from "../texts";
+
+type Replay = NonNullable<Status["replay"]>;
 
 const t = texts.replay;
 const SPEEDS: readonly string[] = ["0.5", "1", "2", "4", "10"];
 export const JUMP_S = 10;
 
-/** Where the record is now: the status says it seldom, so what has passed since is added. Pure. */
+/** Where the record is now: each frame tells when it was recorded. Pure. */
 export function position_s(state: State): number {
-  const { status, frame } = state;
+  const { frame, status } = state;
   const replay = status?.replay;
-  if (!replay || !status) return 0;
-  const passed_s = replay.paused || !frame ? 0 : Math.max(0, frame.time_s - status.time_s);
-  return Math.min(replay.duration_s, replay.position_s + passed_s);
+  if (!replay) return 0;
+  const at_s = frame ? frame.unix_time_s - replay.began_unix_time_s : replay.position_s;
+  return Math.min(replay.duration_s, Math.max(0, at_s));
 }
 
 export function jumped_s(state: State, by_s: number): number {
   return Math.min(state.status?.replay?.duration_s ?? 0, Math.max(0, position_s(state) + by_s));
 }
 
+/** Play, or pause; from the beginning again where the end was reached. Pure. */
+export function played(replay: Replay): ReplayChange {
+  if (replay.ended) return { position_s: 0, paused: false };
+  return { paused: !replay.paused };
+}
+
 export function replayBar(state: State, actions: DeskActions): TemplateResult | typeof nothing {
   const replay = state.status?.replay;
   if (!replay) return nothing;
+  const stands = replay.paused || replay.ended;
   const dragged = state.desk.drafts["scrubber"];
   const shown_s = dragged === undefined ? position_s(state) : Number(dragged);
   const where = t.of(minutes(shown_s), minutes(replay.duration_s));
@@ -37,10 +47,10 @@ export function replayBar(state: State, actions: DeskActions): TemplateResult | 
   return html`<section class="replay" aria-label=${t.title} data-testid="replay">
     ${button(actions, {
       id: "replay-play",
-      label: replay.paused ? t.play : t.pause,
-      icon: replay.paused ? "start" : "pause",
+      label: stands ? t.play : t.pause,
+      icon: stands ? "start" : "pause",
       kind: "primary",
-      press: () => actions.replay({ paused: !replay.paused }),
+      press: () => actions.replay(played(replay)),
     })}
     ${jump("replay-back", "−10 s", t.back, -JUMP_S)} ${jump("replay-on", "+10 s", t.on, JUMP_S)}
     <div class="scrub">

@@ -5,37 +5,10 @@ import type { DeskActions } from "../desk/actions";
 import { button } from "../desk/controls";
 import { fixed, minutes, withUnit } from "../desk/format";
 import { icon } from "../desk/icons";
-import type { State } from "../state";
+import type { CertificateReport, State } from "../state";
 import { texts } from "../texts";
 
 const t = texts.certificate;
-
-/** As `gcs certify --json` writes it. */
-export interface Certificate {
-  verdict: "kept" | "broken";
-  based_on: string;
-  uncertainty: string;
-  remarks: readonly string[];
-  vehicles: number;
-  flew: number;
-  duration_s: number;
-  checks: readonly {
-    name: string;
-    limit: number;
-    worst: number | null;
-    unit: string;
-    vehicle: string;
-    at_s: number | null;
-    kept: boolean;
-  }[];
-  nearest_pairs: readonly {
-    vehicles: readonly string[];
-    distance_m: number;
-    floor_ratio: number;
-    floor_ratio_if_off: number;
-    at_s: number;
-  }[];
-}
 
 function moment(actions: DeskActions, at_s: number | null): TemplateResult | typeof nothing {
   if (at_s === null) return nothing;
@@ -58,7 +31,7 @@ function head(names: readonly string[]): TemplateResult {
   </thead>`;
 }
 
-function checks(actions: DeskActions, certificate: Certificate): TemplateResult {
+function checks(actions: DeskActions, certificate: CertificateReport): TemplateResult {
   return html`<table class="plain-table" data-testid="certificate-checks">
     <caption>${t.checks}</caption>
     ${head([t.name, t.worst, t.limit, t.who])}
@@ -77,7 +50,7 @@ function checks(actions: DeskActions, certificate: Certificate): TemplateResult 
   </table>`;
 }
 
-function pairs(actions: DeskActions, certificate: Certificate): TemplateResult {
+function pairs(actions: DeskActions, certificate: CertificateReport): TemplateResult {
   return html`<table class="plain-table" data-testid="certificate-pairs">
     <caption>${t.nearest}</caption>
     ${head([t.pair, t.distance, t.ratio, t.ratioOff, t.at])}
@@ -95,7 +68,7 @@ function pairs(actions: DeskActions, certificate: Certificate): TemplateResult {
   </table>`;
 }
 
-function judged(actions: DeskActions, found: Certificate): TemplateResult {
+function judged(actions: DeskActions, found: CertificateReport): TemplateResult {
   const kept = found.verdict === "kept";
   return html`<div class="verdict ${kept ? "good" : "bad"}" data-testid="certificate-verdict">
       ${icon(kept ? "check" : "cross")}
@@ -111,7 +84,7 @@ export function certificate(state: State, actions: DeskActions): TemplateResult 
   return html`<div class="certificate" data-testid="certificate">
     ${certificateProblem ? html`<p class="problem" role="alert">${certificateProblem}</p>` : nothing}
     ${state.certificate
-      ? judged(actions, state.certificate as unknown as Certificate)
+      ? judged(actions, state.certificate)
       : html`<p class="empty">${certificateReading ? t.reading : t.none}</p>`}
     ${button(actions, {
       id: "certificate-read",

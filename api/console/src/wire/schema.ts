@@ -244,6 +244,50 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/replay": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * How the record is played
+         * @description Where in the record it is, and how fast; `409` where vehicles fly.
+         */
+        get: operations["get_replay"];
+        put?: never;
+        /**
+         * Pause, go on, at another speed, from elsewhere
+         * @description What is given changes, at once; `409` where vehicles fly, and for going on behind the end.
+         */
+        post: operations["change_replay"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/replay/certificate": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * What the flight kept and broke
+         * @description Answers at once. The first call begins the judgement beside the replay: ask again until it is done.
+         */
+        get: operations["get_certificate"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/show": {
         parameters: {
             query?: never;
@@ -906,6 +950,96 @@ export interface components {
             velocity: components["schemas"]["VelocityOut"] | null;
         };
         /**
+         * Certificate
+         * @description How far the judgement of the record has got.
+         */
+        Certificate: {
+            /**
+             * Reason
+             * @description Why it failed, empty when it did not.
+             */
+            reason: string;
+            /** @description null until it is done. */
+            report: components["schemas"]["CertificateReport"] | null;
+            state: components["schemas"]["CheckState"];
+        };
+        /**
+         * CertificateCheck
+         * @description One limit: kept or not, and the worst that was.
+         */
+        CertificateCheck: {
+            /**
+             * At S
+             * @description Since the beginning of the record.
+             */
+            at_s: number | null;
+            /** Kept */
+            kept: boolean;
+            /** Limit */
+            limit: number | null;
+            /**
+             * Name
+             * @example greatest height
+             */
+            name: string;
+            /**
+             * Unit
+             * @description Of limit and worst.
+             * @example m
+             */
+            unit: string;
+            /**
+             * Vehicle
+             * @description Whose worst it was.
+             */
+            vehicle: string;
+            /**
+             * Worst
+             * @description null: there was nothing to judge.
+             */
+            worst: number | null;
+        };
+        /**
+         * CertificateReport
+         * @description What `gcs certify --json` tells of a record.
+         */
+        CertificateReport: {
+            /**
+             * Based On
+             * @example true positions
+             * @example estimated positions
+             */
+            based_on: string;
+            /** Checks */
+            checks: components["schemas"]["CertificateCheck"][];
+            /** Duration S */
+            duration_s: number;
+            /** Flew */
+            flew: number;
+            /** Nearest Pairs */
+            nearest_pairs: components["schemas"]["NearestPair"][];
+            /**
+             * Remarks
+             * @description About the file.
+             */
+            remarks: string[];
+            /** Source */
+            source: string;
+            /**
+             * Uncertainty
+             * @description Of the positions, in words.
+             */
+            uncertainty: string;
+            /** Vehicles */
+            vehicles: number;
+            /**
+             * Verdict
+             * @example kept
+             * @example broken
+             */
+            verdict: string;
+        };
+        /**
          * Check
          * @description One thing that is looked at before a start.
          */
@@ -1316,6 +1450,28 @@ export interface components {
          */
         Mode: "unknown" | "ready" | "takeoff" | "hold" | "offboard" | "return" | "land" | "position" | "other";
         /**
+         * NearestPair
+         * @description Two vehicles, when they were nearest in the floor's metric.
+         */
+        NearestPair: {
+            /** At S */
+            at_s: number | null;
+            /** Distance M */
+            distance_m: number | null;
+            /**
+             * Floor Ratio
+             * @description 1: just the floor.
+             */
+            floor_ratio: number | null;
+            /**
+             * Floor Ratio If Off
+             * @description If both were off by their margin, towards each other.
+             */
+            floor_ratio_if_off: number | null;
+            /** Vehicles */
+            vehicles: string[];
+        };
+        /**
          * Obstacle
          * @description A box on the ground, where it is now.
          */
@@ -1686,7 +1842,7 @@ export interface components {
         Replay: {
             /**
              * Began Unix Time S
-             * @description Of the first recorded state; a state's own tells where it is.
+             * @description Of the first recorded state.
              */
             began_unix_time_s: number;
             /** Duration S */
@@ -1710,6 +1866,26 @@ export interface components {
              * @description Times as fast as it was flown.
              */
             speed: number;
+        };
+        /**
+         * ReplayChange
+         * @description Play the record otherwise; at least one field.
+         */
+        ReplayChange: {
+            /** Paused */
+            paused?: boolean;
+            /**
+             * Position S
+             * @description Since the first recorded state, at most the record's duration.
+             * @example 12.5
+             */
+            position_s?: number;
+            /**
+             * Speed
+             * @description Times as fast as it was flown.
+             * @example 4
+             */
+            speed?: number;
         };
         /**
          * Right
@@ -3691,6 +3867,268 @@ export interface operations {
             };
             /** @description Control is not alive; `detail` says why. */
             503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    get_replay: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Replay"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to come again. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    change_replay: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ReplayChange"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Replay"];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to come again. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    get_certificate: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Certificate"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to come again. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };

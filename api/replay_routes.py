@@ -1,0 +1,37 @@
+"""Routes of a replay. They translate, and decide nothing."""
+
+from fastapi import APIRouter
+
+from api import convert_status, wire_replay
+from api.desk import Desk, DeskDep
+from api.problem_docs import COMMAND, READ, TOKEN, errors
+from gcs.errors import RefusedError
+from gcs.service import Replaying
+
+router = APIRouter(dependencies=TOKEN, tags=["replay"])
+
+
+def _replaying(desk: Desk) -> Replaying:
+    """Raises: RefusedError where vehicles fly."""
+    replaying = desk.service.replaying
+    if replaying is None:
+        raise RefusedError("this service flies vehicles, and replays nothing: gcs replay FILE shows a record")
+    return replaying
+
+
+@router.get("/replay", summary="How the record is played", responses=READ | errors(409))
+async def get_replay(desk: DeskDep) -> wire_replay.Replay:
+    """Where in the record it is, and how fast; `409` where vehicles fly."""
+    return convert_status.replay(_replaying(desk).playback)
+
+
+@router.post("/replay", summary="Pause, go on, at another speed, from elsewhere", responses=COMMAND)
+async def change_replay(body: wire_replay.ReplayChange, desk: DeskDep) -> wire_replay.Replay:
+    """What is given changes, at once; `409` where vehicles fly, and for going on behind the end."""
+    return convert_status.replay(_replaying(desk).change(**body.given()))
+
+
+@router.get("/replay/certificate", summary="What the flight kept and broke", responses=READ | errors(409))
+async def get_certificate(desk: DeskDep) -> wire_replay.Certificate:
+    """Answers at once. The first call begins the judgement beside the replay: ask again until it is done."""
+    return convert_status.certificate(_replaying(desk).certify())

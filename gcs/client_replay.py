@@ -1,0 +1,42 @@
+"""The client's calls for a record that is replayed: `client.playback`."""
+
+from typing import Any, Protocol, TypeVar
+
+from pydantic import BaseModel
+
+from api import wire_replay
+
+M = TypeVar("M", bound=BaseModel)
+
+PATH = "/api/v1/replay"
+
+
+class Caller(Protocol):
+    """How a client calls its service."""
+
+    def one(self, model: type[M], method: str, path: str, body: dict[str, Any] | bytes | None = None) -> M:
+        """One thing that is answered."""
+        ...
+
+
+class Playback:
+    """How a record is played. Raises as `Client` does; RefusedError where vehicles fly."""
+
+    def __init__(self, caller: Caller) -> None:
+        self._caller = caller
+
+    def now(self) -> wire_replay.Replay:
+        """How the record is played, and where it is."""
+        return self._caller.one(wire_replay.Replay, "GET", PATH)
+
+    def change(
+        self, *, paused: bool | None = None, speed: float | None = None, position_s: float | None = None
+    ) -> wire_replay.Replay:
+        """Play the record otherwise: what is given changes."""
+        given = {"paused": paused, "speed": speed, "position_s": position_s}
+        body = {name: value for name, value in given.items() if value is not None}
+        return self._caller.one(wire_replay.Replay, "POST", PATH, body)
+
+    def certificate(self) -> wire_replay.Certificate:
+        """What the flight kept and broke; the first call begins the judgement: ask again until it is done."""
+        return self._caller.one(wire_replay.Certificate, "GET", f"{PATH}/certificate")

@@ -1,0 +1,43 @@
+"""The judgement of a record while it is looked at: `gcs certify` in a process of its own."""
+
+import asyncio
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from gcs.apart import answered
+from gcs.errors import GcsError
+from gcs.service import Certification, CheckState
+
+WITHIN_S: Final = 1800.0
+
+
+class Certifying:
+    """Judges once. Used on the loop."""
+
+    def __init__(self, files: Sequence[Path]) -> None:
+        """Flight data, and truth files where there are any."""
+        self._files = tuple(files)
+        self._found = Certification(CheckState.RUNNING)
+        self._task: asyncio.Task[None] | None = None
+
+    def ask(self) -> Certification:
+        """How far it has got; the first call begins it."""
+        if self._task is None:
+            self._task = asyncio.create_task(self._judge(), name="certify")
+        return self._found
+
+    async def _judge(self) -> None:
+        try:
+            report = await answered(("certify", *map(str, self._files), "--json"), WITHIN_S)
+            self._found = Certification(CheckState.DONE, report=report)
+        except TimeoutError:
+            self._found = Certification(CheckState.FAILED, f"not done within {WITHIN_S:g} s")
+        except (GcsError, OSError, ValueError) as error:
+            self._found = Certification(CheckState.FAILED, str(error))
+
+    async def close(self) -> None:
+        """End what runs."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)

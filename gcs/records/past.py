@@ -1,0 +1,79 @@
+"""What the audit beside flight data tells of that session: what happened, and where everybody took off."""
+
+import json
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from gcs.errors import GcsError
+from gcs.happenings import KEPT, Happening, severity, told
+from gcs.records.interruption import PAD
+from gcs.records.known import AUDIT, rows
+from gcs.state import Array, VehicleId
+
+PLAN: Final = "plan"
+
+EVENTS: Final = (
+    "SELECT unix_s, level, event, vehicle, detail FROM events WHERE session = ? ORDER BY unix_s, rowid"
+)
+
+
+class Event(NamedTuple):
+    """A row of the audit."""
+
+    unix_s: float
+    level: str
+    event: str
+    vehicle: VehicleId | None
+    detail: Mapping[str, Any]
+
+
+class Past:
+    """One session's events, in order."""
+
+    def __init__(self, events: Sequence[Event]) -> None:
+        """Raises: KeyError, TypeError or ValueError for events that are none."""
+        self._happened: list[Happening] = []
+        self._pads: dict[VehicleId, list[tuple[float, Array]]] = {}
+        for unix_s, level, event, vehicle, detail in events:
+            if event == PAD and vehicle is not None:
+                pad_m = np.array(detail["pad_m"], dtype=np.float64)
+                self._pads.setdefault(vehicle, []).append((unix_s, pad_m))
+                continue
+            words = "what is wanted was changed" if event == PLAN else told(event, detail)
+            number = len(self._happened) + 1
+            self._happened.append(Happening(number, unix_s, severity(level), words, vehicle))
+        self._times_s = [each.unix_time_s for each in self._happened]
+
+    @staticmethod
+    def of(flight: Path, session: str) -> "Past":
+        """Of a session, from the audit in the folder above that of its flight data; empty without one.
+
+        Raises: GcsError when there is one, and it cannot be read.
+        """
+        file = flight.absolute().parent.parent / AUDIT
+        if not file.is_file():
+            return Past(())
+        try:
+            return Past(
+                [
+                    Event(*tuple(row)[:4], json.loads(row["detail"]))  # type: ignore[call-arg]
+                    for row in rows(file, EVENTS, session)
+                ]
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise GcsError(f"{file}: its events are none: {error!r}") from None
+
+    def until(self, unix_s: float) -> tuple[Happening, ...]:
+        """The last that had happened then, the newest last."""
+        end = bisect_right(self._times_s, unix_s)
+        return tuple(self._happened[max(end - KEPT, 0) : end])
+
+    def home_m(self, vehicle: VehicleId, unix_s: float) -> Array | None:
+        """(3,) where it had taken off last, show frame; None: it had not, or nobody wrote it down."""
+        pads = self._pads.get(vehicle, [])
+        at = bisect_right(pads, unix_s, key=lambda pad: pad[0]) - 1
+        return pads[at][1] if at >= 0 else None

@@ -1,0 +1,160 @@
+"""What a replay refuses: everything that orders or changes."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from gcs.checks import PreflightReport
+from gcs.errors import RefusedError, UnknownError
+from gcs.interrupted import Offer
+from gcs.plan import Formation, Obstacle, Orbit, Target, Yaw
+from gcs.service import (
+    Audit,
+    NoAudit,
+    OrderRecord,
+    SelectedShow,
+    ShowAction,
+    ShowCheck,
+    Shows,
+    StoredShow,
+    VehicleAction,
+)
+from gcs.state import VehicleId
+
+
+class NoShows:
+    """The show files of a replay: none, and none are taken. A `gcs.service.Shows`."""
+
+    def __init__(self, path: Path) -> None:
+        """`path` of the record."""
+        self._why = f"this is a replay of {path}: it keeps no shows"
+
+    async def listed(self) -> list[StoredShow]:
+        """None."""
+        return []
+
+    async def text(self, _name: str) -> str:
+        """Refused."""
+        raise RefusedError(self._why)
+
+    async def store(self, _name: str, _text: bytes) -> StoredShow:
+        """Refused."""
+        raise RefusedError(self._why)
+
+    async def remove(self, _name: str) -> None:
+        """Refused."""
+        raise RefusedError(self._why)
+
+    def check(self, _name: str) -> ShowCheck:
+        """Refused."""
+        raise RefusedError(self._why)
+
+    def checked(self, name: str) -> ShowCheck:
+        """Raises: UnknownError."""
+        raise UnknownError(f"{name} was never checked here: {self._why}")
+
+
+class Refusing:
+    """The part of a `gcs.service.Service` that orders and changes: all of it is refused."""
+
+    def __init__(self, path: Path) -> None:
+        """`path` of the record."""
+        self._path = path
+        self._audit = NoAudit()
+        self._shows = NoShows(path)
+
+    def _refuse(self) -> NoReturn:
+        raise RefusedError(f"this is a replay of {self._path}: nothing can be ordered or changed")
+
+    @property
+    def audit(self) -> Audit:
+        """Nothing is recorded of a replay."""
+        return self._audit
+
+    @property
+    def shows(self) -> Shows:
+        """None."""
+        return self._shows
+
+    def command_show(
+        self,
+        _action: ShowAction,
+        _vehicles: Sequence[VehicleId] | None = None,
+        *,
+        show_hash: str | None = None,  # noqa: ARG002 (callers name it)
+        at_unix_time_s: float | None = None,  # noqa: ARG002
+    ) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
+    def select_show(self, _name: str, _show_hash: str) -> SelectedShow:
+        """Refused."""
+        self._refuse()
+
+    def deselect_show(self) -> None:
+        """Refused."""
+        self._refuse()
+
+    def seek_show(self, _cue: str) -> SelectedShow:
+        """Refused."""
+        self._refuse()
+
+    def preflight(self, _vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
+        """Refused."""
+        self._refuse()
+
+    def exclude(self, _vehicle_id: VehicleId, _reason: str) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
+    def include(self, _vehicle_id: VehicleId) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
+    def command_vehicle(self, _vehicle_id: VehicleId, _action: VehicleAction) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
+    def kill(self, _vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
+    def settle(self, _offer: Offer) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
+    def order(self, order_id: str) -> OrderRecord:
+        """Raises: UnknownError; orders are in the audit."""
+        raise UnknownError(f"there is no order {order_id}: this is a replay; past orders are in the audit")
+
+    def orders(self) -> Sequence[OrderRecord]:
+        """None: they stand in the audit beside the flight data."""
+        return ()
+
+    def set_formation(self, _formation: Formation) -> None:
+        """Refused."""
+        self._refuse()
+
+    def set_orbit(self, _orbit: Orbit) -> None:
+        """Refused."""
+        self._refuse()
+
+    def set_target(self, _target: Target) -> None:
+        """Refused."""
+        self._refuse()
+
+    def set_yaw(self, _yaw: Yaw) -> None:
+        """Refused."""
+        self._refuse()
+
+    def add_obstacle(self, _obstacle: Obstacle) -> None:
+        """Refused."""
+        self._refuse()
+
+    def change_obstacle(self, _obstacle: Obstacle) -> None:
+        """Refused."""
+        self._refuse()
+
+    def remove_obstacle(self, _obstacle_id: str) -> None:
+        """Refused."""
+        self._refuse()
