@@ -47,7 +47,8 @@ const byHand = (message: Message): void => {
 };
 
 const token = (): string => sessionStorage.getItem(TOKEN) ?? "";
-const stream = openStream(token, dispatch);
+/** That the connection is lost is shown at once, too. */
+const stream = openStream(token, (message) => (message.kind === "connection" ? byHand(message) : dispatch(message)));
 
 function login(text: string): void {
   sessionStorage.setItem(TOKEN, text);
