@@ -22,6 +22,7 @@ from gcs.cli.main import main
 from gcs.cli.remote import CALLS, VEHICLE_HELP
 from gcs.client import Client
 from gcs.client_preflight import Preflight
+from gcs.client_replay import Playback
 from gcs.client_shows import Shows
 from gcs.interrupted import Interrupted, Offer
 from gcs.lifecycle import Phase as LifePhase
@@ -33,7 +34,7 @@ from gcs.tokens import Tokens, create_token
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 
 from api_background import in_background
-from api_fake_service import FakeService
+from api_fake_service import FakeRecord, FakeService
 
 EVERYTHING = [
     "health",
@@ -41,6 +42,12 @@ EVERYTHING = [
     "metrics",
     "state",
     "phase",
+    "facts",
+    "whoami",
+    "recorded",
+    "playback show",
+    "playback set --paused yes --speed 4 --position-s 12.5",
+    "playback certificate",
     "vehicle list",
     "vehicle show d1",
     "shows upload lighthouse FILE",
@@ -95,7 +102,8 @@ EVERYTHING = [
     "cut-off",
     "bring-home",
 ]
-"""In an order in which each is possible; `!` has everybody in the formation, `good` has a check end well."""
+"""In an order in which each is possible; `!` has everybody in the formation, `good` has a check end well,
+`recorded` makes it a replay."""
 
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse")
 SHOW = load(LIGHTHOUSE).show
@@ -140,6 +148,9 @@ def asked_of(service: FakeService, line: str) -> int:
         service.interrupted = Interrupted("s1", 1.0, ShowPhase.RUNNING, None, (), offers, ())
         service.tick()
         return 0
+    if word == "recorded":
+        service.record = FakeRecord()
+        return 0
     if word == "good":
         answer = {"good": True, "problems": [], "model": SHOW.model_dump(mode="json")}
         service.shows.found("lighthouse", LIGHTHOUSE.read_bytes(), answer)
@@ -174,7 +185,12 @@ def test_there_is_a_command_for_every_operation_and_it_does_it(
 
 
 def test_every_method_of_the_client_is_a_command() -> None:
-    methods = {name for kind in (Client, Preflight, Shows) for name in vars(kind) if not name.startswith("_")}
+    methods = {
+        name
+        for kind in (Client, Playback, Preflight, Shows)
+        for name in vars(kind)
+        if not name.startswith("_")
+    }
     assert methods - {call.method.__name__ for call in CALLS} == {
         "report",  # gcs preflight
         "wait_for_check",
@@ -251,6 +267,9 @@ def test_an_order_can_be_waited_for_and_what_fails_is_the_exit_code(
         (f"start --show-hash {'0' * 64}", 1, "not the hash of the show that is selected"),
         ("start --show-hash 12", 2, "show_hash = 12"),
         ("start --at-unix-time-s nan", 2, "at_unix_time_s = NaN"),
+        ("playback show", 1, "this service flies vehicles, and replays nothing"),
+        ("playback set", 2, "at least one field"),
+        ("playback set --speed 0", 2, "speed = 0.0: "),
     ],
 )
 def test_what_is_refused_is_told_with_an_exit_code_of_its_kind(
@@ -262,7 +281,16 @@ def test_what_is_refused_is_told_with_an_exit_code_of_its_kind(
 
 
 @pytest.mark.parametrize(
-    "line", ["target set 1", "radius big", "hold", "obstacle", "dance", "hold --wait x d1"]
+    "line",
+    [
+        "target set 1",
+        "playback set --paused maybe",
+        "radius big",
+        "hold",
+        "obstacle",
+        "dance",
+        "hold --wait x d1",
+    ],
 )
 def test_arguments_that_make_no_sense_reach_no_service(
     line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

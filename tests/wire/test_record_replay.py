@@ -15,14 +15,19 @@ import numpy as np
 import pytest
 from websockets.asyncio.client import connect
 
+from api import frames
 from gcs import config as configuration
 from gcs.cli.main import main
 from gcs.client import Client
-from gcs.errors import RefusedError
+from gcs.errors import InvalidError, RefusedError
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Formation, Obstacle, Plan
 from gcs.records import layout
+from gcs.records.audit import Audit
 from gcs.records.flightfile import FlightFile
+from gcs.records.interruption import PAD
+from gcs.records.journal import Journal
+from gcs.records.known import AUDIT
 from gcs.records.moment import Moment
 from gcs.records.replay import NOTHING_COUNTED
 from gcs.service import SelectedShow, TickView
@@ -68,13 +73,21 @@ def moment(at_s: float) -> Moment:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("flight")
+    folder = tmp_path_factory.mktemp("record") / "s1"
     config = configuration.load(configuration.find("demo"))
     file = FlightFile(folder, layout.about("s1", config.model_dump_json(), {"d1": (1, "a"), "d2": (2, "a")}))
     for tick in range(round(SECONDS * 20)):
         file.put(moment(tick / 20))
     file.open()
     file.close()
+    journal = Journal(folder.parent / AUDIT)
+    audit = Audit(journal, "s1", {"d1": (1, "a"), "d2": (2, "a")})
+    journal.open()
+    audit.begin(folder, config.model_dump_json())
+    audit.event(1.7e9 + 2.0, "info", PAD, "d1", {"pad_m": [1.0, 2.0, -3.0]})
+    audit.event(1.7e9 + 5.0, "info", "vehicle_phase", "d1", {"phase": "takeoff", "reason": "all agree"})
+    audit.event(1.7e9 + 15.0, "warning", "vehicle_phase", "d2", {"phase": "lost", "reason": "silent"})
+    journal.close()
     return folder
 
 
@@ -131,6 +144,68 @@ def test_the_stream_shows_the_flight_in_its_time_and_orders_are_refused(recorded
             (box,) = state["obstacles"]
             flown_s = float(str(state["unix_time_s"])) - 1.7e9
             assert box["x_m"] == pytest.approx(5.0 + flown_s, abs=0.1)
+
+
+async def headers(address: str, count: int) -> list[Any]:
+    """Of so many frames of the console's stream."""
+    seen: list[Any] = []
+    async with connect(f"{address.replace('http', 'ws')}/api/v1/stream/console?rate_hz=20") as stream:
+        while len(seen) < count:
+            message = await stream.recv()
+            if isinstance(message, bytes):
+                seen.append(np.frombuffer(message, frames.HEADER, 1)[0])
+    return seen
+
+
+def positions_s(address: str, count: int) -> list[float]:
+    return [float(each["unix_time_s"]) - 1.7e9 for each in asyncio.run(headers(address, count))]
+
+
+def test_it_is_paused_and_sought_and_tells_what_had_happened_by_then(recorded: Path) -> None:
+    with replay(str(recorded)) as address, Client(address, timeout_s=30.0) as client:
+        told = client.playback.change(paused=True, position_s=12.5)
+        assert (told.paused, told.position_s, told.ended) == (True, 12.5, False)
+        assert told.duration_s == pytest.approx(SECONDS - 0.05)
+        assert positions_s(address, 5)[-1] == pytest.approx(12.5, abs=0.06)
+        assert asyncio.run(headers(address, 1))[0]["control_alive"]
+        status = client.status()
+        assert [(each.text, each.vehicle) for each in status.events] == [("takeoff: all agree", "d1")]
+        home = status.vehicles[0].home
+        assert home is not None
+        assert (home.x_m, home.y_m, home.height_m) == (1.0, 2.0, 3.0)
+        assert status.replay is not None
+        assert status.replay.began_unix_time_s == pytest.approx(1.7e9)
+        client.playback.change(position_s=1.0)  # backwards
+        assert positions_s(address, 3)[-1] == pytest.approx(1.0, abs=0.06)
+        assert client.status().vehicles[0].home is None
+        assert client.status().events == []
+        client.playback.change(paused=False, speed=10.0)
+        moving = positions_s(address, 5)
+        assert 1.0 <= moving[0] < moving[-1]
+        for wrong in ({"position_s": SECONDS + 1.0}, {"speed": 1000.0}):
+            with pytest.raises(InvalidError):
+                client.playback.change(**wrong)
+        client.playback.change(position_s=SECONDS - 0.5)
+        while not client.playback.now().ended:
+            pass
+        with pytest.raises(RefusedError, match="the record has ended"):
+            client.playback.change(paused=False)
+        assert not asyncio.run(headers(address, 1))[0]["control_alive"]
+        assert client.playback.change(position_s=3.0, paused=True).ended is False
+        assert positions_s(address, 3)[-1] == pytest.approx(3.0, abs=0.06)
+
+
+def test_its_certificate_is_made_beside_it(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["certify", str(recorded), "--json"]) in {0, 1}
+    judged = json.loads(capsys.readouterr().out)
+    with replay(str(recorded)) as address, Client(address, timeout_s=30.0) as client:
+        found = client.playback.certificate()
+        while found.state == "running":
+            assert positions_s(address, 1)  # meanwhile it plays on
+            found = client.playback.certificate()
+        assert found.reason == ""
+        assert found.report is not None
+        assert found.report.model_dump() == judged
 
 
 def test_what_is_no_flight_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

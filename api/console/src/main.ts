@@ -47,7 +47,7 @@ const byHand = (message: Message): void => {
 };
 
 const token = (): string => sessionStorage.getItem(TOKEN) ?? "";
-/** That the connection is lost is shown at once, too. */
+/** Nor waits a change of the connection: what is old must not look fresh for longer than it has to. */
 const stream = openStream(token, (message) => (message.kind === "connection" ? byHand(message) : dispatch(message)));
 
 function login(text: string): void {

@@ -18,18 +18,22 @@ from gcs.happenings import Happening, Severity
 from gcs.interrupted import Interrupted, Offer
 from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
+from gcs.records.playing import Playhead
 from gcs.repertoire import Repertoire
 from gcs.rows import VehicleRows
 from gcs.service import (
     WHO,
     Audit,
     Bounds,
+    Certification,
+    CheckState,
     FleetView,
     Histogram,
     Latest,
     NoAudit,
     OrderRecord,
     Outcome,
+    Playback,
     Reaction,
     Replaying,
     SelectedShow,
@@ -51,6 +55,32 @@ EVENT = {
     VehicleAction.HAND_BACK: Event.HANDED_BACK,
     VehicleAction.CONFIRM_DOWN: Event.CONFIRMED_DOWN,
 }
+
+
+class FakeRecord:
+    """A real `gcs.service.Replaying` of a minute in which nothing happens."""
+
+    def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._clock_s = clock_s
+        self._head = Playhead(60.0, 1.0, clock_s())
+        self.certification = Certification(CheckState.RUNNING)
+
+    @property
+    def playback(self) -> Playback:
+        head = self._head
+        position_s = head.position_s(self._clock_s())
+        return Playback(
+            "flight.mcap", 1.7e9, head.duration_s, position_s, head.speed, head.paused, ended=False
+        )
+
+    def change(
+        self, *, paused: bool | None = None, speed: float | None = None, position_s: float | None = None
+    ) -> Playback:
+        self._head.change(self._clock_s(), paused=paused, speed=speed, position_s=position_s)
+        return self.playback
+
+    def certify(self) -> Certification:
+        return self.certification
 
 
 class FakeService:
@@ -313,6 +343,7 @@ class FakeService:
             interventions=7,
             selected=self.selected,
             interrupted=self.interrupted,
+            playback=None if self.record is None else self.record.playback,
             start_unix_time_s=self.start_unix_s,
             countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
             reactions=self.reactions,

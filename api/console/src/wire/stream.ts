@@ -6,8 +6,8 @@ import type { Message } from "../update";
 import { decode, FrameError } from "./frame";
 import type { components } from "./schema";
 
-/** Silence for so long, and whatever is shown is old: together with the grace, less than a second. */
-const SILENT_MS = 900;
+/** Silence for so long, and whatever is shown is old; with the grace and the next drawing, less than a second. */
+const SILENT_MS = 800;
 /** What waits to be read while the page was busy is not silence. */
 const GRACE_MS = 60;
 const RETRY_MIN_MS = 500;

@@ -1,0 +1,84 @@
+"""How a record is played, over REST."""
+
+from typing import Any
+
+import pytest
+from api_fake_service import FakeRecord
+from api_harness import Api
+
+from gcs.service import Certification, CheckState
+
+
+def playing() -> tuple[Api, FakeRecord]:
+    api, record = Api(), FakeRecord()
+    api.service.record = record
+    api.service.tick()
+    return api, record
+
+
+@pytest.mark.parametrize(
+    ("method", "path"), [("GET", "replay"), ("POST", "replay"), ("GET", "replay/certificate")]
+)
+def test_a_service_that_flies_replays_nothing_and_says_so(method: str, path: str) -> None:
+    answer = Api()(method, f"/api/v1/{path}", json={"speed": 2.0} if method == "POST" else None)
+    assert answer.status_code == 409
+    assert "this service flies vehicles, and replays nothing" in answer.json()["detail"]
+
+
+def test_what_is_given_changes_and_the_status_tells_it() -> None:
+    api, _ = playing()
+    assert api("GET", "/api/v1/replay").json()["paused"] is False
+    told = api("POST", "/api/v1/replay", json={"paused": True, "position_s": 12.5}).json()
+    assert (told["paused"], told["position_s"], told["speed"], told["duration_s"]) == (True, 12.5, 1.0, 60.0)
+    assert api("POST", "/api/v1/replay", json={"speed": 4}).json() == {**told, "speed": 4.0}
+    api.service.tick()
+    assert api("GET", "/api/v1/status").json()["replay"] == {**told, "speed": 4.0}
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ({}, "body"),
+        ({"speed": 0}, "speed"),
+        ({"speed": 101}, "speed"),
+        ({"speed": "2"}, "speed"),
+        ({"position_s": -1}, "position_s"),
+        ({"position_s": 60.1}, "position_s"),
+        ({"paused": 1}, "paused"),
+        ({"rewind": True}, "rewind"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_and_changes_nothing(body: dict[str, Any], field: str) -> None:
+    api, record = playing()
+    record.change(paused=True, position_s=5.0)
+    answer = api("POST", "/api/v1/replay", json={"speed": 2.0, **body} if body else body)
+    assert answer.status_code == 422
+    assert answer.json()["problems"][0]["field"] == field
+    assert (record.playback.position_s, record.playback.speed) == (5.0, 1.0)
+
+
+def test_the_certificate_is_told_once_it_is_made() -> None:
+    api, record = playing()
+    assert api("GET", "/api/v1/replay/certificate").json() == {
+        "state": "running",
+        "reason": "",
+        "report": None,
+    }
+    check = {"name": "height", "limit": 100.0, "worst": None, "unit": "m", "vehicle": "", "at_s": None}
+    report = {
+        "source": "flight.mcap",
+        "verdict": "kept",
+        "based_on": "estimated positions",
+        "uncertainty": "none",
+        "remarks": [],
+        "vehicles": 2,
+        "flew": 0,
+        "duration_s": 60.0,
+        "checks": [{**check, "kept": True}],
+        "nearest_pairs": [],
+    }
+    record.certification = Certification(CheckState.DONE, report=report)
+    told = api("GET", "/api/v1/replay/certificate").json()
+    assert (told["state"], told["report"]) == ("done", report)
+    record.certification = Certification(CheckState.FAILED, "the disk is gone")
+    assert api("GET", "/api/v1/replay/certificate").json()["reason"] == "the disk is gone"

@@ -1,0 +1,41 @@
+"""What happened last, in words."""
+
+import logging
+
+from gcs.happenings import KEPT, Happenings, Severity, heard, told
+
+
+def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:
+    happenings = Happenings()
+    log = logging.getLogger("gcs.vehicle")
+    logger = logging.getLogger("gcs")
+    before = logger.level, list(logger.handlers)
+    with heard(happenings):
+        said = {"vehicle": "d1", "was": "hold", "phase": "formation", "reason": "offboard accepted"}
+        log.info("vehicle_phase", extra=said)
+        log.error("link_failed", extra={"link": "a", "cause": "no route"})
+    log.error("link_failed", extra={"link": "a", "cause": "nobody listens"})
+    first, second = happenings.newest()
+    assert (first.number, first.severity, first.vehicle) == (1, Severity.INFO, "d1")
+    assert first.text == "formation: offboard accepted"
+    assert (second.severity, second.vehicle) == (Severity.ERROR, None)
+    assert second.text == "link failed: link a: no route"
+    assert (logger.level, list(logger.handlers)) == before
+
+
+def test_no_more_are_kept_than_a_page_shows() -> None:
+    happenings = Happenings()
+    with heard(happenings):
+        for number in range(KEPT + 7):
+            logging.getLogger("gcs").info("vehicle_heard", extra={"vehicle": f"d{number}"})
+    newest = happenings.newest()
+    assert [each.number for each in newest] == list(range(8, KEPT + 8))
+    assert newest[-1].vehicle == f"d{KEPT + 6}"
+
+
+def test_events_without_words_of_their_own_are_still_readable() -> None:
+    assert told("parameters_read", {}) == "parameters read"
+    assert told("show_phase", {"was": "arming", "phase": "running", "reason": "all stand"}) == (
+        "show running: all stand"
+    )
+    assert told("show_selected", {"show": "tour", "hash": "ab"}) == "show selected: show tour, hash ab"
