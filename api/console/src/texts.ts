@@ -537,4 +537,21 @@ export const texts = {
     keptShort: "kept",
     brokenShort: "BROKEN",
   },
+
+  scene: {
+    north: "N",
+    metres: (value: number) => `${value} m`,
+    gridX: (x_m: number) => `x ${x_m} m`,
+    gridY: (y_m: number) => `y ${y_m} m`,
+    target: "target",
+    obstacle: (id: string, height_m: string) => `${id} · ${height_m} m high`,
+    fence: (distance_m: number) => `fence ${distance_m} m`,
+    ceiling: (height_m: number) => `fence, ${height_m} m high`,
+    height: (id: string, height_m: string) => `${id} · ${height_m} m`,
+    apart: (distance_m: string) => `${distance_m} m`,
+    radius: (radius_m: string) => `radius ${radius_m} m`,
+    ghostRadius: (from_m: string, to_m: string) => `radius ${from_m} → ${to_m} m`,
+    ghostPlace: (x_m: string, y_m: string, moved_m: string) => `x ${x_m}, y ${y_m} m (moved ${moved_m} m)`,
+    ghostBox: (x_m: string, y_m: string, wide: string, deep: string, high: string) => `x ${x_m}, y ${y_m} m; ${wide} × ${deep} × ${high} m`,
+  },
 } as const;
