@@ -121,7 +121,8 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
   const { left, right } = state.desk;
   return html`<div class="desk ${isOld ? "is-old" : ""} ${left ? "has-left" : ""} ${right ? "has-right" : ""}" data-testid="desk" data-life=${now}>
     ${topbar(state, actions)}
-    <div class="alerts">${banner(state)} ${interrupted(state, actions)} ${notices(state, actions)} ${toasts(state, actions)}</div>
+    ${banner(state)}
+    <div class="alerts">${interrupted(state, actions)} ${notices(state, actions)} ${toasts(state, actions)}</div>
     ${rail(state, actions, "left", LEFT)} ${panel(state, actions, "left")}
     ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)} ${panel(state, actions, "right")}
     ${state.desk.sheet === "help" ? sheet(state, actions) : nothing}
