@@ -2,20 +2,33 @@
 PYTHON ?= python3
 ARGS ?=
 BIN := .venv/bin
+NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 
 # Modules are compiled once and kept, wherever we run: pytest's rewriting of them takes longer than many a test.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check compiled bench mutate flight-quality format lock clean
+.PHONY: demo test console console-test wire check compiled bench mutate flight-quality screenshots format lock clean
 
-demo: .venv/ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
+demo: .venv/ready console  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
 	@$(BIN)/gcs demo $(ARGS)
 
-test: .venv/ready  ## lint, types, import contracts, then every test: first what computes, then what flies in real time
+test: .venv/ready console  ## lint, types, import contracts, then every test: first what computes, then what flies in real time
 	@$(MAKE) --no-print-directory -j2 check compiled
+	@$(MAKE) --no-print-directory console-test
 	$(BIN)/pytest -m "not realtime"
-	$(BIN)/pytest -m "realtime and not alone" -n 3 --no-loadscope-reorder tests/e2e tests/wire  # they mostly wait
+	$(BIN)/pytest -m "realtime and not alone" -n 3 --no-loadscope-reorder tests/e2e tests/wire tests/browser  # they mostly wait
 	$(BIN)/pytest -m alone -n 0 tests/e2e  # what is judged by the clock
+
+console: api/console/dist/index.html  ## the operator's page, built by Node from a wheel of its own
+
+console-test: .venv/ready api/console/node_modules/ready  ## the page's types and unit tests
+	$(BIN)/python -m api.openapi | $(NPM) run --silent wire -- --check --output src/wire/schema.ts || \
+	  { echo "api/console/src/wire/schema.ts is not what the API says of itself: make wire" >&2; exit 1; }
+	$(NPM) run --silent types
+	$(NPM) run --silent test
+
+wire: .venv/ready api/console/node_modules/ready  ## the page's wire types, from the API's own OpenAPI
+	$(BIN)/python -m api.openapi | $(NPM) run --silent wire -- --output src/wire/schema.ts
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
 	@$(BIN)/python -c "from gcs import control, homeward; from gcs.links.direct import codec; \
@@ -41,6 +54,9 @@ flight-quality: .venv/ready  ## fly every scenario as it is judged; brings docs/
 	-$(BIN)/gcs simulate --all --json > runs/flight-quality.jsonl
 	$(BIN)/python tests/bench/flight_quality.py runs/flight-quality.jsonl docs/flight-quality.md
 
+screenshots: .venv/ready console  ## docs/screenshots, of a flight over the fake fleet; needs Chromium; look at them
+	$(BIN)/python tests/browser/screenshots.py
+
 format: .venv/ready
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
@@ -50,9 +66,11 @@ lock:  ## needs uv on the PATH; names no registry host
 	  --extra dev --output-file requirements.lock pyproject.toml
 	uv pip compile --quiet --generate-hashes --universal --python-version 3.11 --no-header \
 	  --constraint requirements.lock --group mutate --output-file requirements-mutate.lock
+	uv pip compile --quiet --generate-hashes --universal --python-version 3.11 --no-header \
+	  --group node --output-file requirements-node.lock
 
 clean:
-	rm -rf .venv build dist
+	rm -rf .venv .venv-node build dist api/console/dist api/console/node_modules
 
 .venv/ready: pyproject.toml .venv/locked
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
@@ -70,4 +88,18 @@ clean:
 	$(PYTHON) -m venv --clear .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-compile -r requirements.lock
 	@$(BIN)/python -m compileall -qq -j 0 .venv/lib || true  # on all cores; as with pip, what cannot be stays
+	@touch $@
+
+.venv-node/ready: requirements-node.lock  # 200 MB, for building alone: no part of the running environment
+	$(PYTHON) -m venv --clear .venv-node
+	.venv-node/bin/pip install --quiet --disable-pip-version-check --require-hashes -r requirements-node.lock
+	@touch $@
+
+api/console/node_modules/ready: .venv-node/ready api/console/package.json api/console/package-lock.json api/console/.npmrc
+	$(NPM) ci --silent
+	@touch $@
+
+api/console/dist/index.html: api/console/node_modules/ready $(shell find api/console/src -type f) \
+  api/console/index.html api/console/vite.config.ts
+	$(NPM) run --silent build -- --logLevel warn
 	@touch $@

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from http import HTTPStatus
+from pathlib import Path
 from typing import Final
 
 from fastapi import FastAPI
@@ -15,6 +16,7 @@ from api import (
     docs,
     kill_routes,
     metrics,
+    page,
     preflight_routes,
     problem_docs,
     replay_routes,
@@ -53,16 +55,32 @@ recorded, an answer leaves when the record has the order; with the header `X-Rec
 
 
 def create_app(
-    service: Service, *, host_names: Sequence[str] = ("localhost",), door: Door | None = None
+    service: Service,
+    *,
+    host_names: Sequence[str] = ("localhost",),
+    door: Door | None = None,
+    console: Path = page.DIST,
 ) -> FastAPI:
-    """The REST API and the stream over one service.
+    """The REST API, the stream and the operator's page over one service.
 
     Args:
         service: the control side.
         host_names: by which a browser may call this service, besides its IP addresses.
         door: who may call; None: everybody on this machine, as often as they like.
+        console: the folder that the page was built into.
     """
     door = door or Door()
+    app = routed()
+    app.include_router(page.routes(console))
+    app.state.desk = Desk(service, door)
+    app.add_middleware(Guard, names=host_names, door=door)
+    app.add_middleware(Audited, audit=service.audit)  # the last added is the outermost
+    _install(app)
+    return app
+
+
+def routed() -> FastAPI:
+    """Every route, and what OpenAPI says of it, without a service: nothing of it can be called."""
     app = FastAPI(
         title="Formation ground station",
         version="1",
@@ -73,7 +91,6 @@ def create_app(
         generate_unique_id_function=lambda route: route.name,
         responses=problem_docs.errors(401, 403, 429, 500),
     )
-    app.state.desk = Desk(service, door)
     app.include_router(docs.router)
     app.include_router(routes.health)
     app.include_router(metrics.router)
@@ -84,9 +101,6 @@ def create_app(
     app.include_router(show_routes.files, prefix="/api/v1")
     app.include_router(replay_routes.router, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")
-    app.add_middleware(Guard, names=host_names, door=door)
-    app.add_middleware(Audited, audit=service.audit)  # the last added is the outermost
-    _install(app)
     return app
 
 

@@ -13,6 +13,7 @@ from typing import Final
 
 from starlette.datastructures import Headers
 
+from api.page import is_public
 from api.rates import Bucket
 from gcs.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
 from gcs.interrupted import Offer
@@ -22,7 +23,9 @@ from gcs.tokens import Entry, Tokens
 log = logging.getLogger(__name__)
 
 PUBLIC: Final = frozenset({"/healthz", "/readyz", "/docs", "/openapi.json"})
-"""Tells nothing of the flight but whether the service is well: for probes, which have no secrets."""
+"""Tells nothing of the flight but whether the service is well: for probes, which have no secrets. So does the
+console's page, which asks for the token.
+"""
 
 PROBES: Final = frozenset({"/healthz", "/readyz"})
 """Never too many: a flood of other calls must not make a probe believe that the service is ill, and have it
@@ -66,7 +69,7 @@ def is_emergency(method: str, path: str) -> bool:
 
 def needed(method: str, path: str) -> Right | None:
     """What a call needs; None: nothing. What is not known to be harmless needs most."""
-    if path in PUBLIC:
+    if path in PUBLIC or (is_public(path) and method in READING):
         return None
     if method in READING:
         return Right.WATCH

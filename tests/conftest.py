@@ -5,28 +5,46 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from browsers import GET_ONE, REQUIRED, chromium, is_required
 
 HERE = Path(__file__).parent
-REAL_TIME = (HERE / "e2e", HERE / "wire")
+BROWSER = HERE / "browser"
+REAL_TIME = (BROWSER, HERE / "e2e", HERE / "wire")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers", "alone: of those the ones that are judged by the clock; nothing runs beside them"
     )
+    if is_required() and chromium() is None:
+        raise pytest.UsageError(f"{REQUIRED} is set, and there is no Chromium: {GET_ONE}")
     config.addinivalue_line("markers", "computes: not a real-time test, whatever its folder")
     config.addinivalue_line(
         "markers", "realtime: flies on the real clock; not to share the machine with what computes"
     )
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if chromium() is None:
+        unseen = [item for item in items if BROWSER in item.path.parents]
+        config.hook.pytest_deselected(items=unseen)
+        items[:] = [item for item in items if item not in unseen]
     for item in items:
         in_real_time = any(folder in item.path.parents for folder in REAL_TIME)
         if in_real_time and item.get_closest_marker("computes") is None:
             item.add_marker(pytest.mark.realtime)
         elif any(item.get_closest_marker(name) for name in ("alone", "realtime")):
             raise pytest.UsageError(f"{item.nodeid}: what keeps time is in tests/e2e or tests/wire")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    asked = [Path(each.partition("::")[0]).resolve() for each in config.args]
+    if chromium() is None and any(
+        each == BROWSER or BROWSER in each.parents or each in BROWSER.parents for each in asked
+    ):
+        terminalreporter.write_line(
+            f"tests/browser was not run: there is no Chromium here. To get one: {GET_ONE}", yellow=True
+        )
 
 
 @pytest.fixture(params=["mavsdk", "direct"])

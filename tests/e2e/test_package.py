@@ -1,9 +1,14 @@
 """What an installed wheel holds."""
 
+import json
+import os
+import shutil
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 
@@ -16,6 +21,13 @@ def test_a_wheel_brings_its_configurations_and_the_fake_autopilot(tmp_path: Path
         archive.extractall(tmp_path / "site")
     names = {str(path.relative_to(tmp_path / "site")) for path in (tmp_path / "site").rglob("*")}
     assert {"gcs/_configs/demo.yaml", "sim/px4_params.json", "api/docs.html"} <= names
+    assert "api/console/dist/index.html" in names
+    page = (tmp_path / "site" / "api" / "console" / "dist" / "index.html").read_text(encoding="utf-8")
+    scripts = [name for name in names if name.endswith(".js")]
+    assert scripts
+    assert all(name.startswith("api/console/dist/assets/") for name in scripts)
+    assert any(Path(name).name in page for name in scripts)
+    assert not [name for name in names if name.endswith((".ts", "package.json")) or "node_modules" in name]
     code = "from gcs import config as c; print(c.find('demo')); print(len(c.load(c.find('px4-sitl')).ids))"
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -30,7 +42,31 @@ def test_a_wheel_brings_its_configurations_and_the_fake_autopilot(tmp_path: Path
     assert count == "10"
 
 
-def test_the_lock_names_no_host() -> None:
-    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
-    assert "://" not in lock
-    assert "--hash=sha256:" in lock
+def test_an_sdist_builds_the_page_for_itself(tmp_path: Path) -> None:
+    hatchling = [sys.executable, "-m", "hatchling", "build", "--directory", str(tmp_path), "--target"]
+    subprocess.run([*hatchling, "sdist"], check=True, cwd=ROOT, capture_output=True)
+    (sdist,) = tmp_path.glob("*.tar.gz")
+    shutil.unpack_archive(sdist, tmp_path, filter="data")
+    (source,) = tmp_path.glob("formation_gcs-*/")
+    assert not (source / "api" / "console" / "dist").exists()
+    (node,) = ROOT.glob(".venv-node/lib/*/site-packages")  # as a build frontend brings it
+    alone = {"PYTHONPATH": str(node), "PATH": "/usr/bin:/bin"}
+    subprocess.run([*hatchling, "wheel"], check=True, cwd=source, capture_output=True, env=os.environ | alone)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as built:
+        assert b"/assets/" in built.read("api/console/dist/index.html")
+
+
+@pytest.mark.parametrize("lock", ["requirements.lock", "requirements-mutate.lock", "requirements-node.lock"])
+def test_the_locks_name_no_host(lock: str) -> None:
+    text = (ROOT / lock).read_text(encoding="utf-8")
+    assert "://" not in text
+    assert "--hash=sha256:" in text
+
+
+def test_the_page_is_built_of_locked_packages_from_no_host_in_particular() -> None:
+    lock = json.loads((ROOT / "api" / "console" / "package-lock.json").read_text(encoding="utf-8"))
+    packages = [each for name, each in lock["packages"].items() if name]
+    assert len(packages) > 5
+    assert all(each["integrity"].startswith("sha512-") for each in packages)
+    assert not [each for each in packages if "resolved" in each]

@@ -1,0 +1,219 @@
+// What can be asked of the service. Each tells what came of it; nothing is believed before it answers.
+
+import type { Ghost, Order, ShowCheck, State, StoredShow } from "./state";
+import { texts } from "./texts";
+import type { Message } from "./update";
+import { outcome, type Api, type Outcome } from "./wire/rest";
+import type { components } from "./wire/schema";
+
+type Schemas = components["schemas"];
+type Call<T> = Promise<{ data?: T; error?: unknown; response: Response }>;
+export type ShowCommand = "pause" | "resume" | "stop" | "abort" | "take-over" | "bring-home";
+export type VehicleCommand = "hold" | "join" | "return" | "land" | "hand-back" | "confirm-down" | "include";
+export type ReplayChange = { paused?: boolean; speed?: number; position_s?: number };
+export type Box = { x_m: number; y_m: number; half_length_x_m: number; half_length_y_m: number; height_m: number };
+
+/** Each resolves to whether it was accepted; what was refused has been told by then. */
+export interface Actions {
+  /** The selected show, or as the formation is told; null: all online, and now. */
+  start(vehicles: readonly string[] | null, at_unix_time_s: number | null): Promise<boolean>;
+  show(command: ShowCommand): Promise<boolean>;
+  vehicle(id: string, command: VehicleCommand): Promise<boolean>;
+  exclude(id: string, reason: string): Promise<boolean>;
+  changeFormation(change: { radius_m?: number; height_m?: number }): Promise<boolean>;
+  changeOrbit(change: { radius_m?: number; speed_m_s?: number; direction?: Schemas["Direction"] }): Promise<boolean>;
+  changeYaw(change: { policy?: Schemas["YawPolicy"]; heading_deg?: number }): Promise<boolean>;
+  setTarget(target: { x_m: number; y_m: number; velocity_x_m_s?: number; velocity_y_m_s?: number }): Promise<boolean>;
+  /** Without an id the service makes one. */
+  addObstacle(id: string | null, box: Box): Promise<boolean>;
+  /** What is not named stays as it is. */
+  changeObstacle(id: string, change: Partial<Box>): Promise<boolean>;
+  removeObstacle(id: string): Promise<boolean>;
+  /** What was dragged. */
+  sendGhost(ghost: Ghost): Promise<boolean>;
+  /** First step; of all that are not offline when nobody is named. */
+  armKill(vehicles: readonly string[] | null): Promise<boolean>;
+  /** Second step. */
+  confirmKill(code: string): Promise<boolean>;
+  loadPreflight(): Promise<boolean>;
+  loadOrders(): Promise<boolean>;
+  loadShows(): Promise<boolean>;
+  checkShow(name: string): Promise<boolean>;
+  selectShow(name: string, hash: string): Promise<boolean>;
+  deselectShow(): Promise<boolean>;
+  uploadShow(name: string, yaml: string): Promise<boolean>;
+  removeShow(name: string): Promise<boolean>;
+  seek(cue: string): Promise<boolean>;
+  replay(change: ReplayChange): Promise<boolean>;
+  loadCertificate(): Promise<boolean>;
+}
+
+const POLL_MS = 500;
+const later = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
+
+export function createActions(api: Api, dispatch: (message: Message) => void, state: () => State): Actions {
+  /** The data, or null when it was refused, which is told. */
+  async function asked<T>(name: string, call: Call<T>, done: string | null): Promise<{ data: T } | null> {
+    const result: Outcome<T> = await outcome(call);
+    if (!result.ok) {
+      dispatch({ kind: "refused", text: texts.refused(name, result.reason) });
+      return null;
+    }
+    if (done !== null) dispatch({ kind: "done", text: done });
+    return { data: result.data };
+  }
+
+  async function done<T>(name: string, call: Call<T>, text: string): Promise<boolean> {
+    return (await asked(name, call, text)) !== null;
+  }
+
+  /** Quietly: what cannot be read is told where it would be shown. */
+  async function read<T>(call: Call<T>, found: (data: T) => Message, problem: (reason: string) => Message): Promise<boolean> {
+    const result: Outcome<T> = await outcome(call);
+    dispatch(result.ok ? found(result.data) : problem(result.reason));
+    return result.ok;
+  }
+
+  /** What becomes of an order is asked until it is known. */
+  async function follow(name: string, first: Order): Promise<void> {
+    let order = first;
+    dispatch({ kind: "order", order });
+    while (order.outcome === "pending") {
+      await later(POLL_MS);
+      const next: Outcome<Order> = await outcome(api.GET("/api/v1/orders/{order_id}", { params: { path: { order_id: order.id } } }));
+      if (next.ok) order = next.data;
+      else if (next.status !== 0) return; // the service was started again: it knows this order no more
+      dispatch({ kind: "order", order });
+    }
+    if (order.outcome !== "failed") return;
+    const why = Object.entries(order.vehicles).filter(([, part]) => part.outcome === "failed");
+    dispatch({ kind: "refused", text: texts.failed(name, why.map(([id, part]) => `${id}: ${part.reason}`).join("; ")) });
+  }
+
+  async function ordered(name: string, call: Call<Order>): Promise<boolean> {
+    const accepted = await asked(name, call, texts.ordered(name));
+    if (accepted !== null) void follow(name, accepted.data);
+    return accepted !== null;
+  }
+
+  async function followCheck(name: string): Promise<boolean> {
+    const path = { params: { path: { name } } };
+    let check = await asked(texts.orders.check(name), api.POST("/api/v1/shows/{name}/check", path), null);
+    const accepted = check !== null;
+    while (check !== null) {
+      dispatch({ kind: "check", check: check.data });
+      if (check.data.state !== "waiting" && check.data.state !== "running") break;
+      await later(POLL_MS);
+      check = await asked(texts.orders.check(name), api.GET("/api/v1/shows/{name}/check", path), null);
+    }
+    return accepted;
+  }
+
+  const ofVehicle = (id: string) => ({ params: { path: { vehicle_id: id } } });
+  const ofShow = (name: string) => ({ params: { path: { name } } });
+  const ofObstacle = (id: string) => ({ params: { path: { obstacle_id: id } } });
+
+  const actions: Actions = {
+    start(vehicles, at_unix_time_s) {
+      const selected = state().status?.show.selected;
+      const body: Schemas["StartBody"] = {
+        ...(vehicles === null ? {} : { vehicles: [...vehicles] }),
+        ...(selected ? { show_hash: selected.hash } : {}),
+        ...(at_unix_time_s === null ? {} : { at_unix_time_s }),
+      };
+      return ordered(texts.flight.start, api.POST("/api/v1/show/start", { body }));
+    },
+    show: (command) => ordered(texts.orders.show[command], api.POST(`/api/v1/show/${command}`)),
+    vehicle: (id, command) =>
+      ordered(texts.orders.vehicle(texts.vehicle.actions[command], id), api.POST(`/api/v1/vehicles/{vehicle_id}/${command}`, ofVehicle(id))),
+    exclude: (id, reason) =>
+      ordered(texts.preflight.excludeOne(id), api.POST("/api/v1/vehicles/{vehicle_id}/exclude", { ...ofVehicle(id), body: { reason } })),
+    changeFormation: (body) => done(texts.shape.sphere, api.PATCH("/api/v1/formation", { body }), texts.formationChanged),
+    changeOrbit: (body) => done(texts.shape.orbit, api.PATCH("/api/v1/orbit", { body }), texts.orbitChanged),
+    changeYaw: (body) => done(texts.shape.yaw, api.PATCH("/api/v1/yaw", { body }), texts.yawChanged),
+    setTarget: (target) => done(texts.shape.target, api.PUT("/api/v1/target", { body: target as Schemas["ShowTarget"] }), texts.targetMoved),
+    addObstacle(id, box) {
+      const body = { ...box, ...(id === null ? {} : { id }) } as Schemas["ObstaclePost"];
+      return done(texts.obstacles.add, api.POST("/api/v1/obstacles", { body }), texts.obstacleAdded(id));
+    },
+    async changeObstacle(id, change) {
+      const known = state().status?.obstacles.find((each) => each.id === id);
+      const name = texts.obstacles.of(id);
+      if (known === undefined) {
+        dispatch({ kind: "refused", text: texts.refused(name, texts.obstacleRemoved(id)) });
+        return false;
+      }
+      return done(name, api.PUT("/api/v1/obstacles/{obstacle_id}", { ...ofObstacle(id), body: { ...known, ...change } }), texts.obstacleMoved(id));
+    },
+    removeObstacle: (id) =>
+      done(texts.obstacles.of(id), api.DELETE("/api/v1/obstacles/{obstacle_id}", ofObstacle(id)), texts.obstacleRemoved(id)),
+    sendGhost(ghost) {
+      switch (ghost.kind) {
+        case "target":
+          return actions.setTarget({ x_m: ghost.x_m, y_m: ghost.y_m });
+        case "radius":
+          return actions.changeFormation({ radius_m: ghost.radius_m });
+        case "obstacle":
+          return actions.changeObstacle(ghost.id, { x_m: ghost.x_m, y_m: ghost.y_m });
+        case "new-obstacle": {
+          const { kind: _kind, ...box } = ghost;
+          return actions.addObstacle(null, box);
+        }
+      }
+    },
+    async armKill(vehicles) {
+      const body = vehicles === null ? {} : { vehicles: [...vehicles] };
+      const armed = await asked(texts.orders.arm, api.POST("/api/v1/kill", { body }), null);
+      if (armed !== null) dispatch({ kind: "kill-armed", armed: armed.data });
+      return armed !== null;
+    },
+    confirmKill: (code) => ordered(texts.flight.kill, api.POST("/api/v1/kill/confirm", { body: { code } })),
+    loadPreflight: () =>
+      read(
+        api.GET("/api/v1/preflight"),
+        (report) => ({ kind: "preflight", report }),
+        (preflightProblem) => ({ kind: "desk", change: { preflightProblem } }),
+      ),
+    async loadOrders() {
+      const result: Outcome<Order[]> = await outcome(api.GET("/api/v1/orders"));
+      if (result.ok) dispatch({ kind: "orders", orders: result.data });
+      return result.ok;
+    },
+    async loadShows() {
+      const result: Outcome<StoredShow[]> = await outcome(api.GET("/api/v1/shows"));
+      dispatch(result.ok ? { kind: "shows", shows: result.data } : { kind: "desk", change: { showsProblem: result.reason } });
+      for (const { name } of result.ok ? result.data : []) {
+        const known: Outcome<ShowCheck> = await outcome(api.GET("/api/v1/shows/{name}/check", ofShow(name)));
+        if (known.ok) dispatch({ kind: "check", check: known.data }); // else it was never checked
+      }
+      return result.ok;
+    },
+    checkShow: followCheck,
+    selectShow: (name, hash) =>
+      done(texts.orders.select(name), api.POST("/api/v1/shows/{name}/select", { ...ofShow(name), body: { hash } }), texts.showSelected(name)),
+    deselectShow: () => done(texts.shows.deselect, api.POST("/api/v1/show/deselect"), texts.showDeselected),
+    uploadShow(name, yaml) {
+      const headers = { "Content-Type": "application/yaml" };
+      const call = api.PUT("/api/v1/shows/{name}", { ...ofShow(name), body: yaml as never, bodySerializer: () => yaml, headers });
+      return done(texts.orders.upload(name), call, texts.showUploaded(name));
+    },
+    removeShow: (name) => done(texts.orders.remove(name), api.DELETE("/api/v1/shows/{name}", ofShow(name)), texts.showRemoved(name)),
+    seek: (cue) => done(texts.orders.seek(cue), api.POST("/api/v1/show/seek", { body: { cue } }), texts.showSought(cue)),
+    replay: (change) => done(texts.replay.title, api.POST("/api/v1/replay", { body: change }), texts.replayChanged),
+    async loadCertificate() {
+      for (;;) {
+        const result: Outcome<Schemas["Certificate"]> = await outcome(api.GET("/api/v1/replay/certificate"));
+        const found = result.ok ? result.data : null;
+        if (found !== null && (found.state === "waiting" || found.state === "running")) {
+          await later(POLL_MS);
+          continue;
+        }
+        if (found?.report) dispatch({ kind: "certificate", certificate: found.report });
+        const certificateProblem = result.ok ? result.data.reason : result.reason;
+        dispatch({ kind: "desk", change: { certificateProblem } });
+        return certificateProblem === "";
+      }
+    },
+  };
+  return actions;
+}

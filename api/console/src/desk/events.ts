@@ -1,0 +1,114 @@
+/** What happened: the service's log, the orders with what became of each vehicle, and what was refused. */
+
+import { html, nothing, type TemplateResult } from "lit-html";
+import type { Order, State } from "../state";
+import { texts } from "../texts";
+import type { DeskActions } from "./actions";
+import { choices } from "./controls";
+import { clockTime } from "./format";
+import { icon, type IconName } from "./icons";
+
+const t = texts.events;
+
+const OUTCOME_ICON: Record<Order["outcome"], IconName> = {
+  pending: "events",
+  done: "check",
+  failed: "cross",
+  "not-included": "offline",
+};
+
+function outcome(value: Order["outcome"]): TemplateResult {
+  return html`<span class="outcome outcome-${value}">${icon(OUTCOME_ICON[value])}${t.outcomes[value]}</span>`;
+}
+
+/** "3 done, 1 failed" */
+function sum(order: Order): string {
+  const counts = new Map<string, number>();
+  for (const part of Object.values(order.vehicles)) counts.set(part.outcome, (counts.get(part.outcome) ?? 0) + 1);
+  return [...counts].map(([what, count]) => t.count(count, t.outcomes[what] ?? what)).join(", ");
+}
+
+function order(state: State, actions: DeskActions, one: Order): TemplateResult {
+  const open = state.desk.openOrder === one.id;
+  const parts = Object.entries(one.vehicles);
+  const telling = open ? parts : parts.filter(([, part]) => part.outcome === "failed");
+  return html`<li class="event" data-testid="order-${one.id}">
+    <button
+      type="button"
+      class="event-line"
+      aria-expanded=${String(open)}
+      @click=${() => actions.set({ openOrder: open ? null : one.id })}
+    >
+      <time>${clockTime(one.accepted_unix_time_s)}</time>
+      <strong>${one.action}</strong>
+      <span class="dim">${t.by(one.by)}, ${sum(one)}</span>
+      <span class="spring"></span>
+      ${outcome(one.outcome)}
+    </button>
+    ${telling.length
+      ? html`<ul class="plain parts">
+          ${telling.map(([id, part]) => html`<li>${outcome(part.outcome)} <b>${id}</b> ${part.reason}</li>`)}
+        </ul>`
+      : nothing}
+  </li>`;
+}
+
+function severityIcon(severity: string): IconName {
+  if (severity === "error" || severity === "critical") return "cross";
+  return severity === "warning" ? "warning" : "info";
+}
+
+function lines(state: State, actions: DeskActions): TemplateResult {
+  const all = [...(state.status?.events ?? [])].sort((a, b) => b.number - a.number);
+  if (all.length === 0) return html`<p class="empty">${t.none}</p>`;
+  return html`<ul class="events" data-testid="event-lines">
+    ${all.map(
+      (each) => html`<li class="event line severity-${each.severity}">
+        <time>${clockTime(each.unix_time_s)}</time>
+        ${icon(severityIcon(each.severity))}
+        ${each.vehicle
+          ? html`<button type="button" class="link" @click=${() => actions.select(each.vehicle!)}>${each.vehicle}</button>`
+          : nothing}
+        <span>${each.text}</span>
+      </li>`,
+    )}
+  </ul>`;
+}
+
+function refusals(state: State): TemplateResult {
+  const all = state.desk.refusals;
+  if (all.length === 0) return html`<p class="empty">${t.none}</p>`;
+  return html`<ul class="events" data-testid="event-refusals">
+    ${all.map(
+      (each) => html`<li class="event line severity-warning">
+        <time>${clockTime(each.unix_time_s)}</time>${icon("cross")}<span>${each.text}</span>
+      </li>`,
+    )}
+  </ul>`;
+}
+
+export function events(state: State, actions: DeskActions): TemplateResult {
+  const { eventList } = state.desk;
+  return html`<div class="events-panel" data-testid="events">
+    ${choices(
+      "events",
+      t.title,
+      [
+        { value: "lines", label: t.lines },
+        { value: "orders", label: t.orders },
+        { value: "refused", label: `${t.refused}${state.desk.refusals.length ? ` ${state.desk.refusals.length}` : ""}` },
+      ],
+      eventList,
+      (value) => actions.set({ eventList: value }),
+    )}
+    ${eventList === "lines"
+      ? lines(state, actions)
+      : eventList === "refused"
+        ? refusals(state)
+        : state.orders.length
+          ? html`<ul class="events" data-testid="event-orders">
+              ${state.orders.map((one) => order(state, actions, one))}
+            </ul>`
+          : html`<p class="empty">${t.noOrders}</p>`}
+  </div>`;
+}

@@ -1,0 +1,182 @@
+/** The fleet as a table. Rows outside the screen are not drawn, so that a thousand are as quick as eight. */
+
+import { html, nothing, type TemplateResult } from "lit-html";
+import { repeat } from "lit-html/directives/repeat.js";
+import { PHASES, type Frame, type State, type Status } from "../state";
+import { texts } from "../texts";
+import type { DeskActions } from "./actions";
+import { button } from "./controls";
+import { fixed, percentOnly } from "./format";
+import { icon, PHASE_ICON } from "./icons";
+import { place } from "./place";
+import { hasTerm, toggled } from "./query";
+import { isStale, rowOf, windowed, type Column, type Row } from "./rows";
+import { ROW_PX } from "./state";
+
+const COLUMNS: readonly Column[] = ["id", "phase", "held", "nearest", "battery", "age", "fix", "link", "height", "mode"];
+
+const TERMS = [
+  { term: "restrained", label: texts.fleet.restrained },
+  { term: "stale", label: texts.fleet.stale },
+  { term: "battery<30", label: texts.fleet.low },
+] as const;
+
+export const LOW_BATTERY = 0.3;
+
+function chips(state: State, actions: DeskActions): TemplateResult {
+  const { filter, table } = state.desk;
+  const chip = (term: string, label: string, id: string, count?: number, shape?: TemplateResult): TemplateResult =>
+    html`<button
+      type="button"
+      class="chip"
+      data-testid=${id}
+      aria-pressed=${String(hasTerm(filter, term))}
+      @click=${() => actions.filter(toggled(filter, term))}
+    >
+      ${shape ?? nothing}${label}${count === undefined ? nothing : html` <b>${count}</b>`}
+    </button>`;
+  return html`<div class="chips">
+    ${PHASES.filter((phase) => table.phases[phase]).map((phase) =>
+      chip(`phase:${phase}`, texts.fleet.phases[phase], `chip-${phase}`, table.phases[phase], icon(PHASE_ICON[phase])),
+    )}
+    ${TERMS.map((each) => chip(each.term, each.label, `chip-${each.term.replace("<", "-")}`))}
+  </div>`;
+}
+
+function heading(state: State, actions: DeskActions, column: Column): TemplateResult {
+  const { sort } = state.desk;
+  const isSorted = sort.column === column;
+  const name = texts.fleet.columns[column];
+  return html`<th
+    scope="col"
+    class="col-${column}"
+    aria-sort=${isSorted ? (sort.descending ? "descending" : "ascending") : "none"}
+  >
+    <button
+      type="button"
+      data-testid="sort-${column}"
+      title=${texts.fleet.columnHelp[column]}
+      aria-label=${texts.fleet.sortBy(name, texts.fleet.columnHelp[column])}
+      @click=${() => actions.sort({ column, descending: isSorted && !sort.descending })}
+    >
+      ${name}${isSorted ? icon(sort.descending ? "down" : "up") : nothing}
+    </button>
+  </th>`;
+}
+
+function rowView(state: State, actions: DeskActions, row: Row, position: number): TemplateResult {
+  const isSelected = state.view.selected === row.id;
+  const low = row.battery < LOW_BATTERY;
+  return html`<tr
+    class="${isSelected ? "selected" : ""} ${isStale(row) ? "old" : ""}"
+    aria-rowindex=${position + 2}
+    data-testid="row-${row.id}"
+    @click=${() => actions.select(row.id)}
+  >
+    <th scope="row">
+      <button type="button" class="row-open" tabindex="-1" data-testid="open-${row.id}" aria-current=${isSelected ? "true" : nothing}>${row.id}</button>
+    </th>
+    <td class="phase phase-${row.phase}">${icon(PHASE_ICON[row.phase])}<span>${texts.fleet.phases[row.phase]}</span></td>
+    <td class="held" title=${row.restrainedBy || nothing}>
+      ${row.restrained ? html`${icon("restrained")}<span class="for-readers">${texts.fleet.restrained}</span>` : nothing}
+    </td>
+    <td class="number">${fixed(row.nearest_m)}</td>
+    <td class="number ${low ? "low" : ""}">${low ? icon("warning") : nothing}${percentOnly(row.battery)}</td>
+    <td class="number age">${fixed(row.age_s)}</td>
+    <td class="number">${row.fix} ${fixed(row.fix_m)}</td>
+    <td class="number">${percentOnly(row.link)}</td>
+    <td class="number">${fixed(row.height_m)}</td>
+    <td>${row.mode}</td>
+  </tr>`;
+}
+
+/** Up and down go from vehicle to vehicle, also to those that are not drawn yet. */
+function onKey(state: State, actions: DeskActions, event: KeyboardEvent): void {
+  if (event.key === "Enter" && state.view.selected !== null) actions.select(state.view.selected);
+  const steps: Record<string, number> = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10, Home: -1e9, End: 1e9 };
+  const step = steps[event.key];
+  const { order } = state.desk.table;
+  if (step === undefined || order.length === 0 || !state.status) return;
+  event.preventDefault();
+  const vehicles = state.status.vehicles;
+  const now = order.findIndex((index) => vehicles[index]?.id === state.view.selected);
+  const next = Math.min(order.length - 1, Math.max(0, now + step));
+  const id = vehicles[order[next]!]!.id;
+  const scroller = event.currentTarget as HTMLElement;
+  actions.dispatch({ kind: "view", change: { selected: id } });
+  const [top, bottom] = [next * ROW_PX, (next + 2) * ROW_PX]; // the heading covers one
+  if (top < scroller.scrollTop) scroller.scrollTop = top;
+  else if (bottom > scroller.scrollTop + scroller.clientHeight) scroller.scrollTop = bottom - scroller.clientHeight;
+}
+
+function table(state: State, actions: DeskActions, status: Status, frame: Frame): TemplateResult {
+  const { order, nearest_m } = state.desk.table;
+  const shown = windowed(order.length, state.desk.scroll_px, state.desk.room_px, ROW_PX);
+  const rows = order
+    .slice(shown.first, shown.last)
+    .filter((index) => index < Math.min(frame.n, status.vehicles.length))
+    .map((index, offset) => ({ row: rowOf(status, frame, nearest_m, index), position: shown.first + offset }));
+  const measured = (event: Event): void => {
+    const { scrollTop, clientHeight } = event.currentTarget as HTMLElement;
+    actions.set({ scroll_px: scrollTop, room_px: clientHeight });
+  };
+  return html`<div
+    class="table-scroll"
+    tabindex="0"
+    role="region"
+    aria-label=${texts.fleet.title}
+    data-testid="fleet-scroll"
+    @scroll=${measured}
+    @focusin=${measured}
+    @keydown=${(event: KeyboardEvent) => onKey(state, actions, event)}
+  >
+    <table class="fleet value" aria-rowcount=${order.length + 1} data-testid="fleet-table">
+      <thead>
+        <tr aria-rowindex="1">
+          ${COLUMNS.map((column) => heading(state, actions, column))}
+        </tr>
+      </thead>
+      <tbody>
+        <tr class="spacer" aria-hidden="true"><td colspan=${COLUMNS.length} ${place({ height: `${shown.above_px}px` })}></td></tr>
+        ${repeat(
+          rows,
+          ({ row }) => row.id,
+          ({ row, position }) => rowView(state, actions, row, position),
+        )}
+        <tr class="spacer" aria-hidden="true"><td colspan=${COLUMNS.length} ${place({ height: `${shown.below_px}px` })}></td></tr>
+      </tbody>
+    </table>
+    ${order.length === 0 ? html`<p class="empty">${texts.fleet.nobody}</p>` : nothing}
+  </div>`;
+}
+
+export function fleet(state: State, actions: DeskActions): TemplateResult {
+  const { status, frame, desk } = state;
+  return html`<div class="fleet-panel">
+    <div class="filter">
+      <input
+        type="search"
+        data-testid="filter"
+        autocomplete="off"
+        spellcheck="false"
+        aria-label=${texts.fleet.filter}
+        aria-invalid=${desk.table.problem ? "true" : "false"}
+        placeholder=${texts.fleet.filter}
+        title=${texts.fleet.filterHelp}
+        .value=${desk.filter}
+        @input=${(event: Event) => actions.filter((event.target as HTMLInputElement).value)}
+      />
+      <span class="count" data-testid="fleet-count" role="status">
+        ${texts.fleet.count(desk.table.order.length, status?.vehicles.length ?? 0)}
+      </span>
+      ${button(actions, {
+        id: "filter-clear",
+        label: texts.fleet.clear,
+        kind: "quiet",
+        press: () => actions.filter(""),
+      })}
+    </div>
+    ${desk.table.problem ? html`<p class="problem" role="alert" data-testid="filter-problem">${desk.table.problem}</p>` : nothing}
+    ${chips(state, actions)} ${status && frame ? table(state, actions, status, frame) : nothing}
+  </div>`;
+}

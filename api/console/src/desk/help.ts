@@ -1,0 +1,45 @@
+/** The keys, and what the symbols mean. */
+
+import { html, type TemplateResult } from "lit-html";
+import { PHASES, type State } from "../state";
+import { texts } from "../texts";
+import type { DeskActions } from "./actions";
+import { button } from "./controls";
+import { icon, PHASE_ICON } from "./icons";
+import { CAMERA_KEYS, KEYS, PANEL_KEYS, type FlightKey } from "./keys";
+
+const t = texts.help;
+
+export function help(_state: State, actions: DeskActions): TemplateResult {
+  const key = (keys: readonly string[], what: string): TemplateResult =>
+    html`<div><dt>${keys.map((each) => html`<kbd>${each}</kbd> `)}</dt><dd>${what}</dd></div>`;
+  return html`<p>${t.everywhere}</p>
+    <div class="columns">
+      <section>
+        <h3>${t.keys}</h3>
+        <dl class="keys">
+          ${(Object.keys(KEYS) as FlightKey[]).map((action) => key(["Shift", KEYS[action]], t.list[action]))}
+          ${key(Object.keys(CAMERA_KEYS), t.list.camera)} ${key(["n"], t.list.night)}
+          ${key(Object.keys(PANEL_KEYS), t.list.panels)} ${key(["/"], t.list.filter)}
+          ${key(["Enter", "Esc"], t.list.confirm)} ${key(["Space"], t.list.play)} ${key([",", "."], t.list.jump)}
+          ${key(["?"], t.list.help)}
+        </dl>
+      </section>
+      <section>
+        <h3>${t.symbols}</h3>
+        <ul class="plain symbols">
+          ${PHASES.map(
+            (phase) => html`<li class="phase phase-${phase}">${icon(PHASE_ICON[phase])}<span>${texts.fleet.phases[phase]}</span></li>`,
+          )}
+          <li>${icon("restrained")}<span>${texts.fleet.columnHelp.held}</span></li>
+        </ul>
+        <p class="dim">${t.colours}</p>
+        <p class="dim">${t.stale}</p>
+        <h3>${texts.fleet.filter}</h3>
+        <p><code>${texts.fleet.filterHelp}</code></p>
+      </section>
+    </div>
+    <div class="buttons">
+      ${button(actions, { id: "help-close", label: texts.shell.close, kind: "primary", focus: true, press: () => actions.sheet(null) })}
+    </div>`;
+}

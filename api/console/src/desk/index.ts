@@ -1,0 +1,133 @@
+/** The desk around the scene: a pure function of the state. */
+
+import { html, nothing, type TemplateResult } from "lit-html";
+import { certificate } from "../replay/certificate";
+import { replayBar } from "../replay/bar";
+import type { State } from "../state";
+import { texts } from "../texts";
+import type { DeskActions } from "./actions";
+import { banner, interrupted, notices, toasts } from "./banners";
+import { button } from "./controls";
+import { events } from "./events";
+import { fleet } from "./fleet";
+import { flight } from "./flight";
+import { ghostBar } from "./ghost";
+import { help } from "./help";
+import { icon, type IconName } from "./icons";
+import { PANEL_KEYS } from "./keys";
+import { kill } from "./kill";
+import { login } from "./login";
+import { obstacles } from "./obstacles";
+import { plots } from "./plots";
+import { failures, preflight } from "./preflight";
+import { shape } from "./shape";
+import { shows } from "./shows";
+import { start } from "./start";
+import type { LeftPanel, RightPanel, Sheet } from "./state";
+import { timeline } from "./timeline";
+import { life, topbar } from "./topbar";
+import { vehicle } from "./vehicle";
+
+type View = (state: State, actions: DeskActions) => TemplateResult;
+type PanelName = LeftPanel | RightPanel;
+
+const LEFT: readonly LeftPanel[] = ["preflight", "shows", "shape", "obstacles"];
+const RIGHT: readonly RightPanel[] = ["fleet", "vehicle", "events", "plots"];
+
+const PANELS: Record<PanelName, { view: View; icon: IconName }> = {
+  preflight: { view: preflight, icon: "preflight" },
+  shows: { view: shows, icon: "show" },
+  shape: { view: shape, icon: "shape" },
+  obstacles: { view: obstacles, icon: "obstacle" },
+  fleet: { view: fleet, icon: "fleet" },
+  vehicle: { view: vehicle, icon: "vehicle" },
+  events: { view: events, icon: "events" },
+  plots: { view: plots, icon: "plots" },
+  certificate: { view: certificate, icon: "check" },
+};
+
+const SHEETS: Record<Sheet, { view: View; title: string }> = {
+  start: { view: start, title: texts.start.title },
+  kill: { view: kill, title: texts.kill.title },
+  help: { view: help, title: texts.help.title },
+};
+
+/** A number beside a panel's name, where somebody should look into it. */
+function count(state: State, name: PanelName): number {
+  if (name === "preflight" && state.preflight && !state.preflight.passes) return failures(state.preflight);
+  if (name === "obstacles") return state.status?.obstacles.length ?? 0;
+  return 0;
+}
+
+function rail(state: State, actions: DeskActions, side: "left" | "right", names: readonly PanelName[]): TemplateResult {
+  const open = state.desk[side];
+  const keys = Object.entries(PANEL_KEYS);
+  return html`<nav class="rail rail-${side}" aria-label=${texts.shell[side]}>
+    ${names.map((name) => {
+      const key = keys.find(([, panel]) => panel === name)?.[0];
+      const number = count(state, name);
+      return html`<button
+        type="button"
+        class="tab"
+        data-testid="tab-${name}"
+        aria-expanded=${String(open === name)}
+        aria-keyshortcuts=${key ?? nothing}
+        title=${key ? `${texts.shell.tabs[name]} (${key})` : nothing}
+        @click=${() => actions.togglePanel(name)}
+      >
+        ${icon(PANELS[name].icon)}<span>${texts.shell.tabs[name]}</span>
+        ${number > 0 ? html`<b class="badge ${name === "preflight" ? "bad" : ""}">${number}</b>` : nothing}
+      </button>`;
+    })}
+  </nav>`;
+}
+
+function panel(state: State, actions: DeskActions, side: "left" | "right"): TemplateResult | typeof nothing {
+  const name = state.desk[side];
+  if (name === null) return nothing;
+  const title = texts.shell.tabs[name];
+  return html`<aside class="panel panel-${side} panel-${name}" aria-label=${title} data-testid="panel-${name}">
+    <header>
+      <h2>${title}</h2>
+      ${button(actions, {
+        id: `close-${side}`,
+        label: texts.shell.closePanel(title),
+        icon: "cross",
+        iconOnly: true,
+        kind: "quiet",
+        press: () => actions.togglePanel(name),
+      })}
+    </header>
+    <div class="panel-body" tabindex=${name === "fleet" ? nothing : "0"} role="group" aria-label=${title}>${PANELS[name].view(state, actions)}</div>
+  </aside>`;
+}
+
+function sheet(state: State, actions: DeskActions): TemplateResult | typeof nothing {
+  const name = state.desk.sheet;
+  if (name === null) return nothing;
+  return html`<section class="sheet sheet-${name}" role="dialog" aria-label=${SHEETS[name].title} data-testid="sheet-${name}">
+    <div class="head">
+      <h2>${SHEETS[name].title}</h2>
+      ${button(actions, { id: "sheet-close", label: texts.shell.close, icon: "cross", iconOnly: true, kind: "quiet", press: () => actions.sheet(null) })}
+    </div>
+    ${SHEETS[name].view(state, actions)}
+  </section>`;
+}
+
+export function desk(state: State, actions: DeskActions): TemplateResult {
+  const now = life(state);
+  const isReplay = Boolean(state.status?.replay);
+  const isOld = now !== "live" && now !== "replay";
+  const { left, right } = state.desk;
+  return html`<div class="desk ${isOld ? "is-old" : ""} ${left ? "has-left" : ""} ${right ? "has-right" : ""}" data-testid="desk" data-life=${now}>
+    ${topbar(state, actions)}
+    ${banner(state)}
+    <div class="alerts">${interrupted(state, actions)} ${notices(state, actions)} ${toasts(state, actions)}</div>
+    ${rail(state, actions, "left", LEFT)} ${panel(state, actions, "left")}
+    ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)} ${panel(state, actions, "right")}
+    ${state.desk.sheet === "help" ? sheet(state, actions) : nothing}
+    <div class="center-low">${state.desk.sheet === "help" ? nothing : sheet(state, actions)} ${ghostBar(state, actions)}</div>
+    <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : flight(state, actions)}</footer>
+    ${login(state, actions)}
+  </div>`;
+}

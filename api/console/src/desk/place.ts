@@ -1,0 +1,43 @@
+/** Sets sizes and places of an element. Attributes `style` are forbidden by the page's policy; properties are not. */
+
+import { noChange } from "lit-html";
+import { Directive, directive, PartType, type ElementPart, type PartInfo } from "lit-html/directive.js";
+
+class Place extends Directive {
+  constructor(part: PartInfo) {
+    super(part);
+    if (part.type !== PartType.ELEMENT) throw new Error("place() stands among an element's attributes");
+  }
+
+  render(_properties: Readonly<Record<string, string>>): typeof noChange {
+    return noChange;
+  }
+
+  override update(part: ElementPart, [properties]: [Readonly<Record<string, string>>]): typeof noChange {
+    const { style } = part.element as HTMLElement;
+    for (const [name, value] of Object.entries(properties)) {
+      if (style.getPropertyValue(name) !== value) style.setProperty(name, value);
+    }
+    return noChange;
+  }
+}
+
+/** `<div ${place({ left: "12%" })}>` */
+export const place = directive(Place);
+
+class Focus extends Directive {
+  private isDone = false;
+
+  render(_wanted: boolean): typeof noChange {
+    return noChange;
+  }
+
+  override update(part: ElementPart, [wanted]: [boolean]): typeof noChange {
+    if (wanted && !this.isDone) queueMicrotask(() => (part.element as HTMLElement).focus());
+    this.isDone = true;
+    return noChange;
+  }
+}
+
+/** Takes the focus once, when its element appears: `<button ${focused(true)}>` */
+export const focused = directive(Focus);

@@ -1,0 +1,195 @@
+/** Preflight as a list of what to do: the same trouble of many is told once, with whom it concerns. */
+
+import { html, nothing, type TemplateResult } from "lit-html";
+import type { PreflightReport, State } from "../state";
+import { texts } from "../texts";
+import type { DeskActions } from "./actions";
+import { button, textField } from "./controls";
+import { plain, seconds } from "./format";
+import { icon } from "./icons";
+import { whyNot, whyNotOnGround } from "./rights";
+
+type Check = PreflightReport["fleet"][number];
+type Vehicle = PreflightReport["vehicles"][number];
+
+const t = texts.preflight;
+
+/** How many checks keep the fleet on the ground; those of who does not fly do not. */
+export function failures(report: PreflightReport): number {
+  const failing = (checks: readonly Check[]): number => checks.filter((each) => each.state !== "pass").length;
+  return failing(report.fleet) + report.vehicles.reduce((sum, each) => sum + (each.flies ? failing(each.checks) : 0), 0);
+}
+
+export interface Trouble {
+  check: Check;
+  vehicles: { id: string; measured: string }[];
+}
+
+function measured(check: Check): string {
+  if (check.value === null) return "";
+  return `${plain(check.value)} ${check.unit}`.trim();
+}
+
+/** What keeps whom on the ground; what asks for the same is one trouble, the most common first. Pure. */
+export function troubles(report: PreflightReport): Trouble[] {
+  const found = new Map<string, Trouble>();
+  for (const vehicle of report.vehicles) {
+    for (const check of vehicle.flies ? vehicle.checks : []) {
+      if (check.state === "pass") continue;
+      const hasText = check.unit === ""; // what was measured is said by the problem alone
+      const key = [check.name, check.state, check.limit, check.to_do, hasText ? check.problem : ""].join("\n");
+      const trouble = found.get(key) ?? { check, vehicles: [] };
+      trouble.vehicles.push({ id: vehicle.id, measured: hasText ? "" : measured(check) });
+      found.set(key, trouble);
+    }
+  }
+  return [...found.values()].sort((a, b) => b.vehicles.length - a.vehicles.length);
+}
+
+function checkView(one: Check, who: TemplateResult | typeof nothing = nothing): TemplateResult {
+  const passes = one.state === "pass";
+  const value = one.unit === "" ? "" : measured(one);
+  return html`<li class="check check-${one.state}" data-testid="check-${one.state}">
+    ${icon(passes ? "check" : one.state === "fail" ? "cross" : "question")}
+    <div>
+      <p class="check-name">
+        <strong>${one.name}</strong>
+        ${who === nothing && value ? html`<span class="value">${value}</span>` : nothing}
+        ${one.state === "unknown" ? html`<span>${t.unknown}</span>` : nothing}
+        ${one.limit ? html`<small>${t.limit}: ${one.limit}</small>` : nothing}
+      </p>
+      ${who} ${one.problem ? html`<p class="check-problem">${one.problem}</p>` : nothing}
+      ${one.to_do && !passes ? html`<p class="check-do"><b>${t.toDo}:</b> ${one.to_do}</p>` : nothing}
+    </div>
+  </li>`;
+}
+
+const NAMED_MAX = 12;
+
+function whoView(actions: DeskActions, trouble: Trouble): TemplateResult {
+  const named = trouble.vehicles.slice(0, NAMED_MAX);
+  const more = trouble.vehicles.length - named.length;
+  return html`<p class="check-who">
+    ${named.map(
+      (each) => html`<button type="button" class="link" @click=${() => actions.select(each.id)}>${each.id}</button>${each.measured
+          ? html` <span class="value">${each.measured}</span>`
+          : nothing} `,
+    )}
+    ${more > 0 ? t.moreVehicles(more) : nothing}
+  </p>`;
+}
+
+function excluding(state: State, actions: DeskActions, id: string): TemplateResult {
+  return html`<form
+    class="inline-form"
+    @submit=${(event: Event) => {
+      event.preventDefault();
+      actions.exclude(id);
+    }}
+  >
+    ${textField(state, actions, { field: "exclude-reason", label: t.reason, focus: true })}
+    <div class="buttons">
+      <button type="submit" class="button primary" data-testid="exclude-confirm"><span>${t.excludeOne(id)}</span></button>
+      ${button(actions, { id: "exclude-cancel", label: texts.shell.cancel, kind: "quiet", press: () => actions.set({ excluding: null }) })}
+    </div>
+  </form>`;
+}
+
+function vehicle(state: State, actions: DeskActions, one: Vehicle): TemplateResult {
+  const { allChecks, excluding: who } = state.desk;
+  const failing = one.checks.filter((each) => each.state !== "pass").length;
+  const good = one.flies && failing === 0;
+  return html`<section class="preflight-vehicle ${one.flies ? (good ? "good" : "bad") : "out"}" data-testid="preflight-${one.id}">
+    <header>
+      ${icon(!one.flies ? "offline" : good ? "check" : "cross")}
+      <h4><button type="button" class="link" @click=${() => actions.select(one.id)}>${one.id}</button></h4>
+      <span class="summary">
+        ${one.flies ? (good ? t.allPass(one.checks.length) : t.fails(failing)) : html`${t.excluded}: ${one.reason}`}
+      </span>
+      ${one.flies
+        ? button(actions, {
+            id: `exclude-${one.id}`,
+            label: t.exclude,
+            name: t.excludeOne(one.id),
+            kind: "quiet",
+            why: whyNot(state, "exclude") || whyNotOnGround(state),
+            expanded: who === one.id,
+            press: () => actions.set({ excluding: who === one.id ? null : one.id }),
+          })
+        : button(actions, {
+            id: `include-${one.id}`,
+            label: t.include,
+            name: t.includeOne(one.id),
+            kind: "quiet",
+            why: whyNot(state, "include") || whyNotOnGround(state),
+            press: () => actions.include(one.id),
+          })}
+    </header>
+    ${who === one.id ? excluding(state, actions, one.id) : nothing}
+    ${allChecks ? html`<ul class="checks">${one.checks.map((each) => checkView(each))}</ul>` : nothing}
+  </section>`;
+}
+
+/** Who has to be mended first, then who stays down, then the others. */
+function rank(one: Vehicle): number {
+  if (!one.flies) return 1;
+  return one.passes ? 2 : 0;
+}
+
+const VEHICLES_MAX = 60;
+
+function report(state: State, actions: DeskActions, found: PreflightReport): TemplateResult {
+  const { allChecks } = state.desk;
+  const isDown = whyNotOnGround(state) === "";
+  const failing = found.fleet.filter((each) => each.state !== "pass");
+  const passing = found.fleet.filter((each) => each.state === "pass");
+  const vehicles = [...found.vehicles].sort((a, b) => rank(a) - rank(b));
+  const list = troubles(found);
+  return html`<div class="verdict ${found.passes ? "good" : "bad"}" role="status" data-testid="preflight-verdict">
+      ${icon(found.passes ? "check" : "cross")}
+      <strong>${found.passes ? t.passes : t.fails(failures(found))}</strong>
+      <small>${isDown ? "" : `${t.before}; `}${t.read(seconds((state.page_ms - state.desk.preflightRead_ms) / 1000))}</small>
+    </div>
+    ${failing.length || list.length
+      ? html`<section data-testid="preflight-todo">
+          <h3>${t.todo}</h3>
+          <ul class="checks">
+            ${failing.map((each) => checkView(each))} ${list.map((each) => checkView(each.check, whoView(actions, each)))}
+          </ul>
+        </section>`
+      : nothing}
+    <section>
+      <h3>${t.vehicles}</h3>
+      ${vehicles.slice(0, VEHICLES_MAX).map((one) => vehicle(state, actions, one))}
+      ${vehicles.length > VEHICLES_MAX ? html`<p class="dim">${t.moreVehicles(vehicles.length - VEHICLES_MAX)}</p>` : nothing}
+    </section>
+    <section>
+      <h3>${t.fleet}</h3>
+      <ul class="checks">
+        ${passing.map((each) => checkView(each))}
+      </ul>
+    </section>
+    ${found.not_checked.length
+      ? html`<section>
+          <h3>${t.notChecked}</h3>
+          <ul class="plain dim">
+            ${found.not_checked.map((text) => html`<li>${text}</li>`)}
+          </ul>
+        </section>`
+      : nothing}
+    ${button(actions, {
+      id: "checks-all",
+      label: allChecks ? t.hidden : t.shown,
+      kind: "quiet",
+      pressed: allChecks,
+      press: () => actions.set({ allChecks: !allChecks }),
+    })}`;
+}
+
+export function preflight(state: State, actions: DeskActions): TemplateResult {
+  return html`<div class="preflight" data-testid="preflight">
+    ${state.desk.preflightProblem ? html`<p class="problem" role="alert" data-testid="preflight-problem">${state.desk.preflightProblem}</p>` : nothing}
+    ${state.preflight ? report(state, actions, state.preflight) : html`<p class="empty">${t.none}</p>`}
+    ${button(actions, { id: "preflight-read", label: t.again, press: () => actions.readPreflight() })}
+  </div>`;
+}

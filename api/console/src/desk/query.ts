@@ -1,0 +1,89 @@
+/** The filter of the fleet table: a line of terms, all of which a vehicle must meet. Pure.
+ *
+ * `phase:hold,return battery<30 age>1 fix>2 nearest<5 link<80 restrained -ready d1`
+ */
+
+import { texts } from "../texts";
+import { isStale, type Row } from "./rows";
+
+export type Test = (row: Row) => boolean;
+
+export interface Query {
+  test: Test;
+  problem: string; // why a term was passed over; empty when none was
+}
+
+const NUMBERS: Record<string, (row: Row) => number> = {
+  battery: (row) => row.battery * 100,
+  age: (row) => row.age_s,
+  fix: (row) => row.fix_m,
+  nearest: (row) => row.nearest_m,
+  link: (row) => row.link * 100,
+  height: (row) => row.height_m,
+};
+
+const WORDS: Record<string, (row: Row) => string> = {
+  id: (row) => row.id,
+  phase: (row) => row.phase,
+  mode: (row) => row.mode,
+  fix: (row) => row.fix.toLowerCase(),
+};
+
+const FLAGS: Record<string, Test> = {
+  restrained: (row) => row.restrained,
+  ready: (row) => row.ready,
+  armed: (row) => row.armed,
+  stale: isStale,
+};
+
+export const FIELDS = [...new Set([...Object.keys(WORDS), ...Object.keys(NUMBERS)])];
+
+/** Raises: Error with words for the operator. */
+function term(text: string): Test {
+  const compared = /^([a-z]+)([<>])(.*)$/.exec(text);
+  if (compared) {
+    const [, field, sign, given] = compared as unknown as [string, string, string, string];
+    const value = NUMBERS[field];
+    const limit = Number(given);
+    if (!value) throw new Error(texts.fleet.noNumberField(field, Object.keys(NUMBERS)));
+    if (given === "" || Number.isNaN(limit)) throw new Error(texts.fleet.noNumber(field + sign));
+    return sign === "<" ? (row) => value(row) < limit : (row) => value(row) > limit;
+  }
+  const named = /^([a-z]+):(.*)$/.exec(text);
+  if (named) {
+    const [, field, given] = named as unknown as [string, string, string];
+    const value = NUMBERS[field];
+    if (value && given === "unknown") return (row) => Number.isNaN(value(row));
+    const word = WORDS[field];
+    if (!word) throw new Error(texts.fleet.noField(field, FIELDS));
+    const choices = given.split(",");
+    return (row) => choices.includes(word(row));
+  }
+  return FLAGS[text] ?? ((row) => row.id.includes(text) || row.phase === text || row.mode === text);
+}
+
+export function parseQuery(text: string): Query {
+  const tests: Test[] = [];
+  let problem = "";
+  for (const part of text.split(/\s+/).filter((each) => each !== "")) {
+    const denied = part.startsWith("-") && part.length > 1;
+    try {
+      const test = term(denied ? part.slice(1) : part);
+      tests.push(denied ? (row) => !test(row) : test);
+    } catch (error) {
+      problem ||= (error as Error).message;
+    }
+  }
+  return { test: (row) => tests.every((test) => test(row)), problem };
+}
+
+export function hasTerm(text: string, wanted: string): boolean {
+  return text.split(/\s+/).includes(wanted);
+}
+
+/** The filter with a term more, or without it if it was there. */
+export function toggled(text: string, wanted: string): string {
+  const parts = text.split(/\s+/).filter((each) => each !== "");
+  const left = parts.filter((each) => each !== wanted);
+  return (left.length < parts.length ? left : [...parts, wanted]).join(" ");
+}

@@ -1,0 +1,43 @@
+/** What the stream does not say is asked for while somebody looks at it: preflight, orders, show files. */
+
+import type { Actions } from "../actions";
+import { whyNotOnGround } from "./rights";
+import { fresh, type State } from "../state";
+
+const PREFLIGHT_MS = 2000;
+const ORDERS_MS = 2000;
+
+/** Call it a few times a second. One question of a kind at a time, so that a slow service is not asked more. */
+export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadShows">): (state: State) => void {
+  const asked_ms = { preflight: -Infinity, orders: -Infinity };
+  const busy = new Set<string>();
+  let showsFor: string | null = null;
+
+  function ask(what: string, call: () => Promise<unknown>): void {
+    if (busy.has(what)) return;
+    busy.add(what);
+    void call().finally(() => busy.delete(what));
+  }
+
+  return (state) => {
+    const { desk, page_ms, status } = state;
+    if (!fresh(state) || !status || state.access === null || status.replay) return;
+    const isLooking = desk.left === "preflight" || desk.sheet === "start";
+    const first = state.preflight === null && asked_ms.preflight === -Infinity;
+    const onGround = whyNotOnGround(state) === "";
+    if ((first || (isLooking && onGround)) && page_ms - asked_ms.preflight >= PREFLIGHT_MS) {
+      asked_ms.preflight = page_ms;
+      ask("preflight", service.loadPreflight);
+    }
+    const ordersOpen = (desk.right === "events" && desk.eventList === "orders") || desk.right === "vehicle";
+    if (ordersOpen && page_ms - asked_ms.orders >= ORDERS_MS) {
+      asked_ms.orders = page_ms;
+      ask("orders", service.loadOrders);
+    }
+    if (desk.left !== "shows") showsFor = null;
+    else if (showsFor !== state.access.who) {
+      showsFor = state.access.who;
+      ask("shows", service.loadShows);
+    }
+  };
+}

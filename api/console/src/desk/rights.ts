@@ -1,0 +1,59 @@
+/** What may be pressed now; where not, why, in words. Pure. "" means that it may. */
+
+import { fresh, may, type Phase, type ShowAction, type State } from "../state";
+import { texts } from "../texts";
+
+export type VehicleAction = "hold" | "join" | "return" | "land" | "hand-back" | "confirm-down";
+export const VEHICLE_ACTIONS: readonly VehicleAction[] = ["hold", "join", "return", "land", "hand-back", "confirm-down"];
+
+/** From which phases the service takes an order to one vehicle: gcs/lifecycle.py. It has the last word. */
+const FROM: Record<VehicleAction, readonly Phase[]> = {
+  hold: ["formation", "return", "landing"],
+  join: ["hold"],
+  return: ["hold", "formation", "landing"],
+  land: ["takeoff", "hold", "formation", "return"],
+  "hand-back": ["pilot"],
+  "confirm-down": ["lost", "killed"],
+};
+
+const EMERGENCY: readonly string[] = ["pause", "stop", "abort", "hold", "return", "land", "bring-home", "kill"];
+
+/** Who brings the fleet down is tried also with old data: the service answers as things are there. */
+export function whyNot(state: State, action: string): string {
+  const emergency = EMERGENCY.includes(action);
+  if (state.status?.replay) return texts.flight.replay;
+  if (state.access === null) return texts.flight.noRights;
+  if (!may(state, emergency ? "emergency" : "operate")) {
+    return may(state, "emergency") ? texts.flight.notOperate : texts.flight.watcher;
+  }
+  return emergency || fresh(state) ? "" : texts.flight.noData;
+}
+
+export function whyNotShow(state: State, action: ShowAction): string {
+  const why = whyNot(state, action);
+  if (why !== "" || state.status === null || !fresh(state)) return why;
+  const { possible, phase } = state.status.show;
+  return possible.includes(action) ? "" : texts.flight.notNow(texts.phases[phase]);
+}
+
+export function whyNotVehicle(state: State, action: VehicleAction, phase: Phase): string {
+  const why = whyNot(state, action);
+  if (why !== "" || !fresh(state)) return why;
+  return FROM[action].includes(phase) ? "" : texts.vehicle.notIn(texts.fleet.phases[phase]);
+}
+
+const ON_THE_GROUND: readonly string[] = ["idle", "countdown", "landed"];
+
+/** What is settled before a start and not in the air. */
+export function whyNotOnGround(state: State): string {
+  const phase = state.status?.show.phase;
+  return phase === undefined || ON_THE_GROUND.includes(phase) ? "" : texts.flight.notNow(texts.phases[phase]);
+}
+
+/** The formation, orbit and target belong to a written show while it runs. */
+export function whyNotShape(state: State): string {
+  const why = whyNot(state, "formation");
+  if (why !== "") return why;
+  const selected = state.status?.show.selected;
+  return selected?.runs && !selected.target_is_live ? texts.shape.led : "";
+}

@@ -1,0 +1,142 @@
+/** Show files: upload, check, what the check found, select. */
+
+import { html, nothing, type TemplateResult } from "lit-html";
+import type { ShowCheck, State, StoredShow } from "../state";
+import { texts } from "../texts";
+import type { DeskActions } from "./actions";
+import { button } from "./controls";
+import { fixed, minutes, percent, withUnit } from "./format";
+import { icon } from "./icons";
+import { whyNot, whyNotOnGround } from "./rights";
+
+const t = texts.shows;
+
+type Figures = NonNullable<ShowCheck["figures"]>;
+
+function figures(found: Figures): TemplateResult {
+  const f = t.figures;
+  const pair = (name: string, value: string): TemplateResult => html`<div><dt>${name}</dt><dd>${value}</dd></div>`;
+  return html`<dl class="facts" data-testid="show-figures">
+      ${pair(f.vehicles, String(found.vehicles))} ${pair(f.show, minutes(found.show_s))}
+      ${pair(f.home, minutes(found.home_s))}
+      ${pair(f.separation, `${withUnit(found.separation_min_m, "m", 2)} (${texts.bar.floor} ${withUnit(found.floor_m, "m")}) ${f.at} ${found.separation_min_at}`)}
+      ${pair(f.belowFloor, String(found.pairs_below_floor))} ${pair(f.speed, withUnit(found.speed_max_m_s, "m/s"))}
+      ${pair(f.fence, `${withUnit(found.fence_distance_margin_m, "m")}, ${withUnit(found.fence_height_margin_m, "m")}`)}
+      ${pair(f.battery, percent(found.battery_need))} ${pair(f.columns, String(found.column_pairs))}
+    </dl>
+    <table class="plain-table">
+      <thead>
+        <tr>
+          <th scope="col">${t.cueAt}</th>
+          <th scope="col">${t.cue}</th>
+          <th scope="col">${t.cueShape}</th>
+          <th scope="col">${t.cueNearest}</th>
+        </tr>
+      </thead>
+      <tbody>
+        ${found.cues.map(
+          (cue) => html`<tr>
+            <td class="number">${minutes(cue.at_s)}</td>
+            <td>${cue.cue}</td>
+            <td class="number">${fixed(cue.radius_m)} × ${fixed(cue.height_m)}</td>
+            <td class="number">${fixed(cue.separation_m)}</td>
+          </tr>`,
+        )}
+      </tbody>
+    </table>`;
+}
+
+function problems(check: ShowCheck): TemplateResult | typeof nothing {
+  if (check.problems.length === 0) return nothing;
+  return html`<ul class="plain problems" data-testid="show-problems">
+    ${check.problems.map((each) => html`<li><b>${t.line(each.line, each.cue)}</b> ${each.text}</li>`)}
+  </ul>`;
+}
+
+function verdict(check: ShowCheck | undefined): TemplateResult {
+  if (!check) return html`<span class="verdict">${icon("question")}${t.unchecked}</span>`;
+  if (check.state !== "done") {
+    return html`<span class="verdict ${check.state === "failed" ? "bad" : ""}">
+      ${icon(check.state === "failed" ? "cross" : "events")}${t.states[check.state]} ${check.reason}
+    </span>`;
+  }
+  return check.good
+    ? html`<span class="verdict good">${icon("check")}${t.good}</span>`
+    : html`<span class="verdict bad">${icon("cross")}${t.bad(check.problems.length)}</span>`;
+}
+
+function one(state: State, actions: DeskActions, file: StoredShow): TemplateResult {
+  const { checks, openShow, sure } = state.desk;
+  const check = checks[file.name];
+  const selected = state.status?.show.selected?.name === file.name;
+  const why = whyNot(state, "shows");
+  const whyNotNow = why || whyNotOnGround(state);
+  const open = openShow === file.name;
+  const removing = sure === `show:${file.name}`;
+  const named = (label: string): string => `${label} ${file.name}`;
+  return html`<li class="card ${selected ? "selected" : ""}" data-testid="show-${file.name}">
+    <header>
+      ${icon("show")}
+      <h3>${file.name}</h3>
+      ${selected ? html`<span class="tag accent">${icon("check")}${t.selected}</span>` : nothing}
+      <span class="spring"></span>
+      <span data-testid="show-verdict-${file.name}">${verdict(check)}</span>
+    </header>
+    <div class="buttons">
+      ${button(actions, { id: `show-check-${file.name}`, label: t.check, name: named(t.check), why, press: () => actions.checkShow(file.name) })}
+      ${selected
+        ? button(actions, { id: `show-deselect-${file.name}`, label: t.deselect, name: named(t.deselect), why: whyNotNow, press: () => actions.deselectShow() })
+        : button(actions, {
+            id: `show-select-${file.name}`,
+            label: t.select,
+            name: named(t.select),
+            kind: check?.good ? "primary" : "normal",
+            why: whyNotNow || (check?.good && check.hash ? "" : t.unchecked),
+            press: () => actions.selectShow(file.name, check?.hash ?? ""),
+          })}
+      ${check?.state === "done"
+        ? button(actions, {
+            id: `show-open-${file.name}`,
+            label: t.open,
+            name: named(t.open),
+            kind: "quiet",
+            expanded: open,
+            press: () => actions.set({ openShow: open ? null : file.name }),
+          })
+        : nothing}
+      ${button(actions, {
+        id: `show-remove-${file.name}`,
+        label: removing ? t.sure : t.remove,
+        name: named(removing ? t.sure : t.remove),
+        kind: removing ? "danger" : "quiet",
+        why,
+        press: () => (removing ? actions.removeShow(file.name) : actions.set({ sure: `show:${file.name}` })),
+      })}
+    </div>
+    ${check?.state === "done" ? problems(check) : nothing} ${open && check?.figures ? figures(check.figures) : nothing}
+  </li>`;
+}
+
+export function shows(state: State, actions: DeskActions): TemplateResult {
+  const all = state.desk.shows ?? [];
+  const why = whyNot(state, "shows");
+  const chosen = (event: Event): void => {
+    const input = event.target as HTMLInputElement;
+    const file = input.files?.[0];
+    if (file) actions.upload(file);
+    input.value = "";
+  };
+  return html`<div class="shows" data-testid="shows">
+    ${state.desk.showsProblem ? html`<p class="problem" role="alert" data-testid="shows-problem">${state.desk.showsProblem}</p>` : nothing}
+    ${all.length
+      ? html`<ul class="cards">
+          ${all.map((file) => one(state, actions, file))}
+        </ul>`
+      : html`<p class="empty">${t.none}</p>`}
+    <label class="button upload ${why ? "denied" : ""}" title=${why || nothing}>
+      ${icon("up")}<span>${t.upload}</span>
+      <input type="file" accept=".yaml,.yml" data-testid="show-upload" aria-label=${t.upload} ?disabled=${why !== ""} @change=${chosen} />
+    </label>
+    ${why ? html`<p class="hint">${why}</p>` : nothing}
+  </div>`;
+}

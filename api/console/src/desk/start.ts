@@ -1,0 +1,102 @@
+/** The start: what flies, who, when, and whether preflight would let it. One press to open, one to take off. */
+
+import { html, nothing, type TemplateResult } from "lit-html";
+import type { State } from "../state";
+import { texts } from "../texts";
+import type { DeskActions } from "./actions";
+import { button, choices, textField } from "./controls";
+import { clockTime, nextClockTime } from "./format";
+import { icon } from "./icons";
+import { failures } from "./preflight";
+import { whyNotShow } from "./rights";
+
+const t = texts.start;
+
+export interface StartOrder {
+  vehicles: readonly string[] | null; // null: all online
+  at_unix_time_s: number | null; // null: now
+}
+
+const DAY_S = 86_400;
+
+/** What the start says as typed; a text where it cannot be sent. Pure. */
+export function startOrder(state: State): StartOrder | string {
+  const { drafts, startAt, startNamed } = state.desk;
+  const vehicles = startNamed ? names(drafts["start-names"] ?? "") : null;
+  if (vehicles?.length === 0) return t.badNames;
+  const now_s = state.frame?.unix_time_s ?? NaN;
+  const at_unix_time_s = startAt ? nextClockTime(drafts["start-time"] ?? "", now_s) : null;
+  if (startAt && at_unix_time_s === null) return t.badTime;
+  return { vehicles, at_unix_time_s };
+}
+
+export function names(text: string): string[] {
+  return [...new Set(text.split(/[\s,;]+/).filter((each) => each !== ""))];
+}
+
+function readiness(state: State, actions: DeskActions): TemplateResult {
+  const report = state.preflight;
+  if (report === null) return html`<p class="verdict">${icon("question")} ${t.unknown}</p>`;
+  const flying = report.vehicles.filter((each) => each.flies).length;
+  const staying = Object.entries(report.not_flying);
+  return html`<p class="verdict ${report.passes ? "good" : "bad"}" data-testid="start-preflight">
+      ${icon(report.passes ? "check" : "cross")} <strong>${report.passes ? t.passes : t.fails(failures(report))}</strong>
+      <span>${t.flies(flying)}</span>
+      ${report.passes
+        ? nothing
+        : button(actions, { id: "start-look", label: t.look, kind: "quiet", press: () => actions.openPanel("preflight") })}
+    </p>
+    ${staying.length
+      ? html`<p class="dim">${t.stays}: ${staying.map(([id, why], i) => html`${i ? ", " : ""}<b>${id}</b> (${why})`)}</p>`
+      : nothing}`;
+}
+
+export function start(state: State, actions: DeskActions): TemplateResult {
+  const { drafts, startAt, startNamed } = state.desk;
+  const selected = state.status?.show.selected;
+  const order = startOrder(state);
+  const wrong = typeof order === "string" ? order : "";
+  const at_s = typeof order === "string" ? null : order.at_unix_time_s;
+  const now_s = state.frame?.unix_time_s ?? 0;
+  const isTomorrow = at_s !== null && new Date(at_s * 1000).getDate() !== new Date(now_s * 1000).getDate() && at_s - now_s < DAY_S;
+  return html`<form
+    @submit=${(event: Event) => {
+      event.preventDefault();
+      actions.start();
+    }}
+  >
+    <div class="rowed"><b>${t.show}</b><span data-testid="start-show">${selected ? selected.name : t.noShow}</span></div>
+    <div class="rowed">
+      <b>${t.when}</b>
+      ${choices("start-when", t.when, [{ value: "now", label: t.now }, { value: "at", label: t.at }], startAt ? "at" : "now", (value) =>
+        actions.set({ startAt: value === "at" }),
+      )}
+    </div>
+    ${startAt
+      ? textField(state, actions, { field: "start-time", label: t.atLabel, placeholder: "21:30", focus: true, problem: drafts["start-time"] && wrong === t.badTime ? wrong : "" })
+      : nothing}
+    ${isTomorrow ? html`<p class="problem">${t.tomorrow}</p>` : nothing}
+    <div class="rowed">
+      <b>${t.who}</b>
+      ${choices("start-who", t.who, [{ value: "all", label: t.all }, { value: "named", label: t.named }], startNamed ? "named" : "all", (value) =>
+        actions.set({ startNamed: value === "named" }),
+      )}
+    </div>
+    ${startNamed
+      ? textField(state, actions, { field: "start-names", label: t.namedLabel, placeholder: "d1 d2 d3", focus: true })
+      : nothing}
+    ${readiness(state, actions)}
+    <div class="buttons">
+      ${button(actions, {
+        id: "start-go",
+        label: at_s === null ? t.go : t.goAt(clockTime(at_s)),
+        kind: "primary",
+        icon: "takeoff",
+        focus: true,
+        why: whyNotShow(state, "start") || wrong,
+        press: () => actions.start(),
+      })}
+      ${button(actions, { id: "start-cancel", label: texts.shell.cancel, press: () => actions.sheet(null) })}
+    </div>
+  </form>`;
+}

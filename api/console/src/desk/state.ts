@@ -1,0 +1,93 @@
+/** What the desk alone remembers: what is open, what is typed, how the table is sorted. Plain data. */
+
+import type { ShowCheck, StoredShow } from "../state";
+import type { Sort } from "./rows";
+
+export type LeftPanel = "preflight" | "shows" | "shape" | "obstacles";
+export type RightPanel = "fleet" | "vehicle" | "events" | "plots" | "certificate";
+export type Sheet = "start" | "kill" | "help";
+
+/** Something that the service, or the page, refused. */
+export interface Refusal {
+  unix_time_s: number;
+  text: string;
+}
+
+/** The order of the fleet table; made anew once a second, so that rows do not jump under a finger. */
+export interface Table {
+  order: readonly number[]; // indices of vehicles
+  nearest_m: Float64Array;
+  phases: Readonly<Record<string, number>>; // how many are in each
+  problem: string; // with the filter
+  made_ms: number;
+}
+
+export interface DeskState {
+  left: LeftPanel | null;
+  right: RightPanel | null;
+  sheet: Sheet | null;
+  drafts: Readonly<Record<string, string>>; // typed and not sent, by field
+  sort: Sort;
+  filter: string;
+  scroll_px: number;
+  room_px: number;
+  table: Table;
+  shows: readonly StoredShow[] | null;
+  checks: Readonly<Record<string, ShowCheck>>;
+  showsProblem: string;
+  openShow: string | null;
+  preflightRead_ms: number; // the page's clock; NaN: not yet
+  preflightProblem: string;
+  allChecks: boolean; // also those that pass
+  sure: string; // what waits for a second press: "obstacle:tower", "show:parade"
+  excluding: string | null;
+  editing: string | null; // an obstacle's id; "": a new one
+  startAt: boolean; // at a clock time
+  startNamed: boolean; // those named only
+  killNamed: ReadonlySet<string> | null; // null: all that are not offline
+  holding_ms: number | null; // since when the kill is held
+  openOrder: string | null;
+  eventList: "orders" | "lines" | "refused";
+  refusals: readonly Refusal[]; // newest first
+  allNotices: boolean;
+  certificateProblem: string;
+  certificateReading: boolean;
+}
+
+export const ROW_PX = 36;
+export const REFUSALS_KEPT = 100;
+export const HOLD_MS = 2000;
+
+export function initialDesk(): DeskState {
+  return {
+    left: "preflight",
+    right: "fleet",
+    sheet: null,
+    drafts: {},
+    sort: { column: "id", descending: false },
+    filter: "",
+    scroll_px: 0,
+    room_px: 600,
+    table: { order: [], nearest_m: new Float64Array(0), phases: {}, problem: "", made_ms: -Infinity },
+    shows: null,
+    checks: {},
+    showsProblem: "",
+    openShow: null,
+    preflightRead_ms: NaN,
+    preflightProblem: "",
+    allChecks: false,
+    sure: "",
+    excluding: null,
+    editing: null,
+    startAt: false,
+    startNamed: false,
+    killNamed: null,
+    holding_ms: null,
+    openOrder: null,
+    eventList: "lines",
+    refusals: [],
+    allNotices: false,
+    certificateProblem: "",
+    certificateReading: false,
+  };
+}

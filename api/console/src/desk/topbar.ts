@@ -1,0 +1,147 @@
+/** The bar on top: where the show stands, whether this is now, who is here, and how it looks. */
+
+import { html, nothing, type TemplateResult } from "lit-html";
+import { fresh, type Camera, type State } from "../state";
+import { texts } from "../texts";
+import type { DeskActions } from "./actions";
+import { button, choices } from "./controls";
+import { clockTime, minutes, withUnit } from "./format";
+import { icon, type IconName } from "./icons";
+
+const CAMERAS: readonly Camera[] = ["orbit", "top", "side", "follow"];
+
+type Life = keyof typeof texts.bar.states;
+
+/** How much of what is shown may be believed. */
+export function life(state: State): Life {
+  const { kind } = state.connection;
+  if (kind !== "live") return kind;
+  if (state.frame && !state.frame.controlAlive) return "dead";
+  if (!fresh(state)) return "stale";
+  return state.status?.replay ? "replay" : "live";
+}
+
+const LIFE_ICON: Record<Life, IconName> = {
+  live: "check",
+  replay: "resume",
+  stale: "warning",
+  connecting: "events",
+  lost: "cross",
+  denied: "cross",
+  dead: "cross",
+};
+
+const SHOW_ICON: Record<keyof typeof texts.phases, IconName> = {
+  idle: "standby",
+  countdown: "events",
+  preflight: "preflight",
+  arming: "takeoff",
+  assembling: "shape",
+  running: "start",
+  paused: "pause",
+  returning: "home",
+  aborting: "land",
+  landed: "check",
+};
+
+function gauge(name: string, value: string, id: string, more: string = ""): TemplateResult {
+  return html`<div class="gauge" data-testid=${id}>
+    <span class="gauge-name">${name}</span>
+    <span class="gauge-value value">${value}</span>
+    ${more ? html`<span class="gauge-more">${more}</span>` : nothing}
+  </div>`;
+}
+
+function showState(state: State): TemplateResult {
+  const show = state.status?.show;
+  const phase = show?.phase ?? "idle";
+  const known = show ? texts.phases[phase] : "–";
+  return html`<div class="show-state phase-${phase} value" data-testid="show-state" role="status" title=${show?.reason || nothing}>
+    ${icon(SHOW_ICON[phase])}
+    <span class="show-words">
+      <strong data-testid="show-phase">${known}</strong>
+      <small data-testid="show-reason">${show?.selected?.name ?? ""}${show?.selected && show.reason ? ": " : ""}${show?.reason ?? ""}</small>
+    </span>
+  </div>`;
+}
+
+function gauges(state: State): TemplateResult {
+  const { frame, status } = state;
+  const countdown_s = frame?.countdown_s ?? NaN;
+  const airborne = frame ? inTheAir(frame.phase) : NaN;
+  const floor_m = status?.separation.horizontal_m;
+  return html`<div class="gauges">
+    ${Number.isFinite(countdown_s)
+      ? html`<div class="gauge countdown" data-testid="countdown">
+          <span class="gauge-name">${texts.bar.countdown}</span>
+          <span class="gauge-value value">${minutes(Math.ceil(countdown_s))}</span>
+        </div>`
+      : nothing}
+    ${gauge(texts.bar.airborne, frame ? `${airborne}/${frame.n}` : "–", "airborne")}
+    ${gauge(
+      texts.bar.separation,
+      withUnit(frame?.minimumSeparation_m, "m"),
+      "separation",
+      floor_m === undefined ? "" : `${texts.bar.floor} ${withUnit(floor_m, "m")}`,
+    )}
+    ${gauge(texts.bar.center, withUnit(frame?.center_m?.[2], "m"), "center-height")}
+  </div>`;
+}
+
+/** The service answers for these, or knows that somebody flies: take-off to landing, lost, pilot. */
+function inTheAir(phases: Uint8Array): number {
+  let count = 0;
+  for (const phase of phases) if (phase >= 2 && phase <= 8) count++;
+  return count;
+}
+
+function who(state: State): TemplateResult {
+  const { access } = state;
+  const right = (["operate", "emergency", "watch"] as const).find((each) => access?.rights.has(each));
+  return html`<div class="who" data-testid="who" title=${access ? [...access.rights].join(", ") : ""}>
+    ${icon("pilot")}
+    <span class="gauge-words">
+      <strong>${access?.who ?? "–"}</strong>
+      <small>${right ? texts.bar.roles[right] : "–"}</small>
+    </span>
+  </div>`;
+}
+
+export function topbar(state: State, actions: DeskActions): TemplateResult {
+  const now = life(state);
+  const { night, camera } = state.view;
+  return html`<header class="topbar">
+    <h1 class="for-readers">${texts.title}</h1>
+    <div class="life life-${now}" data-testid="connection" role="status" title=${state.connection.reason || nothing}>
+      ${icon(LIFE_ICON[now])}<strong>${texts.bar.states[now]}</strong>
+    </div>
+    ${showState(state)} ${gauges(state)}
+    <div class="spring"></div>
+    ${choices(
+      "camera",
+      texts.bar.camera,
+      CAMERAS.map((value) => ({ value, label: texts.bar.cameras[value] })),
+      camera,
+      (value) => actions.view({ camera: value }),
+    )}
+    ${who(state)}
+    <time class="clock value" data-testid="clock" title=${texts.bar.clock}>${clockTime(state.frame?.unix_time_s)}</time>
+    ${button(actions, {
+      id: "night",
+      label: night ? texts.bar.toDay : texts.bar.toNight,
+      icon: night ? "day" : "night",
+      iconOnly: true,
+      kind: "quiet",
+      press: () => actions.view({ night: !night }),
+    })}
+    ${button(actions, {
+      id: "help",
+      label: texts.bar.help,
+      icon: "question",
+      iconOnly: true,
+      kind: "quiet",
+      expanded: state.desk.sheet === "help",
+      press: () => actions.sheet("help"),
+    })}
+  </header>`;
+}

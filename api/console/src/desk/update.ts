@@ -1,0 +1,87 @@
+/** The desk's part of the one update: what it remembers follows from the same messages. Pure. */
+
+import { nearest_m } from "../formation";
+import { PHASES, type State } from "../state";
+import type { Message } from "../update";
+import { parseQuery } from "./query";
+import { rowOf, sorted } from "./rows";
+import { REFUSALS_KEPT, type DeskState, type Table } from "./state";
+
+export type DeskMessage =
+  | { kind: "desk"; change: Partial<DeskState> }
+  | { kind: "draft"; field: string; text: string }
+  | { kind: "undo"; prefix: string };
+
+/** The table is put in order at most so often: rows that jump cannot be pressed. */
+const TABLE_MS = 1000;
+
+/** Behind the update of everything else; `message` is the same. */
+export function updateDesk(state: State, message: Message): State {
+  switch (message.kind) {
+    case "desk": {
+      const next = changed(state, message.change);
+      return "filter" in message.change || "sort" in message.change ? withTable(next) : next;
+    }
+    case "draft":
+      return changed(state, { drafts: { ...state.desk.drafts, [message.field]: message.text } });
+    case "undo":
+      return changed(state, { drafts: without(state.desk.drafts, message.prefix) });
+    case "status":
+      return state.desk.table.order.length === 0 ? withTable(state) : settled(state);
+    case "frame":
+      return message.frame.received_ms - state.desk.table.made_ms >= TABLE_MS ? withTable(state) : state;
+    case "refused": {
+      const refusal = { unix_time_s: state.frame?.unix_time_s ?? NaN, text: message.text };
+      return changed(state, { refusals: [refusal, ...state.desk.refusals].slice(0, REFUSALS_KEPT) });
+    }
+    case "shows":
+      return changed(state, { shows: message.shows, showsProblem: "" });
+    case "check":
+      return message.check === null ? state : changed(state, { checks: { ...state.desk.checks, [message.check.name]: message.check } });
+    case "preflight":
+      return changed(state, { preflightRead_ms: state.page_ms, preflightProblem: "" });
+    case "kill-armed":
+    case "kill-over":
+      return changed(state, { holding_ms: null, drafts: without(state.desk.drafts, "kill-") });
+    case "tick":
+      return state.kill === null && state.desk.holding_ms !== null ? changed(state, { holding_ms: null }) : state;
+    default:
+      return state;
+  }
+}
+
+function changed(state: State, change: Partial<DeskState>): State {
+  return { ...state, desk: { ...state.desk, ...change } };
+}
+
+function without(drafts: DeskState["drafts"], prefix: string): DeskState["drafts"] {
+  return Object.fromEntries(Object.entries(drafts).filter(([field]) => !field.startsWith(prefix)));
+}
+
+/** What is open and is gone is closed. */
+function settled(state: State): State {
+  const { editing, drafts } = state.desk;
+  const isGone = editing !== null && editing !== "" && !state.status?.obstacles.some((each) => each.id === editing);
+  return isGone ? changed(state, { editing: null, drafts: without(drafts, "obstacle") }) : state;
+}
+
+function withTable(state: State): State {
+  return changed(state, { table: madeTable(state) });
+}
+
+function madeTable(state: State): Table {
+  const { status, frame, desk } = state;
+  const query = parseQuery(desk.filter);
+  if (!status || !frame) return { ...desk.table, problem: query.problem };
+  const nearest = nearest_m(frame);
+  const rows = status.vehicles.slice(0, frame.n).map((_, index) => rowOf(status, frame, nearest, index));
+  const phases: Record<string, number> = Object.fromEntries(PHASES.map((phase) => [phase, 0]));
+  for (const row of rows) phases[row.phase] = (phases[row.phase] ?? 0) + 1;
+  return {
+    order: sorted(rows.filter(query.test), desk.sort).map((row) => row.index),
+    nearest_m: nearest,
+    phases,
+    problem: query.problem,
+    made_ms: frame.received_ms,
+  };
+}

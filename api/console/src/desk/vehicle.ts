@@ -1,0 +1,114 @@
+/** One vehicle: all that is known of it, and what can be asked of it. */
+
+import { html, nothing, type TemplateResult } from "lit-html";
+import { FLAG, indexOf, type State } from "../state";
+import { texts } from "../texts";
+import type { DeskActions } from "./actions";
+import { button } from "./controls";
+import { fixed, percent, seconds, UNKNOWN, withUnit } from "./format";
+import { icon, PHASE_ICON, type IconName } from "./icons";
+import { VEHICLE_ACTIONS, whyNotVehicle, type VehicleAction } from "./rights";
+import { isStale, rowOf, type Row } from "./rows";
+
+const ACTION_ICON: Record<VehicleAction, IconName> = {
+  hold: "hold",
+  join: "formation",
+  return: "home",
+  land: "land",
+  "hand-back": "pilot",
+  "confirm-down": "check",
+};
+
+const t = texts.vehicle;
+
+function pair(name: keyof typeof t.rows, value: unknown): TemplateResult {
+  return html`<div><dt>${t.rows[name]}</dt><dd class="value" data-testid="vehicle-${name}">${value}</dd></div>`;
+}
+
+function place2(x_m: number | undefined, y_m: number | undefined): string {
+  return Number.isFinite(x_m) ? `${fixed(x_m)}, ${fixed(y_m)} m` : UNKNOWN;
+}
+
+function facts(state: State, row: Row): TemplateResult {
+  const frame = state.frame!;
+  const vehicle = state.status!.vehicles[row.index]!;
+  const i = row.index;
+  const speed = Math.hypot(frame.vx_m_s[i]!, frame.vy_m_s[i]!);
+  const asked = Math.hypot(frame.setpoint_x_m_s[i]!, frame.setpoint_y_m_s[i]!);
+  const isCommanded = (frame.flags[i]! & FLAG.commanded) !== 0;
+  const last = state.orders.find((order) => row.id in order.vehicles);
+  const part = last?.vehicles[row.id];
+  const moving = (sideways: number, up: number): string =>
+    Number.isFinite(sideways) ? `${fixed(sideways)}, ${fixed(up)} m/s` : UNKNOWN;
+  return html`<dl class="facts">
+    ${pair("position", place2(frame.x_m[i], frame.y_m[i]))}
+    ${pair("height", withUnit(row.height_m, "m"))}
+    ${pair("velocity", moving(speed, frame.vup_m_s[i]!))}
+    ${pair("setpoint", isCommanded ? moving(asked, frame.setpoint_up_m_s[i]!) : t.notCommanded)}
+    ${pair("heading", withUnit(frame.heading_deg[i], "°", 0))}
+    ${pair("nearest", withUnit(row.nearest_m, "m"))}
+    ${pair("home", place2(vehicle.home?.x_m, vehicle.home?.y_m))}
+    ${pair("battery", percent(row.battery))}
+    ${pair("fix", `${row.fix || UNKNOWN}, ${withUnit(row.fix_m, "m")}`)}
+    ${pair("age", seconds(row.age_s))}
+    ${pair("heartbeat", seconds(frame.heartbeat_age_s[i]))}
+    ${pair("quality", percent(row.link))}
+    ${pair("mode", row.mode)}
+    ${pair("armed", row.armed ? t.yes : t.no)}
+    ${pair("landed", t.landed[frame.landed[i]!] ?? UNKNOWN)}
+    ${pair("ready", row.ready ? t.yes : t.no)}
+    ${pair("link", `${vehicle.link}, ${vehicle.system_id}`)}
+    ${pair("orders", last ? `${last.action}, ${texts.events.outcomes[part!.outcome] ?? part!.outcome} ${part!.reason}` : UNKNOWN)}
+  </dl>`;
+}
+
+function orders(state: State, actions: DeskActions, row: Row): TemplateResult {
+  return html`<div class="vehicle-orders">
+    ${VEHICLE_ACTIONS.map((action) => {
+      const why = whyNotVehicle(state, action, row.phase);
+      return html`<div class="vehicle-order">
+        ${button(actions, {
+          id: `vehicle-${action}`,
+          label: t.actions[action],
+          name: texts.orders.vehicle(t.actions[action], row.id),
+          icon: ACTION_ICON[action],
+          why,
+          press: () => actions.vehicle(row.id, action),
+        })}
+        <small>${why || t.actionHelp[action]}</small>
+      </div>`;
+    })}
+  </div>`;
+}
+
+export function vehicle(state: State, actions: DeskActions): TemplateResult {
+  const { status, frame } = state;
+  const id = state.view.selected;
+  if (id === null) return html`<p class="empty">${t.none}</p>`;
+  const index = indexOf(state, id);
+  if (!status || !frame || index < 0 || index >= frame.n) return html`<p class="empty">${t.gone(id)}</p>`;
+  const row = rowOf(status, frame, state.desk.table.nearest_m, index);
+  const { reason } = status.vehicles[index]!;
+  return html`<article class="vehicle ${isStale(row) ? "old" : ""}" data-testid="vehicle-page">
+    <header>
+      <h3 data-testid="vehicle-id">${row.id}</h3>
+      <span class="phase phase-${row.phase} value" data-testid="vehicle-phase">
+        ${icon(PHASE_ICON[row.phase])}${texts.fleet.phases[row.phase]}
+      </span>
+      <span class="spring"></span>
+      ${button(actions, {
+        id: "vehicle-follow",
+        label: t.follow,
+        kind: "quiet",
+        pressed: state.view.camera === "follow",
+        press: () => actions.view({ camera: "follow" }),
+      })}
+    </header>
+    ${reason ? html`<p class="value" data-testid="vehicle-reason">${reason}</p>` : nothing}
+    ${isStale(row) ? html`<p class="problem">${icon("warning")} ${texts.fleet.stale}</p>` : nothing}
+    ${row.restrained
+      ? html`<p class="notice" data-testid="vehicle-restrained">${icon("restrained")} ${t.held}: ${row.restrainedBy || texts.fleet.restrained}</p>`
+      : nothing}
+    ${orders(state, actions, row)} ${facts(state, row)}
+  </article>`;
+}

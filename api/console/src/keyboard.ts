@@ -1,0 +1,70 @@
+// Carries out what a key means; `desk/keys.ts` says what that is.
+
+import { command } from "./desk/keys";
+import type { DeskActions } from "./desk/actions";
+import { pressBig } from "./desk/flight";
+import { whyNotGhost } from "./desk/ghost";
+import { jumped_s, played } from "./replay/bar";
+import type { State } from "./state";
+import { texts } from "./texts";
+
+export function onKey(event: KeyboardEvent, state: State, actions: DeskActions): void {
+  const where = event.target instanceof Element ? event.target : null;
+  const meant = event.defaultPrevented
+    ? null
+    : command({
+        key: event.key,
+        shift: event.shiftKey,
+        other: event.ctrlKey || event.altKey || event.metaKey,
+        typing: where?.matches("input:not([type=range]), textarea, select") ?? false,
+        onControl: where?.matches("button, a, summary, input, [role=region]") ?? false,
+      });
+  if (meant === null || (event.repeat && meant.kind !== "jump")) return;
+  const replay = state.status?.replay;
+  switch (meant.kind) {
+    case "flight":
+      if (state.connection.kind !== "denied" && !replay) pressBig(state, actions, meant.action);
+      break;
+    case "camera":
+      actions.view({ camera: meant.camera });
+      break;
+    case "panel":
+      actions.togglePanel(meant.panel);
+      break;
+    case "night":
+      actions.view({ night: !state.view.night });
+      break;
+    case "help":
+      actions.sheet("help");
+      break;
+    case "filter":
+      actions.openPanel("fleet");
+      requestAnimationFrame(() => document.querySelector<HTMLElement>('[data-testid="filter"]')?.focus());
+      break;
+    case "confirm":
+      if (state.ghost === null) return;
+      if (whyNotGhost(state) === "") actions.confirmGhost();
+      else actions.refuse(texts.ghost.confirm, whyNotGhost(state));
+      break;
+    case "close":
+      close(state, actions);
+      break;
+    case "play":
+      if (!replay) return;
+      actions.replay(played(replay));
+      break;
+    case "jump":
+      if (!replay) return;
+      actions.replay({ position_s: jumped_s(state, meant.by_s) });
+  }
+  event.preventDefault();
+}
+
+/** One thing at a time, the foremost first. */
+function close(state: State, actions: DeskActions): void {
+  if (state.ghost !== null) actions.cancelGhost();
+  else if (state.desk.sheet !== null) actions.sheet(null);
+  else if (state.desk.editing !== null) actions.edit(null);
+  else if (state.desk.excluding !== null) actions.set({ excluding: null });
+  else if (state.view.selected !== null) actions.view({ selected: null });
+}

@@ -1,0 +1,97 @@
+// Composition: the one state, who changes it, and the one loop that draws it.
+
+import "./styles/tokens.css";
+import "./styles/desk.css";
+import "./styles/controls.css";
+import "./styles/panels.css";
+
+import { render } from "lit-html";
+
+import { createActions } from "./actions";
+import { createDeskActions } from "./desk/actions";
+import { desk } from "./desk/index";
+import { createReader } from "./desk/reading";
+import { onKey } from "./keyboard";
+import { createScene } from "./scene/index";
+import { initial, type State } from "./state";
+import { texts } from "./texts";
+import { update, type Message } from "./update";
+import { createApi } from "./wire/rest";
+import { openStream } from "./wire/stream";
+
+/** The desk's own pace; what a person does is shown at once. */
+const DESK_MS = 100;
+/** How often it is looked what has to be asked for. */
+const READ_MS = 500;
+/** With less the scene would have no room between two panels. */
+const NARROW_PX = 1200;
+const TOKEN = "token";
+const LOOK = "look";
+
+const canvas = document.querySelector<HTMLCanvasElement>("#view")!;
+const place = document.querySelector<HTMLElement>("#desk")!;
+
+let state: State = initial(performance.now());
+if (localStorage.getItem(LOOK) === "day") state = update(state, { kind: "view", change: { night: false } });
+let waiting: Message[] = [];
+let isUrgent = true;
+let shown: State | null = null;
+let shown_ms = -Infinity;
+
+const dispatch = (message: Message): void => void waiting.push(message);
+
+/** Whatever a person did is shown with the next frame. */
+const byHand = (message: Message): void => {
+  isUrgent = true;
+  dispatch(message);
+};
+
+const token = (): string => sessionStorage.getItem(TOKEN) ?? "";
+/** Nor waits a change of the connection: what is old must not look fresh for longer than it has to. */
+const stream = openStream(token, (message) => (message.kind === "connection" ? byHand(message) : dispatch(message)));
+
+function login(text: string): void {
+  sessionStorage.setItem(TOKEN, text);
+  stream.restart();
+}
+
+/** The newest, with what is waiting to be shown. */
+function newest(): State {
+  const messages = waiting;
+  waiting = [];
+  state = messages.reduce(update, state);
+  return state;
+}
+
+const service = createActions(createApi(token), byHand, newest);
+const actions = createDeskActions(service, byHand, newest, login);
+const scene = createScene(canvas, {
+  ghost: (ghost) => byHand({ kind: "ghost", ghost }),
+  select: (id) => actions.select(id),
+});
+
+function onFrame(now_ms: number): void {
+  dispatch({ kind: "tick", now_ms: performance.now() });
+  newest();
+  scene.draw(state, now_ms);
+  if (state !== shown && (isUrgent || now_ms - shown_ms >= DESK_MS)) {
+    document.documentElement.dataset["look"] = state.view.night ? "night" : "day";
+    if (state.view.night !== shown?.view.night) localStorage.setItem(LOOK, state.view.night ? "night" : "day");
+    render(desk(state, actions), place);
+    shown = state;
+    shown_ms = now_ms;
+    isUrgent = false;
+  }
+  requestAnimationFrame(onFrame);
+}
+
+const fit = (): void => scene.resize(innerWidth, innerHeight, devicePixelRatio);
+addEventListener("resize", fit);
+addEventListener("keydown", (event) => onKey(event, newest(), actions));
+const read = createReader(service);
+setInterval(() => read(newest()), READ_MS);
+if (innerWidth < NARROW_PX) dispatch({ kind: "desk", change: { left: null } });
+canvas.setAttribute("role", "img");
+canvas.setAttribute("aria-label", texts.shell.scene);
+fit();
+requestAnimationFrame(onFrame);

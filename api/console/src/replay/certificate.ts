@@ -1,0 +1,97 @@
+/** What a recorded flight kept and what it broke. */
+
+import { html, nothing, type TemplateResult } from "lit-html";
+import type { DeskActions } from "../desk/actions";
+import { button } from "../desk/controls";
+import { fixed, minutes, withUnit } from "../desk/format";
+import { icon } from "../desk/icons";
+import type { CertificateReport, State } from "../state";
+import { texts } from "../texts";
+
+const t = texts.certificate;
+
+function moment(actions: DeskActions, at_s: number | null): TemplateResult | typeof nothing {
+  if (at_s === null) return nothing;
+  return html`<button
+    type="button"
+    class="link"
+    title=${t.goto}
+    aria-label="${t.goto}: ${minutes(at_s)}"
+    @click=${() => actions.replay({ position_s: at_s, paused: true })}
+  >
+    ${minutes(at_s)}
+  </button>`;
+}
+
+function head(names: readonly string[]): TemplateResult {
+  return html`<thead>
+    <tr>
+      ${names.map((name) => html`<th scope="col">${name}</th>`)}
+    </tr>
+  </thead>`;
+}
+
+function checks(actions: DeskActions, certificate: CertificateReport): TemplateResult {
+  return html`<table class="plain-table" data-testid="certificate-checks">
+    <caption>${t.checks}</caption>
+    ${head([t.name, t.worst, t.limit, t.who])}
+    <tbody>
+      ${certificate.checks.map(
+        (each) => html`<tr class=${each.kept ? "kept" : "broken"}>
+          <th scope="row">
+            ${icon(each.kept ? "check" : "cross")}${each.name}<span class="for-readers">: ${each.kept ? t.keptShort : t.brokenShort}</span>
+          </th>
+          <td class="number">${each.worst === null ? t.nothing : fixed(each.worst, 2)}</td>
+          <td class="number">${fixed(each.limit, 2)} ${each.unit}</td>
+          <td>${each.vehicle} ${moment(actions, each.at_s)}</td>
+        </tr>`,
+      )}
+    </tbody>
+  </table>`;
+}
+
+function pairs(actions: DeskActions, certificate: CertificateReport): TemplateResult {
+  return html`<table class="plain-table" data-testid="certificate-pairs">
+    <caption>${t.nearest}</caption>
+    ${head([t.pair, t.distance, t.ratio, t.ratioOff, t.at])}
+    <tbody>
+      ${certificate.nearest_pairs.map(
+        (pair) => html`<tr>
+          <th scope="row">${pair.vehicles.join(" – ")}</th>
+          <td class="number">${withUnit(pair.distance_m, "m", 2)}</td>
+          <td class="number">${fixed(pair.floor_ratio, 2)}</td>
+          <td class="number">${fixed(pair.floor_ratio_if_off, 2)}</td>
+          <td>${moment(actions, pair.at_s)}</td>
+        </tr>`,
+      )}
+    </tbody>
+  </table>`;
+}
+
+function judged(actions: DeskActions, found: CertificateReport): TemplateResult {
+  const kept = found.verdict === "kept";
+  return html`<div class="verdict ${kept ? "good" : "bad"}" data-testid="certificate-verdict">
+      ${icon(kept ? "check" : "cross")}
+      <strong>${kept ? t.kept : t.broken}</strong>
+      <small>${t.flew(found.flew, found.vehicles)}, ${minutes(found.duration_s)}</small>
+    </div>
+    <p class="dim">${t.basedOn} ${found.based_on}: ${found.uncertainty}</p>
+    ${found.remarks.map((text) => html`<p class="hint">${text}</p>`)} ${checks(actions, found)} ${pairs(actions, found)}`;
+}
+
+export function certificate(state: State, actions: DeskActions): TemplateResult {
+  const { certificateProblem, certificateReading } = state.desk;
+  return html`<div class="certificate" data-testid="certificate">
+    ${certificateProblem ? html`<p class="problem" role="alert">${certificateProblem}</p>` : nothing}
+    ${state.certificate
+      ? judged(actions, state.certificate)
+      : html`<p class="empty">${certificateReading ? t.reading : t.none}</p>`}
+    ${button(actions, {
+      id: "certificate-read",
+      label: t.read,
+      kind: state.certificate ? "quiet" : "primary",
+      why: certificateReading ? t.reading : "",
+      press: () => actions.readCertificate(),
+    })}
+  </div>`;
+}

@@ -1,0 +1,314 @@
+// The scene: one call per animation frame. It reads the state, and keeps what is on the graphics card and the camera.
+
+import "../styles/scene.css";
+
+import { Color, Group, Scene as Root, SRGBColorSpace } from "three";
+
+import { fresh, indexOf, may, type Frame, type Ghost, type State } from "../state";
+import { texts } from "../texts";
+import { north_rad } from "./axes";
+import { Backdrop } from "./backdrop";
+import { Billboards } from "./billboards";
+import { Cameraman } from "./cameraman";
+import { closePairs, type Floor, type Pair } from "./closeness";
+import { Controls } from "./controls";
+import { Eye } from "./eye";
+import { gripAt, handleOf, moved, type Grip, type Sight } from "./ghosts";
+import { Grid } from "./grid";
+import { Table } from "./instances";
+import { Living, type Picture } from "./living";
+import { Looks } from "./looks";
+import { Overlay } from "./overlay";
+import { DAY, NIGHT, type Palette } from "./palette";
+import { nearestPlace, rayThrough, type Ray, type Screen } from "./picking";
+import { placeOf, Playback, Poses, type Moment } from "./playback";
+import { createRenderer } from "./renderer";
+import { Scenery } from "./scenery";
+import { Shell } from "./shell";
+import { Trails } from "./trails";
+import { TOLD, Vehicles } from "./vehicles";
+
+export interface Scene {
+  /** Reads the state; keeps GPU objects, trails and the camera alone. */
+  draw(state: State, now_ms: number): void;
+  resize(width: number, height: number, pixelRatio: number): void;
+  dispose(): void;
+}
+
+export interface SceneEvents {
+  /** While something is dragged: what it would be. Nothing is ordered by it. */
+  ghost(ghost: Ghost | null): void;
+  select(id: string | null): void;
+}
+
+const PICK_PX = 18;
+const NAMED_UP_TO = 16; // vehicles
+const PAD_HEIGHT_M = 2; // as the safety filter's: lower pairs do not count
+
+/** Throws: Error where the browser has no WebGL 2. */
+export function createScene(canvas: HTMLCanvasElement, on: SceneEvents): Scene {
+  return new LiveScene(canvas, on);
+}
+
+class LiveScene implements Scene {
+  readonly #canvas: HTMLCanvasElement;
+  readonly #on: SceneEvents;
+  readonly #fitted;
+  readonly #eye;
+  readonly #root = new Root();
+  readonly #backdrop = new Backdrop();
+  readonly #grid;
+  readonly #told = new Table(TOLD);
+  readonly #vehicles;
+  readonly #billboards;
+  readonly #trails;
+  readonly #shell;
+  readonly #scenery;
+  readonly #living;
+  readonly #overlay;
+  readonly #controls;
+  readonly #observer;
+  readonly #cameraman = new Cameraman();
+  readonly #playback = new Playback();
+  readonly #poses = new Poses();
+  readonly #looks = new Looks();
+  #size = { width: 1, height: 1, ratio: 1 };
+  #state: State | null = null;
+  #pairs: { of: Frame | null; list: readonly Pair[] } = { of: null, list: [] };
+  #grip: Grip | null = null;
+  #hovered = -1;
+  #isDue = true;
+  #wasFresh = false;
+  #palette: Palette | null = null;
+
+  constructor(canvas: HTMLCanvasElement, on: SceneEvents) {
+    this.#canvas = canvas;
+    this.#on = on;
+    this.#fitted = createRenderer(canvas);
+    this.#eye = new Eye(this.#cameraman.pose, this.#screen());
+    const { shared } = this.#eye;
+    const all = new Group();
+    this.#grid = new Grid(shared);
+    this.#vehicles = new Vehicles(shared);
+    this.#billboards = new Billboards(shared);
+    this.#trails = new Trails(shared);
+    this.#shell = new Shell(shared);
+    this.#scenery = new Scenery(shared, all);
+    this.#living = new Living(shared, all);
+    all.add(this.#backdrop.mesh, this.#grid.mesh, this.#vehicles.mesh, this.#billboards.mesh, this.#trails.mesh, this.#shell.group);
+    this.#root.add(all);
+    const parent = canvas.parentElement ?? document.body;
+    this.#overlay = new Overlay(parent);
+    this.#controls = new Controls(canvas, this.#hands());
+    this.#observer = new ResizeObserver(() => (this.#isDue = true)); // also when what is left free changes
+    this.#observer.observe(parent);
+  }
+
+  draw(state: State, now_ms: number): void {
+    const isFresh = fresh(state);
+    if (state.frame !== null) {
+      this.#playback.push(state.frame);
+    }
+    const moment = this.#playback.at(now_ms);
+    if (!this.#isDue && !this.#changed(state) && isFresh === this.#wasFresh && !this.#cameraman.moves && (moment?.still ?? true)) {
+      return;
+    }
+    this.#isDue = false;
+    this.#wasFresh = isFresh;
+    this.#state = state;
+    this.#dress(state.view.night ? NIGHT : DAY, isFresh || state.frame === null);
+    this.#overlay.begin();
+    this.#show(state, moment, isFresh, now_ms);
+    this.#overlay.end();
+    this.#fitted.renderer.render(this.#root, this.#eye.camera);
+  }
+
+  resize(width: number, height: number, pixelRatio: number): void {
+    this.#size = { width, height, ratio: this.#fitted.pixelRatio(pixelRatio) };
+    this.#fitted.renderer.setPixelRatio(this.#size.ratio);
+    this.#fitted.renderer.setSize(width, height, false);
+    this.#isDue = true;
+  }
+
+  dispose(): void {
+    this.#observer.disconnect();
+    for (const each of [
+      this.#controls, this.#overlay, this.#grid, this.#vehicles, this.#billboards, this.#trails, this.#shell, this.#scenery, this.#living,
+      this.#backdrop, this.#fitted.renderer,
+    ]) {
+      each.dispose();
+    }
+  }
+
+  #changed(state: State): boolean {
+    const last = this.#state;
+    return (
+      last === null || state.status !== last.status || state.frame !== last.frame || state.ghost !== last.ghost ||
+      state.view !== last.view || state.access !== last.access
+    );
+  }
+
+  #dress(palette: Palette, isFresh: boolean): void {
+    this.#canvas.classList.toggle("stale", !isFresh);
+    if (palette === this.#palette) {
+      return;
+    }
+    this.#palette = palette;
+    this.#fitted.renderer.setClearColor(new Color().setRGB(...palette.ground, SRGBColorSpace));
+    for (const each of [this.#eye, this.#grid, this.#vehicles, this.#billboards, this.#shell]) {
+      each.dress(palette);
+    }
+  }
+
+  #show(state: State, moment: Moment | null, isFresh: boolean, now_ms: number): void {
+    const { status } = state;
+    const heading_deg = status?.origin.heading_deg ?? 0;
+    const selected = state.view.selected === null ? -1 : indexOf(state, state.view.selected);
+    if (moment !== null) {
+      this.#poses.set(moment, heading_deg);
+    }
+    const screen = this.#screen();
+    this.#eye.look(this.#cameraman.at(state, this.#poses, selected, screen, now_ms), screen);
+    this.#backdrop.look(this.#eye, this.#palette!);
+    this.#grid.draw(this.#eye, this.#overlay);
+    this.#overlay.north(north_rad(heading_deg) - this.#eye.pose.azimuth, this.#eye);
+    if (moment === null || status === null) {
+      return;
+    }
+    const frame = moment.to;
+    const palette = this.#palette!;
+    this.#looks.set(frame, palette, isFresh, selected);
+    const { tints } = this.#looks;
+    this.#tell(frame.n);
+    this.#vehicles.draw(this.#told, frame.n);
+    this.#billboards.draw(this.#told, frame.n);
+    this.#trails.draw(this.#poses, tints, this.#poses.time_s, selected);
+    this.#shell.place(this.#poses.center, frame.radius_m, this.#eye);
+    this.#scenery.draw(status, frame, this.#poses.time_s, palette, this.#eye);
+    this.#scenery.words(status, frame, this.#poses.time_s, this.#eye, this.#overlay);
+    const floor: Floor = { ...status.separation, pad_height_m: PAD_HEIGHT_M };
+    const pairs = this.#pairsOf(frame, floor);
+    const picture: Picture = { state, frame, poses: this.#poses, pairs, floor, tints, selected, palette, eye: this.#eye };
+    this.#living.draw(picture, this.#overlay);
+    this.#names(state, frame, selected);
+  }
+
+  /** What the graphics card is told of each vehicle, once for all that is drawn of it. */
+  #tell(n: number): void {
+    this.#told.grow(n);
+    const { numbers, texture } = this.#told;
+    for (let i = 0; i < n; i += 1) {
+      numbers.set(this.#poses.place.subarray(4 * i, 4 * i + 4), 4 * TOLD * i);
+      numbers.set(this.#looks.tints.subarray(4 * i, 4 * i + 4), 4 * TOLD * i + 4);
+      numbers[4 * TOLD * i + 8] = this.#looks.marks[i]!;
+    }
+    texture.needsUpdate = n > 0;
+  }
+
+  #pairsOf(frame: Frame, floor: Floor): readonly Pair[] {
+    if (frame !== this.#pairs.of) {
+      this.#pairs = { of: frame, list: closePairs(frame, floor) };
+    }
+    return this.#pairs.list;
+  }
+
+  #names(state: State, frame: Frame, selected: number): void {
+    const vehicles = state.status!.vehicles;
+    const put = (i: number, manner: "name" | "selected"): void => {
+      const id = vehicles[i]?.id;
+      if (id !== undefined && this.#poses.known(i)) {
+        const text = manner === "selected" ? texts.scene.height(id, frame.height_m[i]!.toFixed(1)) : id;
+        this.#overlay.put(this.#eye, placeOf(this.#poses, i), text, manner, -24);
+      }
+    };
+    if (frame.n <= NAMED_UP_TO) {
+      for (let i = 0; i < frame.n; i += 1) {
+        if (i !== selected) {
+          put(i, "name");
+        }
+      }
+    } else if (this.#hovered >= 0 && this.#hovered !== selected) {
+      put(this.#hovered, "name");
+    }
+    if (selected >= 0) {
+      put(selected, "selected");
+    }
+    if (may(state, "operate") && state.status!.replay === null && this.#poses.center !== null && state.ghost?.kind !== "radius") {
+      const text = texts.scene.radius(frame.radius_m.toFixed(1));
+      this.#overlay.put(this.#eye, handleOf(this.#poses.center, frame.radius_m, this.#eye.basis), text, "handle");
+    }
+  }
+
+  #screen(): Screen {
+    const { width, height } = this.#size;
+    const parent = this.#canvas.parentElement;
+    const css = parent === null ? null : getComputedStyle(parent);
+    const px = (text: string | undefined): number => Number.parseFloat(text ?? "") || 0;
+    const [left, top] = [px(css?.paddingLeft), px(css?.paddingTop)];
+    return {
+      width, height,
+      free: {
+        left, top,
+        width: Math.max(100, width - left - px(css?.paddingRight)),
+        height: Math.max(100, height - top - px(css?.paddingBottom)),
+      },
+    };
+  }
+
+  #sight(): Sight {
+    return this.#eye;
+  }
+
+  #ray(px: number, py: number): Ray {
+    return rayThrough(this.#eye.basis, this.#eye.pose, this.#eye.screen, px, py);
+  }
+
+  #vehicleAt(px: number, py: number): number {
+    const { basis, pose, screen } = this.#eye;
+    return nearestPlace(basis, pose, screen, this.#poses.place, this.#poses.n, px, py, PICK_PX);
+  }
+
+  #hands() {
+    return {
+      grab: (px: number, py: number): boolean => {
+        this.#grip = this.#state === null ? null : gripAt(this.#state, this.#sight(), this.#ray(px, py), px, py);
+        return this.#grip !== null;
+      },
+      drag: (px: number, py: number): void => {
+        if (this.#grip !== null) {
+          this.#on.ghost(moved(this.#grip, this.#poses.center, this.#sight(), this.#ray(px, py)));
+        }
+      },
+      drop: (): void => {
+        this.#grip = null;
+      },
+      click: (px: number, py: number): void => {
+        const i = this.#vehicleAt(px, py);
+        this.#on.select(this.#state?.status?.vehicles[i]?.id ?? null);
+      },
+      hover: (px: number, py: number): void => {
+        if (this.#state === null) {
+          return;
+        }
+        const i = this.#vehicleAt(px, py);
+        this.#isDue = this.#isDue || i !== this.#hovered;
+        this.#hovered = i;
+        const grip = i >= 0 ? null : gripAt(this.#state, this.#sight(), this.#ray(px, py), px, py);
+        this.#canvas.style.cursor = i >= 0 ? "pointer" : grip === null ? "" : "grab";
+      },
+      leave: (): void => {
+        this.#hovered = -1;
+        this.#isDue = true;
+      },
+      turn: (right: number, up: number): void => this.#move(() => this.#cameraman.turn(right, up)),
+      pan: (right: number, up: number): void => this.#move(() => this.#cameraman.pan(right, up)),
+      zoom: (factor: number): void => this.#move(() => this.#cameraman.zoom(factor)),
+      frame: (): void => this.#move(() => this.#cameraman.frame()),
+    };
+  }
+
+  #move(by: () => void): void {
+    by();
+    this.#isDue = true;
+  }
+}

@@ -1,0 +1,202 @@
+// What changes with every picture: threads to the ground, pairs that are close, what the selected one is told to fly,
+// and the ghost of what is being dragged.
+
+import type { Group } from "three";
+
+import type { Frame, Ghost, State } from "../state";
+import { texts } from "../texts";
+import { toScene, type Vec3 } from "./axes";
+import { CLOSE, type Floor, type Pair } from "./closeness";
+import { DECAL, Decals } from "./decals";
+import type { Eye, Shared } from "./eye";
+import { cornersOf, ghostBox, handleOf } from "./ghosts";
+import { ORDER } from "./materials";
+import type { Overlay } from "./overlay";
+import type { Palette, Rgb } from "./palette";
+import { placeOf, type Poses } from "./playback";
+import { Solids } from "./solids";
+import { Strokes, type Style } from "./strokes";
+
+const THREADS_UP_TO = 60; // vehicles
+const WRITTEN_PAIRS = 6;
+const AHEAD_S = 1.5; // length of the arrow of a setpoint
+const SPOT_PX = 7;
+
+/** All that a picture is made of. */
+export interface Picture {
+  state: State;
+  frame: Frame;
+  poses: Poses;
+  pairs: readonly Pair[];
+  floor: Floor;
+  tints: Float32Array;
+  selected: number;
+  palette: Palette;
+  eye: Eye;
+}
+
+export class Living {
+  readonly #spots: Decals;
+  readonly #lines: Strokes;
+  readonly #bubbles: Solids;
+  readonly #ghostBox: Solids;
+  readonly #ghostLines: Strokes;
+
+  constructor(shared: Shared, into: Group) {
+    this.#spots = new Decals(shared);
+    this.#lines = new Strokes(shared, ORDER.strokes);
+    this.#bubbles = new Solids(shared, ORDER.bubbles, "ellipsoid");
+    this.#ghostBox = new Solids(shared, ORDER.bubbles, "box");
+    this.#ghostLines = new Strokes(shared, ORDER.marks, { hidden: false });
+    into.add(this.#spots.mesh, this.#lines.mesh, this.#bubbles.mesh, this.#ghostBox.mesh, this.#ghostLines.mesh);
+  }
+
+  draw(picture: Picture, overlay: Overlay): void {
+    const parts = [this.#spots, this.#lines, this.#bubbles, this.#ghostBox, this.#ghostLines];
+    parts.forEach((each) => each.clear());
+    this.#threads(picture);
+    this.#pairs(picture, overlay);
+    this.#setpoint(picture);
+    this.#ghost(picture, overlay);
+    parts.forEach((each) => each.commit());
+  }
+
+  /** Where on the ground everybody is, and how high above it. */
+  #threads({ poses, tints, selected, palette }: Picture): void {
+    const faint = poses.n <= THREADS_UP_TO ? 0.2 : 0;
+    for (let i = 0; i < poses.n; i += 1) {
+      const [x, y, z] = placeOf(poses, i);
+      if (!poses.known(i)) {
+        continue;
+      }
+      const color: Rgb = [tints[4 * i]!, tints[4 * i + 1]!, tints[4 * i + 2]!];
+      const strength = palette.night ? 0.2 + 0.3 * tints[4 * i + 3]! : 0.35;
+      this.#spots.put([x, 0, z], palette.night ? color : palette.structure, strength, -SPOT_PX, DECAL.spot);
+      const alpha = i === selected ? 0.75 : faint;
+      if (alpha > 0 && y > 0.5) {
+        this.#lines.line([x, 0, z], [x, y, z], { color, alpha, width_px: 1 });
+      }
+    }
+  }
+
+  /** Half of the floor's ellipsoid around each: two that touch are as close as two may be. */
+  #pairs({ poses, pairs, floor, palette, eye }: Picture, overlay: Overlay): void {
+    const worst = new Map<number, number>();
+    pairs.forEach(({ first, second, distance_m, closeness }, k) => {
+      const color = colorOf(closeness, palette);
+      const [a, b] = [placeOf(poses, first), placeOf(poses, second)];
+      this.#lines.line(a, b, { color, alpha: 0.95, width_px: closeness < 1 ? 2.6 : 1.6 });
+      if (k < WRITTEN_PAIRS) {
+        const middle: Vec3 = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2, (a[2] + b[2]) / 2];
+        overlay.put(eye, middle, texts.scene.apart(distance_m.toFixed(1)), "close", -12);
+      }
+      for (const i of [first, second]) {
+        worst.set(i, Math.min(closeness, worst.get(i) ?? CLOSE));
+      }
+    });
+    const half: Vec3 = [floor.horizontal_m / 2, floor.vertical_m / 2, floor.horizontal_m / 2];
+    for (const [i, closeness] of worst) {
+      this.#bubbles.put(placeOf(poses, i), half, colorOf(closeness, palette), closeness < 1 ? 0.6 : 0.42);
+    }
+  }
+
+  #setpoint({ frame, poses, selected, palette, eye }: Picture): void {
+    const [vx, vy, vup] = [frame.setpoint_x_m_s[selected], frame.setpoint_y_m_s[selected], frame.setpoint_up_m_s[selected]];
+    if (vx === undefined || vy === undefined || vup === undefined || !(Math.hypot(vx, vy, vup) > 0.1) || !poses.known(selected)) {
+      return;
+    }
+    const start = placeOf(poses, selected);
+    const way = toScene(vx * AHEAD_S, vy * AHEAD_S, vup * AHEAD_S);
+    const end: Vec3 = [start[0] + way[0], start[1] + way[1], start[2] + way[2]];
+    this.#ghostLines.arrow(start, end, { color: palette.setpoint, alpha: 0.95, width_px: 2.2 }, sideOf(way, eye));
+  }
+
+  #ghost(picture: Picture, overlay: Overlay): void {
+    const { ghost } = picture.state;
+    if (ghost === null || picture.state.status === null) {
+      return;
+    }
+    switch (ghost.kind) {
+      case "target":
+        return this.#ghostTarget(ghost, picture, overlay);
+      case "radius":
+        return this.#ghostRadius(ghost.radius_m, picture, overlay);
+      case "obstacle":
+      case "new-obstacle":
+        return this.#ghostObstacle(ghost, picture, overlay);
+    }
+  }
+
+  #ghostTarget(ghost: Ghost & { kind: "target" }, { state, frame, palette, eye }: Picture, overlay: Overlay): void {
+    const { formation, orbit } = state.status!;
+    const style = dashed(palette, eye);
+    const [from, to] = [toScene(...frame.target_m, 0), toScene(ghost.x_m, ghost.y_m, 0)];
+    const moved_m = Math.hypot(to[0] - from[0], to[2] - from[2]);
+    this.#spots.put(to, palette.ghost, 1, Math.max(1.4, 15 * pixelAt(to, eye)), DECAL.target);
+    this.#ghostLines.line(from, to, style);
+    const up = toScene(ghost.x_m, ghost.y_m, formation.height_m);
+    this.#ghostLines.line(to, up, { ...style, alpha: 0.5 });
+    this.#ghostLines.circle(up, orbit.radius_m > 0 ? orbit.radius_m : frame.radius_m, { ...style, alpha: 0.6 });
+    overlay.put(eye, to, texts.scene.ghostPlace(ghost.x_m.toFixed(1), ghost.y_m.toFixed(1), moved_m.toFixed(1)), "ghost", 34);
+  }
+
+  #ghostRadius(radius_m: number, { frame, poses, palette, eye }: Picture, overlay: Overlay): void {
+    if (poses.center === null) {
+      return;
+    }
+    const style = dashed(palette, eye);
+    this.#ghostLines.circle(poses.center, radius_m, style);
+    this.#ghostLines.circle(poses.center, radius_m, style, eye.basis.right, eye.basis.up);
+    const text = texts.scene.ghostRadius(frame.radius_m.toFixed(1), radius_m.toFixed(1));
+    overlay.put(eye, handleOf(poses.center, radius_m, eye.basis), text, "handle-ghost");
+  }
+
+  #ghostObstacle(ghost: Exclude<Ghost, { kind: "target" | "radius" }>, { state, palette, eye }: Picture, overlay: Overlay): void {
+    const box = ghostBox(state);
+    if (box === null) {
+      return;
+    }
+    const style = dashed(palette, eye);
+    const [low, high] = cornersOf(box);
+    this.#ghostBox.put([box.y_m, box.height_m / 2, -box.x_m], [box.half_length_y_m, box.height_m / 2, box.half_length_x_m], palette.ghost, 0.16);
+    this.#ghostLines.box(low, high, style);
+    const top = toScene(box.x_m, box.y_m, box.height_m);
+    const at = [box.x_m.toFixed(1), box.y_m.toFixed(1)] as const;
+    if (ghost.kind === "obstacle") {
+      const real = state.status!.obstacles.find((each) => each.id === ghost.id)!;
+      this.#ghostLines.line(toScene(real.x_m, real.y_m, 0), toScene(box.x_m, box.y_m, 0), style);
+      const moved_m = Math.hypot(box.x_m - real.x_m, box.y_m - real.y_m);
+      overlay.put(eye, top, texts.scene.ghostPlace(...at, moved_m.toFixed(1)), "ghost", -16);
+    } else {
+      const size = [2 * box.half_length_x_m, 2 * box.half_length_y_m, box.height_m].map((each) => each.toFixed(1));
+      overlay.put(eye, top, texts.scene.ghostBox(...at, size[0]!, size[1]!, size[2]!), "ghost", -16);
+    }
+  }
+
+  dispose(): void {
+    for (const each of [this.#spots, this.#lines, this.#bubbles, this.#ghostBox, this.#ghostLines]) {
+      each.dispose();
+    }
+  }
+}
+
+function pixelAt(place: Vec3, eye: Eye): number {
+  const { eye: from } = eye.basis;
+  return Math.hypot(place[0] - from[0], place[1] - from[1], place[2] - from[2]) * eye.shared.uPerPixel.value;
+}
+
+function dashed(palette: Palette, eye: Eye): Style {
+  return { color: palette.ghost, alpha: 0.95, width_px: 1.8, dash_m: 0.016 * eye.pose.span_m };
+}
+
+/** The arrow's head lies across the line of sight, so that one sees it. */
+function sideOf(way: Vec3, { basis }: Eye): Vec3 {
+  const [a, b] = [way, basis.forward];
+  const side: Vec3 = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const length = Math.hypot(...side) || 1;
+  return [side[0] / length, side[1] / length, side[2] / length];
+}
+
+function colorOf(closeness: number, { caution, danger }: Palette): Rgb {
+  return closeness < 1 ? danger : caution;
+}

@@ -1,0 +1,60 @@
+// How each vehicle looks: its colour, how much it shines, and what is marked on it. Pure.
+
+import { FLAG, PHASES, STALE_MS, type Frame, type Phase } from "../state";
+import type { Palette, Rgb } from "./palette";
+
+/** What is marked by a shape, not by colour alone. Bits, as the shader counts them. */
+export const MARK = { restrained: 1, lost: 2, selected: 4 } as const;
+
+const ON_GROUND: ReadonlySet<Phase> = new Set(["offline", "standby", "killed"]);
+const DARKEST = 0.35; // a light that is nearly off still has a colour that one can see
+const FAINT = 0.3; // shine of who is in the air without a light
+
+export function phaseOf(frame: Frame, i: number): Phase {
+  return PHASES[frame.phase[i]!] ?? "offline";
+}
+
+/** Whether what is known of a vehicle's place is too old to be shown as fresh. */
+export function isStale(frame: Frame, i: number, isFresh: boolean): boolean {
+  return !isFresh || !(frame.position_age_s[i]! <= STALE_MS / 1000);
+}
+
+/** Red, green, blue and shine of each, and its marks. Owns its arrays, as long as the largest fleet yet. */
+export class Looks {
+  tints = new Float32Array(0);
+  marks = new Float32Array(0);
+
+  set(frame: Frame, palette: Palette, isFresh: boolean, selected: number): void {
+    if (this.marks.length < frame.n) {
+      this.tints = new Float32Array(4 * frame.n);
+      this.marks = new Float32Array(frame.n);
+    }
+    for (let i = 0; i < frame.n; i += 1) {
+      const isOld = isStale(frame, i, isFresh);
+      const [color, shine] = isOld ? [palette.stale, 0] as const : litOf(frame, i, palette);
+      this.tints[4 * i] = color[0];
+      this.tints[4 * i + 1] = color[1];
+      this.tints[4 * i + 2] = color[2];
+      this.tints[4 * i + 3] = shine;
+      const phase = phaseOf(frame, i);
+      this.marks[i] =
+        ((frame.flags[i]! & FLAG.restrained) !== 0 && !isOld ? MARK.restrained : 0) +
+        (phase === "lost" || phase === "killed" ? MARK.lost : 0) +
+        (i === selected ? MARK.selected : 0);
+    }
+  }
+}
+
+function litOf(frame: Frame, i: number, palette: Palette): readonly [Rgb, number] {
+  const phase = phaseOf(frame, i);
+  if ((frame.flags[i]! & FLAG.light) === 0) {
+    return [palette.phase[phase], ON_GROUND.has(phase) ? 0 : FAINT];
+  }
+  const [red, green, blue] = [frame.red[i]! / 255, frame.green[i]! / 255, frame.blue[i]! / 255];
+  const bright = Math.max(red, green, blue);
+  if (bright === 0) {
+    return [[DARKEST, DARKEST, DARKEST], 0];
+  }
+  const scale = Math.max(DARKEST, bright) / bright;
+  return [[red * scale, green * scale, blue * scale], bright];
+}

@@ -1,0 +1,32 @@
+// The renderer, fitted to what the machine can do: a processor that paints for a graphics card gets fewer pixels.
+
+import { WebGLRenderer } from "three";
+
+const PIXEL_RATIO_MAX = 2;
+
+/** Whether WebGL is done without a graphics card. */
+function isSoftware(): boolean {
+  const probe = document.createElement("canvas").getContext("webgl2");
+  if (probe === null) {
+    return false;
+  }
+  const names = probe.getExtension("WEBGL_debug_renderer_info");
+  const name = String(probe.getParameter(names === null ? probe.RENDERER : names.UNMASKED_RENDERER_WEBGL));
+  probe.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
+
+export interface Fitted {
+  renderer: WebGLRenderer;
+  /** Of what the screen has, as much as this machine paints in time. */
+  pixelRatio(ofScreen: number): number;
+}
+
+/** Throws: Error where the browser has no WebGL 2. */
+export function createRenderer(canvas: HTMLCanvasElement): Fitted {
+  const software = isSoftware();
+  const renderer = new WebGLRenderer({ canvas, antialias: !software, alpha: false, powerPreference: "high-performance" });
+  renderer.autoClear = true;
+  renderer.sortObjects = true;
+  return { renderer, pixelRatio: (ofScreen) => (software ? 1 : Math.min(PIXEL_RATIO_MAX, ofScreen)) };
+}

@@ -1,0 +1,140 @@
+// What stands still unless somebody changes it: pads, fence, obstacles, orbit, target. Collected anew when it changed.
+
+import type { Group } from "three";
+
+import type { Frame, Obstacle, Status } from "../state";
+import { texts } from "../texts";
+import { toScene, type Vec3 } from "./axes";
+import { DECAL, Decals } from "./decals";
+import type { Eye, Shared } from "./eye";
+import { cornersOf } from "./ghosts";
+import { ORDER } from "./materials";
+import type { Overlay } from "./overlay";
+import type { Palette } from "./palette";
+import { Solids } from "./solids";
+import { Strokes, type Style } from "./strokes";
+
+const PAD_M = 0.9; // radius that a pad is drawn with
+const TARGET_M = 1.4;
+const TARGET_PX = 15;
+const POSTS = 24; // of the fence
+const ARROWS = 4; // on the orbit
+
+/** An obstacle where it is now: it goes on as it moves, as long as somebody tells of it. */
+export function broughtForward(box: Obstacle, since_s: number): Obstacle {
+  const for_s = Math.min(Math.max(since_s, 0), 3);
+  return { ...box, x_m: box.x_m + for_s * box.velocity_x_m_s, y_m: box.y_m + for_s * box.velocity_y_m_s };
+}
+
+export class Scenery {
+  readonly #decals: Decals;
+  readonly #ground: Strokes;
+  readonly #lines: Strokes;
+  readonly #boxes: Solids;
+  #key = "";
+  #status: Status | null = null;
+  #palette: Palette | null = null;
+
+  constructor(shared: Shared, into: Group) {
+    this.#decals = new Decals(shared);
+    this.#ground = new Strokes(shared, ORDER.groundStrokes, { hidden: false });
+    this.#lines = new Strokes(shared, ORDER.strokes);
+    this.#boxes = new Solids(shared, ORDER.boxes, "box");
+    into.add(this.#decals.mesh, this.#ground.mesh, this.#lines.mesh, this.#boxes.mesh);
+  }
+
+  draw(status: Status, frame: Frame, time_s: number, palette: Palette, eye: Eye): void {
+    const [x_m, y_m] = frame.target_m;
+    const pixel_m = Math.hypot(...toScene(x_m, y_m, 0).map((at, k) => at - eye.basis.eye[k]!)) * eye.shared.uPerPixel.value;
+    const size_m = Math.max(TARGET_M, TARGET_PX * pixel_m);
+    const isMoving = status.obstacles.some((each) => each.velocity_x_m_s !== 0 || each.velocity_y_m_s !== 0);
+    const key = [x_m.toFixed(2), y_m.toFixed(2), size_m.toFixed(2), isMoving ? time_s.toFixed(2) : ""].join();
+    if (status === this.#status && palette === this.#palette && key === this.#key) {
+      return;
+    }
+    [this.#status, this.#palette, this.#key] = [status, palette, key];
+    this.#decals.clear();
+    this.#ground.clear();
+    this.#lines.clear();
+    this.#boxes.clear();
+    for (const { home } of status.vehicles) {
+      if (home !== null) {
+        this.#decals.put(toScene(home.x_m, home.y_m, home.height_m), palette.pad, 0.55, PAD_M, DECAL.pad);
+      }
+    }
+    this.#decals.put(toScene(x_m, y_m, 0), palette.target, 0.95, size_m, DECAL.target);
+    this.#fence(status, palette);
+    this.#orbit(status, x_m, y_m, palette);
+    for (const box of status.obstacles) {
+      this.#obstacle(broughtForward(box, time_s - status.time_s), palette);
+    }
+    this.#decals.commit();
+    this.#ground.commit();
+    this.#lines.commit();
+    this.#boxes.commit();
+  }
+
+  #fence({ fence }: Status, palette: Palette): void {
+    const low: Style = { color: palette.fence, alpha: 0.6, width_px: 1.6 };
+    const high: Style = { ...low, alpha: 0.3, width_px: 1.2 };
+    const { distance_max_m, height_max_m } = fence;
+    this.#ground.circle([0, 0, 0], distance_max_m, low, undefined, undefined, 180);
+    this.#lines.circle([0, height_max_m, 0], distance_max_m, high, undefined, undefined, 180);
+    for (let k = 0; k < POSTS; k += 1) {
+      const [s, c] = [Math.sin((2 * Math.PI * k) / POSTS), Math.cos((2 * Math.PI * k) / POSTS)];
+      const [x, z] = [s * distance_max_m, c * distance_max_m];
+      this.#lines.line([x, 0, z], [x, height_max_m, z], { ...high, alpha: 0.2 });
+    }
+  }
+
+  /** The way of the formation's centre, with arrows the way it goes; and a thread from the target up to it. */
+  #orbit({ orbit, formation }: Status, x_m: number, y_m: number, palette: Palette): void {
+    const up = toScene(x_m, y_m, formation.height_m);
+    this.#lines.line(toScene(x_m, y_m, 0), up, { color: palette.target, alpha: 0.5, width_px: 1.2, dash_m: 1.5 });
+    if (!(orbit.radius_m > 0)) {
+      return;
+    }
+    const style: Style = { color: palette.orbit, alpha: 0.75, width_px: 1.6, dash_m: 2 };
+    this.#lines.circle(up, orbit.radius_m, style);
+    const sense = orbit.direction === "clockwise" ? 1 : -1; // seen from above
+    const head_m = Math.min(2.5, 0.12 * orbit.radius_m);
+    for (let k = 0; k < ARROWS; k += 1) {
+      const turn = (2 * Math.PI * (k + 0.5)) / ARROWS;
+      const at = (off: number, radius_m: number): Vec3 => [
+        up[0] + radius_m * Math.sin(turn + off), up[1], up[2] - radius_m * Math.cos(turn + off),
+      ];
+      const tip = at(0, orbit.radius_m);
+      const back = (-sense * head_m) / orbit.radius_m;
+      for (const side of [-0.5, 0.5]) {
+        this.#lines.line(tip, at(back, orbit.radius_m + side * head_m), { ...style, dash_m: 0, width_px: 2 });
+      }
+    }
+  }
+
+  #obstacle(box: Obstacle, palette: Palette): void {
+    const [low, high] = cornersOf(box);
+    const middle: Vec3 = [box.y_m, box.height_m / 2, -box.x_m];
+    this.#boxes.put(middle, [box.half_length_y_m, box.height_m / 2, box.half_length_x_m], palette.obstacle, palette.night ? 0.26 : 0.4);
+    this.#lines.box(low, high, { color: palette.obstacle, alpha: 0.95, width_px: 1.5 });
+  }
+
+  /** What is written beside it. */
+  words(status: Status, frame: Frame, time_s: number, eye: Eye, overlay: Overlay): void {
+    const [x_m, y_m] = frame.target_m;
+    overlay.put(eye, toScene(x_m, y_m, 0), texts.scene.target, "thing", 26);
+    for (const box of status.obstacles) {
+      const { id, height_m, ...at } = broughtForward(box, time_s - status.time_s);
+      overlay.put(eye, toScene(at.x_m, at.y_m, height_m), texts.scene.obstacle(id, height_m.toFixed(1)), "thing", -14);
+    }
+    const { distance_max_m, height_max_m } = status.fence;
+    const [s, c] = [Math.sin(eye.pose.azimuth), Math.cos(eye.pose.azimuth)];
+    overlay.put(eye, [distance_max_m * s, 0, -distance_max_m * c], texts.scene.fence(distance_max_m), "grid", 12);
+    overlay.put(eye, [distance_max_m * s, height_max_m, -distance_max_m * c], texts.scene.ceiling(height_max_m), "grid", -12);
+  }
+
+  dispose(): void {
+    for (const each of [this.#decals, this.#ground, this.#lines, this.#boxes]) {
+      each.dispose();
+    }
+  }
+}

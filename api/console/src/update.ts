@@ -1,0 +1,148 @@
+// The one way from a state to the next. Pure: no clock, no network, no document.
+
+import { updateDesk, type DeskMessage } from "./desk/update";
+import { energy, radiusError_m } from "./formation";
+import {
+  HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Access, type CertificateReport, type Connection, type Frame, type Ghost, type History, type KillArmed,
+  type Order, type PreflightReport, type ShowCheck, type State, type Status, type StoredShow, type Toast, type View,
+} from "./state";
+
+export type Message =
+  | { kind: "tick"; now_ms: number }
+  | { kind: "connection"; connection: Connection }
+  | { kind: "access"; access: Access | null }
+  | { kind: "status"; status: Status }
+  | { kind: "frame"; frame: Frame }
+  | { kind: "order"; order: Order }
+  | { kind: "orders"; orders: readonly Order[] }
+  | { kind: "preflight"; report: PreflightReport | null }
+  | { kind: "shows"; shows: readonly StoredShow[] }
+  | { kind: "check"; check: ShowCheck | null }
+  | { kind: "certificate"; certificate: CertificateReport | null }
+  | { kind: "done" | "refused"; text: string }
+  | { kind: "toast-gone"; id: number }
+  | { kind: "view"; change: Partial<View> }
+  | { kind: "ghost"; ghost: Ghost | null }
+  | { kind: "kill-armed"; armed: KillArmed }
+  | { kind: "kill-over" }
+  | DeskMessage;
+
+export function update(state: State, message: Message): State {
+  return updateDesk(updateShared(state, message), message);
+}
+
+/** What the desk and the scene share. */
+function updateShared(state: State, message: Message): State {
+  switch (message.kind) {
+    case "tick":
+      return onTick(state, message.now_ms);
+    case "connection":
+      return { ...state, connection: message.connection };
+    case "access":
+      return { ...state, access: message.access };
+    case "status":
+      return onStatus(state, message.status);
+    case "frame":
+      return onFrame(state, message.frame);
+    case "order":
+      return { ...state, orders: withOrder(state.orders, message.order) };
+    case "orders":
+      return { ...state, orders: message.orders };
+    case "preflight":
+      return { ...state, preflight: message.report };
+    case "certificate":
+      return { ...state, certificate: message.certificate };
+    case "done":
+    case "refused":
+      return withToast(state, message.kind, message.text);
+    case "toast-gone":
+      return { ...state, toasts: state.toasts.filter((each) => each.id !== message.id) };
+    case "view":
+      return { ...state, view: { ...state.view, ...message.change } };
+    case "ghost":
+      return { ...state, ghost: message.ghost };
+    case "kill-armed":
+      return { ...state, kill: { armed: message.armed, until_ms: state.page_ms + 1000 * message.armed.valid_s } };
+    case "kill-over":
+      return { ...state, kill: null };
+    case "shows":
+    case "check":
+    case "desk":
+    case "draft":
+    case "undo":
+      return state;
+  }
+}
+
+function onTick(state: State, now_ms: number): State {
+  const toasts = state.toasts.filter((each) => each.until_ms > now_ms);
+  return {
+    ...state,
+    page_ms: now_ms,
+    toasts: toasts.length === state.toasts.length ? state.toasts : toasts,
+    kill: state.kill !== null && state.kill.until_ms > now_ms ? state.kill : null,
+  };
+}
+
+/** Another service, or the same one started again: nothing of the last one is true of it. */
+function onStatus(state: State, status: Status): State {
+  const isKnown = (id: string | null): boolean => id === null || status.vehicles.some((each) => each.id === id);
+  const selected = isKnown(state.view.selected) ? state.view.selected : null;
+  const view = selected === state.view.selected ? state.view : { ...state.view, selected };
+  const restarted = state.status !== null && status.time_s < state.status.time_s;
+  return restarted
+    ? { ...state, status, view, frame: null, previous: null, preflight: null, kill: null, history: initialHistory() }
+    : { ...state, status, view };
+}
+
+function onFrame(state: State, frame: Frame): State {
+  const connection: Connection =
+    state.connection.kind === "live" ? state.connection : { kind: "live", since_ms: frame.received_ms, reason: "" };
+  const page_ms = Math.max(state.page_ms, frame.received_ms);
+  const previous = state.frame !== null && state.frame.n === frame.n ? state.frame : null;
+  return { ...state, page_ms, connection, frame, previous, history: withFrame(state.history, frame) };
+}
+
+const initialHistory = (): History => ({
+  time_s: new Float64Array(),
+  tick_p99_ms: new Float64Array(),
+  minimumSeparation_m: new Float64Array(),
+  radiusError_m: new Float64Array(),
+  energy: new Float64Array(),
+});
+
+/** A row more, where the last one is old enough. Where time went back (a replay), the rows after it are gone. */
+function withFrame(history: History, frame: Frame): History {
+  const kept = history.time_s.filter((time_s) => time_s <= frame.time_s).length;
+  const last_s = history.time_s[kept - 1] ?? -Infinity;
+  if (kept === history.time_s.length && frame.time_s - last_s < HISTORY_STEP_S) return history;
+  const first = Math.max(0, kept + 1 - HISTORY_ROWS);
+  const grown = (column: Float64Array, value: number): Float64Array => {
+    const longer = new Float64Array(kept - first + 1);
+    longer.set(column.subarray(first, kept));
+    longer[kept - first] = value;
+    return longer;
+  };
+  return {
+    time_s: grown(history.time_s, frame.time_s),
+    tick_p99_ms: grown(history.tick_p99_ms, frame.tick.p99_ms),
+    minimumSeparation_m: grown(history.minimumSeparation_m, frame.minimumSeparation_m),
+    radiusError_m: grown(history.radiusError_m, radiusError_m(frame)),
+    energy: grown(history.energy, energy(frame)),
+  };
+}
+
+const ORDERS_KEPT = 100;
+
+/** Newest first. */
+function withOrder(orders: readonly Order[], order: Order): readonly Order[] {
+  const known = orders.some((each) => each.id === order.id);
+  return known ? orders.map((each) => (each.id === order.id ? order : each)) : [order, ...orders].slice(0, ORDERS_KEPT);
+}
+
+const TOASTS_KEPT = 5;
+
+function withToast(state: State, kind: Toast["kind"], text: string): State {
+  const toast: Toast = { id: state.toastsMade + 1, kind, text, until_ms: state.page_ms + TOAST_MS };
+  return { ...state, toastsMade: toast.id, toasts: [...state.toasts, toast].slice(-TOASTS_KEPT) };
+}

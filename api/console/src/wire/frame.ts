@@ -1,0 +1,84 @@
+// A binary message of the console's stream: docs/stream.md. A header of 128 bytes, then columns, little-endian.
+
+import { SHOW_PHASES, type Frame } from "../state";
+
+export const VERSION = 1;
+export const HEADER_BYTES = 128;
+const FLOATS = 15;
+const BYTES = 7;
+
+/** Bytes of a frame of n vehicles. */
+export const size = (n: number): number => HEADER_BYTES + n * (4 * FLOATS + BYTES);
+
+/** Whoever sent this speaks another language than this page. */
+export class FrameError extends Error {}
+
+/** Read a frame; its columns are views of `buffer`. Throws FrameError, with what is wrong, for what is none. */
+export function decode(buffer: ArrayBuffer, received_ms: number): Frame {
+  if (buffer.byteLength < HEADER_BYTES) {
+    throw new FrameError(`a frame of ${buffer.byteLength} bytes: the header alone has ${HEADER_BYTES}`);
+  }
+  const header = new DataView(buffer, 0, HEADER_BYTES);
+  const version = header.getUint8(0);
+  if (version !== VERSION) {
+    throw new FrameError(`a frame of version ${version}: this page reads ${VERSION}; load the page again`);
+  }
+  const n = header.getUint32(4, true);
+  if (buffer.byteLength !== size(n)) {
+    throw new FrameError(`a frame of ${buffer.byteLength} bytes: with ${n} vehicles it has ${size(n)}`);
+  }
+  const showPhase = SHOW_PHASES[header.getUint8(3)];
+  if (showPhase === undefined) {
+    throw new FrameError(`a frame with show phase ${header.getUint8(3)}: there are ${SHOW_PHASES.length}`);
+  }
+  const float = (at: number): number => header.getFloat32(at, true);
+  const column = (k: number): Float32Array => new Float32Array(buffer, HEADER_BYTES + 4 * n * k, n);
+  const bytes = (k: number): Uint8Array => new Uint8Array(buffer, HEADER_BYTES + n * (4 * FLOATS + k), n);
+  return {
+    revision: header.getUint32(8, true),
+    time_s: header.getFloat64(16, true),
+    unix_time_s: header.getFloat64(24, true),
+    received_ms,
+    n,
+    controlAlive: header.getUint8(1) !== 0,
+    showPhase,
+    center_m: header.getUint8(2) !== 0 ? [float(48), float(52), float(56)] : null,
+    target_m: [float(60), float(64)],
+    radius_m: float(68),
+    minimumSeparation_m: float(72),
+    tick: {
+      rate_hz: float(76),
+      count: header.getUint32(12, true),
+      missed: header.getUint32(32, true),
+      p50_ms: float(80),
+      p99_ms: float(84),
+      lateness_p99_ms: float(88),
+    },
+    setpointsSent: header.getUint32(36, true),
+    interventions: header.getUint32(40, true),
+    clock_s: float(92),
+    countdown_s: float(96),
+    x_m: column(0),
+    y_m: column(1),
+    height_m: column(2),
+    vx_m_s: column(3),
+    vy_m_s: column(4),
+    vup_m_s: column(5),
+    heading_deg: column(6),
+    setpoint_x_m_s: column(7),
+    setpoint_y_m_s: column(8),
+    setpoint_up_m_s: column(9),
+    battery: column(10),
+    position_age_s: column(11),
+    heartbeat_age_s: column(12),
+    uncertainty_m: column(13),
+    link_quality: column(14),
+    phase: bytes(0),
+    mode: bytes(1),
+    landed: bytes(2),
+    flags: bytes(3),
+    red: bytes(4),
+    green: bytes(5),
+    blue: bytes(6),
+  };
+}

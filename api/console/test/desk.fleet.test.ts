@@ -1,0 +1,74 @@
+import { describe, expect, it } from "vitest";
+
+import { parseQuery, toggled } from "../src/desk/query";
+import { sorted, windowed, type Row } from "../src/desk/rows";
+
+const row = (id: string, change: Partial<Row> = {}): Row => ({
+  index: 0, id, phase: "formation", mode: "offboard", height_m: 20, battery: 0.8, age_s: 0.1, link: 0.99, fix: "3D", fix_m: 0.4,
+  nearest_m: 8, armed: true, ready: false, restrained: false, restrainedBy: "", ...change,
+});
+const ids = (rows: readonly Row[]): string[] => rows.map((each) => each.id);
+
+describe("the filter", () => {
+  const rows = [
+    row("d1", { battery: 0.25 }),
+    row("d2", { phase: "hold", restrained: true }),
+    row("d10", { age_s: 1.4, fix: "RTK" }),
+    row("x3", { phase: "lost", age_s: NaN, nearest_m: NaN }),
+  ];
+  const found = (text: string): string[] => ids(rows.filter(parseQuery(text).test));
+
+  it("needs every term", () => {
+    expect(found("")).toEqual(["d1", "d2", "d10", "x3"]);
+    expect(found("phase:hold,lost")).toEqual(["d2", "x3"]);
+    expect(found("phase:hold,lost restrained")).toEqual(["d2"]);
+    expect(found("battery<30")).toEqual(["d1"]);
+    expect(found("fix:rtk age>1")).toEqual(["d10"]);
+    expect(found("-restrained d")).toEqual(["d1", "d10"]);
+  });
+
+  it("calls a position old that is not known", () => {
+    expect(found("stale")).toEqual(["d10", "x3"]);
+    expect(found("age:unknown")).toEqual(["x3"]);
+  });
+
+  it("says what is wrong, and goes by the rest", () => {
+    expect(parseQuery("batery<30").problem).toContain("batery");
+    expect(parseQuery("battery<").problem).toContain("battery<");
+    expect(parseQuery("colour:red").problem).toContain("phase");
+    expect(found("colour:red phase:hold")).toEqual(["d2"]);
+    expect(parseQuery("phase:hold battery<30").problem).toBe("");
+  });
+
+  it("is a line that chips write into", () => {
+    expect(toggled("d1", "restrained")).toBe("d1 restrained");
+    expect(toggled("d1  restrained", "restrained")).toBe("d1");
+  });
+});
+
+describe("the order", () => {
+  it("counts as people do", () => {
+    expect(ids(sorted([row("d10"), row("d9"), row("d1")], { column: "id", descending: false }))).toEqual(["d1", "d9", "d10"]);
+  });
+
+  it("puts what is not known last, whichever way", () => {
+    const rows = [row("a", { nearest_m: NaN }), row("b", { nearest_m: 3 }), row("c", { nearest_m: 5 })];
+    expect(ids(sorted(rows, { column: "nearest", descending: false }))).toEqual(["b", "c", "a"]);
+    expect(ids(sorted(rows, { column: "nearest", descending: true }))).toEqual(["c", "b", "a"]);
+  });
+});
+
+describe("the rows that are drawn", () => {
+  it("are those on the screen and a few more, and the others keep their room", () => {
+    const shown = windowed(1000, 18_000, 720, 36);
+    expect(shown.last - shown.first).toBeLessThan(40);
+    expect(shown.first).toBeLessThanOrEqual(500);
+    expect(shown.last).toBeGreaterThanOrEqual(520);
+    expect(shown.above_px + (shown.last - shown.first) * 36 + shown.below_px).toBe(36_000);
+  });
+
+  it("are the last ones where the list has become shorter than where somebody had scrolled to", () => {
+    expect(windowed(10, 18_000, 180, 36)).toMatchObject({ first: 0, last: 10, below_px: 0 });
+    expect(windowed(0, 500, 180, 36)).toMatchObject({ first: 0, last: 0, above_px: 0 });
+  });
+});

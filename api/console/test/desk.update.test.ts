@@ -1,0 +1,167 @@
+import { describe, expect, it } from "vitest";
+
+import { doomed } from "../src/desk/kill";
+import { whyNot, whyNotOnGround, whyNotShow, whyNotVehicle } from "../src/desk/rights";
+import { startOrder } from "../src/desk/start";
+import { typedNumbers } from "../src/desk/shape";
+import { initial, type Right, type State } from "../src/state";
+import { texts } from "../src/texts";
+import { update, type Message } from "../src/update";
+import { position_s } from "../src/replay/bar";
+import { frame, type Vehicle } from "./frames";
+import { status } from "./statuses";
+
+const FLEET: readonly Vehicle[] = [{ phase: "formation", battery: 0.9 }, { phase: "offline" }, { phase: "hold", battery: 0.2, flags: 4 }];
+
+const names = ["d1", "d2", "d10"].map((id, i) => ({ ...status().vehicles[0]!, id, system_id: i + 1 }));
+
+function after(messages: readonly Message[], state: State = initial(0)): State {
+  return messages.reduce(update, state);
+}
+
+function flying(rights: readonly Right[] = ["watch", "emergency", "operate"], change: Parameters<typeof status>[0] = {}): State {
+  return after([
+    { kind: "access", access: { who: "anna", rights: new Set(rights) } },
+    { kind: "status", status: status({ vehicles: names, ...change }) },
+    { kind: "frame", frame: frame({ vehicles: FLEET }, 100) },
+  ]);
+}
+
+const STALE: Message = { kind: "tick", now_ms: 1200 };
+
+describe("who may press what", () => {
+  it("lets a watcher press nothing, and says so", () => {
+    const state = flying(["watch"]);
+    for (const action of ["pause", "stop", "abort", "kill", "start", "obstacle"]) expect(whyNot(state, action)).toBe(texts.flight.watcher);
+  });
+
+  it("lets an emergency token bring the fleet down, and nothing else", () => {
+    const state = flying(["watch", "emergency"]);
+    expect([whyNotShow(state, "pause"), whyNotShow(state, "stop"), whyNot(state, "kill")]).toEqual(["", "", ""]);
+    expect(whyNotShow(state, "resume")).toBe(texts.flight.notOperate);
+    expect(whyNotVehicle(state, "join", "hold")).toBe(texts.flight.notOperate);
+    expect(whyNotVehicle(state, "land", "hold")).toBe("");
+  });
+
+  it("goes by what the show can do now, and names the phase", () => {
+    expect(whyNotShow(flying(), "resume")).toContain(texts.phases.running);
+    expect(whyNotShow(flying(), "pause")).toBe("");
+  });
+
+  it("still tries what brings the fleet down when the data is old, for the service may know better", () => {
+    const state = after([STALE], flying(undefined, { show: { ...status().show, phase: "idle", possible: ["start"] } }));
+    expect([whyNotShow(state, "stop"), whyNotShow(state, "abort"), whyNot(state, "kill")]).toEqual(["", "", ""]);
+    expect([whyNotShow(state, "start"), whyNot(state, "obstacle")]).toEqual([texts.flight.noData, texts.flight.noData]);
+  });
+
+  it("orders nothing in a replay, nor before it is known who asks", () => {
+    const replay = { file: "f", began_unix_time_s: 0, duration_s: 9, position_s: 0, speed: 1, paused: false, ended: false };
+    expect(whyNot(flying(undefined, { replay }), "abort")).toBe(texts.flight.replay);
+    expect(whyNot(after([{ kind: "access", access: null }], flying()), "abort")).toBe(texts.flight.noRights);
+  });
+
+  it("settles on the ground what belongs there", () => {
+    expect(whyNotOnGround(flying())).toContain(texts.phases.running);
+    expect(whyNotOnGround(flying(undefined, { show: { ...status().show, phase: "landed" } }))).toBe("");
+  });
+});
+
+describe("the fleet table", () => {
+  it("is in order as soon as there is something to put in order", () => {
+    const { table } = flying().desk;
+    expect(table.order).toEqual([0, 1, 2]);
+    expect(table.phases).toMatchObject({ formation: 1, offline: 1, hold: 1, lost: 0 });
+  });
+
+  it("follows the filter and the sorting at once, but telemetry once a second", () => {
+    const filtered = after([{ kind: "desk", change: { filter: "phase:hold" } }], flying());
+    expect(filtered.desk.table.order).toEqual([2]);
+    const moved = frame({ vehicles: [{ phase: "hold" }, { phase: "hold" }, { phase: "hold" }] }, 600);
+    const soon = after([{ kind: "frame", frame: moved }], filtered);
+    expect(soon.desk.table.order).toEqual([2]);
+    const later = after([{ kind: "frame", frame: { ...moved, received_ms: 1200 } }], soon);
+    expect(later.desk.table.order).toEqual([0, 1, 2]);
+    const byBattery = after([{ kind: "desk", change: { sort: { column: "battery", descending: false } } }], flying());
+    expect(byBattery.desk.table.order).toEqual([2, 0, 1]);
+  });
+});
+
+describe("what is typed", () => {
+  it("stays until it is undone, field by field", () => {
+    const typed = after(
+      [
+        { kind: "draft", field: "formation:radius_m", text: "12" },
+        { kind: "draft", field: "formation:height_m", text: "2x" },
+        { kind: "draft", field: "orbit:radius_m", text: "5" },
+        { kind: "status", status: status({ formation: { radius_m: 8, height_m: 9, radius_now_m: 8, height_now_m: 9 } }) },
+      ],
+      flying(),
+    );
+    expect(typedNumbers(typed.desk.drafts, "formation")).toBeNull();
+    expect(typedNumbers(typed.desk.drafts, "orbit")).toEqual({ radius_m: 5 });
+    const undone = after([{ kind: "undo", prefix: "formation:" }], typed);
+    expect(undone.desk.drafts).toEqual({ "orbit:radius_m": "5" });
+  });
+
+  it("makes a start, or says what is missing", () => {
+    const base = flying();
+    expect(startOrder(base)).toEqual({ vehicles: null, at_unix_time_s: null });
+    const named = after([{ kind: "desk", change: { startNamed: true } }], base);
+    expect(startOrder(named)).toBe(texts.start.badNames);
+    expect(startOrder(after([{ kind: "draft", field: "start-names", text: "d1, d2 d1" }], named))).toEqual({
+      vehicles: ["d1", "d2"],
+      at_unix_time_s: null,
+    });
+    const timed = after([{ kind: "desk", change: { startAt: true } }, { kind: "draft", field: "start-time", text: "25:00" }], base);
+    expect(startOrder(timed)).toBe(texts.start.badTime);
+  });
+
+  it("is closed with the obstacle that it was for", () => {
+    const box = { id: "tower", x_m: 0, y_m: 0, half_length_x_m: 1, half_length_y_m: 1, height_m: 5, velocity_x_m_s: 0, velocity_y_m_s: 0 };
+    const editing = after(
+      [
+        { kind: "status", status: status({ obstacles: [box] }) },
+        { kind: "desk", change: { editing: "tower" } },
+        { kind: "draft", field: "obstacle:x_m", text: "4" },
+      ],
+      flying(),
+    );
+    expect(after([{ kind: "status", status: status({ obstacles: [box] }) }], editing).desk.editing).toBe("tower");
+    const gone = after([{ kind: "status", status: status({ obstacles: [] }) }], editing);
+    expect([gone.desk.editing, gone.desk.drafts]).toEqual([null, {}]);
+  });
+});
+
+describe("refusals", () => {
+  it("are kept after their toasts have gone, the newest first", () => {
+    const state = after([{ kind: "refused", text: "one" }, { kind: "refused", text: "two" }, { kind: "tick", now_ms: 1e6 }], flying());
+    expect(state.toasts).toEqual([]);
+    expect(state.desk.refusals.map((each) => each.text)).toEqual(["two", "one"]);
+  });
+});
+
+describe("the kill", () => {
+  it("names all that are not offline, or those chosen", () => {
+    expect(doomed(flying())).toEqual(["d1", "d10"]);
+    expect(doomed(after([{ kind: "desk", change: { killNamed: new Set(["d2"]) } }], flying()))).toEqual(["d2"]);
+  });
+
+  it("is not held any more once its code is too old", () => {
+    const armed = after(
+      [{ kind: "kill-armed", armed: { code: "a1b2c3", vehicles: ["d1"], valid_s: 20 } }, { kind: "desk", change: { holding_ms: 100 } }],
+      flying(),
+    );
+    expect(after([{ kind: "tick", now_ms: 20_099 }], armed).desk.holding_ms).toBe(100);
+    const over = after([{ kind: "tick", now_ms: 20_101 }], armed);
+    expect([over.kill, over.desk.holding_ms]).toEqual([null, null]);
+  });
+});
+
+describe("a replay", () => {
+  it("is where its newest frame was recorded", () => {
+    const replay = { file: "f", began_unix_time_s: 1_790_000_000 - 30, duration_s: 60, position_s: 2, speed: 1, paused: false, ended: false };
+    expect(position_s(flying(undefined, { replay }))).toBeCloseTo(30.25);
+    expect(position_s(flying(undefined, { replay: { ...replay, duration_s: 10 } }))).toBe(10);
+    expect(position_s(flying())).toBe(0);
+  });
+});

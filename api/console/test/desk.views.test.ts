@@ -1,0 +1,96 @@
+import { describe, expect, it } from "vitest";
+
+import { ghostText } from "../src/desk/ghost";
+import { command, type Press } from "../src/desk/keys";
+import { columns } from "../src/desk/plots";
+import { failures, troubles } from "../src/desk/preflight";
+import { playing, segments } from "../src/desk/timeline";
+import { initial, type PreflightReport } from "../src/state";
+
+const press = (key: string, change: Partial<Press> = {}): Press => ({
+  key, shift: false, other: false, typing: false, onControl: false, ...change,
+});
+
+describe("keys", () => {
+  it("fly only with Shift, and never while somebody types", () => {
+    expect(command(press("P", { shift: true }))).toEqual({ kind: "flight", action: "pause" });
+    expect(command(press("L", { shift: true }))).toEqual({ kind: "flight", action: "abort" });
+    for (const key of ["p", "l", "h", "k", "r"]) expect(command(press(key))).toBeNull();
+    expect(command(press("L", { shift: true, typing: true }))).toBeNull();
+    expect(command(press("L", { shift: true, other: true }))).toBeNull();
+  });
+
+  it("leave Enter and Space to the control that has the focus", () => {
+    expect(command(press("Enter"))).toEqual({ kind: "confirm" });
+    expect(command(press("Enter", { onControl: true }))).toBeNull();
+    expect(command(press(" ", { onControl: true }))).toBeNull();
+  });
+
+  it("close with Escape wherever one is", () => {
+    expect(command(press("Escape", { typing: true, onControl: true }))).toEqual({ kind: "close" });
+  });
+
+  it("leave the browser its own", () => {
+    expect(command(press("F5"))).toBeNull();
+    expect(command(press("r", { other: true }))).toBeNull();
+  });
+});
+
+type Check = PreflightReport["fleet"][number];
+const check = (name: string, change: Partial<Check> = {}): Check => ({
+  name, state: "fail", value: 0.1, unit: "share", limit: "at least 0.25", problem: `${change.value ?? 0.1} left`, to_do: "charge it", ...change,
+});
+const report = (checks: Readonly<Record<string, Check[]>>, out: readonly string[] = []): PreflightReport => ({
+  passes: false, unix_time_s: 0, show: null, show_hash: null, fleet: [], not_flying: {}, not_checked: [],
+  vehicles: Object.entries(checks).map(([id, all]) => ({
+    id, passes: all.every((each) => each.state === "pass"), flies: !out.includes(id), reason: "", checks: all,
+  })),
+});
+
+describe("preflight", () => {
+  it("tells the same trouble of many once, with what each has", () => {
+    const found = troubles(report({ d1: [check("battery", { value: 0.1 })], d2: [check("battery", { value: 0.2 }), check("clock", { to_do: "wait" })] }));
+    expect(found.map((each) => [each.check.name, each.vehicles])).toEqual([
+      ["battery", [{ id: "d1", measured: "0.1 share" }, { id: "d2", measured: "0.2 share" }]],
+      ["clock", [{ id: "d2", measured: "0.1 share" }]],
+    ]);
+  });
+
+  it("keeps troubles apart that only their words tell apart", () => {
+    const worded = (problem: string): Check => check("parameters", { unit: "", problem });
+    expect(troubles(report({ d1: [worded("A is 0")], d2: [worded("B is 0")] }))).toHaveLength(2);
+  });
+
+  it("counts nothing of who does not fly", () => {
+    const found = report({ d1: [check("battery")], d2: [check("battery"), check("place", { state: "unknown" })] }, ["d2"]);
+    expect(failures(found)).toBe(1);
+    expect(troubles(found)).toHaveLength(1);
+  });
+});
+
+describe("the timeline", () => {
+  const all = segments([{ cue: "a", at_s: 0 }, { cue: "b", at_s: 10 }, { cue: "a", at_s: 30 }], 45);
+
+  it("has each cue last until the next, the last until the end", () => {
+    expect(all.map((each) => each.until_s)).toEqual([10, 30, 45]);
+  });
+
+  it("knows which is played, also one that comes again", () => {
+    expect([-1, 0, 9.9, 10, 44].map((time_s) => playing(all, time_s))).toEqual([-1, 0, 0, 1, 2]);
+  });
+});
+
+describe("plots", () => {
+  it("count from now, and leave gaps where nothing is known", () => {
+    const history = { ...initial(0).history, time_s: Float64Array.of(5, 6, 8) };
+    expect(columns(history, Float64Array.of(1, NaN, 3), 2)).toEqual([[-3, -2, 0], [1, null, 3], [2, 2, 2]]);
+    expect(columns(history, Float64Array.of(1, NaN, 3), NaN)[2]).toEqual([null, null, null]);
+  });
+});
+
+describe("a ghost", () => {
+  it("is told in numbers", () => {
+    expect(ghostText({ kind: "target", x_m: 3, y_m: -1.25 })).toBe("Target to x 3.0 m, y -1.3 m");
+    expect(ghostText({ kind: "radius", radius_m: 12 })).toBe("Radius 12.0 m");
+  });
+});

@@ -1,0 +1,56 @@
+// Frames for tests, written byte by byte as docs/stream.md says: not with the page's own reader.
+
+import { decode, HEADER_BYTES, size } from "../src/wire/frame";
+import { PHASES, type Frame, type Phase } from "../src/state";
+
+export interface Vehicle {
+  x_m?: number;
+  y_m?: number;
+  height_m?: number;
+  battery?: number;
+  phase?: Phase;
+  flags?: number;
+}
+
+export interface Written {
+  version?: number;
+  time_s?: number;
+  controlAlive?: boolean;
+  center_m?: readonly [number, number, number];
+  radius_m?: number;
+  p99_ms?: number;
+  showPhase?: number;
+  vehicles?: readonly Vehicle[];
+}
+
+export function bytes(written: Written): ArrayBuffer {
+  const vehicles = written.vehicles ?? [];
+  const n = vehicles.length;
+  const buffer = new ArrayBuffer(size(n));
+  const view = new DataView(buffer);
+  view.setUint8(0, written.version ?? 1);
+  view.setUint8(1, written.controlAlive === false ? 0 : 1);
+  view.setUint8(2, written.center_m === undefined ? 0 : 1);
+  view.setUint8(3, written.showPhase ?? 5);
+  view.setUint32(4, n, true);
+  view.setUint32(8, 7, true);
+  view.setUint32(12, 1234, true);
+  view.setFloat64(16, written.time_s ?? 10, true);
+  view.setFloat64(24, 1_790_000_000.25, true);
+  view.setUint32(32, 3, true);
+  view.setUint32(36, 4_000_000_000, true);
+  view.setUint32(40, 17, true);
+  (written.center_m ?? [NaN, NaN, NaN]).forEach((value, k) => view.setFloat32(48 + 4 * k, value, true));
+  [1.5, -2.5, written.radius_m ?? 10, 3.25, 20, 1, written.p99_ms ?? 2, 0.5, 42.5, NaN].forEach((value, k) =>
+    view.setFloat32(60 + 4 * k, value, true),
+  );
+  vehicles.forEach((each, i) => {
+    const floats: Record<number, number | undefined> = { 0: each.x_m, 1: each.y_m, 2: each.height_m, 10: each.battery };
+    for (let k = 0; k < 15; k++) view.setFloat32(HEADER_BYTES + 4 * (n * k + i), floats[k] ?? NaN, true);
+    view.setUint8(HEADER_BYTES + 60 * n + i, PHASES.indexOf(each.phase ?? "formation"));
+    view.setUint8(HEADER_BYTES + 63 * n + i, each.flags ?? 0);
+  });
+  return buffer;
+}
+
+export const frame = (written: Written, received_ms = 0): Frame => decode(bytes(written), received_ms);

@@ -1,0 +1,28 @@
+// What a service says, for tests; each field as the types demand.
+
+import type { Order, Status } from "../src/state";
+
+export function status(change: Partial<Status> = {}): Status {
+  return {
+    revision: 1, time_s: 10, unix_time_s: 1_790_000_000, control_reason: "",
+    show: { phase: "running", reason: "", possible: ["pause", "stop", "abort"], selected: null, start_unix_time_s: null, countdown_s: null },
+    timeline: [],
+    origin: { latitude_deg: 47.4, longitude_deg: 8.5, altitude_amsl_m: 488, heading_deg: 0 },
+    formation: { radius_m: 10, height_m: 20, radius_now_m: 10, height_now_m: 20 },
+    target: {
+      x_m: 0, y_m: 0, velocity_x_m_s: 0, velocity_y_m_s: 0,
+      latitude_deg: 47.4, longitude_deg: 8.5, velocity_north_m_s: 0, velocity_east_m_s: 0,
+    },
+    orbit: { radius_m: 15, speed_m_s: 2, direction: "counterclockwise" },
+    yaw: { policy: "fixed", heading_deg: 0 },
+    obstacles: [], fence: { height_min_m: 3, height_max_m: 100, distance_max_m: 300 },
+    separation: { horizontal_m: 2, vertical_m: 3.2, margin_m: 0.5 },
+    interrupted: null, notices: [], reactions: [], access: "off", restraints: [], replay: null, events: [],
+    vehicles: [{ id: "d1", system_id: 1, link: "d1", reason: "", restrained_by: "", home: null, fix_type: 3 }],
+    ...change,
+  };
+}
+
+export const order = (id: string, outcome: Order["outcome"] = "pending"): Order => ({
+  id, action: "pause", by: "local", accepted_unix_time_s: 1, outcome, vehicles: {},
+});

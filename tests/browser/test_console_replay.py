@@ -1,0 +1,75 @@
+"""A record in the same page: played, stopped, looked at anywhere, and judged."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from console_bench import FLIGHT_MS, SOON_MS, console
+from ground import SOON_S, wait_until
+from playwright.sync_api import Browser, expect
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "virtual"))
+
+from virtual_show import Show, fly, show_config
+
+from gcs.client import Client
+from gcs.lifecycle import ShowPhase
+from gcs.records.record import Record
+from gcs.service import ShowAction
+
+CONFIG = show_config(4)
+
+
+async def a_show(show: Show) -> None:
+    await show.start()
+    await show.wait(5.0)
+    await show.show(ShowAction.STOP)
+    await show.reach(ShowPhase.LANDED)
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """`gcs replay` of a flight in virtual time; where its page is."""
+    root = tmp_path_factory.mktemp("runs")
+    vehicles = {name: (row + 1, "loop") for row, name in enumerate(CONFIG.ids)}
+    with Record(root, CONFIG.model_dump_json(), vehicles) as record:
+        fly(a_show, CONFIG, record=record)
+    command = [sys.executable, "-m", "gcs", "replay", str(root), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as service:
+        try:
+            assert service.stdout is not None
+            address = re.search(r"http://[\d.]+:\d+", service.stdout.readline())
+            assert address is not None
+            yield address[0]
+        finally:
+            service.kill()
+
+
+def test_a_record_is_played_stopped_searched_and_judged(replayed: str, chrome: Browser) -> None:
+    with Client(replayed, timeout_s=30.0) as client, console(chrome, replayed) as desk:
+        desk.says("connection", "Replay")
+        expect(desk.part("start")).to_have_count(0)  # nothing can be ordered of what is over
+
+        desk.press("replay-play")
+        wait_until("paused", SOON_S, lambda: client.playback.now().paused)
+        desk.part("replay-scrubber").fill("0")
+        wait_until("rewound", SOON_S, lambda: client.playback.now().position_s == 0.0)
+        expect(desk.part("airborne")).to_contain_text("0/4", timeout=SOON_MS)
+        desk.part("replay-scrubber").focus()
+        desk.page.keyboard.press("End")
+        wait_until("at its end", SOON_S, lambda: client.playback.now().ended)
+        desk.says("show-phase", "landed")
+        desk.part("replay-scrubber").fill("1")
+        desk.press("replay-speed-10")
+        desk.press("replay-play")
+        desk.says("show-phase", "running", FLIGHT_MS)
+        expect(desk.part("row-d1")).to_contain_text("formation")
+
+        desk.press("tab-certificate")
+        expect(desk.part("certificate-verdict")).to_be_visible(timeout=FLIGHT_MS)
+        expect(desk.part("certificate-checks")).to_contain_text("separation")
+        assert desk.serious() == []
+        assert desk.wrong == []

@@ -1,0 +1,22 @@
+"""Whether there is a browser for tests/browser, and how to get one."""
+
+import os
+import shutil
+from typing import Final
+
+NAMES: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+
+GET_ONE: Final = "sudo apt-get install -y chromium"
+
+REQUIRED: Final = "REQUIRE_BROWSER"
+"""In the environment, 1: to have none is an error."""
+
+
+def chromium() -> str | None:
+    """The program, from the PATH."""
+    return next((found for name in NAMES if (found := shutil.which(name))), None)
+
+
+def is_required() -> bool:
+    """Whether whoever runs the tests insists."""
+    return os.environ.get(REQUIRED, "") not in {"", "0"}
