@@ -126,6 +126,7 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
     ${rail(state, actions, "left", LEFT)} ${panel(state, actions, "left")}
     ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)} ${panel(state, actions, "right")}
     ${state.desk.sheet === "help" ? sheet(state, actions) : nothing}
+    <div class="room" data-room></div>
     <div class="center-low">${state.desk.sheet === "help" ? nothing : sheet(state, actions)} ${ghostBar(state, actions)}</div>
     <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : flight(state, actions)}</footer>
     ${login(state, actions)}
