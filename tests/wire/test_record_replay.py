@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -202,6 +203,7 @@ def test_its_certificate_is_made_beside_it(recorded: Path, capsys: pytest.Captur
     with replay(str(recorded)) as address, Client(address, timeout_s=30.0) as client:
         found = client.playback.certificate()
         while found.state == "running":
+            time.sleep(0.5)
             assert positions_s(address, 1)  # meanwhile it plays on
             found = client.playback.certificate()
         assert found.reason == ""
