@@ -54,13 +54,13 @@ def test_a_record_is_played_stopped_searched_and_judged(replayed: str, chrome: B
         expect(desk.part("start")).to_have_count(0)  # nothing can be ordered of what is over
 
         desk.press("replay-play")
-        wait_until("paused", SOON_S, lambda: client.replay.now().paused)
+        wait_until("paused", SOON_S, lambda: client.playback.now().paused)
         desk.part("replay-scrubber").fill("0")
-        wait_until("rewound", SOON_S, lambda: client.replay.now().position_s == 0.0)
+        wait_until("rewound", SOON_S, lambda: client.playback.now().position_s == 0.0)
         expect(desk.part("airborne")).to_contain_text("0/4", timeout=SOON_MS)
         desk.part("replay-scrubber").focus()
         desk.page.keyboard.press("End")
-        wait_until("at its end", SOON_S, lambda: client.replay.now().ended)
+        wait_until("at its end", SOON_S, lambda: client.playback.now().ended)
         desk.says("show-phase", "landed")
         desk.part("replay-scrubber").fill("1")
         desk.press("replay-speed-10")
