@@ -70,7 +70,7 @@ def test_a_vehicle_is_chosen_and_a_kill_is_armed_and_disarmed_by_keyboard(
         desk.page.keyboard.press("ArrowDown")
         desk.page.keyboard.press("Enter")
         desk.says("vehicle-id", "d1")
-        desk.page.keyboard.press("Shift+K")
+        desk.opens("Shift+K", "kill-arm")
         desk.part("kill-arm").focus()
         desk.page.keyboard.press("Enter")
         desk.says("kill-names", "d1, d2")

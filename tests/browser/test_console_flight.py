@@ -19,7 +19,7 @@ def start(desk: Console) -> None:
     """By keys alone: to the button, into the sheet, off."""
     expect(desk.part("start")).not_to_have_attribute("aria-disabled", "true", timeout=FLIGHT_MS)
     desk.part("start").focus()
-    desk.page.keyboard.press("Enter")
+    desk.opens("Enter", "start-go")
     expect(desk.part("start-go")).to_be_focused()
     desk.page.keyboard.press("Enter")
     desk.says("show-phase", "running", FLIGHT_MS)
