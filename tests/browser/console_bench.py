@@ -73,6 +73,12 @@ def browser() -> Iterator[Browser]:
             started.close()
 
 
+def chromes() -> Iterator[Browser]:
+    """A fixture, one for each file: while it runs, this thread's event loop is its own."""
+    with browser() as started:
+        yield started
+
+
 @dataclass(frozen=True, slots=True)
 class Console:
     """The page, as a person meets it."""

@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
-from console_bench import FLIGHT_MS, Console, Station, console, station
+import pytest
+from console_bench import FLIGHT_MS, Console, Station, chromes, console, station
 from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
 
 BOX = {"obstacle:x_m": "-30", "obstacle:y_m": "5", "obstacle:half_length_x_m": "3", "obstacle:height_m": "12"}
+
+chrome = pytest.fixture(scope="module")(chromes)
 
 TARGET = (-26.0, (60, -40))
 """Where the target is from its word, and how far it is drawn: to the right and up. In CSS pixels."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from console_bench import FLIGHT_MS, SOON_MS, console
+from console_bench import FLIGHT_MS, SOON_MS, chromes, console
 from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
 
@@ -19,6 +19,8 @@ from gcs.client import Client
 from gcs.lifecycle import ShowPhase
 from gcs.records.record import Record
 from gcs.service import ShowAction
+
+chrome = pytest.fixture(scope="module")(chromes)
 
 CONFIG = show_config(4)
 
