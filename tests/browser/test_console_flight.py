@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
-from console_bench import FLIGHT_MS, Console, Station, console, station
+import pytest
+from console_bench import FLIGHT_MS, Console, Station, chromes, console, station
 from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
 
 BOX = {"obstacle:x_m": "-30", "obstacle:y_m": "5", "obstacle:half_length_x_m": "3", "obstacle:height_m": "12"}
+
+chrome = pytest.fixture(scope="module")(chromes)
 
 TARGET = (-26.0, (60, -40))
 """Where the target is from its word, and how far it is drawn: to the right and up. In CSS pixels."""
@@ -19,7 +22,7 @@ def start(desk: Console) -> None:
     """By keys alone: to the button, into the sheet, off."""
     expect(desk.part("start")).not_to_have_attribute("aria-disabled", "true", timeout=FLIGHT_MS)
     desk.part("start").focus()
-    desk.page.keyboard.press("Enter")
+    desk.opens("Enter", "start-go")
     expect(desk.part("start-go")).to_be_focused()
     desk.page.keyboard.press("Enter")
     desk.says("show-phase", "running", FLIGHT_MS)
