@@ -34,7 +34,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if in_real_time and item.get_closest_marker("computes") is None:
             item.add_marker(pytest.mark.realtime)
         elif any(item.get_closest_marker(name) for name in ("alone", "realtime")):
-            raise pytest.UsageError(f"{item.nodeid}: what keeps time is in tests/e2e, tests/wire or tests/browser")
+            raise pytest.UsageError(f"{item.nodeid}: what keeps time is in tests/e2e, wire, browser")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
