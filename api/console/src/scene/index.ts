@@ -22,7 +22,7 @@ import { Overlay } from "./overlay";
 import { DAY, NIGHT, type Palette } from "./palette";
 import { nearestPlace, rayThrough, type Ray, type Screen } from "./picking";
 import { placeOf, Playback, Poses, type Moment } from "./playback";
-import { createRenderer } from "./renderer";
+import { createRenderer, screenOf } from "./renderer";
 import { Scenery } from "./scenery";
 import { Shell } from "./shell";
 import { Trails } from "./trails";
@@ -218,7 +218,7 @@ class LiveScene implements Scene {
       const id = vehicles[i]?.id;
       if (id !== undefined && this.#poses.known(i)) {
         const text = manner === "selected" ? texts.scene.height(id, frame.height_m[i]!.toFixed(1)) : id;
-        this.#overlay.put(this.#eye, placeOf(this.#poses, i), text, manner, -24);
+        this.#overlay.put(this.#eye, placeOf(this.#poses, i), text, manner, manner === "selected" ? -44 : -26);
       }
     };
     if (frame.n <= NAMED_UP_TO) {
@@ -240,19 +240,7 @@ class LiveScene implements Scene {
   }
 
   #screen(): Screen {
-    const { width, height } = this.#size;
-    const parent = this.#canvas.parentElement;
-    const css = parent === null ? null : getComputedStyle(parent);
-    const px = (text: string | undefined): number => Number.parseFloat(text ?? "") || 0;
-    const [left, top] = [px(css?.paddingLeft), px(css?.paddingTop)];
-    return {
-      width, height,
-      free: {
-        left, top,
-        width: Math.max(100, width - left - px(css?.paddingRight)),
-        height: Math.max(100, height - top - px(css?.paddingBottom)),
-      },
-    };
+    return screenOf(this.#canvas, this.#size.width, this.#size.height);
   }
 
   #sight(): Sight {
