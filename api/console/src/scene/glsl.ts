@@ -22,7 +22,7 @@ vec4 strip(vec3 start, vec3 end, vec2 corner, float width_px) {
   vHalf = 0.5 * width_px + 0.6;
   vAcross = corner.y * vHalf;
   vec4 at = corner.x < 0.5 ? p : q;
-  vec2 off = vec2(-along.y, along.x) * vAcross + along * (corner.x - 0.5) * min(width_px, 1.0);
+  vec2 off = vec2(-along.y, along.x) * vAcross;
   at.xy += 2.0 * off / uSize * at.w;
   return at;
 }`;
