@@ -17,7 +17,7 @@ const FINE_UP_TO = 40; // vehicles; the more there are, the simpler
 const MEDIUM_UP_TO = 300;
 
 export function least_px(n: number): number {
-  return Math.min(15, Math.max(5, 19 - 1.85 * Math.log2(Math.max(1, n))));
+  return Math.min(19, Math.max(5.5, 25 - 2.2 * Math.log2(Math.max(1, n))));
 }
 
 export class Vehicles {
