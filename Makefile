@@ -4,7 +4,7 @@ ARGS ?=
 BIN := .venv/bin
 NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 
-.PHONY: demo test console console-test wire check compiled bench mutate flight-quality format lock clean
+.PHONY: demo test console console-test wire check compiled bench mutate flight-quality screenshots format lock clean
 
 demo: .venv/ready console  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
 	@$(BIN)/gcs demo $(ARGS)
@@ -40,6 +40,7 @@ bench: .venv/ready  ## speed, as ratios against a named alternative in the same 
 	$(BIN)/python tests/bench/run.py
 	$(BIN)/python tests/bench/links.py
 	$(BIN)/python tests/bench/flood.py
+	$(BIN)/python tests/bench/viewers.py
 
 mutate: .venv/mutate  ## break gcs/safety on purpose, on copies; ARGS="gcs/safety/walls.py", ARGS=--again
 	$(BIN)/python tests/mutate/mutate.py $(ARGS)
@@ -48,6 +49,9 @@ flight-quality: .venv/ready  ## fly every scenario as it is judged; brings docs/
 	@mkdir -p runs
 	-$(BIN)/gcs simulate --all --json > runs/flight-quality.jsonl
 	$(BIN)/python tests/bench/flight_quality.py runs/flight-quality.jsonl docs/flight-quality.md
+
+screenshots: .venv/ready console  ## docs/screenshots, of a flight over the fake fleet; needs Chromium; look at them
+	$(BIN)/python tests/browser/screenshots.py
 
 format: .venv/ready
 	$(BIN)/ruff format .

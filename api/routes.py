@@ -55,10 +55,10 @@ async def get_fleet(desk: DeskDep) -> Response:
     return Response(desk.fleet_json(), media_type="application/json")
 
 
-@api.get("/status", tags=["fleet"], summary="What changes seldom, for who draws")
-async def get_status(desk: DeskDep) -> Status:
+@api.get("/status", tags=["fleet"], summary="What changes seldom, for who draws", response_model=Status)
+async def get_status(desk: DeskDep) -> Response:
     """What the console's stream tells beside its frames; see docs/stream.md."""
-    return desk.feed.newest()
+    return Response(desk.feed.newest().model_dump_json(), media_type="application/json")
 
 
 @api.get("/access", tags=["fleet"], summary="Who am I, and what may I do?")

@@ -1,4 +1,4 @@
-"""Commands of ours in a process of their own, at the lowest priority: for what computes beside the flight."""
+"""Commands of ours in a process of their own, at a lower priority: for what computes beside the service."""
 
 import asyncio
 import contextlib
@@ -10,11 +10,13 @@ from typing import Any, Final
 
 from gcs.errors import RefusedError
 
-LOWEST_PRIORITY: Final = 19
+LOWEST, LOWER = 19, 10
+"""Priorities: beside a flight, and where nothing flies."""
+
 WORDS: Final = 300
 
 
-async def answered(arguments: Sequence[str], within_s: float) -> dict[str, Any]:
+async def answered(arguments: Sequence[str], within_s: float, priority: int = LOWEST) -> dict[str, Any]:
     """The JSON object that `gcs ARGUMENTS` prints; it may find something wrong (exit code 1).
 
     Raises: RefusedError with its last words when it fails, OSError when it cannot be started, TimeoutError,
@@ -28,7 +30,7 @@ async def answered(arguments: Sequence[str], within_s: float) -> dict[str, Any]:
     )
     try:
         with contextlib.suppress(ProcessLookupError):  # it has ended already
-            os.setpriority(os.PRIO_PROCESS, process.pid, LOWEST_PRIORITY)
+            os.setpriority(os.PRIO_PROCESS, process.pid, priority)
         async with asyncio.timeout(within_s):
             said, complaint = await process.communicate()
     finally:

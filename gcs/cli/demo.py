@@ -165,7 +165,7 @@ async def _fly(config: configuration.Config, arguments: argparse.Namespace, trut
     with fake_fleet(config, arguments, truth):
         async with running(config) as (orchestrator, port):
             url = f"http://{config.api.host}:{port}"
-            say(f"{arguments.vehicles} fake vehicles; API at {url}/docs")
+            say(f"{arguments.vehicles} fake vehicles; look at them at {url}/ ; API at {url}/docs")
             history = History()
             recorder = asyncio.create_task(history.follow(orchestrator), name="history")
             with Client(url) as client:

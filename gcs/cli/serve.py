@@ -188,7 +188,8 @@ async def serve(config: Config, say: Callable[[str], None], notifier: Notifier) 
     async with running(config, notifier) as (orchestrator, port):
         notifier.ready()
         scheme = "http" if config.access.tls is None else "https"
-        say(f"serving {len(config.ids)} vehicles; API at {scheme}://{config.api.host}:{port}/docs")
+        url = f"{scheme}://{config.api.host}:{port}"
+        say(f"serving {len(config.ids)} vehicles; look at them at {url}/ ; API at {url}/docs")
         if config.access.tokens_file is None:
             say("access is off: whoever can use this machine can fly; gcs token create makes tokens")
         await asked.acquire()

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from gcs.apart import answered
+from gcs.apart import LOWER, answered
 from gcs.errors import GcsError
 from gcs.service import Certification, CheckState
 
@@ -29,7 +29,7 @@ class Certifying:
 
     async def _judge(self) -> None:
         try:
-            report = await answered(("certify", *map(str, self._files), "--json"), WITHIN_S)
+            report = await answered(("certify", *map(str, self._files), "--json"), WITHIN_S, LOWER)
             self._found = Certification(CheckState.DONE, report=report)
         except TimeoutError:
             self._found = Certification(CheckState.FAILED, f"not done within {WITHIN_S:g} s")

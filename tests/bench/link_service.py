@@ -163,14 +163,7 @@ async def service(fleet: Fleet, count: int, rate_hz: float, transport: str, miss
     orchestrator = Orchestrator(config, links)
     flight = orchestrator._flight
     running = asyncio.create_task(orchestrator.run())
-    here = await asyncio.wait_for(met(links, count - missing), MEETING_S)
-    for vehicle in flight.vehicles.values():
-        if vehicle.id not in here:
-            continue
-        vehicle.phase, vehicle.modes = Phase.FORMATION, frozenset({Mode.OFFBOARD})
-        vehicle.home_m = flight.position_m(vehicle).copy()
-    flight.memory = Memory.fresh(count, asyncio.get_running_loop().time())
-    flight.show = ShowPhase.RUNNING
+    await in_formation(orchestrator, links, count - missing)
     await asyncio.sleep(WARM_UP_S)
     clock = orchestrator._clock
     clock._duration_s.clear()
@@ -178,11 +171,24 @@ async def service(fleet: Fleet, count: int, rate_hz: float, transport: str, miss
     measurement = Measurement(links, passages)
     await asyncio.sleep(MEASURED_S)
     cost = measurement.cost(clock._duration_s, clock._lateness_s)
-    in_formation = sum(vehicle.phase is Phase.FORMATION for vehicle in flight.vehicles.values())
+    still_there = sum(vehicle.phase is Phase.FORMATION for vehicle in flight.vehicles.values())
     await ended([running])
-    if in_formation < count - missing:
-        print(f"only {in_formation} of {count - missing} are still in formation", file=sys.stderr)
+    if still_there < count - missing:
+        print(f"only {still_there} of {count - missing} are still in formation", file=sys.stderr)
     return with_received(cost, links, fleet)
+
+
+async def in_formation(orchestrator: Orchestrator, links: Sequence[UdpLink], count: int) -> None:
+    """Until so many are met; they are then flown, as after a start."""
+    flight = orchestrator._flight
+    here = await asyncio.wait_for(met(links, count), MEETING_S)
+    for vehicle in flight.vehicles.values():
+        if vehicle.id not in here:
+            continue
+        vehicle.phase, vehicle.modes = Phase.FORMATION, frozenset({Mode.OFFBOARD})
+        vehicle.home_m = flight.position_m(vehicle).copy()
+    flight.memory = Memory.fresh(len(flight.vehicles), asyncio.get_running_loop().time())
+    flight.show = ShowPhase.RUNNING
 
 
 async def ended(tasks: Sequence[asyncio.Task[None]]) -> None:

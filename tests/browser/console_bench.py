@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -73,6 +73,12 @@ def browser() -> Iterator[Browser]:
             started.close()
 
 
+def chromes() -> Iterator[Browser]:
+    """A fixture, one for each file: while it runs, this thread's event loop is its own."""
+    with browser() as started:
+        yield started
+
+
 @dataclass(frozen=True, slots=True)
 class Console:
     """The page, as a person meets it."""
@@ -89,6 +95,15 @@ class Console:
         button = self.part(name)
         expect(button).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
         button.click()
+
+    def opens(self, key: str, name: str) -> None:
+        """A key, until that part is there: a page that was busy refuses to act on what may be old."""
+        for _ in range(10):
+            self.page.keyboard.press(key)
+            with suppress(TimeoutError, AssertionError):
+                expect(self.part(name)).to_be_visible(timeout=2000)
+                return
+        expect(self.part(name)).to_be_visible()
 
     def says(self, name: str, text: str, timeout_ms: float = SOON_MS) -> None:
         """Wait until that part of the page says so."""
@@ -111,7 +126,7 @@ class Console:
 
 
 @contextmanager
-def console(chrome: Browser, url: str, *, width: int = 1440, height: int = 900) -> Iterator[Console]:
+def console(chrome: Browser, url: str, *, width: int = 1280, height: int = 720) -> Iterator[Console]:
     """A tab of its own, whose storage is empty, opened at `url`."""
     context = chrome.new_context(viewport={"width": width, "height": height}, reduced_motion="reduce")
     try:

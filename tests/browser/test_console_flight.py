@@ -3,28 +3,38 @@
 import re
 from pathlib import Path
 
-from console_bench import FLIGHT_MS, SOON_MS, Console, Station, console, station
+import pytest
+from console_bench import FLIGHT_MS, SOON_MS, Console, Station, chromes, console, station
 from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
 
 BOX = {"obstacle:x_m": "-30", "obstacle:y_m": "5", "obstacle:half_length_x_m": "3", "obstacle:height_m": "12"}
+
+chrome = pytest.fixture(scope="module")(chromes)
+
+TARGET = (-26.0, (60, -40))
+"""Where the target is from its word, and how far it is drawn: to the right and up. In CSS pixels."""
+
+SETTLED_MS = 1500
+"""Until a camera has come to rest."""
 
 
 def start(desk: Console) -> None:
     """By keys alone: to the button, into the sheet, off."""
     expect(desk.part("start")).not_to_have_attribute("aria-disabled", "true", timeout=FLIGHT_MS)
     desk.part("start").focus()
-    desk.page.keyboard.press("Enter")
+    desk.opens("Enter", "start-go")
     expect(desk.part("start-go")).to_be_focused()
+    expect(desk.part("start-preflight")).to_have_class(re.compile("good"), timeout=SOON_MS)
     desk.page.keyboard.press("Enter")
     desk.says("show-phase", "running", FLIGHT_MS)
 
 
-def drag(desk: Console, what: str, by_px: tuple[int, int]) -> None:
-    """Something in the scene, by hand, until the page asks whether it shall be so."""
-    view = desk.page.locator("#view")
-    expect(view).to_have_attribute(f"data-{what}", re.compile(r"\d"), timeout=SOON_MS)
-    x, y = (float(each) for each in (view.get_attribute(f"data-{what}") or "").split())
+def drag(desk: Console, word: str, off_px: float, by_px: tuple[int, int]) -> None:
+    """What is drawn beside a word in the scene, by hand, until the page asks whether it shall be so."""
+    beside = desk.page.locator(".scene-word.thing").filter(has_text=word).bounding_box()
+    assert beside is not None
+    x, y = beside["x"] + beside["width"] / 2, beside["y"] + beside["height"] / 2 + off_px
     mouse = desk.page.mouse
     mouse.move(x, y)
     mouse.down()
@@ -37,12 +47,14 @@ def drag(desk: Console, what: str, by_px: tuple[int, int]) -> None:
 def move_target(desk: Console, ground: Station) -> None:
     """Seen from above, to the right and up: nothing is ordered before it is confirmed."""
     desk.press("camera-top")
+    expect(desk.page.locator(".scene-word.thing").filter(has_text="target")).to_be_visible()
+    desk.page.wait_for_timeout(SETTLED_MS)
     before = ground.client.target()
-    drag(desk, "target", (60, -40))
+    drag(desk, "target", *TARGET)
     desk.page.keyboard.press("Escape")
     expect(desk.part("ghost")).to_be_hidden()
     assert (ground.client.target().x_m, ground.client.target().y_m) == (before.x_m, before.y_m)
-    drag(desk, "target", (60, -40))
+    drag(desk, "target", *TARGET)
     desk.press("ghost-confirm")
     wait_until("moved", SOON_S, lambda: ground.client.target().x_m != before.x_m)
     after = ground.client.target()

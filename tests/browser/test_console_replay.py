@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from console_bench import FLIGHT_MS, SOON_MS, console
+from console_bench import FLIGHT_MS, SOON_MS, chromes, console
 from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
 
@@ -19,6 +19,8 @@ from gcs.client import Client
 from gcs.lifecycle import ShowPhase
 from gcs.records.record import Record
 from gcs.service import ShowAction
+
+chrome = pytest.fixture(scope="module")(chromes)
 
 CONFIG = show_config(4)
 
@@ -54,13 +56,14 @@ def test_a_record_is_played_stopped_searched_and_judged(replayed: str, chrome: B
         expect(desk.part("start")).to_have_count(0)  # nothing can be ordered of what is over
 
         desk.press("replay-play")
-        wait_until("paused", SOON_S, lambda: client.replay.now().paused)
+        wait_until("paused", SOON_S, lambda: client.playback.now().paused)
         desk.part("replay-scrubber").fill("0")
-        wait_until("rewound", SOON_S, lambda: client.replay.now().position_s == 0.0)
+        wait_until("rewound", SOON_S, lambda: client.playback.now().position_s == 0.0)
         expect(desk.part("airborne")).to_contain_text("0/4", timeout=SOON_MS)
         desk.part("replay-scrubber").focus()
         desk.page.keyboard.press("End")
-        wait_until("at its end", SOON_S, lambda: client.replay.now().ended)
+        last_s = client.playback.now().duration_s - 1.0
+        wait_until("near its end", SOON_S, lambda: client.playback.now().position_s > last_s)
         desk.says("show-phase", "landed")
         desk.part("replay-scrubber").fill("1")
         desk.press("replay-speed-10")

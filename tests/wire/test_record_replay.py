@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -182,9 +183,10 @@ def test_it_is_paused_and_sought_and_tells_what_had_happened_by_then(recorded: P
         client.playback.change(paused=False, speed=10.0)
         moving = positions_s(address, 5)
         assert 1.0 <= moving[0] < moving[-1]
-        for wrong in ({"position_s": SECONDS + 1.0}, {"speed": 1000.0}):
-            with pytest.raises(InvalidError):
-                client.playback.change(**wrong)
+        with pytest.raises(InvalidError, match="position_s"):
+            client.playback.change(position_s=SECONDS + 1.0)
+        with pytest.raises(InvalidError, match="speed"):
+            client.playback.change(speed=1000.0)
         client.playback.change(position_s=SECONDS - 0.5)
         while not client.playback.now().ended:
             pass
@@ -201,6 +203,7 @@ def test_its_certificate_is_made_beside_it(recorded: Path, capsys: pytest.Captur
     with replay(str(recorded)) as address, Client(address, timeout_s=30.0) as client:
         found = client.playback.certificate()
         while found.state == "running":
+            time.sleep(0.5)
             assert positions_s(address, 1)  # meanwhile it plays on
             found = client.playback.certificate()
         assert found.reason == ""

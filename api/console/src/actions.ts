@@ -199,7 +199,8 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     },
     removeShow: (name) => done(texts.orders.remove(name), api.DELETE("/api/v1/shows/{name}", ofShow(name)), texts.showRemoved(name)),
     seek: (cue) => done(texts.orders.seek(cue), api.POST("/api/v1/show/seek", { body: { cue } }), texts.showSought(cue)),
-    replay: (change) => done(texts.replay.title, api.POST("/api/v1/replay", { body: change }), texts.replayChanged),
+    /** What follows is seen: nothing has to be said. */
+    replay: async (change) => (await asked(texts.replay.title, api.POST("/api/v1/replay", { body: change }), null)) !== null,
     async loadCertificate() {
       for (;;) {
         const result: Outcome<Schemas["Certificate"]> = await outcome(api.GET("/api/v1/replay/certificate"));

@@ -78,12 +78,20 @@ function onFrame(now_ms: number): void {
     document.documentElement.dataset["look"] = state.view.night ? "night" : "day";
     if (state.view.night !== shown?.view.night) localStorage.setItem(LOOK, state.view.night ? "night" : "day");
     render(desk(state, actions), place);
+    if (shown === null) leaveRoom.observe(place.querySelector("[data-room]")!);
     shown = state;
     shown_ms = now_ms;
     isUrgent = false;
   }
   requestAnimationFrame(onFrame);
 }
+
+/** What the desk leaves free is where the scene has its middle: the padding of its place says so. */
+const leaveRoom = new ResizeObserver(([entry]) => {
+  const { left, top, right, bottom } = entry!.target.getBoundingClientRect();
+  const sides = [top, innerWidth - right, innerHeight - bottom, left].map((side_px) => `${side_px}px`);
+  canvas.parentElement!.style.padding = sides.join(" ");
+});
 
 const fit = (): void => scene.resize(innerWidth, innerHeight, devicePixelRatio);
 addEventListener("resize", fit);

@@ -26,7 +26,6 @@ export const texts = {
   showRemoved: (name: string) => `${name} is removed`,
   showDeselected: "No written show is selected",
   showSought: (cue: string) => `The show begins at ${cue}`,
-  replayChanged: "The replay follows",
 
   // The desk, panel by panel.
 

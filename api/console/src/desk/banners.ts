@@ -27,14 +27,14 @@ export function banner(state: State): TemplateResult | typeof nothing {
           : age
             ? texts.connection.lost(age)
             : texts.connection.lostNever;
+  const hints = [
+    ...(now === "lost" ? [`${state.connection.reason}.`, texts.connection.again] : []),
+    ...(now === "connecting" ? [] : [texts.connection.orders]),
+  ];
   return html`<div class="banner banner-${now}" role="alert" data-testid="banner">
     ${icon(now === "connecting" ? "events" : "warning")}
     <strong>${text}</strong>
-    <span>
-      ${now === "lost" ? state.connection.reason : ""}
-      ${now === "lost" ? `. ${texts.connection.again} ` : " "}
-      ${now === "connecting" ? "" : texts.connection.orders}
-    </span>
+    <span>${hints.join(" ")}</span>
   </div>`;
 }
 

@@ -38,12 +38,12 @@ export function ghostBar(state: State, actions: DeskActions): TemplateResult | t
     ${button(actions, {
       id: "ghost-confirm",
       label: `${t.confirm} ⏎`,
-      name: t.confirm,
+     
       kind: "primary",
       icon: "check",
       why: whyNotGhost(state),
       press: () => actions.confirmGhost(),
     })}
-    ${button(actions, { id: "ghost-cancel", label: `${t.cancel} Esc`, name: t.cancel, press: () => actions.cancelGhost() })}
+    ${button(actions, { id: "ghost-cancel", label: `${t.cancel} Esc`, press: () => actions.cancelGhost() })}
   </section>`;
 }

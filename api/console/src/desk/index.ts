@@ -121,10 +121,12 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
   const { left, right } = state.desk;
   return html`<div class="desk ${isOld ? "is-old" : ""} ${left ? "has-left" : ""} ${right ? "has-right" : ""}" data-testid="desk" data-life=${now}>
     ${topbar(state, actions)}
-    <div class="alerts">${banner(state)} ${interrupted(state, actions)} ${notices(state, actions)} ${toasts(state, actions)}</div>
+    ${banner(state)}
+    <div class="alerts">${interrupted(state, actions)} ${notices(state, actions)} ${toasts(state, actions)}</div>
     ${rail(state, actions, "left", LEFT)} ${panel(state, actions, "left")}
     ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)} ${panel(state, actions, "right")}
     ${state.desk.sheet === "help" ? sheet(state, actions) : nothing}
+    <div class="room" data-room></div>
     <div class="center-low">${state.desk.sheet === "help" ? nothing : sheet(state, actions)} ${ghostBar(state, actions)}</div>
     <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : flight(state, actions)}</footer>
     ${login(state, actions)}

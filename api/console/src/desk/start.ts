@@ -52,7 +52,7 @@ function readiness(state: State, actions: DeskActions): TemplateResult {
 }
 
 export function start(state: State, actions: DeskActions): TemplateResult {
-  const { startAt, startNamed } = state.desk;
+  const { drafts, startAt, startNamed } = state.desk;
   const selected = state.status?.show.selected;
   const order = startOrder(state);
   const wrong = typeof order === "string" ? order : "";
@@ -73,7 +73,7 @@ export function start(state: State, actions: DeskActions): TemplateResult {
       )}
     </div>
     ${startAt
-      ? textField(state, actions, { field: "start-time", label: t.atLabel, placeholder: "21:30", problem: wrong === t.badTime ? wrong : "" })
+      ? textField(state, actions, { field: "start-time", label: t.atLabel, placeholder: "21:30", focus: true, problem: drafts["start-time"] && wrong === t.badTime ? wrong : "" })
       : nothing}
     ${isTomorrow ? html`<p class="problem">${t.tomorrow}</p>` : nothing}
     <div class="rowed">
@@ -83,7 +83,7 @@ export function start(state: State, actions: DeskActions): TemplateResult {
       )}
     </div>
     ${startNamed
-      ? textField(state, actions, { field: "start-names", label: t.namedLabel, placeholder: "d1 d2 d3", problem: wrong === t.badNames ? wrong : "" })
+      ? textField(state, actions, { field: "start-names", label: t.namedLabel, placeholder: "d1 d2 d3", focus: true })
       : nothing}
     ${readiness(state, actions)}
     <div class="buttons">

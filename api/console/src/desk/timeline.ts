@@ -28,7 +28,9 @@ export function playing(all: readonly Segment[], clock_s: number): number {
 export function timeline(state: State, actions: DeskActions): TemplateResult {
   const show = state.status?.show.selected;
   if (!show || !state.status) {
-    return html`<section class="timeline none" aria-label=${texts.timeline.title}><p>${texts.timeline.none}</p></section>`;
+    return html`<section class="timeline none" aria-label=${texts.timeline.title}>
+      <p>${state.status ? texts.timeline.none : texts.shape.none}</p>
+    </section>`;
   }
   const clock_s = state.frame && Number.isFinite(state.frame.clock_s) ? state.frame.clock_s : show.clock_s;
   const all = segments(state.status.timeline, show.duration_s);

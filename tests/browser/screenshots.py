@@ -1,0 +1,139 @@
+"""Pictures of the console, taken of a real flight over the fake fleet: `make screenshots`.
+
+Look at them. What is to be seen in docs/screenshots/ is what an operator sees.
+"""
+
+import json
+import re
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from console_bench import FLIGHT_MS, ROOT, Console, browser, console
+from ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
+from machine import free_ports
+from playwright.sync_api import Browser
+
+from gcs import config as configuration
+from gcs.client import Client
+
+COUNT: Final = 16
+SIZES: Final = ((1440, 900), (1024, 768))
+FOLDER: Final = ROOT / "docs" / "screenshots"
+SETTLED_S: Final = 3.0
+"""For trails to grow, and the camera to come to rest."""
+
+
+@contextmanager
+def fleet(config: configuration.Config, port: int, control: int) -> Iterator[None]:
+    """One process of fake vehicles, which hears faults."""
+    command = [sys.executable, "-m", "sim", "--count", str(COUNT), "--port-base", str(port)]
+    command += ["--origin", ORIGIN, "--grid-columns", "4", "--quirk", "late-ready=off"]
+    command += ["--control", str(control), *proper(config)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        try:
+            yield
+        finally:
+            process.terminate()
+
+
+def fault(control: int, **order: object) -> None:
+    """Break something, or mend it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
+        outlet.settimeout(5.0)
+        outlet.sendto(json.dumps(order).encode(), ("127.0.0.1", control))
+        answer = json.loads(outlet.recv(2000))
+    if not answer["ok"]:
+        raise RuntimeError(f"{order}: {answer['error']}")
+
+
+def shoot(chrome: Browser, url: str, name: str, panels: tuple[str | None, str | None], alive: str) -> None:
+    """In both sizes, with these panels open."""
+    for width, height in SIZES:
+        with console(chrome, url, width=width, height=height) as desk:
+            desk.says("connection", alive)
+            for side, panel in zip(("left", "right"), panels, strict=True):
+                _open(desk, side, panel)
+            time.sleep(SETTLED_S)
+            desk.page.screenshot(path=FOLDER / f"{name}-{width}x{height}.png")
+            if desk.wrong:
+                raise RuntimeError(f"{name} {width}x{height}: {desk.wrong}")
+
+
+def _open(desk: Console, side: str, panel: str | None) -> None:
+    is_open = desk.part(f"close-{side}").count() > 0
+    if panel is None:
+        if is_open:
+            desk.press(f"close-{side}")
+    elif desk.part(f"panel-{panel}").count() == 0:
+        desk.press(f"tab-{panel}")
+
+
+def fly(chrome: Browser, client: Client, url: str, control: int) -> None:
+    """Preflight that fails, then a flight."""
+    wait_until("ready", SOON_S, lambda: client.readiness().vehicles_ready == COUNT)
+    fault(control, vehicle=3, fault="fix", type="2d")
+    fault(control, vehicle=7, fault="battery", remaining=0.18)
+    wait_until("fails", SOON_S, lambda: not client.preflight.report().passes)
+    shoot(chrome, url, "preflight", ("preflight", "fleet"), "Live")
+    fault(control, vehicle=3, fault="fix", type="3d")
+    fault(control, vehicle=7, fault="battery", remaining=0.93)
+    wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
+    client.add_obstacle(
+        obstacle_id="tower", x_m=45.0, y_m=10.0, half_length_x_m=4.0, half_length_y_m=3.0, height_m=30.0
+    )
+    client.start()
+    with console(chrome, url) as desk:
+        desk.says("show-phase", "running", FLIGHT_MS)
+    client.change_orbit(radius_m=14.0, speed_m_s=2.0)
+    time.sleep(2 * SETTLED_S)
+    shoot(chrome, url, "scene", (None, None), "Live")
+    shoot(chrome, url, "desk", ("shape", "plots"), "Live")
+    client.stop()
+    with console(chrome, url) as desk:
+        desk.says("show-phase", "landed", FLIGHT_MS)
+
+
+@contextmanager
+def replay(record: Path) -> Iterator[tuple[Client, str]]:
+    """`gcs replay` of that flight."""
+    command = [sys.executable, "-m", "gcs", "replay", str(record), "--port", "0", "--speed", "4"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            address = re.search(r"http://[\d.]+:\d+", process.stdout.readline() if process.stdout else "")
+            if address is None:
+                raise RuntimeError("gcs replay did not begin")
+            with Client(address[0], timeout_s=30.0) as client:
+                yield client, address[0]
+        finally:
+            process.kill()
+
+
+def main() -> None:
+    """Overwrites what is in docs/screenshots."""
+    FOLDER.mkdir(exist_ok=True)
+    port, control = free_ports(COUNT), free_ports()
+    raw = flying_config(COUNT, port, silence_s=5.0).model_dump()
+    raw["api"]["port"] = free_ports()
+    raw["formation"] |= {"radius_m": 10.0, "height_m": 18.0}
+    config = configuration.Config.model_validate(raw)
+    url = f"http://127.0.0.1:{config.api.port}"
+    with tempfile.TemporaryDirectory() as temporary, browser() as chrome:
+        folder = Path(temporary) / "service"
+        with fleet(config, port, control), service(config, folder) as (client, _):
+            fly(chrome, client, url, control)
+        with replay(folder) as (client, url):
+            wait_until("flies", SOON_S, lambda: client.show().phase == "running")
+            shoot(chrome, url, "replay", (None, "certificate"), "Replay")
+
+
+if __name__ == "__main__":
+    main()

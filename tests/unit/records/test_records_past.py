@@ -1,0 +1,64 @@
+"""What the audit tells of a session that is replayed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs.errors import GcsError
+from gcs.happenings import KEPT, Severity
+from gcs.records.audit import Audit
+from gcs.records.interruption import PAD
+from gcs.records.journal import Journal
+from gcs.records.known import AUDIT
+from gcs.records.past import Past
+
+
+def recorded(root: Path) -> Path:
+    """Two sessions. Returns: the flight data of the second."""
+    journal = Journal(root / AUDIT)
+    journal.open()
+    for session in ("s1", "s2"):
+        audit = Audit(journal, session, {"d1": (1, "a")})
+        audit.begin(root / session, "{}")
+        audit.event(10.0, "info", PAD, "d1", {"pad_m": [1.0, 2.0, -0.5]})
+        audit.event(20.0, "warning", "vehicle_phase", "d1", {"phase": session, "reason": "silent"})
+        audit.event(30.0, "info", "plan", None, {"formation": {"radius_m": 10.0}})
+        audit.event(40.0, "info", PAD, "d1", {"pad_m": [7.0, 2.0, -0.5]})
+    journal.close()
+    return root / "s2" / "flight.mcap"
+
+
+def test_what_had_happened_by_then_of_that_session_alone(tmp_path: Path) -> None:
+    past = Past.of(recorded(tmp_path), "s2")
+    assert past.until(19.9) == ()
+    (first,) = past.until(20.0)
+    assert (first.text, first.vehicle, first.severity) == ("s2: silent", "d1", Severity.WARNING)
+    assert [each.text for each in past.until(35.0)] == ["s2: silent", "what is wanted was changed"]
+    assert [each.number for each in past.until(35.0)] == [1, 2]
+
+
+def test_where_it_had_taken_off_last(tmp_path: Path) -> None:
+    past = Past.of(recorded(tmp_path), "s2")
+    assert past.home_m("d1", 9.0) is None
+    assert past.home_m("d9", 50.0) is None
+    for unix_s, home_m in ((10.0, [1.0, 2.0, -0.5]), (39.9, [1.0, 2.0, -0.5]), (41.0, [7.0, 2.0, -0.5])):
+        assert np.array_equal(past.home_m("d1", unix_s), home_m)  # type: ignore[arg-type]
+
+
+def test_without_an_audit_nothing_is_told_and_a_damaged_one_is_named(tmp_path: Path) -> None:
+    assert Past.of(tmp_path / "s1" / "flight.mcap", "s1").until(1e12) == ()
+    (tmp_path / AUDIT).write_bytes(b"no database" * 100)
+    with pytest.raises(GcsError, match=AUDIT):
+        Past.of(tmp_path / "s1" / "flight.mcap", "s1")
+
+
+def test_no_more_is_told_than_a_page_shows(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / AUDIT)
+    journal.open()
+    audit = Audit(journal, "s1", {})
+    for number in range(KEPT + 50):
+        audit.event(float(number), "info", "vehicle_heard", f"d{number}", {})
+    journal.close()
+    told = Past.of(tmp_path / "s1" / "flight.mcap", "s1").until(120.0)
+    assert [each.vehicle for each in told] == [f"d{number}" for number in range(21, 121)]

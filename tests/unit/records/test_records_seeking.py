@@ -1,0 +1,83 @@
+"""Flight data read from the middle: the same ticks, without reading what is before them."""
+
+import random
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+from records_moment import moment
+
+from gcs.records import flightfile, layout
+from gcs.records.flightfile import _OpenFile
+from gcs.records.flown import FlightData
+from gcs.records.moment import Moment
+
+TICKS, EACH = 600, 20
+ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})
+
+
+def moments() -> list[Moment]:
+    return [
+        moment(
+            time_s=100.0 + tick / 20,
+            position_m=np.array([[0.05 * tick, 0.0, -20.0], [10.0, 0.0, -20.0]]),
+            reasons=["flies", f"since {tick // 50}"],
+        )
+        for tick in range(TICKS)
+    ]
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Half a minute in thirty chunks."""
+    monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
+    made = _OpenFile(tmp_path / "flight.mcap", ABOUT)
+    for number, each in enumerate(moments(), start=1):
+        made.add(each)
+        if number % EACH == 0:
+            made.flush()
+    made.finish()
+    return made.path
+
+
+def test_from_any_time_on_the_same_ticks_come_as_from_the_beginning(file: Path) -> None:
+    data = FlightData(file)
+    every = list(data.ticks())
+    assert len(every) == TICKS
+    assert data.last_s() == every[-1].unix_s
+    places = random.Random(5)
+    for from_s in [places.uniform(every[0].unix_s - 5.0, every[-1].unix_s + 1.0) for _ in range(40)]:
+        found = [data.decoded(each) for each in data.moments(from_s)]
+        wanted = [tick for tick in every if tick.unix_s >= from_s]
+        assert [tick.unix_s for tick in found] == [tick.unix_s for tick in wanted]
+        for one, other in zip(found[:30], wanted[:30], strict=True):
+            assert one.vehicles.tobytes() == other.vehicles.tobytes()
+            assert (one.tick, one.status) == (other.tick, other.status)
+
+
+def test_what_is_before_is_not_read(file: Path) -> None:
+    data = FlightData(file)
+    assert len(data.index.chunks) == TICKS // EACH
+    near_the_end = data.index.offset(data.index.chunks[-1][0])
+    assert near_the_end > file.stat().st_size * 0.6
+    assert data.index.offset(-inf) == data.index.offset(0.0) == data.index.chunks[0][1]
+
+
+def test_a_file_that_was_cut_off_can_be_sought_in_as_far_as_it_goes(file: Path) -> None:
+    whole = file.read_bytes()
+    for share in (0.1, 0.5, 0.9):
+        cut = file.with_name("cut.mcap")
+        cut.write_bytes(whole[: round(share * len(whole))])
+        data = FlightData(cut)
+        ticks = list(data.ticks())
+        assert data.last_s() == ticks[-1].unix_s
+        middle_s = ticks[len(ticks) // 2].unix_s
+        assert len(list(data.moments(middle_s))) == len(ticks) - len(ticks) // 2
+        assert "cut off or damaged" in data.cut
+
+
+def test_a_file_without_a_whole_chunk_has_no_last_tick(file: Path) -> None:
+    cut = file.with_name("cut.mcap")
+    cut.write_bytes(file.read_bytes()[: FlightData(file).index.chunks[0][1] + 100])
+    assert FlightData(cut).last_s() is None
