@@ -13,7 +13,7 @@ import { Cameraman } from "./cameraman";
 import { closePairs, type Floor, type Pair } from "./closeness";
 import { Controls } from "./controls";
 import { Eye } from "./eye";
-import { gripAt, handleOf, moved, type Grip, type Sight } from "./ghosts";
+import { gripAt, handleOf, moved, type Grip } from "./ghosts";
 import { Grid } from "./grid";
 import { Table } from "./instances";
 import { Living, type Picture } from "./living";
@@ -243,10 +243,6 @@ class LiveScene implements Scene {
     return screenOf(this.#canvas, this.#size.width, this.#size.height);
   }
 
-  #sight(): Sight {
-    return this.#eye;
-  }
-
   #ray(px: number, py: number): Ray {
     return rayThrough(this.#eye.basis, this.#eye.pose, this.#eye.screen, px, py);
   }
@@ -259,12 +255,12 @@ class LiveScene implements Scene {
   #hands() {
     return {
       grab: (px: number, py: number): boolean => {
-        this.#grip = this.#state === null ? null : gripAt(this.#state, this.#sight(), this.#ray(px, py), px, py);
+        this.#grip = this.#state === null ? null : gripAt(this.#state, this.#eye, this.#ray(px, py), px, py);
         return this.#grip !== null;
       },
       drag: (px: number, py: number): void => {
         if (this.#grip !== null) {
-          this.#on.ghost(moved(this.#grip, this.#poses.center, this.#sight(), this.#ray(px, py)));
+          this.#on.ghost(moved(this.#grip, this.#poses.center, this.#eye, this.#ray(px, py)));
         }
       },
       drop: (): void => {
@@ -281,7 +277,7 @@ class LiveScene implements Scene {
         const i = this.#vehicleAt(px, py);
         this.#isDue = this.#isDue || i !== this.#hovered;
         this.#hovered = i;
-        const grip = i >= 0 ? null : gripAt(this.#state, this.#sight(), this.#ray(px, py), px, py);
+        const grip = i >= 0 ? null : gripAt(this.#state, this.#eye, this.#ray(px, py), px, py);
         this.#canvas.style.cursor = i >= 0 ? "pointer" : grip === null ? "" : "grab";
       },
       leave: (): void => {

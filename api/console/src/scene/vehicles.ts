@@ -14,7 +14,7 @@ export const TOLD = 3;
 /** Half of the span that is drawn at least: somewhat more than theirs, and what one still sees from far away. */
 export const HALF_SPAN_M = 0.45;
 const FINE_UP_TO = 40; // vehicles; the more there are, the simpler
-const MEDIUM_UP_TO = 300;
+const MEDIUM_UP_TO = 120;
 
 export function least_px(n: number): number {
   return Math.min(19, Math.max(5.5, 25 - 2.2 * Math.log2(Math.max(1, n))));
