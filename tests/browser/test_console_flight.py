@@ -1,9 +1,10 @@
 """A crew flies a show by the page alone, by hand and by keys; what it does is seen in the service."""
 
+import re
 from pathlib import Path
 
 import pytest
-from console_bench import FLIGHT_MS, Console, Station, chromes, console, station
+from console_bench import FLIGHT_MS, SOON_MS, Console, Station, chromes, console, station
 from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
 
@@ -24,6 +25,7 @@ def start(desk: Console) -> None:
     desk.part("start").focus()
     desk.opens("Enter", "start-go")
     expect(desk.part("start-go")).to_be_focused()
+    expect(desk.part("start-preflight")).to_have_class(re.compile("good"), timeout=SOON_MS)
     desk.page.keyboard.press("Enter")
     desk.says("show-phase", "running", FLIGHT_MS)
 

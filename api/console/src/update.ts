@@ -37,7 +37,7 @@ function updateShared(state: State, message: Message): State {
     case "tick":
       return onTick(state, message.now_ms);
     case "connection":
-      return { ...state, connection: message.connection };
+      return { ...state, connection: onConnection(state.connection, message.connection) };
     case "access":
       return { ...state, access: message.access };
     case "status":
@@ -82,6 +82,11 @@ function onTick(state: State, now_ms: number): State {
     toasts: toasts.length === state.toasts.length ? state.toasts : toasts,
     kill: state.kill !== null && state.kill.until_ms > now_ms ? state.kill : null,
   };
+}
+
+/** Lost again is lost since then. */
+function onConnection(before: Connection, now: Connection): Connection {
+  return before.kind === now.kind ? { ...now, since_ms: before.since_ms } : now;
 }
 
 /** Another service, or the same one started again: nothing of the last one is true of it. */

@@ -28,6 +28,13 @@ describe("what is shown is fresh", () => {
   });
 });
 
+test("a connection that is lost and not found again is lost since the first time", () => {
+  const lost = (since_ms: number, reason: string): Message => ({ kind: "connection", connection: { kind: "lost", since_ms, reason } });
+  const state = after(framed(1, 100), lost(200, "cut"), lost(700, "no answer"));
+  expect(state.connection).toEqual({ kind: "lost", since_ms: 200, reason: "no answer" });
+  expect(after(framed(1, 100), lost(200, "cut"), framed(2, 300), lost(900, "cut")).connection.since_ms).toBe(900);
+});
+
 test("two frames are kept, to draw between them; of another number of vehicles there is no between", () => {
   const state = after(framed(1, 100), framed(1.1, 200));
   expect([state.previous?.time_s, state.frame?.time_s]).toEqual([1, 1.1]);

@@ -1,6 +1,6 @@
 // Sky, haze and ground: a few bands of colour from the top of the screen to its bottom. The horizon is always level.
 
-import { BufferAttribute, BufferGeometry, Mesh, NoBlending, ShaderMaterial } from "three";
+import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, NoBlending, ShaderMaterial } from "three";
 
 import type { Eye } from "./eye";
 import { ORDER } from "./materials";
@@ -21,7 +21,8 @@ export class Backdrop {
     bands.setAttribute("aColor", this.#color);
     bands.setIndex(Array.from({ length: BANDS }, (_, k) => [0, 1, 2, 2, 1, 3].map((corner) => 2 * k + corner)).flat());
     const shader = { vertexShader: VERTEX, fragmentShader: FRAGMENT };
-    this.mesh = new Mesh(bands, new ShaderMaterial({ ...shader, blending: NoBlending, depthTest: false, depthWrite: false }));
+    const flat = { blending: NoBlending, depthTest: false, depthWrite: false, side: DoubleSide } as const;
+    this.mesh = new Mesh(bands, new ShaderMaterial({ ...shader, ...flat }));
     this.mesh.frustumCulled = false;
     this.mesh.renderOrder = ORDER.backdrop;
   }
@@ -32,7 +33,7 @@ export class Backdrop {
     const far_m = 2.2 * pose.span_m + 60;
     for (let k = 0; k <= BANDS; k += 1) {
       const py = (k / BANDS) * screen.height;
-      const up = pose.elevation * -1 + Math.atan((middle.py - py) * shared.uPerPixel.value); // above the horizon
+      const up = -pose.elevation + Math.atan((middle.py - py) * shared.uPerPixel.value); // above the horizon
       const color = up > 0 ? skyAt(up, palette) : groundAt(-up, basis.eye[1], far_m, palette);
       const y = 1 - (2 * py) / screen.height;
       this.#position.array.set([-1, y, 0, 1, y, 0], 6 * k);

@@ -27,7 +27,7 @@ export class Billboards {
 
   draw(table: Table, n: number): void {
     this.#uniforms.uLeast.value = least_px(n);
-    this.#uniforms.uGlow.value = n > 300 ? 1.5 : n > 60 ? 2.2 : 3.2;
+    this.#uniforms.uGlow.value = n > 300 ? 1.5 : n > 60 ? 1.9 : 2.9;
     this.#all.draw(this.#shape, table, n);
   }
 
@@ -91,8 +91,12 @@ float ring(float far, float radius, float wide_px) {
 void main() {
   float far = length(vAt);
   float fall = max(0.0, 1.0 - far / (uGlow * mix(0.55, 1.0, vTint.a)));
-  float glow = vTint.a * fall * fall * (0.38 + 0.9 * fall * fall);
+  float glow = vTint.a * fall * fall * (0.34 + 0.3 * fall * fall);
   vec4 sum = vec4(vTint.rgb * glow, 0.0);
+  if (vMark.x + vMark.y + vMark.z < 0.5) {
+    gl_FragColor = sum;
+    return;
+  }
   if (vMark.x > 0.5) { // restrained: a broken ring
     float alpha = ring(far, 1.35, 1.8) * step(0.32, abs(fract(atan(vAt.y, vAt.x) * 1.2732395) - 0.5) * 2.0);
     sum = mix(sum, vec4(uRestrained, 1.0), alpha);

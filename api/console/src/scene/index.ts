@@ -13,7 +13,7 @@ import { Cameraman } from "./cameraman";
 import { closePairs, type Floor, type Pair } from "./closeness";
 import { Controls } from "./controls";
 import { Eye } from "./eye";
-import { gripAt, handleOf, moved, type Grip, type Sight } from "./ghosts";
+import { gripAt, handleOf, moved, type Grip } from "./ghosts";
 import { Grid } from "./grid";
 import { Table } from "./instances";
 import { Living, type Picture } from "./living";
@@ -22,7 +22,7 @@ import { Overlay } from "./overlay";
 import { DAY, NIGHT, type Palette } from "./palette";
 import { nearestPlace, rayThrough, type Ray, type Screen } from "./picking";
 import { placeOf, Playback, Poses, type Moment } from "./playback";
-import { createRenderer } from "./renderer";
+import { createRenderer, screenOf } from "./renderer";
 import { Scenery } from "./scenery";
 import { Shell } from "./shell";
 import { Trails } from "./trails";
@@ -218,7 +218,7 @@ class LiveScene implements Scene {
       const id = vehicles[i]?.id;
       if (id !== undefined && this.#poses.known(i)) {
         const text = manner === "selected" ? texts.scene.height(id, frame.height_m[i]!.toFixed(1)) : id;
-        this.#overlay.put(this.#eye, placeOf(this.#poses, i), text, manner, -24);
+        this.#overlay.put(this.#eye, placeOf(this.#poses, i), text, manner, manner === "selected" ? -44 : -26);
       }
     };
     if (frame.n <= NAMED_UP_TO) {
@@ -240,23 +240,7 @@ class LiveScene implements Scene {
   }
 
   #screen(): Screen {
-    const { width, height } = this.#size;
-    const parent = this.#canvas.parentElement;
-    const css = parent === null ? null : getComputedStyle(parent);
-    const px = (text: string | undefined): number => Number.parseFloat(text ?? "") || 0;
-    const [left, top] = [px(css?.paddingLeft), px(css?.paddingTop)];
-    return {
-      width, height,
-      free: {
-        left, top,
-        width: Math.max(100, width - left - px(css?.paddingRight)),
-        height: Math.max(100, height - top - px(css?.paddingBottom)),
-      },
-    };
-  }
-
-  #sight(): Sight {
-    return this.#eye;
+    return screenOf(this.#canvas, this.#size.width, this.#size.height);
   }
 
   #ray(px: number, py: number): Ray {
@@ -271,12 +255,12 @@ class LiveScene implements Scene {
   #hands() {
     return {
       grab: (px: number, py: number): boolean => {
-        this.#grip = this.#state === null ? null : gripAt(this.#state, this.#sight(), this.#ray(px, py), px, py);
+        this.#grip = this.#state === null ? null : gripAt(this.#state, this.#eye, this.#ray(px, py), px, py);
         return this.#grip !== null;
       },
       drag: (px: number, py: number): void => {
         if (this.#grip !== null) {
-          this.#on.ghost(moved(this.#grip, this.#poses.center, this.#sight(), this.#ray(px, py)));
+          this.#on.ghost(moved(this.#grip, this.#poses.center, this.#eye, this.#ray(px, py)));
         }
       },
       drop: (): void => {
@@ -293,7 +277,7 @@ class LiveScene implements Scene {
         const i = this.#vehicleAt(px, py);
         this.#isDue = this.#isDue || i !== this.#hovered;
         this.#hovered = i;
-        const grip = i >= 0 ? null : gripAt(this.#state, this.#sight(), this.#ray(px, py), px, py);
+        const grip = i >= 0 ? null : gripAt(this.#state, this.#eye, this.#ray(px, py), px, py);
         this.#canvas.style.cursor = i >= 0 ? "pointer" : grip === null ? "" : "grab";
       },
       leave: (): void => {

@@ -2,6 +2,8 @@
 
 import { WebGLRenderer } from "three";
 
+import type { Screen } from "./picking";
+
 const PIXEL_RATIO_MAX = 2;
 
 /** Whether WebGL is done without a graphics card. */
@@ -29,4 +31,19 @@ export function createRenderer(canvas: HTMLCanvasElement): Fitted {
   renderer.autoClear = true;
   renderer.sortObjects = true;
   return { renderer, pixelRatio: (ofScreen) => (software ? 1 : Math.min(PIXEL_RATIO_MAX, ofScreen)) };
+}
+
+/** The canvas, and what the desk leaves free of it: it says so by the padding of what the canvas is in. */
+export function screenOf(canvas: HTMLCanvasElement, width: number, height: number): Screen {
+  const css = canvas.parentElement === null ? null : getComputedStyle(canvas.parentElement);
+  const px = (text: string | undefined): number => Number.parseFloat(text ?? "") || 0;
+  const [left, top] = [px(css?.paddingLeft), px(css?.paddingTop)];
+  return {
+    width, height,
+    free: {
+      left, top,
+      width: Math.max(100, width - left - px(css?.paddingRight)),
+      height: Math.max(100, height - top - px(css?.paddingBottom)),
+    },
+  };
 }

@@ -38,7 +38,7 @@ const FITS = 6; // rounds; each comes closer to the middle
 const SPAN_LEAST_M = 12;
 
 export const START: Pose = {
-  focus: [0, 10, 0], azimuth: 0.45, elevation: 21 * DEGREE, span_m: 80, angle: LENS.orbit,
+  focus: [0, 10, 0], azimuth: 0.45, elevation: 15 * DEGREE, span_m: 80, angle: LENS.orbit,
 };
 
 export function distance_m(pose: Pose): number {

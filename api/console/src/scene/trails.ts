@@ -9,9 +9,9 @@ import type { Poses } from "./playback";
 
 const COLUMNS = 2; // x, y, z, time; red, green, blue, and whether it counts
 const FLOATS = 4 * COLUMNS;
-const SAMPLES_IN_ALL = 6_000;
+const SAMPLES_IN_ALL = 4_000;
 const SLOTS_MAX = 96;
-const SLOTS_MIN = 10;
+const SLOTS_MIN = 6;
 const LASTS_S = 14; // about, where there is room for it
 const OFTEN_S = 0.15;
 const LEAP_M_S = 60; // faster than anything that flies here: a jump, not a way

@@ -14,10 +14,10 @@ export const TOLD = 3;
 /** Half of the span that is drawn at least: somewhat more than theirs, and what one still sees from far away. */
 export const HALF_SPAN_M = 0.45;
 const FINE_UP_TO = 40; // vehicles; the more there are, the simpler
-const MEDIUM_UP_TO = 300;
+const MEDIUM_UP_TO = 120;
 
 export function least_px(n: number): number {
-  return Math.min(15, Math.max(5, 19 - 1.85 * Math.log2(Math.max(1, n))));
+  return Math.min(19, Math.max(5.5, 25 - 2.2 * Math.log2(Math.max(1, n))));
 }
 
 export class Vehicles {
@@ -67,6 +67,21 @@ uniform vec3 uStructure;
 uniform vec3 uNose;
 varying vec3 vColor;
 ${telling(TOLD)}
+
+/** Who is seen from the edge leans towards the eye, for a flat thing seen from its edge has no shape. Heading stays. */
+mat3 leaning(vec3 toEye) {
+  float lean = clamp(0.5 - asin(clamp(toEye.y, -1.0, 1.0)), 0.0, 0.9);
+  vec3 level = normalize(vec3(toEye.x, 1e-5, toEye.z));
+  vec3 axis = vec3(level.z, 0.0, -level.x);
+  float c = cos(lean);
+  float s = sin(lean);
+  float k = 1.0 - c;
+  return mat3(
+    c + axis.x * axis.x * k, axis.z * s, axis.x * axis.z * k,
+    -axis.z * s, c, axis.x * s,
+    axis.x * axis.z * k, -axis.x * s, c + axis.z * axis.z * k
+  );
+}
 void main() {
   vec4 place = told(0);
   vec4 tint = told(1);
@@ -78,7 +93,7 @@ void main() {
   float size = max(uHalf, uLeast * uPerPixel * -center.z);
   float c = cos(place.w);
   float s = sin(place.w);
-  mat3 turn = mat3(c, 0.0, -s, 0.0, 1.0, 0.0, s, 0.0, c);
+  mat3 turn = leaning(normalize(cameraPosition - place.xyz)) * mat3(c, 0.0, -s, 0.0, 1.0, 0.0, s, 0.0, c);
   gl_Position = projectionMatrix * viewMatrix * vec4(place.xyz + size * (turn * position), 1.0);
   float lit = 0.62 + 0.38 * dot(turn * normal, normalize(vec3(0.35, 0.85, 0.4)));
   vec3 painted = tint.rgb * mix(lit, 1.0, 0.55 * uNight * tint.a);
