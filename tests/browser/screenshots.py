@@ -79,7 +79,7 @@ def _open(desk: Console, side: str, panel: str | None) -> None:
 
 def fly(chrome: Browser, client: Client, url: str, control: int) -> None:
     """Preflight that fails, then a flight."""
-    wait_until("ready", SOON_S, lambda: client.readiness().vehicles_ready == COUNT)
+    wait_until("ready", SOON_S, lambda: all(each.ready for each in client.fleet().vehicles))
     fault(control, vehicle=3, fault="fix", type="2d")
     fault(control, vehicle=7, fault="battery", remaining=0.18)
     wait_until("fails", SOON_S, lambda: not client.preflight.report().passes)
