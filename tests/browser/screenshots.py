@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from console_bench import FLIGHT_MS, ROOT, Console, browser, console
 from ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
 from machine import free_ports
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, expect
 
 from gcs import config as configuration
 from gcs.client import Client
@@ -62,6 +62,9 @@ def shoot(chrome: Browser, url: str, name: str, panels: tuple[str | None, str | 
             desk.says("connection", alive)
             for side, panel in zip(("left", "right"), panels, strict=True):
                 _open(desk, side, panel)
+            if panels[1] == "certificate":
+                desk.press("certificate-read")
+                expect(desk.part("certificate-verdict")).to_be_visible(timeout=FLIGHT_MS)
             time.sleep(SETTLED_S)
             desk.page.screenshot(path=FOLDER / f"{name}-{width}x{height}.png")
             if desk.wrong:

@@ -75,6 +75,7 @@ def test_a_record_is_played_stopped_searched_and_judged(replayed: str, chrome: B
         desk.says("show-phase", "running", FLIGHT_MS)
 
         desk.press("tab-certificate")
+        desk.press("certificate-read")
         expect(desk.part("certificate-verdict")).to_be_visible(timeout=FLIGHT_MS)
         expect(desk.part("certificate-checks")).to_contain_text("separation")
         assert desk.serious() == []
