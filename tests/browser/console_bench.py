@@ -154,12 +154,13 @@ class Station:
 def station(
     folder: Path, count: int, *, access: dict[str, Any] | None = None, **formation: Any
 ) -> Iterator[Station]:
-    """The service over fake vehicles of its own, which share a port-base with nobody."""
+    """The service over fake vehicles of its own."""
     port = free_ports(count)
     raw = flying_config(count, port, silence_s=5.0).model_dump()
     raw["api"]["port"] = free_ports()
     raw["formation"] |= formation
     raw["access"] |= access or {}
+    raw["reactions"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
     config = configuration.Config.model_validate(raw)
     with (
         vehicles(count, port, folder, *proper(config)),

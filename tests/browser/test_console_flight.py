@@ -15,6 +15,11 @@ chrome = pytest.fixture(scope="module")(chromes)
 TARGET = (-26.0, (60, -40))
 """Where the target is from its word, and how far it is drawn: to the right and up. In CSS pixels."""
 
+MIDDLES = """(all) => all.map((each) => each.getBoundingClientRect())
+  .filter((box) => box.x > 0)
+  .map((box) => [box.x + box.width / 2, box.y + box.height / 2])"""
+"""Of those that are in the picture."""
+
 SETTLED_MS = 1500
 """Until a camera has come to rest."""
 
@@ -32,9 +37,9 @@ def start(desk: Console) -> None:
 
 def drag(desk: Console, word: str, off_px: float, by_px: tuple[int, int]) -> None:
     """What is drawn beside a word in the scene, by hand, until the page asks whether it shall be so."""
-    beside = desk.page.locator(".scene-word.thing").filter(has_text=word).bounding_box()
-    assert beside is not None
-    x, y = beside["x"] + beside["width"] / 2, beside["y"] + beside["height"] / 2 + off_px
+    words = desk.page.locator(".scene-word.thing").filter(has_text=word)
+    ((x, y),) = words.evaluate_all(MIDDLES)
+    y += off_px
     mouse = desk.page.mouse
     mouse.move(x, y)
     mouse.down()
@@ -47,7 +52,6 @@ def drag(desk: Console, word: str, off_px: float, by_px: tuple[int, int]) -> Non
 def move_target(desk: Console, ground: Station) -> None:
     """Seen from above, to the right and up: nothing is ordered before it is confirmed."""
     desk.press("camera-top")
-    expect(desk.page.locator(".scene-word.thing").filter(has_text="target")).to_be_visible()
     desk.page.wait_for_timeout(SETTLED_MS)
     before = ground.client.target()
     drag(desk, "target", *TARGET)

@@ -27,7 +27,7 @@ CONFIG = show_config(4)
 
 async def a_show(show: Show) -> None:
     await show.start()
-    await show.wait(5.0)
+    await show.wait(30.0)  # so that the middle of the record is in formation
     await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
 
@@ -65,13 +65,17 @@ def test_a_record_is_played_stopped_searched_and_judged(replayed: str, chrome: B
         last_s = client.playback.now().duration_s - 1.0
         wait_until("near its end", SOON_S, lambda: client.playback.now().position_s > last_s)
         desk.says("show-phase", "landed")
-        desk.part("replay-scrubber").fill("1")
+        desk.part("replay-scrubber").fill(f"{last_s / 2.0:.1f}")
+        desk.says("show-phase", "running")
+        expect(desk.part("row-d1")).to_contain_text("formation", timeout=SOON_MS)
+        desk.part("replay-scrubber").fill("0")
+        expect(desk.part("airborne")).to_contain_text("0/4", timeout=SOON_MS)
         desk.press("replay-speed-10")
         desk.press("replay-play")
         desk.says("show-phase", "running", FLIGHT_MS)
-        expect(desk.part("row-d1")).to_contain_text("formation")
 
         desk.press("tab-certificate")
+        desk.press("certificate-read")
         expect(desk.part("certificate-verdict")).to_be_visible(timeout=FLIGHT_MS)
         expect(desk.part("certificate-checks")).to_contain_text("separation")
         assert desk.serious() == []
