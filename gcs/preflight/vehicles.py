@@ -130,15 +130,16 @@ def _receiver(facts: Facts, vehicle_id: VehicleId, row: int) -> Iterator[Check]:
         of = (
             f"its receiver reports an accuracy of {accuracy_m[0]:.1f} m sideways and {accuracy_m[1]:.1f} m up"
         )
+        is_told = isfinite(accuracy_m[0]) and isfinite(accuracy_m[1])
         value_m = accuracy_m[axis]
         yield judged(
             name,
             value_m,
             f"below {most_m:.1f} m, one sigma",
             good=not capped,
-            problem="its receiver does not tell its accuracy"
-            if isnan(value_m)
-            else f"{of}: too little for any margin",
+            problem=f"{of}: too little for any margin"
+            if is_told
+            else "its receiver does not tell its accuracy",
             to_do="wait for a better fix",
             unit="m",
         )

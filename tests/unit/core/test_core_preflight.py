@@ -202,6 +202,11 @@ def test_a_receiver_without_a_good_fix_is_named_with_what_it_reports() -> None:
     assert found[0][1].problem.startswith("its receiver reports an accuracy of 6.0 m sideways and 1.8 m up")
 
 
+def test_a_receiver_that_knows_no_accuracy_is_not_said_to_have_an_infinite_one() -> None:
+    found = failed(known(of_b("horizontal_accuracy_m", np.inf), east_m=(0.0, 8.0, 16.0)))
+    assert {check.problem for _, check in found} == {"its receiver does not tell its accuracy"}
+
+
 def test_pads_too_close_to_climb_side_by_side_are_named_with_both_vehicles() -> None:
     assert [(vehicle, check.problem) for vehicle, check in failed(known(east_m=(0.0, 2.5, 8.0)))] == [
         ("a", "stands 2.5 m from b, at least 3 m is needed"),

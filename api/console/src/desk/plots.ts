@@ -43,6 +43,7 @@ export function columns(history: History, values: Float64Array, floor: number): 
 
 const REDRAW_MS = 1000;
 const HEIGHT_PX = 104;
+const SHORTEST_S = 60; // what has just begun is not stretched: its time axis would say the same twice
 
 class Plot extends AsyncDirective {
   private plot: uPlot | null = null;
@@ -87,7 +88,7 @@ function options(curve: Curve, width: number, look: CSSStyleDeclaration): uPlot.
     cursor: { show: false },
     padding: [8, 8, 0, 0],
     scales: {
-      x: { time: false },
+      x: { time: false, range: (_plot, least) => [Math.min(least ?? 0, -SHORTEST_S), 0] },
       y: curve.fromZero ? { range: (_plot, _least, most) => [0, Math.max(1e-3, most ?? 1) * 1.1] } : {},
     },
     axes: [
