@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from console_bench import FLIGHT_MS, ROOT, Console, browser, console
 from ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
 from machine import free_ports
+from PIL import Image
 from playwright.sync_api import expect
 
 from gcs import config as configuration
@@ -62,7 +64,8 @@ def shoot(desk: Console, name: str, *panels: str | None) -> None:
         for side, panel in zip(("left", "right"), panels, strict=True):
             _open(desk, side, panel)
         time.sleep(SETTLED_S)
-        desk.page.screenshot(path=FOLDER / f"{name}-{width}x{height}.png")
+        picture = Image.open(BytesIO(desk.page.screenshot()))
+        picture.convert("RGB").quantize(256).save(FOLDER / f"{name}-{width}x{height}.png", optimize=True)
         if desk.wrong:
             raise RuntimeError(f"{name} {width}x{height}: {desk.wrong}")
 
