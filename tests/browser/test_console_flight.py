@@ -20,8 +20,8 @@ MIDDLES = """(all) => all.map((each) => each.getBoundingClientRect())
   .map((box) => [box.x + box.width / 2, box.y + box.height / 2])"""
 """Of those that are in the picture."""
 
-SETTLED_MS = 1500
-"""Until a camera has come to rest."""
+LOOK_MS = 500
+"""Between two looks at a word; as long as it moves the camera does."""
 
 
 def start(desk: Console) -> None:
@@ -35,10 +35,22 @@ def start(desk: Console) -> None:
     desk.says("show-phase", "running", FLIGHT_MS)
 
 
+def resting(desk: Console, word: str) -> tuple[float, float]:
+    """Where a word of the scene is, once the camera has come to rest. In CSS pixels."""
+    words = desk.page.locator(".scene-word.thing").filter(has_text=word)
+    seen: list[list[list[float]]] = []
+    for _ in range(60):
+        seen = [*seen[-2:], words.evaluate_all(MIDDLES)]
+        if len(seen) == 3 and seen[0] == seen[1] == seen[2] and len(seen[0]) == 1:
+            ((x, y),) = seen[0]
+            return x, y
+        desk.page.wait_for_timeout(LOOK_MS)
+    raise AssertionError(f"{word!r} does not come to rest: {seen}")
+
+
 def drag(desk: Console, word: str, off_px: float, by_px: tuple[int, int]) -> None:
     """What is drawn beside a word in the scene, by hand, until the page asks whether it shall be so."""
-    words = desk.page.locator(".scene-word.thing").filter(has_text=word)
-    ((x, y),) = words.evaluate_all(MIDDLES)
+    x, y = resting(desk, word)
     y += off_px
     mouse = desk.page.mouse
     mouse.move(x, y)
@@ -52,7 +64,6 @@ def drag(desk: Console, word: str, off_px: float, by_px: tuple[int, int]) -> Non
 def move_target(desk: Console, ground: Station) -> None:
     """Seen from above, to the right and up: nothing is ordered before it is confirmed."""
     desk.press("camera-top")
-    desk.page.wait_for_timeout(SETTLED_MS)
     before = ground.client.target()
     drag(desk, "target", *TARGET)
     desk.page.keyboard.press("Escape")

@@ -37,6 +37,10 @@ let waiting: Message[] = [];
 let isUrgent = true;
 let shown: State | null = null;
 let shown_ms = -Infinity;
+let drawn_ms = -Infinity;
+
+/** Who asks for less motion sees the scene at the desk's pace. */
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
 const dispatch = (message: Message): void => void waiting.push(message);
 
@@ -73,7 +77,10 @@ const scene = createScene(canvas, {
 function onFrame(now_ms: number): void {
   dispatch({ kind: "tick", now_ms: performance.now() });
   newest();
-  scene.draw(state, now_ms);
+  if (!calm.matches || isUrgent || now_ms - drawn_ms >= DESK_MS) {
+    scene.draw(state, now_ms);
+    drawn_ms = now_ms;
+  }
   if (state !== shown && (isUrgent || now_ms - shown_ms >= DESK_MS)) {
     document.documentElement.dataset["look"] = state.view.night ? "night" : "day";
     if (state.view.night !== shown?.view.night) localStorage.setItem(LOOK, state.view.night ? "night" : "day");

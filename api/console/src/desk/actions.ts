@@ -14,6 +14,8 @@ type PanelName = LeftPanel | RightPanel;
 
 export interface DeskActions
   extends Pick<Actions, "removeObstacle" | "checkShow" | "selectShow" | "deselectShow" | "removeShow" | "seek" | "changeOrbit" | "changeYaw"> {
+  /** As it is now: what a view was drawn of may be a tenth of a second old, and keys come faster. */
+  now(): State;
   dispatch(message: Message): void;
   view(change: Partial<View>): void;
   set(change: Partial<DeskState>): void;
@@ -157,6 +159,7 @@ export function createDeskActions(
   }
 
   return {
+    now: state,
     dispatch,
     view,
     set,

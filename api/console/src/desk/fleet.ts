@@ -91,7 +91,8 @@ function rowView(state: State, actions: DeskActions, row: Row, position: number)
 }
 
 /** Up and down go from vehicle to vehicle, also to those that are not drawn yet. */
-function onKey(state: State, actions: DeskActions, event: KeyboardEvent): void {
+function onKey(actions: DeskActions, event: KeyboardEvent): void {
+  const state = actions.now();
   if (event.key === "Enter" && state.view.selected !== null) actions.select(state.view.selected);
   const steps: Record<string, number> = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10, Home: -1e9, End: 1e9 };
   const step = steps[event.key];
@@ -128,7 +129,7 @@ function table(state: State, actions: DeskActions, status: Status, frame: Frame)
     data-testid="fleet-scroll"
     @scroll=${measured}
     @focusin=${measured}
-    @keydown=${(event: KeyboardEvent) => onKey(state, actions, event)}
+    @keydown=${(event: KeyboardEvent) => onKey(actions, event)}
   >
     <table class="fleet value" aria-rowcount=${order.length + 1} data-testid="fleet-table">
       <thead>

@@ -42,7 +42,7 @@ function choose(state: State, actions: DeskActions): TemplateResult {
               class="chip"
               data-testid="kill-pick-${each.id}"
               aria-pressed=${String(killNamed.has(each.id))}
-              @click=${() => actions.set({ killNamed: toggle(killNamed, each.id) })}
+              @click=${() => actions.set({ killNamed: toggle(actions.now().desk.killNamed ?? new Set(), each.id) })}
             >
               ${icon(PHASE_ICON[phase])}${each.id}
             </button>`;
@@ -57,7 +57,7 @@ function choose(state: State, actions: DeskActions): TemplateResult {
         kind: "danger",
         icon: "kill",
         why: whyNot(state, "kill") || (chosen.length ? "" : t.none),
-        press: () => actions.armKill(killNamed ? chosen : null),
+        press: () => actions.armKill(actions.now().desk.killNamed ? doomed(actions.now()) : null),
       })}
       ${button(actions, { id: "kill-cancel", label: texts.shell.cancel, focus: true, press: () => actions.sheet(null) })}
       <small>${t.armWhat}</small>
