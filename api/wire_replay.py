@@ -39,6 +39,9 @@ class CertificateCheck(Outward):
 
     name: str = Field(examples=["greatest height"])
     limit: Measured
+    tolerated: Measured = Field(
+        description="Kept up to here: an autopilot's own answer may pass the limit by a little."
+    )
     worst: Measured = Field(description="null: there was nothing to judge.")
     unit: str = Field(description="Of limit and worst.", examples=["m"])
     vehicle: str = Field(description="Whose worst it was.")

@@ -119,7 +119,6 @@ def summary(certificate: Certificate, source: str) -> str:
         worst = "nothing to judge" if check.worst is None else f"{check.worst:g}"
         who = f"{check.vehicle} at {check.at_s:g} s" if check.at_s is not None else check.vehicle
         mark = "kept  " if check.kept else "BROKEN"
-        lines.append(
-            f"  {mark}  {check.name:<36} {worst:>10}  limit {check.limit:g} {check.unit}  {who}".rstrip()
-        )
+        limit = f"limit {check.limit:g} {check.unit}{check.leeway}"
+        lines.append(f"  {mark}  {check.name:<36} {worst:>10}  {limit}  {who}".rstrip())
     return "\n".join(lines)

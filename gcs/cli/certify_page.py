@@ -58,7 +58,8 @@ def _checks(certificate: Certificate) -> str:
         word = "nothing to judge" if check.worst is None else kind
         rows.append(
             f"<tr><td>{escape(check.name)}<td class=n>{worst}<td class=n>{check.limit:g}"
-            f"<td>{escape(check.unit)}<td>{escape(check.vehicle)}<td class=n>{when}<td class={kind}>{word}"
+            f"<td>{escape(check.unit + check.leeway)}<td>{escape(check.vehicle)}<td class=n>{when}"
+            f"<td class={kind}>{word}"
         )
     head = "<tr><th>What<th>Worst<th>Limit<th>Unit<th>Vehicle<th>At<th>Verdict"
     return f"<table>{head}{''.join(rows)}</table>"

@@ -28,6 +28,10 @@ TOLERATED_SETPOINT: Final = 1e-4
 """Setpoints have no answer of their own: only what single precision loses."""
 
 
+LEEWAY_TOLD: Final = 1.01
+"""Less is single precision's."""
+
+
 @dataclass(frozen=True, slots=True)
 class Standard:
     """What a flight is judged by."""
@@ -56,11 +60,17 @@ class Check:
 
     name: str
     limit: float
+    tolerated: float  # kept up to here: see `TOLERATED`
     worst: float | None  # None: there was nothing to judge
     unit: str
     vehicle: str
     at_s: float | None  # since the beginning
     kept: bool
+
+    @property
+    def leeway(self) -> str:
+        """What is tolerated beyond the limit, in words; empty where nothing to speak of is."""
+        return f" (kept up to {self.tolerated:g})" if self.tolerated > self.limit * LEEWAY_TOLD else ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,12 +134,12 @@ def _separation(tracks: Tracks, pairs: Pairs) -> Check:
     nearest = pairs.nearest(1)
     name, unit = "separation, as a share of the floor", "of the floor"
     if not nearest:
-        return Check(name, 1.0, None, unit, "", None, kept=True)
+        return Check(name, 1.0, 1.0, None, unit, "", None, kept=True)
     i, j = nearest[0]
     at_s = float(tracks.time_s[pairs.sample[i, j]] - tracks.time_s[0])
     ratio = float(pairs.ratio[i, j])
     both = f"{tracks.ids[i]} and {tracks.ids[j]}"
-    return Check(name, 1.0, round(ratio, 3), unit, both, round(at_s, 2), kept=ratio >= 1.0)
+    return Check(name, 1.0, 1.0, round(ratio, 3), unit, both, round(at_s, 2), kept=ratio >= 1.0)
 
 
 def _fence(tracks: Tracks, safety: SafetySettings) -> list[Check]:
@@ -210,19 +220,19 @@ def _most(
     """The greatest of (k, n) values, where they count."""
     seen = np.where(counts & np.isfinite(value), value, -np.inf)
     at, row = np.unravel_index(int(np.argmax(seen)), seen.shape)
-    worst = float(seen[at, row])
+    worst, tolerated = float(seen[at, row]), limit * factor + beyond
     if not np.isfinite(worst):
-        return Check(name, limit, None, unit, "", None, kept=True)
+        return Check(name, limit, tolerated, None, unit, "", None, kept=True)
     at_s = round(float(tracks.time_s[at] - tracks.time_s[0]), 2) if timed else None
-    kept = worst <= limit * factor + beyond
-    return Check(name, limit, round(worst, 3), unit, tracks.ids[row], at_s, kept=kept)
+    kept = worst <= tolerated
+    return Check(name, limit, round(tolerated, 3), round(worst, 3), unit, tracks.ids[row], at_s, kept=kept)
 
 
 def _least(name: str, limit: float, value: Single, counts: Mask, tracks: Tracks, unit: str) -> Check:
     """The least of (k, n) values, where they count."""
     found = _most(name, -limit, -value, counts, tracks, unit)
     worst = None if found.worst is None else -found.worst
-    return Check(name, limit, worst, unit, found.vehicle, found.at_s, kept=found.kept)
+    return Check(name, limit, limit, worst, unit, found.vehicle, found.at_s, kept=found.kept)
 
 
 def _smoothed(value: Array, width: int) -> Array:

@@ -521,6 +521,7 @@ export const texts = {
     name: "What",
     worst: "Worst",
     limit: "Limit",
+    tolerated: (most: string): string => `kept up to ${most}`,
     who: "Who, when",
     nearest: "Nearest pairs",
     pair: "Pair",

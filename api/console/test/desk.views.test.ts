@@ -3,9 +3,10 @@ import { describe, expect, it } from "vitest";
 import { ghostText } from "../src/desk/ghost";
 import { command, type Press } from "../src/desk/keys";
 import { columns } from "../src/desk/plots";
-import { failures, troubles } from "../src/desk/preflight";
+import { failures, preflightNow, troubles } from "../src/desk/preflight";
 import { playing, segments } from "../src/desk/timeline";
 import { initial, type PreflightReport } from "../src/state";
+import { status } from "./statuses";
 
 const press = (key: string, change: Partial<Press> = {}): Press => ({
   key, shift: false, other: false, typing: false, onControl: false, ...change,
@@ -59,6 +60,18 @@ describe("preflight", () => {
   it("keeps troubles apart that only their words tell apart", () => {
     const worded = (problem: string): Check => check("parameters", { unit: "", problem });
     expect(troubles(report({ d1: [worded("A is 0")], d2: [worded("B is 0")] }))).toHaveLength(2);
+  });
+
+  it("tells of now alone: not in the air, and not for ever", () => {
+    const show = (phase: "idle" | "running") => ({ ...initial(0), status: status({ show: { ...status().show, phase } }) });
+    const read = (phase: "idle" | "running", age_ms: number) => {
+      const state = show(phase);
+      return { ...state, page_ms: 50_000, preflight: report({}), desk: { ...state.desk, preflightRead_ms: 50_000 - age_ms } };
+    };
+    expect(preflightNow(show("idle"))).toBeNull();
+    expect(preflightNow(read("idle", 1000))).toEqual(report({}));
+    expect(preflightNow(read("idle", 20_000))).toBeNull();
+    expect(preflightNow(read("running", 1000))).toBeNull();
   });
 
   it("counts nothing of who does not fly", () => {

@@ -64,7 +64,8 @@ def test_the_certificate_is_told_once_it_is_made() -> None:
         "reason": "",
         "report": None,
     }
-    check = {"name": "height", "limit": 100.0, "worst": None, "unit": "m", "vehicle": "", "at_s": None}
+    check = {"name": "height", "limit": 100.0, "tolerated": 100.0, "worst": None, "unit": "m"}
+    check |= {"vehicle": "", "at_s": None}
     report = {
         "source": "flight.mcap",
         "verdict": "kept",

@@ -110,6 +110,22 @@ def test_low_over_their_pads_vehicles_may_stand_close(tmp_path: Path) -> None:
     assert (code, check(report, "separation")["worst"]) == (0, None)
 
 
+def test_a_limit_that_an_answer_passed_by_what_is_tolerated_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = truth(tmp_path / "truth-1.jsonl", moves(0, 0, -20, (8.5, 0, 0)))
+    code, report = judged(file, "--config", "demo")
+    found = check(report, "speed sideways")
+    assert (code, found["kept"], found["limit"], found["tolerated"]) == (0, True, 8.0, 9.1)
+    assert found["worst"] == pytest.approx(8.5, abs=0.02)
+    assert check(report, "greatest distance")["tolerated"] == check(report, "greatest distance")["limit"]
+    capsys.readouterr()
+    main(["certify", str(file), "--config", "demo"])
+    told = capsys.readouterr().out
+    assert "limit 8 m/s (kept up to 9.1)" in told
+    assert "limit 300 m " in told
+
+
 @pytest.mark.parametrize(
     ("path", "name"),
     [

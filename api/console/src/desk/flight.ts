@@ -7,7 +7,7 @@ import { fresh } from "../state";
 import type { DeskActions } from "./actions";
 import { icon, type IconName } from "./icons";
 import { KEYS } from "./keys";
-import { failures } from "./preflight";
+import { failures, preflightNow } from "./preflight";
 import { whyNot, whyNotShow } from "./rights";
 
 type Big = ShowAction | "kill";
@@ -27,7 +27,7 @@ export function whyNotBig(state: State, action: Big): string {
 
 /** What is known to speak against it already; the service has the last word. */
 function warning(state: State, action: Big): string {
-  const report = state.preflight;
+  const report = preflightNow(state);
   return action === "start" && report && !report.passes ? texts.flight.fails(failures(report)) : "";
 }
 

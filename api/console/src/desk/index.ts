@@ -19,7 +19,7 @@ import { kill } from "./kill";
 import { login } from "./login";
 import { obstacles } from "./obstacles";
 import { plots } from "./plots";
-import { failures, preflight } from "./preflight";
+import { failures, preflight, preflightNow } from "./preflight";
 import { shape } from "./shape";
 import { shows } from "./shows";
 import { start } from "./start";
@@ -54,7 +54,8 @@ const SHEETS: Record<Sheet, { view: View; title: string }> = {
 
 /** A number beside a panel's name, where somebody should look into it. */
 function count(state: State, name: PanelName): number {
-  if (name === "preflight" && state.preflight && !state.preflight.passes) return failures(state.preflight);
+  const report = name === "preflight" ? preflightNow(state) : null;
+  if (report && !report.passes) return failures(report);
   if (name === "obstacles") return state.status?.obstacles.length ?? 0;
   return 0;
 }

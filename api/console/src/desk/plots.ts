@@ -86,7 +86,7 @@ function options(curve: Curve, width: number, look: CSSStyleDeclaration): uPlot.
     height: HEIGHT_PX,
     legend: { show: false },
     cursor: { show: false },
-    padding: [8, 8, 0, 0],
+    padding: [8, 18, 0, 0],
     scales: {
       x: { time: false, range: (_plot, least) => [Math.min(least ?? 0, -SHORTEST_S), 0] },
       y: curve.fromZero ? { range: (_plot, _least, most) => [0, Math.max(1e-3, most ?? 1) * 1.1] } : {},

@@ -14,6 +14,15 @@ type Vehicle = PreflightReport["vehicles"][number];
 
 const t = texts.preflight;
 
+/** How long a report counts as what is so now, and not as what was. */
+const NEW_MS = 12_000;
+
+/** The report, as long as it tells of now: on the ground, and read a short while ago. Pure. */
+export function preflightNow(state: State): PreflightReport | null {
+  const isNew = state.page_ms - state.desk.preflightRead_ms < NEW_MS; // NaN: not yet
+  return isNew && whyNotOnGround(state) === "" ? state.preflight : null;
+}
+
 /** How many checks keep the fleet on the ground; those of who does not fly do not. */
 export function failures(report: PreflightReport): number {
   const failing = (checks: readonly Check[]): number => checks.filter((each) => each.state !== "pass").length;

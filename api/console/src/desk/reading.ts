@@ -5,6 +5,7 @@ import { whyNotOnGround } from "./rights";
 import { fresh, type State } from "../state";
 
 const PREFLIGHT_MS = 2000;
+const PREFLIGHT_UNSEEN_MS = 8000; // for the number beside its name
 const ORDERS_MS = 2000;
 
 /** Call it a few times a second. One question of a kind at a time, so that a slow service is not asked more. */
@@ -23,9 +24,8 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
     const { desk, page_ms, status } = state;
     if (!fresh(state) || !status || state.access === null || status.replay) return;
     const isLooking = desk.left === "preflight" || desk.sheet === "start";
-    const first = state.preflight === null && asked_ms.preflight === -Infinity;
     const onGround = whyNotOnGround(state) === "";
-    if ((first || (isLooking && onGround)) && page_ms - asked_ms.preflight >= PREFLIGHT_MS) {
+    if (onGround && page_ms - asked_ms.preflight >= (isLooking ? PREFLIGHT_MS : PREFLIGHT_UNSEEN_MS)) {
       asked_ms.preflight = page_ms;
       ask("preflight", service.loadPreflight);
     }

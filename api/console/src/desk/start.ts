@@ -7,7 +7,7 @@ import type { DeskActions } from "./actions";
 import { button, choices, textField } from "./controls";
 import { clockTime, nextClockTime } from "./format";
 import { icon } from "./icons";
-import { failures } from "./preflight";
+import { failures, preflightNow } from "./preflight";
 import { whyNotShow } from "./rights";
 
 const t = texts.start;
@@ -35,7 +35,7 @@ export function names(text: string): string[] {
 }
 
 function readiness(state: State, actions: DeskActions): TemplateResult {
-  const report = state.preflight;
+  const report = preflightNow(state);
   if (report === null) return html`<p class="verdict">${icon("question")} ${t.unknown}</p>`;
   const flying = report.vehicles.filter((each) => each.flies).length;
   const staying = Object.entries(report.not_flying);

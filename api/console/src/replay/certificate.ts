@@ -31,6 +31,8 @@ function head(names: readonly string[]): TemplateResult {
   </thead>`;
 }
 
+const LEEWAY_TOLD = 1.01; // less is rounding
+
 function checks(actions: DeskActions, certificate: CertificateReport): TemplateResult {
   return html`<table class="plain-table" data-testid="certificate-checks">
     <caption>${t.checks}</caption>
@@ -42,7 +44,7 @@ function checks(actions: DeskActions, certificate: CertificateReport): TemplateR
             ${icon(each.kept ? "check" : "cross")}${each.name}<span class="for-readers">: ${each.kept ? t.keptShort : t.brokenShort}</span>
           </th>
           <td class="number">${each.worst === null ? t.nothing : fixed(each.worst, 2)}</td>
-          <td class="number">${fixed(each.limit, 2)} ${each.unit}</td>
+          <td class="number">${fixed(each.limit, 2)} ${each.unit} ${(each.tolerated ?? 0) <= (each.limit ?? 0) * LEEWAY_TOLD ? nothing : html`<small>${t.tolerated(fixed(each.tolerated, 2))}</small>`}</td>
           <td>${each.vehicle} ${moment(actions, each.at_s)}</td>
         </tr>`,
       )}

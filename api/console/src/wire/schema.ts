@@ -983,6 +983,11 @@ export interface components {
              */
             name: string;
             /**
+             * Tolerated
+             * @description Kept up to here: an autopilot's own answer may pass the limit by a little.
+             */
+            tolerated: number | null;
+            /**
              * Unit
              * @description Of limit and worst.
              * @example m
