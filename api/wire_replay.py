@@ -43,7 +43,7 @@ class CertificateCheck(Outward):
         description="Kept up to here: an autopilot's own answer may pass the limit by a little."
     )
     worst: Measured = Field(description="null: there was nothing to judge.")
-    unit: str = Field(description="Of limit and worst.", examples=["m"])
+    unit: str = Field(description="Of limit, tolerated and worst.", examples=["m"])
     vehicle: str = Field(description="Whose worst it was.")
     at_s: Measured = Field(description="Since the beginning of the record.")
     kept: bool

@@ -81,6 +81,7 @@ def test_every_number_names_its_unit(document: Any) -> None:
         "value",
         "speed",
         "limit",
+        "tolerated",
         "worst",
         "floor_ratio",
         "floor_ratio_if_off",

@@ -989,7 +989,7 @@ export interface components {
             tolerated: number | null;
             /**
              * Unit
-             * @description Of limit and worst.
+             * @description Of limit, tolerated and worst.
              * @example m
              */
             unit: string;
