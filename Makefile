@@ -45,6 +45,7 @@ bench: .venv/ready  ## speed, as ratios against a named alternative in the same 
 	$(BIN)/python tests/bench/links.py
 	$(BIN)/python tests/bench/flood.py
 	$(BIN)/python tests/bench/viewers.py
+	$(BIN)/python tests/bench/page.py
 
 mutate: .venv/mutate  ## break gcs/safety on purpose, on copies; ARGS="gcs/safety/walls.py", ARGS=--again
 	$(BIN)/python tests/mutate/mutate.py $(ARGS)

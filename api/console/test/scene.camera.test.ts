@@ -2,6 +2,7 @@ import { expect, test } from "vitest";
 
 import type { Vec3 } from "../src/scene/axes";
 import { facing, intoBox, nearestPlace, onLevel, project, rayThrough, type Screen } from "../src/scene/picking";
+import { pixelRatio } from "../src/scene/renderer";
 import { approach, basisOf, entered, framed, panned, START, turned, zoomed } from "../src/scene/rig";
 
 const SCREEN: Screen = { width: 1440, height: 900, free: { left: 300, top: 60, width: 900, height: 700 } };
@@ -97,4 +98,9 @@ test("a pan moves over the ground, from the side up and down; a zoom has bounds"
   expect(panned({ ...START, elevation: 0.05 }, 0, 0.2).focus[1]).toBeGreaterThan(START.focus[1]);
   expect(zoomed(START, 1e-9).span_m).toBeGreaterThan(0.5);
   expect(zoomed(START, 1e9).span_m).toBeLessThan(1e5);
+});
+
+test("a processor that paints gets fewer pixels where there are many vehicles, a graphics card what the screen has", () => {
+  expect([8, 200].map((n) => pixelRatio(true, 2, n))).toEqual([1, 0.75]);
+  expect([1, 2, 3].map((ofScreen) => pixelRatio(false, ofScreen, 1000))).toEqual([1, 2, 2]);
 });

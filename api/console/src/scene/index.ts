@@ -117,6 +117,8 @@ class LiveScene implements Scene {
     this.#wasFresh = isFresh;
     this.#state = state;
     this.#dress(state.view.night ? NIGHT : DAY, isFresh || state.frame === null);
+    const ratio = this.#fitted.pixelRatio(this.#size.ratio, state.frame?.n ?? 0);
+    if (ratio !== this.#fitted.renderer.getPixelRatio()) this.#fitted.renderer.setPixelRatio(ratio);
     this.#overlay.begin();
     this.#show(state, moment, isFresh, now_ms);
     this.#overlay.end();
@@ -124,8 +126,7 @@ class LiveScene implements Scene {
   }
 
   resize(width: number, height: number, pixelRatio: number): void {
-    this.#size = { width, height, ratio: this.#fitted.pixelRatio(pixelRatio) };
-    this.#fitted.renderer.setPixelRatio(this.#size.ratio);
+    this.#size = { width, height, ratio: pixelRatio };
     this.#fitted.renderer.setSize(width, height, false);
     this.#isDue = true;
   }

@@ -1,0 +1,83 @@
+"""How many pictures a second the console draws without a graphics card, while the service flies beside it.
+
+`make bench` prints it; `python tests/bench/page.py 200` measures one fleet. The alternative beside it is the
+same page with its scene hidden: what the browser itself can do here.
+"""
+
+import logging
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "browser"))
+
+from browsers import GET_ONE, chromium
+from console_bench import browser
+from playwright.sync_api import Page
+from viewers import serving
+
+COUNTS: Final = (200, 1000)
+LEAST_HZ: Final = {200: 30.0, 1000: 5.0}
+"""With more vehicles it is usable as long as it follows what an operator does."""
+
+WIDTH_PX, HEIGHT_PX = 1440, 900
+SETTLED_S, MEASURED_S = 4.0, 10.0
+
+COUNT: Final = """
+window.drawn = [];
+const note = (now_ms) => { window.drawn.push(now_ms); requestAnimationFrame(note); };
+requestAnimationFrame(note);
+"""
+HIDDEN: Final = "() => document.querySelector('#view').style.setProperty('display', 'none')"
+
+
+def pictures_hz(page: Page) -> tuple[float, float]:
+    """A second, and the longest time between two, in ms."""
+    time.sleep(SETTLED_S)
+    page.evaluate("() => { window.drawn = []; }")
+    time.sleep(MEASURED_S)
+    drawn_ms: list[float] = page.evaluate("() => window.drawn")
+    gaps_ms = [after - before for before, after in pairwise(drawn_ms)]
+    return 1e3 * len(gaps_ms) / sum(gaps_ms), max(gaps_ms)
+
+
+def tell(count: int) -> bool:
+    """Measure one fleet and print it. Returns: whether what must be reached is."""
+    print(f"{count} vehicles, {WIDTH_PX}x{HEIGHT_PX}, Chromium without a graphics card")
+    with serving(count) as service, browser() as chrome:
+        page = chrome.new_page(viewport={"width": WIDTH_PX, "height": HEIGHT_PX})
+        page.add_init_script(COUNT)
+        page.goto(f"http://127.0.0.1:{service.port}/")
+        page.get_by_test_id("row-v1").or_(page.get_by_test_id("fleet-table")).first.wait_for()
+        scene_hz, longest_ms = pictures_hz(page)
+        part = service.measured()
+        page.evaluate(HIDDEN)
+        bare_hz, _ = pictures_hz(page)
+    good = scene_hz >= LEAST_HZ[count]
+    print(
+        f"  the page {scene_hz:.1f} pictures a second (longest {longest_ms:.0f} ms),"
+        f" its scene hidden {bare_hz:.1f}"
+    )
+    print(
+        f"  the service meanwhile {part.core_percent:.1f} % of a core, lateness p99 {part.late_p99_ms:.1f} ms"
+    )
+    print(f"    must: {LEAST_HZ[count]:g} a second: {'pass' if good else 'MISS'}", flush=True)
+    return good
+
+
+def main(wanted: list[str]) -> None:
+    """The table."""
+    logging.disable(logging.WARNING)
+    if chromium() is None:
+        print(f"the page was not measured: there is no Chromium here. To get one: {GET_ONE}")
+        return
+    reached = [tell(count) for count in (map(int, wanted) if wanted else COUNTS)]
+    if not all(reached):
+        print("not reached: page")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
