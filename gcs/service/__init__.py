@@ -1,0 +1,49 @@
+"""The one narrow interface between control and everything above it: orders in, newest state out.
+
+The API, the console and the command line know the service by this package alone, so that control can move to
+a process of its own without a change on their side.
+"""
+
+from gcs.service.interface import Audit, Call, NoAudit, Replaying, Service, Shows
+from gcs.service.latest import Latest
+from gcs.service.orders import WHO, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
+from gcs.service.views import (
+    Bounds,
+    Certification,
+    CheckState,
+    FleetView,
+    Histogram,
+    Playback,
+    Reaction,
+    SelectedShow,
+    ShowCheck,
+    StoredShow,
+    TickView,
+)
+
+__all__ = [
+    "WHO",
+    "Audit",
+    "Bounds",
+    "Call",
+    "Certification",
+    "CheckState",
+    "FleetView",
+    "Histogram",
+    "Latest",
+    "NoAudit",
+    "OrderRecord",
+    "Outcome",
+    "Playback",
+    "Reaction",
+    "Replaying",
+    "SelectedShow",
+    "Service",
+    "ShowAction",
+    "ShowCheck",
+    "Shows",
+    "StoredShow",
+    "TickView",
+    "VehicleAction",
+    "VehicleOutcome",
+]
