@@ -10,30 +10,27 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from typing import Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from gcs.checks import PreflightReport
 from gcs.config import Config
 from gcs.control import Tick, tick, warm_up
 from gcs.director import Director
 from gcs.errands import Errands
-from gcs.errors import LinkError, RefusedError, UnknownError
-from gcs.feasibility import check_formation, check_obstacle, check_orbit, check_target, followed
+from gcs.errors import RefusedError
 from gcs.flight import Flight
 from gcs.frames import ShowFrame
 from gcs.happenings import Happening, Happenings, heard
 from gcs.homeward import warm_up as warm_up_ways
 from gcs.inspection import Inspection
 from gcs.interrupted import Offer
-from gcs.lifecycle import ON_THE_GROUND, Phase, ShowPhase
+from gcs.lifecycle import ShowPhase
 from gcs.links import Link
+from gcs.links.keeping import keep_open
+from gcs.links.shares import Shares
 from gcs.orders import OrderBook
-from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
+from gcs.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.reacting import told
 from gcs.records.record import Record
 from gcs.repertoire import Repertoire
@@ -48,45 +45,16 @@ from gcs.service import (
     VehicleAction,
 )
 from gcs.stage import Stage
-from gcs.state import Setpoints, VehicleId
+from gcs.state import VehicleId
 from gcs.timing import TickClock, ticks
 from gcs.vehicle import Vehicle
 from gcs.views import fleet_view
+from gcs.wishes import Wishes
 from gcs.witness import moment_of
 
 log = logging.getLogger(__name__)
 
-RETRY_S = 0.25  # well below the second after which vehicles in OFFBOARD begin their failsafe
-SETTLED_S = 1.0
-"""A link that ran this long had worked: its next failure is news."""
-
 BEFORE_ASSEMBLING = frozenset({ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, ShowPhase.ARMING})
-
-
-class Shares:
-    """Which rows of a batch are which link's; worked out anew only when a batch lists other vehicles."""
-
-    def __init__(self, links: Sequence[Link]) -> None:
-        self._link_of = {name: index for index, link in enumerate(links) for name in link.ids}
-        self._ids: tuple[VehicleId, ...] = ()
-        self._parts: list[tuple[tuple[VehicleId, ...], NDArray[np.intp]]] = self._cut((), len(links))
-
-    def of(self, setpoints: Setpoints) -> list[Setpoints]:
-        """One batch for each link, without those of the others."""
-        if setpoints.ids != self._ids:
-            self._ids, self._parts = setpoints.ids, self._cut(setpoints.ids, len(self._parts))
-        return [
-            Setpoints(setpoints.time_s, ids, setpoints.velocity_m_s[rows], setpoints.yaw_rad[rows])
-            for ids, rows in self._parts
-        ]
-
-    def _cut(
-        self, ids: tuple[VehicleId, ...], count: int
-    ) -> list[tuple[tuple[VehicleId, ...], NDArray[np.intp]]]:
-        rows: list[list[int]] = [[] for _ in range(count)]
-        for row, name in enumerate(ids):
-            rows[self._link_of[name]].append(row)
-        return [(tuple(ids[row] for row in part), np.array(part, dtype=np.intp)) for part in rows]
 
 
 class Heart(Protocol):
@@ -142,6 +110,7 @@ class Orchestrator:
         self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
         self.shows = Repertoire(None if config.shows is None else config.shows.folder)
         self._stage = Stage(self._flight, self.shows)
+        self._wishes = Wishes(self._flight, self._stage, self._taking_part, asyncio.get_running_loop().time)
         self._clock = TickClock(config.tick_rate_hz)
         self._interventions = 0
         self._happenings = Happenings()
@@ -376,107 +345,33 @@ class Orchestrator:
 
     def set_formation(self, formation: Formation) -> None:
         """Change radius and height; refused with what would work."""
-        flight = self._flight
-        self._stage.need_free("formation")
-        count = 1 if flight.show in ON_THE_GROUND else max(1, len(self._taking_part()))
-        check_formation(formation, count, flight.control.safety)
-        target, control = self._followed(), flight.control
-        check_target(target, flight.plan.orbit, formation, control, changed="formation")
-        flight.plan = replace(flight.plan, formation=formation)
+        self._wishes.set_formation(formation)
 
     def set_orbit(self, orbit: Orbit) -> None:
         """Change how the centre circles the target."""
-        flight = self._flight
-        self._stage.need_free("orbit")
-        control = flight.control
-        check_orbit(orbit, control.law)
-        check_target(self._followed(), orbit, flight.plan.formation, control, changed="orbit")
-        flight.plan = replace(flight.plan, orbit=orbit)
+        self._wishes.set_orbit(orbit)
 
     def set_target(self, target: Target) -> None:
         """Tell where the target is now and how it moves."""
-        self._stage.tell_target(replace(target, time_s=asyncio.get_running_loop().time()))
-
-    def _followed(self) -> Target:
-        """The target where it is followed now."""
-        now_s = asyncio.get_running_loop().time()
-        return followed(self._flight.plan, now_s, self._flight.control.safety.fence)
+        self._wishes.set_target(target)
 
     def set_yaw(self, yaw: Yaw) -> None:
         """Change where the vehicles look."""
-        self._flight.plan = replace(self._flight.plan, yaw=yaw)
+        self._wishes.set_yaw(yaw)
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
         """Add a box."""
-        self._stage.need_own_obstacle(obstacle.id)
-        if any(known.id == obstacle.id for known in self._flight.plan.obstacles):
-            raise RefusedError(f"there is an obstacle {obstacle.id} already; change or remove it")
-        if len(self._flight.plan.obstacles) + self._stage.reserved >= MAX_OBSTACLES:
-            raise RefusedError(f"there are {MAX_OBSTACLES} obstacles already, the most possible; remove one")
-        self._place_obstacle(obstacle)
+        self._wishes.add_obstacle(obstacle)
 
     def change_obstacle(self, obstacle: Obstacle) -> None:
         """Replace the box of the same id."""
-        self._need_obstacle(obstacle.id)
-        self._place_obstacle(obstacle)
+        self._wishes.change_obstacle(obstacle)
 
     def remove_obstacle(self, obstacle_id: str) -> None:
         """Forget a box."""
-        self._need_obstacle(obstacle_id)
-        self._set_obstacles([known for known in self._flight.plan.obstacles if known.id != obstacle_id])
-
-    def _need_obstacle(self, obstacle_id: str) -> None:
-        self._stage.need_own_obstacle(obstacle_id)
-        known = [obstacle.id for obstacle in self._flight.plan.obstacles]
-        if obstacle_id not in known:
-            raise UnknownError(f"there is no obstacle {obstacle_id}; there are {', '.join(known) or 'none'}")
-
-    def _place_obstacle(self, obstacle: Obstacle) -> None:
-        flight = self._flight
-        obstacle = replace(obstacle, time_s=asyncio.get_running_loop().time())
-        comes_down_m = {
-            vehicle.id: vehicle.goal_m if vehicle.phase is Phase.LANDING else vehicle.home_m
-            for vehicle in self._taking_part()
-        }
-        check_obstacle(
-            obstacle,
-            flight.control.law.avoidance,
-            {vehicle.id: flight.position_m(vehicle) for vehicle in flight.airborne},
-            {name: place_m for name, place_m in comes_down_m.items() if place_m is not None},
-            velocities_m_s={
-                vehicle.id: flight.fleet.velocity_m_s[vehicle.row] for vehicle in flight.airborne
-            },
-            braking=flight.control.safety.braking,
-        )
-        others = [known for known in flight.plan.obstacles if known.id != obstacle.id]
-        self._set_obstacles([*others, obstacle])
+        self._wishes.remove_obstacle(obstacle_id)
 
     def _taking_part(self) -> list[Vehicle]:
         """In the air, or about to be."""
         waiting = [] if self._director is None else self._director.waiting
         return [*self._flight.airborne, *waiting]
-
-    def _set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
-        self._flight.plan = replace(self._flight.plan, obstacles=tuple(obstacles))
-
-
-def leaves(group: BaseExceptionGroup[LinkError]) -> list[LinkError]:
-    """The errors within a group, however deep."""
-    inner = [leaves(e) if isinstance(e, BaseExceptionGroup) else [e] for e in group.exceptions]
-    return [error for errors in inner for error in errors]
-
-
-async def keep_open(link: Link) -> None:
-    """Run a link for ever; when it fails, say so once and try again."""
-    loop = asyncio.get_running_loop()
-    failed = ""
-    while True:
-        began_s = loop.time()
-        try:
-            await link.run()
-        except* LinkError as group:  # bare, or from a task of the link's own
-            cause = "; ".join(str(error) for error in leaves(group))
-            if cause != failed or loop.time() - began_s > SETTLED_S:  # it had worked meanwhile
-                log.error("link_failed", extra={"link": link.name, "cause": cause})
-            failed = cause
-        await asyncio.sleep(RETRY_S)

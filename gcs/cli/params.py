@@ -17,7 +17,7 @@ from gcs.cli.serve import make_link
 from gcs.config import Config
 from gcs.errors import ConfigError, LinkError, OrderError
 from gcs.links import Link, ParameterValue
-from gcs.orchestrator import leaves
+from gcs.links.keeping import leaves
 from gcs.parameters import Requirement, requirements
 from gcs.state import Mode, Setpoints, VehicleId
 

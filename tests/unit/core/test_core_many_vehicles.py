@@ -11,7 +11,7 @@ from core_silent_link import SilentLink
 from gcs.config import find, load, parse
 from gcs.errors import ConfigError
 from gcs.lifecycle import Phase
-from gcs.orchestrator import Shares
+from gcs.links.shares import Shares
 from gcs.service import Latest
 from gcs.state import Landed, Mode, Setpoints
 from gcs.vehicle import Heard, Vehicle

@@ -1,0 +1,35 @@
+"""A link that is kept open, whatever happens to it."""
+
+import asyncio
+import logging
+
+from gcs.errors import LinkError
+from gcs.links.link import Link
+
+log = logging.getLogger(__name__)
+
+RETRY_S = 0.25  # well below the second after which vehicles in OFFBOARD begin their failsafe
+SETTLED_S = 1.0
+"""A link that ran this long had worked: its next failure is news."""
+
+
+def leaves(group: BaseExceptionGroup[LinkError]) -> list[LinkError]:
+    """The errors within a group, however deep."""
+    inner = [leaves(e) if isinstance(e, BaseExceptionGroup) else [e] for e in group.exceptions]
+    return [error for errors in inner for error in errors]
+
+
+async def keep_open(link: Link) -> None:
+    """Run a link for ever; when it fails, say so once and try again."""
+    loop = asyncio.get_running_loop()
+    failed = ""
+    while True:
+        began_s = loop.time()
+        try:
+            await link.run()
+        except* LinkError as group:  # bare, or from a task of the link's own
+            cause = "; ".join(str(error) for error in leaves(group))
+            if cause != failed or loop.time() - began_s > SETTLED_S:  # it had worked meanwhile
+                log.error("link_failed", extra={"link": link.name, "cause": cause})
+            failed = cause
+        await asyncio.sleep(RETRY_S)

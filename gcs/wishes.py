@@ -1,0 +1,109 @@
+"""What an operator wants otherwise, checked against the flight before it becomes the plan."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from gcs.errors import RefusedError, UnknownError
+from gcs.feasibility import check_formation, check_obstacle, check_orbit, check_target, followed
+from gcs.flight import Flight
+from gcs.lifecycle import ON_THE_GROUND, Phase
+from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
+from gcs.stage import Stage
+from gcs.vehicle import Vehicle
+
+
+class Wishes:
+    """Changes the plan of a flight, or refuses to. As `gcs.service.Service` says of each."""
+
+    def __init__(
+        self,
+        flight: Flight,
+        stage: Stage,
+        taking_part: Callable[[], Sequence[Vehicle]],
+        now_s: Callable[[], float],
+    ) -> None:
+        """`taking_part` tells who is in the air, or about to be; `now_s` is the loop's clock."""
+        self._flight = flight
+        self._stage = stage
+        self._taking_part = taking_part
+        self._now_s = now_s
+
+    def set_formation(self, formation: Formation) -> None:
+        """Change radius and height; refused with what would work."""
+        flight = self._flight
+        self._stage.need_free("formation")
+        count = 1 if flight.show in ON_THE_GROUND else max(1, len(self._taking_part()))
+        check_formation(formation, count, flight.control.safety)
+        target, control = self._followed(), flight.control
+        check_target(target, flight.plan.orbit, formation, control, changed="formation")
+        flight.plan = replace(flight.plan, formation=formation)
+
+    def set_orbit(self, orbit: Orbit) -> None:
+        """Change how the centre circles the target."""
+        flight = self._flight
+        self._stage.need_free("orbit")
+        control = flight.control
+        check_orbit(orbit, control.law)
+        check_target(self._followed(), orbit, flight.plan.formation, control, changed="orbit")
+        flight.plan = replace(flight.plan, orbit=orbit)
+
+    def set_target(self, target: Target) -> None:
+        """Tell where the target is now and how it moves."""
+        self._stage.tell_target(replace(target, time_s=self._now_s()))
+
+    def _followed(self) -> Target:
+        """The target where it is followed now."""
+        now_s = self._now_s()
+        return followed(self._flight.plan, now_s, self._flight.control.safety.fence)
+
+    def set_yaw(self, yaw: Yaw) -> None:
+        """Change where the vehicles look."""
+        self._flight.plan = replace(self._flight.plan, yaw=yaw)
+
+    def add_obstacle(self, obstacle: Obstacle) -> None:
+        """Add a box."""
+        self._stage.need_own_obstacle(obstacle.id)
+        if any(known.id == obstacle.id for known in self._flight.plan.obstacles):
+            raise RefusedError(f"there is an obstacle {obstacle.id} already; change or remove it")
+        if len(self._flight.plan.obstacles) + self._stage.reserved >= MAX_OBSTACLES:
+            raise RefusedError(f"there are {MAX_OBSTACLES} obstacles already, the most possible; remove one")
+        self._place_obstacle(obstacle)
+
+    def change_obstacle(self, obstacle: Obstacle) -> None:
+        """Replace the box of the same id."""
+        self._need_obstacle(obstacle.id)
+        self._place_obstacle(obstacle)
+
+    def remove_obstacle(self, obstacle_id: str) -> None:
+        """Forget a box."""
+        self._need_obstacle(obstacle_id)
+        self._set_obstacles([known for known in self._flight.plan.obstacles if known.id != obstacle_id])
+
+    def _need_obstacle(self, obstacle_id: str) -> None:
+        self._stage.need_own_obstacle(obstacle_id)
+        known = [obstacle.id for obstacle in self._flight.plan.obstacles]
+        if obstacle_id not in known:
+            raise UnknownError(f"there is no obstacle {obstacle_id}; there are {', '.join(known) or 'none'}")
+
+    def _place_obstacle(self, obstacle: Obstacle) -> None:
+        flight = self._flight
+        obstacle = replace(obstacle, time_s=self._now_s())
+        comes_down_m = {
+            vehicle.id: vehicle.goal_m if vehicle.phase is Phase.LANDING else vehicle.home_m
+            for vehicle in self._taking_part()
+        }
+        check_obstacle(
+            obstacle,
+            flight.control.law.avoidance,
+            {vehicle.id: flight.position_m(vehicle) for vehicle in flight.airborne},
+            {name: place_m for name, place_m in comes_down_m.items() if place_m is not None},
+            velocities_m_s={
+                vehicle.id: flight.fleet.velocity_m_s[vehicle.row] for vehicle in flight.airborne
+            },
+            braking=flight.control.safety.braking,
+        )
+        others = [known for known in flight.plan.obstacles if known.id != obstacle.id]
+        self._set_obstacles([*others, obstacle])
+
+    def _set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
+        self._flight.plan = replace(self._flight.plan, obstacles=tuple(obstacles))
