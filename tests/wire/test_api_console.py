@@ -5,8 +5,7 @@ import json
 import socket
 import struct
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +13,13 @@ import httpx
 import numpy as np
 import pytest
 import websockets
+from api_station import narrow, served, ticking
+from api_station import run as run_beside
 from websockets.asyncio.client import ClientConnection, connect
 
 from api import frames
-from api.app import create_app
 from api.desk import VIEWERS_MAX
 from api.door import Door
-from api.server import serve
 from gcs.access import Role
 from gcs.plan import Formation
 from gcs.tokens import Tokens, create_token, revoke_token
@@ -32,33 +31,9 @@ from api_fake_service import FakeService
 TICK_S = 0.02
 
 
-@asynccontextmanager
-async def served(service: FakeService, door: Door | None = None) -> AsyncIterator[int]:
-    """A server on a port of its own, and ticks as control makes them."""
-
-    async def tick() -> None:
-        while True:
-            service.tick()
-            await asyncio.sleep(TICK_S)
-
-    listening = asyncio.get_running_loop().create_future()
-    app = create_app(service, door=door)
-    tasks = [asyncio.create_task(serve(app, port=0, listening=listening)), asyncio.create_task(tick())]
-    try:
-        yield await asyncio.wait_for(listening, timeout=30)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
-
 def run(main: Callable[[FakeService, int], Awaitable[None]], count: int = 3) -> None:
-    async def both() -> None:
-        service = FakeService(count)
-        async with asyncio.timeout(60), served(service) as port:
-            await main(service, port)
-
-    asyncio.run(both())
+    """Beside a service that ticks."""
+    run_beside(main, count, TICK_S)
 
 
 def console_of(port: int, query: str = "", **options: Any) -> connect:
@@ -163,10 +138,7 @@ def test_all_viewers_are_sent_the_same_bytes_made_once(monkeypatch: pytest.Monke
 
 def test_who_reads_nothing_delays_nobody_and_is_then_told_the_newest() -> None:
     async def main(service: FakeService, port: int) -> None:
-        narrow = socket.socket()
-        narrow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        narrow.connect(("127.0.0.1", port))
-        options = {"sock": narrow, "max_queue": 1, "compression": None}
+        options = {"sock": narrow(port), "max_queue": 1, "compression": None}
         async with (
             console_of(port, "?rate_hz=20", **options) as slow,
             console_of(port, "?rate_hz=20") as quick,
@@ -202,7 +174,8 @@ def test_a_token_is_asked_for_and_one_that_is_revoked_ends_it(tmp_path: Path) ->
 
     async def main() -> None:
         door = Door(Tokens(file))
-        async with asyncio.timeout(60), served(FakeService(), door) as port:
+        service = FakeService()
+        async with asyncio.timeout(60), served(service, door) as port, ticking(service, TICK_S):
             with pytest.raises(websockets.InvalidStatus) as refused:
                 await console_of(port)
             assert refused.value.response.status_code == 401
@@ -242,10 +215,15 @@ async def cut_off(port: int) -> bool:
     return True
 
 
-def test_a_viewer_that_is_cut_off_leaves_its_seat() -> None:
+def test_viewers_that_are_cut_off_leave_their_seats() -> None:
+    seated = 0
+
     async def main(service: FakeService, port: int) -> None:
-        for _ in range(VIEWERS_MAX + 8):
-            while not await cut_off(port):  # a moment later
-                pass
+        nonlocal seated
+        for _ in range(10 * VIEWERS_MAX):  # a seat is free a moment after it was left
+            seated += await cut_off(port)
+            if seated == VIEWERS_MAX + 8:
+                return
 
     run(main)
+    assert seated == VIEWERS_MAX + 8, "seats of those who are gone stay taken"

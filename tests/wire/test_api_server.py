@@ -5,8 +5,7 @@ import json
 import socket
 import sys
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,8 @@ from typing import Any
 import httpx
 import pytest
 import websockets
+from api_station import narrow, run, served, ticking
+from machine import Witness
 from websockets.asyncio.client import ClientConnection, connect
 
 from api.app import create_app
@@ -24,47 +25,6 @@ from gcs.errors import LinkError
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 
 from api_fake_service import FakeService
-from machine import Witness
-
-
-@asynccontextmanager
-async def served(service: FakeService) -> AsyncIterator[int]:
-    """A server on a port of its own, stopped as its owner stops it: by cancelling."""
-    listening = asyncio.get_running_loop().create_future()
-    task = asyncio.create_task(serve(create_app(service), port=0, listening=listening), name="api")
-    try:
-        yield await asyncio.wait_for(listening, timeout=30)
-    finally:
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-
-
-def run(main: Callable[[FakeService, int], Awaitable[None]]) -> None:
-    """Run `main` beside a server."""
-
-    async def both() -> None:
-        service = FakeService()
-        async with asyncio.timeout(60), served(service) as port:
-            await main(service, port)
-
-    asyncio.run(both())
-
-
-@asynccontextmanager
-async def ticking(service: FakeService, period_s: float) -> AsyncIterator[None]:
-    """Ticks as the control loop makes them."""
-
-    async def tick() -> None:
-        while True:
-            service.tick()
-            await asyncio.sleep(period_s)
-
-    task = asyncio.create_task(tick(), name="tick")
-    try:
-        yield
-    finally:
-        task.cancel()
 
 
 def stream_of(port: int, query: str = "", **options: Any) -> connect:
@@ -234,10 +194,7 @@ def longest_step(counts: list[int]) -> int:
 
 def test_a_slow_reader_gets_fewer_frames_soon_the_newest_and_delays_nobody() -> None:
     async def main(service: FakeService, port: int) -> None:
-        narrow = socket.socket()
-        narrow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        narrow.connect(("127.0.0.1", port))
-        options = {"sock": narrow, "max_queue": 1, "compression": None}
+        options = {"sock": narrow(port), "max_queue": 1, "compression": None}
         async with (
             stream_of(port, "?rate_hz=20", **options) as slow,
             stream_of(port, "?rate_hz=20") as quick,

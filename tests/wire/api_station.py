@@ -1,0 +1,70 @@
+"""The API over real TCP, with a service in this process behind it."""
+
+import asyncio
+import socket
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, nullcontext
+from pathlib import Path
+
+import pytest
+
+from api.app import create_app
+from api.door import Door
+from api.server import serve
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
+
+from api_fake_service import FakeService
+
+
+@asynccontextmanager
+async def served(service: FakeService, door: Door | None = None) -> AsyncIterator[int]:
+    """A server on a port of its own, stopped as its owner stops it: by cancelling."""
+    listening = asyncio.get_running_loop().create_future()
+    app = create_app(service, door=door)
+    task = asyncio.create_task(serve(app, port=0, listening=listening), name="api")
+    try:
+        yield await asyncio.wait_for(listening, timeout=30)
+    finally:
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+
+@asynccontextmanager
+async def ticking(service: FakeService, period_s: float) -> AsyncIterator[None]:
+    """Ticks as the control loop makes them."""
+
+    async def tick() -> None:
+        while True:
+            service.tick()
+            await asyncio.sleep(period_s)
+
+    task = asyncio.create_task(tick(), name="tick")
+    try:
+        yield
+    finally:
+        task.cancel()
+
+
+def run(
+    main: Callable[[FakeService, int], Awaitable[None]], count: int = 3, tick_s: float | None = None
+) -> None:
+    """Run `main` beside a server; the service of `count` vehicles ticks where a period is given."""
+
+    async def both() -> None:
+        service = FakeService(count)
+        ticks = nullcontext() if tick_s is None else ticking(service, tick_s)
+        async with asyncio.timeout(60), served(service) as port, ticks:
+            await main(service, port)
+
+    asyncio.run(both())
+
+
+def narrow(port: int) -> socket.socket:
+    """A connection of a viewer with little room for what it does not read."""
+    made = socket.socket()
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    made.connect(("127.0.0.1", port))
+    return made
