@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 from itertools import pairwise
 from math import inf
 from pathlib import Path
-from time import monotonic
+from time import monotonic, sleep
 from typing import Final
 
 import numpy as np
@@ -37,6 +37,9 @@ log = logging.getLogger(__name__)
 
 _LOOKS_S: Final = (0.0005, 0.001, 0.002, 0.004, 0.008)
 """MAVSDK's threads write a moment after they are told. So long after each other we look, until they have."""
+
+_PAUSES_S: Final = (0.0002, 0.0003, 0.0004)
+"""MAVSDK's threads write a moment after they are told: so long the tick itself waits for them."""
 
 _DISCOVER_S: Final = 0.25
 _HEALTH_SHARES: Final = 5
@@ -131,7 +134,10 @@ class MavsdkUdpLink(UdpLink):
                 self._met[row].set_velocity(*each)
             self._pass_on()  # the most urgent need not wait for the others
         self._move_bytes()
-        if self._outlet.awaits:  # MAVSDK's threads were not through; a moment has passed
+        for pause_s in _PAUSES_S:  # our core is theirs meanwhile: what comes behind this tick can wait
+            if not self._outlet.awaits:
+                return
+            sleep(pause_s)
             self._pass_on()
         if self._outlet.awaits:
             self._ticked.set()
