@@ -94,6 +94,7 @@ class Director:
     def advance(self) -> None:
         """Let the show go on: all up, assembled, all down."""
         flight = self._flight
+        self._watch.inspect()
         self._reacting.look()
         self._starting.count_down()
         if self._homecoming is not None:

@@ -169,10 +169,11 @@ class Orchestrator:
         self._stage.lead()
         result = self._decide()
         flight.memory = result.memory
-        self._interventions += sum(reason != "" for reason in result.restrained_by)
         for link, share in zip(flight.links, self._shares.of(result.setpoints), strict=True):
             link.send(share)
-        director.advance()  # what follows for the show can wait for the next tick: setpoints cannot
+        # What follows can wait for the next tick: setpoints cannot.
+        self._interventions += sum(reason != "" for reason in result.restrained_by)
+        director.advance()
         return result
 
     def _decide(self) -> Tick:

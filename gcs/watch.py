@@ -35,7 +35,6 @@ class Watch:
         flight = self._flight
         silence_s = flight.config.operation.silence_s
         now_s, heard_of = flight.fleet.time_s, flight.newest()
-        self._inspection.watch(heard_of)
         for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
             self._mind_reset(flight.at_row(row))
         known: Mask = np.asarray(np.isfinite(flight.fleet.position_m).all(axis=1))
@@ -55,6 +54,10 @@ class Watch:
                 all_calm = False
                 self._look_at(vehicle, heard_of, is_known=is_known)
         self._calm = state if all_calm else None
+
+    def inspect(self) -> None:
+        """Once a tick, later: begin to read the parameters that are to be read now."""
+        self._inspection.watch(self._flight.newest())
 
     def _look_at(self, vehicle: Vehicle, heard_of: Columns, *, is_known: bool) -> None:
         """Let the telemetry of one vehicle change its phase."""

@@ -20,9 +20,9 @@ from gcs.formation.yaw import begun_yaw, turn_towards, wanted_yaw_rad
 from gcs.plan import Formation, Orbit, Plan
 from gcs.safety.filter import Surroundings, filter_velocities
 from gcs.safety.kernels import warm_up as safety_warm_up
-from gcs.safety.separation import minimum_separation
+from gcs.safety.separation import Floor, minimum_separation
 from gcs.safety.traffic import give_way, keep_right
-from gcs.state import Array, FleetState, Setpoints, Traits
+from gcs.state import Array, FleetState, Mask, Setpoints, Traits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,14 @@ class Tick:
     setpoints: Setpoints
     memory: Memory
     restrained_by: tuple[str, ...]  # (n,) why the filter held a vehicle back, "" when it did not
-    minimum_separation_m: float  # as believed, of the pairs that count
+    position_m: Array  # (n, 3) as believed
+    airborne: Mask  # (n,)
+    floor: Floor
+
+    @property
+    def minimum_separation_m(self) -> float:
+        """As believed, of the pairs that count. Found out when asked: setpoints need not wait for it."""
+        return minimum_separation(self.position_m, self.airborne, self.floor)[0]
 
 
 def tick(
@@ -60,7 +67,6 @@ def tick(
     allowed_m_s, restrained_by = filter_velocities(possible_m_s, _surroundings(now), settings.safety)
     answered = answer(now, allowed_m_s, lead.center, memory)
     yaw_rad, held_rad = _yaw(now, memory)
-    separation_m, _ = minimum_separation(now.position_m, tasks.airborne, settings.safety.floor)
     remembered = Memory(
         time_s=fleet.time_s,
         center=lead.center,
@@ -76,7 +82,10 @@ def tick(
         pace=answered.pace,
         sides=lead.sides,
     )
-    return Tick(_setpoints(now, answered.setpoint_m_s, yaw_rad), remembered, restrained_by, separation_m)
+    setpoints = _setpoints(now, answered.setpoint_m_s, yaw_rad)
+    return Tick(
+        setpoints, remembered, restrained_by, fleet.position_m, tasks.airborne, settings.safety.floor
+    )
 
 
 def _in_traffic(now: Moment, wanted_m_s: Array) -> Array:

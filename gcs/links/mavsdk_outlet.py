@@ -19,6 +19,7 @@ from gcs.links.traffic import Counters
 from gcs.state import Array, Mask
 
 _NOBODY: Final = -1
+_ALL: Final = slice(None)
 
 
 class MavsdkOutlet:
@@ -49,10 +50,9 @@ class MavsdkOutlet:
         self._velocity: NDArray[np.uint32] = np.zeros((n, 3), np.uint32)  # as it stands on the wire
         self._until_s = -np.inf
 
-    @property
-    def awaits(self) -> bool:
-        """Whether anything of the newest tick is still to leave."""
-        return bool(self._awaited.any())
+    def awaits(self, rows: Whole | slice = _ALL) -> bool:
+        """Whether anything of the newest tick is still to leave to these."""
+        return bool(self._awaited[rows].any())
 
     def ask(self, wanted: Wanted) -> None:
         """Let these leave, once each, and nothing that was asked before."""

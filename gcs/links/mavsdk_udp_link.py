@@ -38,14 +38,14 @@ log = logging.getLogger(__name__)
 _LOOKS_S: Final = (0.0005, 0.001, 0.002, 0.004, 0.008)
 """MAVSDK's threads write a moment after they are told. So long after each other we look, until they have."""
 
-_PAUSES_S: Final = (0.0002, 0.0003, 0.0004)
+_PAUSES_S: Final = (0.0004, 0.0003, 0.0003)
 """MAVSDK's threads write a moment after they are told: so long the tick itself waits for them."""
 
 _DISCOVER_S: Final = 0.25
 _HEALTH_SHARES: Final = 5
 """Of the vehicles one in so many is asked about its health at a time."""
 
-_PORTIONS: Final = (24, 96, 256)
+_PORTIONS: Final = (32, 256)
 """So many vehicles are told in all before what MAVSDK has written until then leaves: the urgent are first."""
 
 _ROOM: Final = 1024
@@ -132,15 +132,21 @@ class MavsdkUdpLink(UdpLink):
         for first, end in pairwise((0, *_PORTIONS)):
             for row, each in zip(rows[first:end], values[first:end], strict=True):
                 self._met[row].set_velocity(*each)
-            self._pass_on()  # the most urgent need not wait for the others
+            if first == 0:  # the most urgent need not wait for the others
+                self._await(wanted.rows[:end])
+        self._pass_on()
+        self._await(wanted.rows)
         self._move_bytes()
-        for pause_s in _PAUSES_S:  # our core is theirs meanwhile: what comes behind this tick can wait
-            if not self._outlet.awaits:
+        if self._outlet.awaits(wanted.rows):
+            self._ticked.set()
+
+    def _await(self, rows: Whole) -> None:
+        """Send what MAVSDK's threads write for these; our core is theirs meanwhile."""
+        for pause_s in _PAUSES_S:
+            if not self._outlet.awaits(rows):
                 return
             sleep(pause_s)
             self._pass_on()
-        if self._outlet.awaits:
-            self._ticked.set()
 
     def _hand(self, row: int, otherwise: str) -> MavsdkHand:
         vehicle = self._met.get(row)
@@ -190,7 +196,10 @@ class MavsdkUdpLink(UdpLink):
     def _pass_on(self) -> None:
         """Send what MAVSDK has written."""
         if self._fleet is not None:
-            while count := self._fleet.take(self._room):
+            count = 0
+            while more := self._fleet.take(self._room, count):
+                count += more
+            if count:
                 self._outlet.take(self._room, count)
 
     async def _pass_on_behind_ticks(self) -> None:
@@ -200,7 +209,7 @@ class MavsdkUdpLink(UdpLink):
             for wait_s in _LOOKS_S:
                 await asyncio.sleep(wait_s)
                 self._pass_on()
-                if not self._outlet.awaits:
+                if not self._outlet.awaits():
                     break
 
     async def _discover(self, fleet: MavsdkShards) -> None:
