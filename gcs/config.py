@@ -19,7 +19,7 @@ from gcs.links.endpoints.urls import Listen, Place, occupied
 from gcs.links.endpoints.urls import parse as place_at
 from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
 from gcs.links.vehicle_ids import INSTANCES_MAX, SYSTEM_ID_MAX, instances
-from gcs.maps import MapSettings
+from gcs.map_settings import MapSettings
 from gcs.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.preflight_settings import PreflightSettings
 from gcs.reactions import ReactionSettings

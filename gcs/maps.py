@@ -10,65 +10,17 @@ import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Annotated, Final
+from typing import Final
 from urllib.parse import urlsplit
 
-from pydantic import Field, field_validator
-
 from gcs.errors import ConfigError, InvalidError, UnknownError
-from gcs.settings import Settings
-
-ZOOM_MAX: Final = 22
-"""A tile of that zoom is 10 m wide, and no public map has more."""
+from gcs.map_settings import ZOOM_MAX, MapSettings, is_address
 
 SERVED: Final = "/api/v1/map/{z}/{x}/{y}"
 """Where a page finds the tiles of our own file."""
 
 MEDIA: Final = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
 """By what an MBTiles file calls its format."""
-
-HOST: Final = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?(:[0-9]{1,5})?")
-
-NEITHER: Final = (
-    "an http or https address with {z}, {x} and {y}, such as https://maps.example/{z}/{x}/{y}.png, or the"
-    " path of an .mbtiles file"
-)
-
-
-def _is_address(tiles: str) -> bool:
-    return "://" in tiles
-
-
-class MapSettings(Settings):
-    """Which map lies under the show."""
-
-    tiles: Annotated[str, Field(max_length=1000)]
-    attribution: Annotated[str, Field(max_length=200)] = ""  # shown with it; empty: what the file says
-    zoom_max: Annotated[int, Field(ge=1, le=ZOOM_MAX)] = 19
-
-    @field_validator("tiles")
-    @classmethod
-    def _check_tiles(cls, tiles: str) -> str:
-        if not _is_address(tiles):
-            if Path(tiles).suffix.lower() != ".mbtiles":
-                raise ValueError(NEITHER)
-            return tiles
-        if re.fullmatch(r"[\x21-\x7e]+", tiles) is None:
-            raise ValueError("an address has no spaces, and no letters but English ones")
-        scheme, place = tiles.split("://", 1)
-        host = re.split(r"[/?#]", place, maxsplit=1)[0]
-        if scheme.lower() not in {"http", "https"}:
-            raise ValueError(f"{scheme}:// is no way to ask for a tile: {NEITHER}")
-        if HOST.fullmatch(host) is None:
-            raise ValueError(f"{host or 'nothing'} is no host: one server by its name, without a password")
-        names = re.findall(r"\{([^}]*)\}", tiles)
-        missing = [name for name in ("z", "x", "y") if name not in names]
-        if missing:
-            raise ValueError(f"{{{missing[0]}}} is missing: {NEITHER}")
-        unknown = set(names) - {"z", "x", "y"}
-        if unknown:
-            raise ValueError(f"{{{min(unknown)}}} is not filled in; {{z}}, {{x}} and {{y}} are")
-        return tiles
 
 
 class TileFile:
@@ -150,7 +102,7 @@ def open_map(settings: MapSettings | None) -> GroundMap | None:
     """The map that is configured. Raises: ConfigError when its file cannot be used."""
     if settings is None:
         return None
-    if _is_address(settings.tiles):
+    if is_address(settings.tiles):
         return GroundMap(settings.tiles, settings.attribution, 0, settings.zoom_max)
     file = TileFile(Path(settings.tiles))
     zoom_max = min(settings.zoom_max, file.zoom_max, ZOOM_MAX)

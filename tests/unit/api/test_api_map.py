@@ -11,7 +11,8 @@ from mbtiles import mbtiles
 from api.app import create_app
 from api.door import Door
 from gcs.access import Role
-from gcs.maps import GroundMap, MapSettings, open_map
+from gcs.map_settings import MapSettings
+from gcs.maps import GroundMap, open_map
 from gcs.tokens import Tokens, create_token
 
 ADDRESS = "https://maps.example:8443/tiles/{z}/{x}/{y}.png?key=a"

@@ -10,7 +10,8 @@ from mbtiles import mbtiles
 
 from gcs.config import parse
 from gcs.errors import ConfigError, InvalidError, UnknownError
-from gcs.maps import MapSettings, TileFile, open_map
+from gcs.map_settings import MapSettings
+from gcs.maps import TileFile, open_map
 
 SMALLEST = """
 show_frame: {latitude_deg: 47.0, longitude_deg: 8.0, altitude_amsl_m: 400.0}

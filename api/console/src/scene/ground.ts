@@ -170,5 +170,5 @@ void main() {
   vec4 seen = texture2D(uPicture, vAt);
   vec3 pale = mix(vec3(dot(seen.rgb, vec3(0.3, 0.59, 0.11))), seen.rgb, mix(0.85, 0.65, uNight));
   float alpha = seen.a * (1.0 - smoothstep(0.5, 1.0, length(vPlace - uFocus) / uReach));
-  gl_FragColor = vec4(pale * mix(1.0, 0.26, uNight) * alpha, alpha);
+  gl_FragColor = vec4(pale * mix(1.0, 0.22, uNight) * alpha, alpha);
 }`;
