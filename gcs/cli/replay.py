@@ -5,7 +5,9 @@ import asyncio
 import logging
 import signal
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -57,9 +59,9 @@ def truths(path: Path, file: Path) -> list[Path]:
     return sorted(found for folder in folders for found in folder.glob(TRUTH))
 
 
-def recorded_map(data: FlightData) -> GroundMap | None:
+def recorded_map(config: Mapping[str, Any]) -> GroundMap | None:
     """The map that lay under the show; without it, where it is not here any more, which is told."""
-    told = data.about.config.get("map")
+    told = config.get("map")
     try:
         return open_map(None if told is None else MapSettings.model_validate(told))
     except ValidationError as error:
@@ -77,7 +79,9 @@ async def _replay(data: FlightData, truths: list[Path], arguments: argparse.Name
         loop.add_signal_handler(number, asked.set)
     service = Replay(data, arguments.speed, truths)
     listening: asyncio.Future[int] = loop.create_future()
-    app = create_app(service, host_names=("localhost", arguments.host), ground=recorded_map(data))
+    app = create_app(
+        service, host_names=("localhost", arguments.host), ground=recorded_map(data.about.config)
+    )
     tasks = [
         asyncio.create_task(serve_api(app, arguments.host, arguments.port, listening=listening), name="api"),
         asyncio.create_task(service.run(), name="replay"),

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from mbtiles import mbtiles
 
+from gcs.cli.replay import recorded_map
 from gcs.config import parse
 from gcs.errors import ConfigError, InvalidError, UnknownError
 from gcs.map_settings import MapSettings
@@ -141,3 +142,21 @@ def test_a_file_that_cannot_be_drawn_is_refused_at_the_start(tmp_path: Path) -> 
     }.items():
         with pytest.raises(ConfigError, match=rf"^map\.tiles: .*{name}\.mbtiles: .*{said}"):
             open_map(MapSettings(tiles=str(tmp_path / f"{name}.mbtiles")))
+
+
+def test_a_replay_has_the_recorded_map_or_says_why_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = mbtiles(tmp_path / "field.mbtiles", {"format": "png"}, {(3, 1, 0): b"a"})
+    kept = parse(SMALLEST + yaml.safe_dump({"map": {"tiles": str(path)}}), "my.yaml").model_dump(mode="json")
+    ground = recorded_map(kept)
+    assert ground is not None
+    assert ground.file is not None
+    assert recorded_map({}) is None  # of a version that had none
+    assert recorded_map({"map": None}) is None
+    assert capsys.readouterr().err == ""
+    path.unlink()
+    assert recorded_map(kept) is None
+    assert "without its map: map.tiles: " in capsys.readouterr().err
+    assert recorded_map({"map": {"tiles": "gopher://hole"}}) is None
+    assert "without its map: map: tiles = " in capsys.readouterr().err
