@@ -15,6 +15,7 @@ from starlette.routing import Match, Route
 from api import (
     docs,
     kill_routes,
+    map_routes,
     metrics,
     page,
     preflight_routes,
@@ -31,6 +32,7 @@ from api.door import Door
 from api.guard import Guard
 from api.problems import echo, error_response, from_pydantic, invalid_response
 from gcs.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
+from gcs.maps import GroundMap
 from gcs.service import Service
 
 STATUS: Final[dict[type[GcsError], HTTPStatus]] = {
@@ -60,6 +62,7 @@ def create_app(
     host_names: Sequence[str] = ("localhost",),
     door: Door | None = None,
     console: Path = page.DIST,
+    ground: GroundMap | None = None,
 ) -> FastAPI:
     """The REST API, the stream and the operator's page over one service.
 
@@ -68,11 +71,12 @@ def create_app(
         host_names: by which a browser may call this service, besides its IP addresses.
         door: who may call; None: everybody on this machine, as often as they like.
         console: the folder that the page was built into.
+        ground: the map that the page draws; None: a grid alone.
     """
     door = door or Door()
     app = routed()
-    app.include_router(page.routes(console))
-    app.state.desk = Desk(service, door)
+    app.include_router(page.routes(console, None if ground is None else ground.origin))
+    app.state.desk = Desk(service, door, ground)
     app.add_middleware(Guard, names=host_names, door=door)
     app.add_middleware(Audited, audit=service.audit)  # the last added is the outermost
     _install(app)
@@ -100,6 +104,7 @@ def routed() -> FastAPI:
     app.include_router(show_routes.selected, prefix="/api/v1")
     app.include_router(show_routes.files, prefix="/api/v1")
     app.include_router(replay_routes.router, prefix="/api/v1")
+    app.include_router(map_routes.router, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")
     return app
 

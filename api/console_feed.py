@@ -6,6 +6,7 @@ from typing import Final
 
 from api import convert_status, frames
 from api.wire_stream import Status
+from gcs.maps import GroundMap
 from gcs.service import FleetView, Service
 
 STATUS_S: Final = 0.5
@@ -15,11 +16,14 @@ STATUS_S: Final = 0.5
 class Feed:
     """Frames and status of one service. Used on the loop alone."""
 
-    def __init__(self, service: Service, access: str, problem: Callable[[], str]) -> None:
+    def __init__(
+        self, service: Service, access: str, problem: Callable[[], str], ground: GroundMap | None = None
+    ) -> None:
         """`access` is the door's text; `problem` says why control is not alive now."""
         self._service = service
         self._access = access
         self._problem = problem
+        self._ground = ground
         self._told: object = None  # what the status tells, without what a frame tells as well
         self._made_s = 0.0
         self._status = ""
@@ -41,7 +45,7 @@ class Feed:
     def newest(self) -> Status:
         """The status of the newest state."""
         view, happenings = self._service.view.value, self._service.happenings()
-        told = (self._revision, self._problem(), self._access)
+        told = (self._revision, self._problem(), self._access, self._ground)
         return convert_status.status(view, self._service.frame, happenings, *told)
 
     def frame(self) -> bytes:

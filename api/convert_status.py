@@ -8,6 +8,7 @@ import numpy as np
 from api import convert, wire_replay, wire_stream
 from gcs.frames import ShowFrame
 from gcs.happenings import Happening
+from gcs.maps import GroundMap
 from gcs.rows import VehicleRows
 from gcs.service import Bounds, Certification, FleetView, Playback
 from gcs.state import Array
@@ -20,6 +21,7 @@ def status(
     revision: int,
     problem: str,
     access: str,
+    ground: GroundMap | None = None,
 ) -> wire_stream.Status:
     """What changes seldom; `problem` is `health_problem`'s answer, `access` the door's text."""
     plan, selected = view.plan, view.selected
@@ -34,6 +36,7 @@ def status(
             for cue, at_s in (() if selected is None else selected.timeline)
         ],
         origin=convert.origin(frame),
+        map=None if ground is None else _map(ground),
         formation=convert.formation(plan.formation, view),
         target=convert.target(plan.target, view.target_m, frame),
         orbit=convert.orbit(plan.orbit),
@@ -101,6 +104,15 @@ def _home(place_m: Array | None) -> wire_stream.Home | None:
         return None
     x_m, y_m, z_m = place_m.tolist()
     return wire_stream.Home(x_m=x_m, y_m=y_m, height_m=0.0 - z_m)
+
+
+def _map(ground: GroundMap) -> wire_stream.Map:
+    return wire_stream.Map(
+        tiles=ground.tiles,
+        attribution=ground.attribution,
+        zoom_min=ground.zoom_min,
+        zoom_max=ground.zoom_max,
+    )
 
 
 def _fence(bounds: Bounds) -> wire_stream.Fence:

@@ -15,6 +15,7 @@ from api.door import Door
 from api.killswitch import KillSwitch
 from gcs.errors import RefusedError
 from gcs.frames import ShowFrame
+from gcs.maps import GroundMap
 from gcs.plan import Plan
 from gcs.service import FleetView, Service
 
@@ -29,11 +30,12 @@ class Desk:
     so that a second change starts from the first, and a reader finds what was just written.
     """
 
-    def __init__(self, service: Service, door: Door) -> None:
+    def __init__(self, service: Service, door: Door, ground: GroundMap | None = None) -> None:
         self.service = service
+        self.ground = ground
         self.door = door
         self.kill_switch = KillSwitch()
-        self.feed = Feed(service, door.text, self.health_problem)
+        self.feed = Feed(service, door.text, self.health_problem, ground)
         self.emergency_port: int | None = None  # of the listener for emergency calls alone, once it listens
         self._accepted = service.view.value.plan
         self._accepted_during = service.view.value

@@ -35,9 +35,21 @@ def is_public(path: str) -> bool:
     return path == "/" or ASSET.fullmatch(path) is not None
 
 
-def routes(folder: Path = DIST) -> APIRouter:
-    """The page that was built into `folder`; looked for with every call, so that it may be built later."""
+def headers(asked: str | None) -> dict[str, str]:
+    """What goes with the page, which may ask that origin for tiles of a map; None: nobody but us."""
+    if asked is None:
+        return HEADERS
+    policy = f"{HEADERS['Content-Security-Policy']}; connect-src 'self' {asked}"
+    return {**HEADERS, "Content-Security-Policy": policy}
+
+
+def routes(folder: Path = DIST, asked: str | None = None) -> APIRouter:
+    """The page that was built into `folder`; looked for with every call, so that it may be built later.
+
+    `asked`: the origin that it may ask for tiles of a map, besides us.
+    """
     router = APIRouter(include_in_schema=False)
+    sent = headers(asked)
 
     @router.api_route("/", methods=["GET", "HEAD"])
     async def page() -> Response:
@@ -45,7 +57,7 @@ def routes(folder: Path = DIST) -> APIRouter:
         index = folder / "index.html"
         if not index.is_file():
             return PlainTextResponse(NOT_BUILT, 503, headers={"Cache-Control": "no-store"})
-        return FileResponse(index, headers={**HEADERS, "Cache-Control": "no-cache"})
+        return FileResponse(index, headers={**sent, "Cache-Control": "no-cache"})
 
     @router.api_route("/assets/{name}", methods=["GET", "HEAD"])
     async def asset(name: str) -> Response:
@@ -53,6 +65,6 @@ def routes(folder: Path = DIST) -> APIRouter:
         found = folder / "assets" / name
         if ASSET.fullmatch(f"/assets/{name}") is None or not found.is_file():
             raise HTTPException(404)
-        return FileResponse(found, headers={**HEADERS, "Cache-Control": FOR_EVER})
+        return FileResponse(found, headers={**sent, "Cache-Control": FOR_EVER})
 
     return router

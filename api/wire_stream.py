@@ -43,6 +43,21 @@ class Fence(Outward):
     distance_max_m: float
 
 
+class Map(Outward):
+    """The picture of the ground, as tiles of web mercator."""
+
+    tiles: str = Field(
+        description=(
+            "Address of a tile: `{z}` is the zoom, `{x}` the column from the west, `{y}` the row from the"
+            " north. One that begins with `/` is this service's own, and asks for the token."
+        ),
+        examples=["/api/v1/map/{z}/{x}/{y}"],
+    )
+    attribution: str = Field(description="To be shown with it, as text.")
+    zoom_min: int
+    zoom_max: int
+
+
 class Separation(Outward):
     """How near two may come: semi-axes of the ellipsoid around one that no other's centre may be inside."""
 
@@ -95,6 +110,7 @@ class Status(Outward):
     show: Show
     timeline: list[CueTime] = Field(description="Of the selected show, loops written out.")
     origin: Origin
+    map: Map | None = Field(description="null: none is configured.")
     formation: Formation
     target: Target = Field(description="Where it was at `time_s`.")
     orbit: Orbit

@@ -19,6 +19,7 @@ from gcs.links.endpoints.urls import Listen, Place, occupied
 from gcs.links.endpoints.urls import parse as place_at
 from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
 from gcs.links.vehicle_ids import INSTANCES_MAX, SYSTEM_ID_MAX, instances
+from gcs.map_settings import MapSettings
 from gcs.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.preflight_settings import PreflightSettings
 from gcs.reactions import ReactionSettings
@@ -233,6 +234,7 @@ class Config(Settings):
     access: AccessSettings = AccessSettings()
     record: RecordSettings | None = None
     shows: ShowsSettings | None = None  # None: no shows can be uploaded
+    map: MapSettings | None = None  # None: a grid alone; nothing is asked of anybody
     operation: OperationSettings = OperationSettings()
     control: ControlSettings = ControlSettings()
     positioning: Positioning = Positioning()

@@ -5,14 +5,21 @@ import asyncio
 import logging
 import signal
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
 
 from api.app import create_app
 from api.server import serve as serve_api
+from gcs import documents
 from gcs.cli import logs
 from gcs.cli.certify import TRUTH
 from gcs.cli.record import session_folder
-from gcs.errors import GcsError
+from gcs.errors import ConfigError, GcsError
+from gcs.map_settings import MapSettings
+from gcs.maps import GroundMap, open_map
 from gcs.records.flown import FlightData
 from gcs.records.playing import SPEED_MAX
 from gcs.records.replay import Replay
@@ -52,6 +59,19 @@ def truths(path: Path, file: Path) -> list[Path]:
     return sorted(found for folder in folders for found in folder.glob(TRUTH))
 
 
+def recorded_map(config: Mapping[str, Any]) -> GroundMap | None:
+    """The map that lay under the show; without it, where it is not here any more, which is told."""
+    told = config.get("map")
+    try:
+        return open_map(None if told is None else MapSettings.model_validate(told))
+    except ValidationError as error:
+        problem = str(documents.explained(error, "map"))
+    except ConfigError as error:
+        problem = str(error)
+    print(f"gcs replay: without its map: {problem}", file=sys.stderr)
+    return None
+
+
 async def _replay(data: FlightData, truths: list[Path], arguments: argparse.Namespace) -> None:
     loop = asyncio.get_running_loop()
     asked = asyncio.Event()
@@ -59,7 +79,9 @@ async def _replay(data: FlightData, truths: list[Path], arguments: argparse.Name
         loop.add_signal_handler(number, asked.set)
     service = Replay(data, arguments.speed, truths)
     listening: asyncio.Future[int] = loop.create_future()
-    app = create_app(service, host_names=("localhost", arguments.host))
+    app = create_app(
+        service, host_names=("localhost", arguments.host), ground=recorded_map(data.about.config)
+    )
     tasks = [
         asyncio.create_task(serve_api(app, arguments.host, arguments.port, listening=listening), name="api"),
         asyncio.create_task(service.run(), name="replay"),

@@ -28,6 +28,7 @@ from gcs.links.keys import Signing
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.mavsdk_udp_link import MavsdkUdpLink
 from gcs.links.rates import wanted
+from gcs.maps import GroundMap, open_map
 from gcs.orchestrator import Heart, Orchestrator
 from gcs.service import FleetView, ShowAction
 from gcs.tokens import Tokens
@@ -88,22 +89,24 @@ async def running(config: Config, heart: Heart | None = None) -> AsyncIterator[t
     Control and API share the loop, not their fate: an API that fails is restarted, and control does not
     notice. When control fails, its error ends the block. `heart` is told of every tick that came in time.
 
-    Raises: LinkError when the API's port cannot be had at the start.
+    Raises: LinkError when the API's port cannot be had at the start, ConfigError for a file that is none.
     """
+    ground = open_map(config.map)
     record = make_record(config)
     keeps_frames = config.record is not None and config.record.frames
     folder = record.folder if record is not None and keeps_frames else None
     links = [make_link(link, config, folder) for link in config.links]
     orchestrator = Orchestrator(config, links, record, heart=heart)
     with nullcontext() if record is None else record:
-        async with _flying(orchestrator, config) as port:
+        async with _flying(orchestrator, config, ground) as port:
             yield orchestrator, port
 
 
 @asynccontextmanager
-async def _flying(orchestrator: Orchestrator, config: Config) -> AsyncIterator[int]:
+async def _flying(orchestrator: Orchestrator, config: Config, ground: GroundMap | None) -> AsyncIterator[int]:
     """Control and API until the block ends. Yields the API's port."""
-    app = create_app(orchestrator, host_names=("localhost", config.api.host), door=make_door(config))
+    names = ("localhost", config.api.host)
+    app = create_app(orchestrator, host_names=names, door=make_door(config), ground=ground)
     app.openapi()  # takes a quarter of a second: now, not when somebody asks while vehicles fly
     async with (
         _listening(app, config, "api.port", config.api.port) as port,

@@ -83,9 +83,7 @@ def tick(
         sides=lead.sides,
     )
     setpoints = _setpoints(now, answered.setpoint_m_s, yaw_rad)
-    return Tick(
-        setpoints, remembered, restrained_by, fleet.position_m, tasks.airborne, settings.safety.floor
-    )
+    return Tick(setpoints, remembered, restrained_by, fleet.position_m, tasks.airborne, settings.safety.floor)
 
 
 def _in_traffic(now: Moment, wanted_m_s: Array) -> Array:

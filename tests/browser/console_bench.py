@@ -152,14 +152,22 @@ class Station:
 
 @contextmanager
 def station(
-    folder: Path, count: int, *, access: dict[str, Any] | None = None, **formation: Any
+    folder: Path,
+    count: int,
+    *,
+    access: dict[str, Any] | None = None,
+    ground: dict[str, Any] | None = None,
+    heading_deg: float = 0.0,
+    **formation: Any,
 ) -> Iterator[Station]:
-    """The service over fake vehicles of its own."""
+    """The service over fake vehicles of its own; `ground` is the configuration's section `map`."""
     port = free_ports(count)
     raw = flying_config(count, port, silence_s=5.0).model_dump()
     raw["api"]["port"] = free_ports()
     raw["formation"] |= formation
     raw["access"] |= access or {}
+    raw["map"] = ground
+    raw["show_frame"]["heading_deg"] = heading_deg
     raw["reactions"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
     config = configuration.Config.model_validate(raw)
     with (

@@ -18,6 +18,7 @@ import { texts } from "./texts";
 import { update, type Message } from "./update";
 import { createApi } from "./wire/rest";
 import { openStream } from "./wire/stream";
+import { createTiles } from "./wire/tiles";
 
 /** The desk's own pace; what a person does is shown at once. */
 const DESK_MS = 100;
@@ -69,10 +70,11 @@ function newest(): State {
 
 const service = createActions(createApi(token), byHand, newest);
 const actions = createDeskActions(service, byHand, newest, login);
-const scene = createScene(canvas, {
-  ghost: (ghost) => byHand({ kind: "ghost", ghost }),
-  select: (id) => actions.select(id),
-});
+const scene = createScene(
+  canvas,
+  { ghost: (ghost) => byHand({ kind: "ghost", ghost }), select: (id) => actions.select(id) },
+  createTiles(token),
+);
 
 function onFrame(now_ms: number): void {
   dispatch({ kind: "tick", now_ms: performance.now() });

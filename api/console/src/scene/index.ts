@@ -6,6 +6,7 @@ import { Color, Group, Scene as Root, SRGBColorSpace } from "three";
 
 import { fresh, indexOf, may, type Frame, type Ghost, type State } from "../state";
 import { texts } from "../texts";
+import type { LoadTile } from "../wire/tiles";
 import { north_rad } from "./axes";
 import { Backdrop } from "./backdrop";
 import { Billboards } from "./billboards";
@@ -15,6 +16,7 @@ import { Controls } from "./controls";
 import { Eye } from "./eye";
 import { gripAt, handleOf, moved, type Grip } from "./ghosts";
 import { Grid } from "./grid";
+import { Ground } from "./ground";
 import { Table } from "./instances";
 import { Living, type Picture } from "./living";
 import { Looks } from "./looks";
@@ -46,8 +48,8 @@ const NAMED_UP_TO = 16; // vehicles
 const PAD_HEIGHT_M = 2; // as the safety filter's: lower pairs do not count
 
 /** Throws: Error where the browser has no WebGL 2. */
-export function createScene(canvas: HTMLCanvasElement, on: SceneEvents): Scene {
-  return new LiveScene(canvas, on);
+export function createScene(canvas: HTMLCanvasElement, on: SceneEvents, tile: LoadTile): Scene {
+  return new LiveScene(canvas, on, tile);
 }
 
 class LiveScene implements Scene {
@@ -58,6 +60,7 @@ class LiveScene implements Scene {
   readonly #root = new Root();
   readonly #backdrop = new Backdrop();
   readonly #grid;
+  readonly #ground;
   readonly #told = new Table(TOLD);
   readonly #vehicles;
   readonly #billboards;
@@ -81,7 +84,7 @@ class LiveScene implements Scene {
   #wasFresh = false;
   #palette: Palette | null = null;
 
-  constructor(canvas: HTMLCanvasElement, on: SceneEvents) {
+  constructor(canvas: HTMLCanvasElement, on: SceneEvents, tile: LoadTile) {
     this.#canvas = canvas;
     this.#on = on;
     this.#fitted = createRenderer(canvas);
@@ -89,13 +92,16 @@ class LiveScene implements Scene {
     const { shared } = this.#eye;
     const all = new Group();
     this.#grid = new Grid(shared);
+    this.#ground = new Ground(shared, tile, () => (this.#isDue = true));
     this.#vehicles = new Vehicles(shared);
     this.#billboards = new Billboards(shared);
     this.#trails = new Trails(shared);
     this.#shell = new Shell(shared);
     this.#scenery = new Scenery(shared, all);
     this.#living = new Living(shared, all);
-    all.add(this.#backdrop.mesh, this.#grid.mesh, this.#vehicles.mesh, this.#billboards.mesh, this.#trails.mesh, this.#shell.group);
+    all.add(
+      this.#backdrop.mesh, this.#ground.group, this.#grid.mesh, this.#vehicles.mesh, this.#billboards.mesh, this.#trails.mesh, this.#shell.group,
+    );
     this.#root.add(all);
     const parent = canvas.parentElement ?? document.body;
     this.#overlay = new Overlay(parent);
@@ -134,7 +140,7 @@ class LiveScene implements Scene {
   dispose(): void {
     this.#observer.disconnect();
     for (const each of [
-      this.#controls, this.#overlay, this.#grid, this.#vehicles, this.#billboards, this.#trails, this.#shell, this.#scenery, this.#living,
+      this.#controls, this.#overlay, this.#ground, this.#grid, this.#vehicles, this.#billboards, this.#trails, this.#shell, this.#scenery, this.#living,
       this.#backdrop, this.#fitted.renderer,
     ]) {
       each.dispose();
@@ -171,6 +177,7 @@ class LiveScene implements Scene {
     const screen = this.#screen();
     this.#eye.look(this.#cameraman.at(state, this.#poses, selected, screen, now_ms), screen);
     this.#backdrop.look(this.#eye, this.#palette!);
+    this.#ground.draw(status, this.#eye, this.#cameraman.moves, now_ms, this.#overlay);
     this.#grid.draw(this.#eye, this.#overlay);
     this.#overlay.north(north_rad(heading_deg) - this.#eye.pose.azimuth, this.#eye);
     if (moment === null || status === null) {

@@ -28,5 +28,5 @@ export function material({ hidden = true, hides = false, ...shader }: Recipe): S
 
 /** Drawn in this order. */
 export const ORDER = {
-  backdrop: 0, grid: 0.5, decals: 1, groundStrokes: 2, shell: 3, graticule: 4, vehicles: 5, trails: 6, boxes: 7, strokes: 8, bubbles: 9, marks: 10,
+  backdrop: 0, farGround: 0.2, ground: 0.3, grid: 0.5, decals: 1, groundStrokes: 2, shell: 3, graticule: 4, vehicles: 5, trails: 6, boxes: 7, strokes: 8, bubbles: 9, marks: 10,
 } as const;

@@ -18,6 +18,7 @@ export class Overlay {
   readonly #root: HTMLElement;
   readonly #needle: SVGGElement;
   readonly #compass: HTMLElement;
+  readonly #credit: HTMLElement;
   readonly #words: Word[] = [];
   #used = 0;
 
@@ -29,7 +30,11 @@ export class Overlay {
     this.#compass.className = "scene-compass";
     this.#compass.setAttribute("aria-hidden", "true");
     this.#needle = drawCompass(this.#compass);
-    parent.append(this.#root, this.#compass);
+    this.#credit = parent.ownerDocument.createElement("p");
+    this.#credit.className = "scene-credit";
+    this.#credit.dataset["testid"] = "map-credit";
+    this.#credit.hidden = true;
+    parent.append(this.#root, this.#compass, this.#credit);
   }
 
   begin(): void {
@@ -72,6 +77,16 @@ export class Overlay {
     this.#compass.style.transform = `translate(${free.left + 14}px, ${free.top + free.height - 78}px)`;
   }
 
+  /** What is to be said of the map, in the lower right corner; empty: nothing. */
+  credit(text: string, eye: Eye): void {
+    if (this.#credit.textContent !== text) {
+      this.#credit.textContent = text;
+      this.#credit.hidden = text === "";
+    }
+    const { free } = eye.screen;
+    this.#credit.style.transform = `translate(${free.left + free.width}px, ${free.top + free.height}px) translate(-100%, -100%)`;
+  }
+
   #next(): Word {
     let word = this.#words[this.#used];
     if (word === undefined) {
@@ -87,6 +102,7 @@ export class Overlay {
   dispose(): void {
     this.#root.remove();
     this.#compass.remove();
+    this.#credit.remove();
   }
 }
 

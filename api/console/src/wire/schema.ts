@@ -1449,6 +1449,27 @@ export interface components {
             code: string;
         };
         /**
+         * Map
+         * @description The picture of the ground, as tiles of web mercator.
+         */
+        Map: {
+            /**
+             * Attribution
+             * @description To be shown with it, as text.
+             */
+            attribution: string;
+            /**
+             * Tiles
+             * @description Address of a tile: `{z}` is the zoom, `{x}` the column from the west, `{y}` the row from the north. One that begins with `/` is this service's own, and asks for the token.
+             * @example /api/v1/map/{z}/{x}/{y}
+             */
+            tiles: string;
+            /** Zoom Max */
+            zoom_max: number;
+            /** Zoom Min */
+            zoom_min: number;
+        };
+        /**
          * Mode
          * @description Flight mode as the autopilot's heartbeat names it; OTHER is any mode we never order.
          * @enum {string}
@@ -2192,6 +2213,8 @@ export interface components {
             formation: components["schemas"]["Formation"];
             /** @description A flight that was cut off, and is not settled. */
             interrupted: components["schemas"]["Interrupted"] | null;
+            /** @description null: none is configured. */
+            map: components["schemas"]["Map"] | null;
             /**
              * Notices
              * @description What an operator should know now, in words.

@@ -1,0 +1,108 @@
+"""The map that the page draws: told by the status, served from a file, or asked of one other origin."""
+
+import asyncio
+from pathlib import Path
+
+import httpx
+import pytest
+from api_fake_service import FakeService
+from mbtiles import mbtiles
+
+from api.app import create_app
+from api.door import Door
+from gcs.access import Role
+from gcs.map_settings import MapSettings
+from gcs.maps import GroundMap, open_map
+from gcs.tokens import Tokens, create_token
+
+ADDRESS = "https://maps.example:8443/tiles/{z}/{x}/{y}.png?key=a"
+PICTURE = b"\x89PNG and so on"
+
+
+def ask(ground: GroundMap | None, path: str, door: Door | None = None, token: str = "") -> httpx.Response:
+    app = create_app(FakeService(), door=door, ground=ground)
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+
+    async def once() -> httpx.Response:
+        transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+            return await client.get(path, headers=headers)
+
+    return asyncio.run(once())
+
+
+@pytest.fixture
+def field(tmp_path: Path) -> GroundMap | None:
+    path = mbtiles(tmp_path / "field.mbtiles", {"format": "png"}, {(3, 1, 6): PICTURE})
+    return open_map(MapSettings(tiles=str(path), attribution="© Crew"))
+
+
+def test_a_tile_of_the_file_is_a_picture_and_the_status_says_where(field: GroundMap | None) -> None:
+    told = ask(field, "/api/v1/status").json()["map"]
+    assert told == {
+        "tiles": "/api/v1/map/{z}/{x}/{y}",
+        "attribution": "© Crew",
+        "zoom_min": 3,
+        "zoom_max": 3,
+    }
+    answer = ask(field, told["tiles"].format(z=3, x=1, y=1))
+    assert (answer.status_code, answer.content) == (200, PICTURE)
+    assert answer.headers["content-type"] == "image/png"
+    assert answer.headers["x-content-type-options"] == "nosniff"
+
+
+def test_where_there_is_none_it_says_so(field: GroundMap | None) -> None:
+    assert ask(None, "/api/v1/status").json()["map"] is None
+    for ground in (None, open_map(MapSettings(tiles=ADDRESS))):
+        answer = ask(ground, "/api/v1/map/3/1/1")
+        assert (answer.status_code, "map.tiles" in answer.json()["detail"]) == (404, True)
+    answer = ask(field, "/api/v1/map/3/1/2")
+    assert (answer.status_code, answer.json()["detail"]) == (404, "field.mbtiles has no tile 3/1/2")
+
+
+@pytest.mark.parametrize(
+    ("place", "field_name"),
+    [
+        *(("3/8/0", "x"), ("3/0/8", "y"), ("3/-1/0", "x"), ("-1/0/0", "z"), ("23/0/0", "z")),
+        *((f"{10**40}/0/0", "z"), ("a/0/0", "z"), ("3/1.5/0", "x"), ("3/1/1.png", "y"), ("nan/0/0", "z")),
+    ],
+)
+def test_numbers_that_no_tile_has_are_refused(field: GroundMap | None, place: str, field_name: str) -> None:
+    answer = ask(field, f"/api/v1/map/{place}")
+    assert answer.status_code == 422
+    assert field_name in answer.json()["problems"][0]["field"]
+
+
+def test_a_tile_is_for_whoever_may_watch(field: GroundMap | None, tmp_path: Path) -> None:
+    file = tmp_path / "tokens.json"
+    token = create_token(file, "guest", Role.WATCH)
+    door = Door(Tokens(file))
+    assert ask(field, "/api/v1/map/3/1/1", door).status_code == 401
+    assert ask(field, "/api/v1/map/3/1/1", door, token).content == PICTURE
+
+
+def test_the_page_may_ask_the_configured_origin_and_nobody_else(
+    field: GroundMap | None, tmp_path: Path
+) -> None:
+    assets = tmp_path / "assets"
+    assets.mkdir()
+    (assets / "a.js").write_text("fly()")
+    (tmp_path / "index.html").write_text("page")
+
+    def policies(ground: GroundMap | None) -> set[str]:
+        app = create_app(FakeService(), console=tmp_path, ground=ground)
+
+        async def both() -> set[str]:
+            transport = httpx.ASGITransport(app)
+            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+                answers = [await client.get(path) for path in ("/", "/assets/a.js")]
+            return {answer.headers["content-security-policy"] for answer in answers}
+
+        return asyncio.run(both())
+
+    ours = (
+        "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+    assert policies(None) == policies(field) == {ours}
+    widened = {f"{ours}; connect-src 'self' https://maps.example:8443"}
+    assert policies(open_map(MapSettings(tiles=ADDRESS))) == widened

@@ -1,0 +1,162 @@
+"""A map is an address or a file of pictures, or refused with what is wrong and what would be right."""
+
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from mbtiles import mbtiles
+
+from gcs.cli.replay import recorded_map
+from gcs.config import parse
+from gcs.errors import ConfigError, InvalidError, UnknownError
+from gcs.map_settings import MapSettings
+from gcs.maps import TileFile, open_map
+
+SMALLEST = """
+show_frame: {latitude_deg: 47.0, longitude_deg: 8.0, altitude_amsl_m: 400.0}
+links: [{name: one, listen: "udpin://127.0.0.1:14540", vehicles: [{id: a, system_id: 1}]}]
+formation: {radius_m: 10.0, height_m: 20.0}
+"""
+
+ADDRESS = "https://maps.example:8443/tiles/{z}/{x}/{y}.png?key=a"
+
+
+def configured(**settings: object) -> MapSettings | None:
+    return parse(SMALLEST + yaml.safe_dump({"map": settings}), "my.yaml").map
+
+
+def test_without_a_section_there_is_no_map() -> None:
+    assert open_map(parse(SMALLEST, "my.yaml").map) is None
+
+
+def test_an_address_is_the_pages_own_business_and_names_whom_it_asks() -> None:
+    ground = open_map(configured(tiles=ADDRESS, attribution="© Example", zoom_max=17))
+    assert ground is not None
+    assert (ground.tiles, ground.attribution, ground.zoom_min, ground.zoom_max) == (
+        ADDRESS,
+        "© Example",
+        0,
+        17,
+    )
+    assert ground.origin == "https://maps.example:8443"
+    assert ground.file is None
+
+
+@pytest.mark.parametrize(
+    ("tiles", "said"),
+    [
+        ("map.png", "path of an .mbtiles file"),
+        ("", "path of an .mbtiles file"),
+        ("https://maps.example/{x}/{y}.png", "{z} is missing"),
+        ("https://maps.example/{z}/{x}/{-y}.png", "{y} is missing"),
+        ("https://maps.example/{z}/{x}/{y}{r}.png", "{r} is not filled in"),
+        ("https://{s}.maps.example/{z}/{x}/{y}.png", "no host"),
+        ("ftp://maps.example/{z}/{x}/{y}.png", "ftp:// is no way"),
+        ("file:///maps/{z}/{x}/{y}.png", "file:// is no way"),
+        ("https:///{z}/{x}/{y}.png", "no host"),
+        ("https://crew:secret@maps.example/{z}/{x}/{y}.png", "no host"),
+        ("https://maps.example;script-src/{z}/{x}/{y}.png", "no host"),
+        ("https://maps.example *; /{z}/{x}/{y}.png", "no spaces"),
+        ("https://maps.example/{z}/{x}/{y}.png\r\nX: y", "no spaces"),
+    ],
+)
+def test_what_is_neither_is_refused_with_its_key(tiles: str, said: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        configured(tiles=tiles)
+    assert str(refused.value).startswith("my.yaml: map.tiles = ")
+    assert said in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({}, "map.tiles: Field required"),
+        ({"tiles": 7}, "map.tiles = 7"),
+        ({"tiles": ADDRESS, "zoom_max": 23}, "map.zoom_max = 23"),
+        ({"tiles": ADDRESS, "zoom_max": 0}, "map.zoom_max = 0"),
+        ({"tiles": ADDRESS, "attribution": "a" * 201}, "map.attribution"),
+        ({"tiles": ADDRESS, "zoom": 3}, "map.zoom = 3"),
+    ],
+)
+def test_the_rest_of_the_section_is_checked_too(settings: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=r"my\.yaml: .*") as refused:
+        configured(**settings)
+    assert said in str(refused.value)
+
+
+def test_a_file_tells_its_zooms_and_whom_to_thank_and_is_read_from_the_north(tmp_path: Path) -> None:
+    told = {"format": "jpg", "attribution": '<a href="https://x">&copy; Crew</a>'}
+    path = mbtiles(
+        tmp_path / "field.mbtiles", told, {(3, 1, 0): b"south", (3, 1, 7): b"north", (5, 2, 2): b"t"}
+    )
+    path.chmod(0o444)
+    ground = open_map(MapSettings(tiles=str(path)))
+    assert ground is not None
+    assert ground.file is not None
+    assert (ground.attribution, ground.zoom_min, ground.zoom_max) == ("© Crew", 3, 5)
+    assert (ground.origin, ground.tiles) == (None, "/api/v1/map/{z}/{x}/{y}")
+    assert ground.file.media_type == "image/jpeg"
+    assert ground.file.tile(3, 1, 0) == b"north"
+    assert ground.file.tile(3, 1, 7) == b"south"
+    ours = open_map(MapSettings(tiles=str(path), attribution="Ours", zoom_max=4))
+    assert ours is not None
+    assert (ours.attribution, ours.zoom_max) == ("Ours", 4)
+    with pytest.raises(ConfigError, match=r"map\.zoom_max = 2: .* begins with zoom 3"):
+        open_map(MapSettings(tiles=str(path), zoom_max=2))
+
+
+def test_tiles_that_are_not_there_or_nowhere_are_told_apart(tmp_path: Path) -> None:
+    file = TileFile(mbtiles(tmp_path / "a.mbtiles", {"format": "png"}, {(3, 1, 0): b"a", (3, 2, 0): "text"}))
+    for place in ((3, 0, 0), (3, 2, 7), (22, 0, 0)):
+        with pytest.raises(UnknownError, match=r"a\.mbtiles has no tile"):
+            file.tile(*place)
+    for place, field in (
+        *(((-1, 0, 0), "z"), ((23, 0, 0), "z"), ((10**30, 0, 0), "z")),
+        *(((3, 8, 0), "x"), ((3, -1, 0), "x"), ((3, 0, 8), "y"), ((3, 0, -(10**30)), "y")),
+    ):
+        with pytest.raises(InvalidError) as refused:
+            file.tile(*place)
+        assert refused.value.field == field
+
+
+def test_a_file_that_cannot_be_drawn_is_refused_at_the_start(tmp_path: Path) -> None:
+    one = {(3, 1, 0): b"a"}
+    (tmp_path / "text.mbtiles").write_text("not a database, but as long as the beginning of one " * 9)
+    (tmp_path / "folder.mbtiles").mkdir()
+    sqlite3.connect(tmp_path / "empty.mbtiles").close()
+    mbtiles(tmp_path / "vector.mbtiles", {"format": "pbf"}, one)
+    mbtiles(tmp_path / "unknown.mbtiles", {}, one)
+    mbtiles(tmp_path / "bare.mbtiles", {"format": "png"}, {})
+    mbtiles(tmp_path / "zoom.mbtiles", {"format": "png", "minzoom": "low"}, one)
+    for name, said in {
+        "none": "there is no such file",
+        "folder": "there is no such file",
+        "text": "not an MBTiles file",
+        "empty": "not an MBTiles file",
+        "vector": r"vector tiles \(format pbf\)",
+        "unknown": "format unknown",
+        "bare": "there is no tile in it",
+        "zoom": "not an MBTiles file",
+    }.items():
+        with pytest.raises(ConfigError, match=rf"^map\.tiles: .*{name}\.mbtiles: .*{said}"):
+            open_map(MapSettings(tiles=str(tmp_path / f"{name}.mbtiles")))
+
+
+def test_a_replay_has_the_recorded_map_or_says_why_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = mbtiles(tmp_path / "field.mbtiles", {"format": "png"}, {(3, 1, 0): b"a"})
+    kept = parse(SMALLEST + yaml.safe_dump({"map": {"tiles": str(path)}}), "my.yaml").model_dump(mode="json")
+    ground = recorded_map(kept)
+    assert ground is not None
+    assert ground.file is not None
+    assert recorded_map({}) is None  # of a version that had none
+    assert recorded_map({"map": None}) is None
+    assert capsys.readouterr().err == ""
+    path.unlink()
+    assert recorded_map(kept) is None
+    assert "without its map: map.tiles: " in capsys.readouterr().err
+    assert recorded_map({"map": {"tiles": "gopher://hole"}}) is None
+    assert "without its map: map: tiles = " in capsys.readouterr().err
