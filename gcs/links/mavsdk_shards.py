@@ -62,15 +62,12 @@ class MavsdkShards:
                 count = fleet.loopback.take(self._room)
                 sender.send_batch(self._room, count, to_everybody=fleet is self._fleets[0])
 
-    def take(self, room: mmsg.Batch, first: int = 0) -> int:
-        """Fill `room` from row `first` on with what they have written, each's in order.
-
-        Returns: how many. Never blocks.
-        """
-        count = first
+    def take(self, room: mmsg.Batch) -> int:
+        """Fill `room` with what they have written, each's in order. Returns: how many. Never blocks."""
+        count = 0
         for key, _ in self._written.select(0):
             count += key.data.loopback.take(room, count)
-        return count - first
+        return count
 
     def receive(self, system_id: int, raw: bytes) -> None:
         """Keep a frame of a configured vehicle until `flush`."""

@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)
 _LOOKS_S: Final = (0.0005, 0.001, 0.002, 0.004, 0.008)
 """MAVSDK's threads write a moment after they are told. So long after each other we look, until they have."""
 
-_PAUSES_S: Final = (0.0004, 0.0003, 0.0003)
+_PAUSES_S: Final = (0.0002, 0.0003, 0.0004)
 """MAVSDK's threads write a moment after they are told: so long the tick itself waits for them."""
 
 _DISCOVER_S: Final = 0.25
@@ -196,10 +196,7 @@ class MavsdkUdpLink(UdpLink):
     def _pass_on(self) -> None:
         """Send what MAVSDK has written."""
         if self._fleet is not None:
-            count = 0
-            while more := self._fleet.take(self._room, count):
-                count += more
-            if count:
+            while count := self._fleet.take(self._room):
                 self._outlet.take(self._room, count)
 
     async def _pass_on_behind_ticks(self) -> None:
