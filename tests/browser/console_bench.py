@@ -1,6 +1,7 @@
 """What the browser's tests stand on: the service over fake vehicles, a Chromium that looks at its page."""
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -36,10 +37,10 @@ FLIGHT_MS: Final = 90_000
 WORDS: Final = ".scene-word.thing, .scene-word.handle"
 """What is written in the scene beside what a hand can move."""
 
-MIDDLES: Final = """(all) => all.map((each) => each.getBoundingClientRect())
-  .filter((box) => box.x > 0)
-  .map((box) => [box.x + box.width / 2, box.y + box.height / 2])"""
-"""Of those that are in the picture."""
+PLACES: Final = """(all) => all.map((each) => [each.matches(".handle"), each.getBoundingClientRect()])
+  .filter(([, box]) => box.x > 0)
+  .map(([handle, box]) => [handle ? box.x - 16 : box.x + box.width / 2, box.y + box.height / 2])"""
+"""Of those that are in the picture: the middle of a word; the handle that stands before its word."""
 
 LOOK_MS: Final = 500
 """Between two looks at a word; as long as it moves the camera does."""
@@ -122,7 +123,7 @@ class Console:
                 return
         expect(self.part(name)).to_be_visible()
 
-    def says(self, name: str, text: str, timeout_ms: float = SOON_MS) -> None:
+    def says(self, name: str, text: str | re.Pattern[str], timeout_ms: float = SOON_MS) -> None:
         """Wait until that part of the page says so."""
         expect(self.part(name)).to_contain_text(text, timeout=timeout_ms)
 
@@ -138,7 +139,7 @@ class Console:
         raise AssertionError(f"{word!r} does not come to rest: {seen}")
 
     def _places(self, word: str) -> Any:
-        return self.page.locator(WORDS).filter(has_text=word).evaluate_all(MIDDLES)
+        return self.page.locator(WORDS).filter(has_text=word).evaluate_all(PLACES)
 
     def serious(self) -> list[str]:
         """What axe finds serious, or worse: which rule, and where."""

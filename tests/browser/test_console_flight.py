@@ -36,13 +36,11 @@ def start(desk: Console) -> None:
     desk.says("show-phase", "running", FLIGHT_MS)
 
 
-def drag(desk: Console, word: str, off_px: float, by_px: tuple[int, int]) -> list[float]:
-    """What is drawn beside a word in the scene, by hand, until the page asks whether it shall be so.
+def drag(desk: Console, x: float, y: float, by_px: tuple[int, int]) -> list[float]:
+    """What is there in the scene, by hand, until the page asks whether it shall be so.
 
     Returns: the numbers of what it asks.
     """
-    x, y = desk.resting(word)
-    y += off_px
     mouse = desk.page.mouse
     mouse.move(x, y)
     mouse.down()
@@ -56,16 +54,18 @@ def drag(desk: Console, word: str, off_px: float, by_px: tuple[int, int]) -> lis
 def moved(
     desk: Console, word: str, off_px: float, by_px: tuple[int, int], now: Callable[[], list[float]]
 ) -> list[float]:
-    """By hand: dropped with Escape, nothing is ordered; confirmed with Enter, the service says the same.
+    """What is drawn beside a word: dropped with Escape it is as it was, with Enter the service says the same.
 
     Returns: by how much each number has changed.
     """
     before = now()
-    drag(desk, word, off_px, by_px)
+    x, y = desk.resting(word)
+    y += off_px
+    drag(desk, x, y, by_px)
     desk.page.keyboard.press("Escape")
     expect(desk.part("ghost")).to_have_count(0)
     assert now() == before
-    wanted = drag(desk, word, off_px, by_px)
+    wanted = drag(desk, x, y, by_px)
     assert now() == before
     desk.page.keyboard.press("Enter")
     expect(desk.part("ghost")).to_have_count(0)
@@ -89,11 +89,15 @@ def by_hand(desk: Console, ground: Station) -> None:
         (tower,) = ground.client.obstacles()
         return [tower.x_m, tower.y_m]
 
+    for panel in "45":
+        desk.page.keyboard.press(panel)  # closes it: what it covers cannot be taken hold of
     desk.press("camera-top")
-    (wider_m,) = moved(desk, "radius", SPHERE_PX, (40, 0), radius_m)
+    desk.page.mouse.move(640, 300)
+    desk.page.mouse.wheel(0, 400)  # away, until the tower is in the picture
+    (wider_m,) = moved(desk, "radius", SPHERE_PX, (24, 0), radius_m)
     assert wider_m > 0.5
-    north_m, east_m = moved(desk, "tower", BOX_PX, (30, 40), tower_m)
-    assert (north_m < -0.5, east_m > 0.5) == (True, True)
+    north_m, east_m = moved(desk, "tower", BOX_PX, (-30, 40), tower_m)
+    assert (north_m < -0.5, east_m < -0.5) == (True, True)
     north_m, east_m = moved(desk, "target", TARGET_PX, (-60, -40), target_m)
     assert (north_m > 0.5, east_m < -0.5) == (True, True)
 
@@ -112,17 +116,23 @@ def add_obstacle(desk: Console, ground: Station) -> None:
 
 
 def test_a_show_is_flown_by_the_page_alone(chrome: Browser, tmp_path: Path) -> None:
-    with station(tmp_path, 4, radius_m=6.0, height_m=10.0) as ground, console(chrome, ground.url) as desk:
+    with (
+        station(tmp_path, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0) as ground,
+        console(chrome, ground.url) as desk,
+    ):
         desk.says("connection", "Live")
         start(desk)
         expect(desk.part("row-d1")).to_contain_text("formation")
         add_obstacle(desk, ground)
-        by_hand(desk, ground)
         assert desk.serious() == []
 
-        for key, phase in (("Shift+P", "paused"), ("Shift+R", "running"), ("Shift+H", "coming home")):
-            desk.page.keyboard.press(key)
-            desk.says("show-phase", phase, FLIGHT_MS)
+        desk.page.keyboard.press("Shift+P")
+        desk.says("show-phase", "paused")  # everything stands, and can be taken hold of
+        by_hand(desk, ground)
+        desk.page.keyboard.press("Shift+R")
+        desk.says("show-phase", re.compile("assembling|running"))
+        desk.page.keyboard.press("Shift+H")
+        desk.says("show-phase", "coming home")
         desk.says("show-phase", "landed", FLIGHT_MS)
         expect(desk.part("airborne")).to_contain_text("0/4")
         assert [order.action for order in ground.client.orders()] == [*("stop", "resume", "pause", "start")]
