@@ -4,15 +4,17 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from browsers import chromium
 from machine import free_ports
 from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect, sync_playwright
+from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "e2e"))
 
@@ -112,20 +114,36 @@ class Console:
         """A button, as soon as it may be pressed."""
         button = self.part(name)
         expect(button).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
-        button.click()
+        button.click(timeout=SOON_MS)
 
-    def opens(self, key: str, name: str) -> None:
-        """A key, until that part is there: a page that was busy refuses to act on what may be old."""
+    def until(self, act: Callable[[], None], reached: Callable[[float], None]) -> None:
+        """Do it until that is so: a page that was busy refuses to act on what may be old."""
         for _ in range(10):
-            self.page.keyboard.press(key)
-            with suppress(TimeoutError, AssertionError):
-                expect(self.part(name)).to_be_visible(timeout=2000)
+            with suppress(PlaywrightTimeoutError, AssertionError):
+                act()
+                reached(2000.0)
                 return
-        expect(self.part(name)).to_be_visible()
+        reached(SOON_MS)
+
+    def opens(self, act: str | Callable[[], None], name: str) -> None:
+        """A key, or what else is done, until that part is there."""
+        self.until(self._pressing(act), lambda ms: expect(self.part(name)).to_be_visible(timeout=ms))
+
+    def closes(self, act: str | Callable[[], None], name: str) -> None:
+        """The same until that part is gone."""
+        self.until(self._pressing(act), lambda ms: expect(self.part(name)).to_have_count(0, timeout=ms))
+
+    def _pressing(self, act: str | Callable[[], None]) -> Callable[[], None]:
+        return partial(self.page.keyboard.press, act) if isinstance(act, str) else act
 
     def says(self, name: str, text: str | re.Pattern[str], timeout_ms: float = SOON_MS) -> None:
         """Wait until that part of the page says so."""
         expect(self.part(name)).to_contain_text(text, timeout=timeout_ms)
+
+    def tells(self, kind: str, text: str, timeout_ms: float = SOON_MS) -> None:
+        """Wait until one of its answers, "done" or "refused", says so."""
+        told = self.part(f"toast-{kind}").filter(has_text=text).first
+        expect(told).to_be_visible(timeout=timeout_ms)
 
     def resting(self, word: str) -> tuple[float, float]:
         """Where a word of the scene is, once the camera has come to rest. In CSS pixels."""
@@ -173,7 +191,7 @@ class Console:
         """Press what has that name, as soon as it may be, by keyboard."""
         button = self.part(name)
         expect(button).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
-        button.focus()
+        button.focus(timeout=SOON_MS)
         self.page.keyboard.press("Enter")
 
 

@@ -44,8 +44,7 @@ def choose_show(desk: Console, folder: Path) -> None:
     expect(problem).to_contain_text("radius_m = 'wide'")
     expect(desk.part("show-select-broken")).to_have_attribute("aria-disabled", "true")
     expect(desk.part("show-verdict-circle")).to_contain_text("good to fly", timeout=FLIGHT_MS)
-    desk.by_key("show-select-circle")
-    expect(desk.part("show-deselect-circle")).to_be_visible(timeout=SOON_MS)
+    desk.opens(lambda: desk.by_key("show-select-circle"), "show-deselect-circle")
 
 
 def start_at_a_clock_time(desk: Console, ground: Station) -> None:
@@ -107,13 +106,15 @@ def test_a_show_that_was_started_by_the_clock_and_cut_off_is_taken_over_by_keybo
         desk.loses_its_service()
         expect(desk.part("start")).to_have_attribute("aria-disabled", "true")
         desk.page.keyboard.press("Shift+S")  # it can be pressed, and says why it does nothing
-        desk.says("toast-refused", "No fresh data")
+        desk.tells("refused", "No fresh data")
         with ground.again() as client:
             desk.says("connection", "Live", FLIGHT_MS)
             desk.says("show-verdict-circle", "not checked")  # by this one, which has begun just now
             desk.says("interrupted", "A flight was cut off")
             desk.says("interrupted", "the show was running")
-            desk.by_key("take-over")
+            waiting = desk.part("interrupted").get_by_text("waits in mode")
+            expect(waiting).to_have_count(3, timeout=FLIGHT_MS)
+            desk.until(lambda: desk.by_key("take-over"), lambda ms: desk.tells("done", "Take over", ms))
             desk.says("show-phase", "paused", FLIGHT_MS)
             desk.says("show-reason", "circle")
             for name in ("d1", "d2", "d3"):
