@@ -24,6 +24,7 @@ class Feed:
         self._access = access
         self._problem = problem
         self._ground = ground
+        self._began_unix_s = service.view.value.unix_time_s
         self._told: object = None  # what the status tells, without what a frame tells as well
         self._made_s = 0.0
         self._status = ""
@@ -45,7 +46,7 @@ class Feed:
     def newest(self) -> Status:
         """The status of the newest state."""
         view, happenings = self._service.view.value, self._service.happenings()
-        told = (self._revision, self._problem(), self._access, self._ground)
+        told = (self._began_unix_s, self._revision, self._problem(), self._access, self._ground)
         return convert_status.status(view, self._service.frame, happenings, *told)
 
     def frame(self) -> bytes:

@@ -18,6 +18,7 @@ def status(
     view: FleetView,
     frame: ShowFrame,
     happenings: Sequence[Happening],
+    began_unix_s: float,
     revision: int,
     problem: str,
     access: str,
@@ -29,6 +30,7 @@ def status(
         revision=revision,
         time_s=view.time_s,
         unix_time_s=view.unix_time_s,
+        began_unix_time_s=began_unix_s,
         control_reason=problem,
         show=convert.show(view),
         timeline=[

@@ -106,6 +106,9 @@ class Status(Outward):
     revision: int = Field(description="Counts up with every change; a frame names the one it belongs to.")
     time_s: float = Field(description="The service's monotonic clock.")
     unix_time_s: float
+    began_unix_time_s: float = Field(
+        description="When this service began: one that was started again has another."
+    )
     control_reason: str = Field(description="Why control is not alive, empty when it is.")
     show: Show
     timeline: list[CueTime] = Field(description="Of the selected show, loops written out.")

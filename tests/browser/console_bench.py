@@ -1,17 +1,20 @@
 """What the browser's tests stand on: the service over fake vehicles, a Chromium that looks at its page."""
 
 import json
+import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from browsers import chromium
 from machine import free_ports
-from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect, sync_playwright
+from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "e2e"))
 
@@ -33,23 +36,40 @@ SOON_MS: Final = 20_000
 FLIGHT_MS: Final = 90_000
 """Patience with a machine that is busy; what is waited for comes within a few seconds, or a minute."""
 
+WORDS: Final = ".scene-word.thing, .scene-word.handle"
+"""What is written in the scene beside what a hand can move."""
+
+PLACES: Final = """(all) => all.map((each) => [each.matches(".handle"), each.getBoundingClientRect()])
+  .filter(([, box]) => box.x > 0)
+  .map(([handle, box]) => [handle ? box.x - 16 : box.x + box.width / 2, box.y + box.height / 2])"""
+"""Of those that are in the picture: the middle of a word; the handle that stands before its word."""
+
+LOOK_MS: Final = 500
+"""Between two looks at a word; as long as it moves the camera does."""
+
+TARGET_PX, BOX_PX, SPHERE_PX = -26.0, 14.0, 0.0
+"""Where target, obstacle and the sphere's handle are drawn, below the words that name them."""
+
 AXE: Final = ROOT / "api" / "console" / "node_modules" / "axe-core" / "axe.min.js"
 
 SEEN: Final = """
 // When messages came, when the page said what, and for how long it could not draw: by the page's own clock.
-window.seen = { message_ms: 0, said: [], stalled: [] };
+window.seen = { message_ms: 0, said: [], counted: [], stalled: [] };
 window.WebSocket = class extends WebSocket {
   constructor(...given) {
     super(...given);
     this.addEventListener("message", () => (window.seen.message_ms = performance.now()));
   }
 };
-const said = () => {
-  const now = document.querySelector("[data-testid=connection] strong")?.textContent;
-  const last = window.seen.said.at(-1);
-  if (now !== undefined && now !== last?.text) {
-    window.seen.said.push({ text: now, at_ms: performance.now(), message_ms: window.seen.message_ms });
+const note = (where, list) => {
+  const now = document.querySelector(where)?.textContent;
+  if (now !== undefined && now !== list.at(-1)?.text) {
+    list.push({ text: now, at_ms: performance.now(), message_ms: window.seen.message_ms });
   }
+};
+const said = () => {
+  note("[data-testid=connection] strong", window.seen.said);
+  note("[data-testid=countdown] .gauge-value", window.seen.counted);
 };
 new MutationObserver(said).observe(document, { subtree: true, childList: true, characterData: true });
 let before_ms = performance.now();
@@ -94,20 +114,50 @@ class Console:
         """A button, as soon as it may be pressed."""
         button = self.part(name)
         expect(button).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
-        button.click()
+        button.click(timeout=SOON_MS)
 
-    def opens(self, key: str, name: str) -> None:
-        """A key, until that part is there: a page that was busy refuses to act on what may be old."""
+    def until(self, act: Callable[[], None], reached: Callable[[float], None]) -> None:
+        """Do it until that is so: a page that was busy refuses to act on what may be old."""
         for _ in range(10):
-            self.page.keyboard.press(key)
-            with suppress(TimeoutError, AssertionError):
-                expect(self.part(name)).to_be_visible(timeout=2000)
+            with suppress(PlaywrightTimeoutError, AssertionError):
+                act()
+                reached(2000.0)
                 return
-        expect(self.part(name)).to_be_visible()
+        reached(SOON_MS)
 
-    def says(self, name: str, text: str, timeout_ms: float = SOON_MS) -> None:
+    def opens(self, act: str | Callable[[], None], name: str) -> None:
+        """A key, or what else is done, until that part is there."""
+        self.until(self._pressing(act), lambda ms: expect(self.part(name)).to_be_visible(timeout=ms))
+
+    def closes(self, act: str | Callable[[], None], name: str) -> None:
+        """The same until that part is gone."""
+        self.until(self._pressing(act), lambda ms: expect(self.part(name)).to_have_count(0, timeout=ms))
+
+    def _pressing(self, act: str | Callable[[], None]) -> Callable[[], None]:
+        return partial(self.page.keyboard.press, act) if isinstance(act, str) else act
+
+    def says(self, name: str, text: str | re.Pattern[str], timeout_ms: float = SOON_MS) -> None:
         """Wait until that part of the page says so."""
         expect(self.part(name)).to_contain_text(text, timeout=timeout_ms)
+
+    def tells(self, kind: str, text: str, timeout_ms: float = SOON_MS) -> None:
+        """Wait until one of its answers, "done" or "refused", says so."""
+        told = self.part(f"toast-{kind}").filter(has_text=text).first
+        expect(told).to_be_visible(timeout=timeout_ms)
+
+    def resting(self, word: str) -> tuple[float, float]:
+        """Where a word of the scene is, once the camera has come to rest. In CSS pixels."""
+        seen: list[list[list[float]]] = []
+        for _ in range(60):
+            seen = [*seen[-2:], self._places(word)]
+            if len(seen) == 3 and seen[0] == seen[1] == seen[2] and len(seen[0]) == 1:
+                ((x, y),) = seen[0]
+                return x, y
+            self.page.wait_for_timeout(LOOK_MS)
+        raise AssertionError(f"{word!r} does not come to rest: {seen}")
+
+    def _places(self, word: str) -> Any:
+        return self.page.locator(WORDS).filter(has_text=word).evaluate_all(PLACES)
 
     def serious(self) -> list[str]:
         """What axe finds serious, or worse: which rule, and where."""
@@ -124,11 +174,34 @@ class Console:
         """What `SEEN` noted."""
         return json.loads(self.page.evaluate("JSON.stringify(window.seen)"))
 
+    def loses_its_service(self) -> None:
+        """Says within a second that nothing comes any more; while the page could draw, by its own clock."""
+        self.says("connection", "No connection")
+        expect(self.part("banner")).to_be_visible()
+        expect(self.part("desk")).to_have_attribute("data-life", "lost")
+        seen = self.seen()
+        (lost,) = [each for each in seen["said"] if each["text"] == "No connection"]
+        last_ms = lost["message_ms"]
+        stood_still_ms = sum(
+            each["to_ms"] - each["from_ms"] for each in seen["stalled"] if each["to_ms"] > last_ms
+        )
+        assert lost["at_ms"] - last_ms < 1000.0 + stood_still_ms
+
+    def by_key(self, name: str) -> None:
+        """Press what has that name, as soon as it may be, by keyboard."""
+        button = self.part(name)
+        expect(button).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
+        button.focus(timeout=SOON_MS)
+        self.page.keyboard.press("Enter")
+
 
 @contextmanager
-def console(chrome: Browser, url: str, *, width: int = 1280, height: int = 720) -> Iterator[Console]:
+def console(
+    chrome: Browser, url: str, *, width: int = 1280, height: int = 720, touch: bool = False
+) -> Iterator[Console]:
     """A tab of its own, whose storage is empty, opened at `url`."""
-    context = chrome.new_context(viewport={"width": width, "height": height}, reduced_motion="reduce")
+    size: ViewportSize = {"width": width, "height": height}
+    context = chrome.new_context(viewport=size, reduced_motion="reduce", has_touch=touch)
     try:
         page = context.new_page()
         wrong: list[str] = []
@@ -148,6 +221,15 @@ class Station:
     url: str
     client: Client
     process: subprocess.Popen[str]
+    config: configuration.Config
+    folder: Path
+
+    @contextmanager
+    def again(self) -> Iterator[Client]:
+        """The same once more, after it has ended, until the block ends: the fleet has flown on meanwhile."""
+        self.process.wait()
+        with service(self.config, self.folder) as (client, _):
+            yield client
 
 
 @contextmanager
@@ -156,22 +238,24 @@ def station(
     count: int,
     *,
     access: dict[str, Any] | None = None,
+    takeoff_m: float = 5.0,
     ground: dict[str, Any] | None = None,
     heading_deg: float = 0.0,
     **formation: Any,
 ) -> Iterator[Station]:
-    """The service over fake vehicles of its own; `ground` is the configuration's section `map`."""
+    """The service over fake vehicles of its own, which take off to `takeoff_m`; `ground`: section `map`."""
     port = free_ports(count)
-    raw = flying_config(count, port, silence_s=5.0).model_dump()
+    raw = flying_config(count, port, silence_s=5.0, takeoff_height_m=takeoff_m).model_dump()
     raw["api"]["port"] = free_ports()
     raw["formation"] |= formation
     raw["access"] |= access or {}
     raw["map"] = ground
     raw["show_frame"]["heading_deg"] = heading_deg
+    raw["shows"] = {"folder": folder / "shows"}
     raw["reactions"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
     config = configuration.Config.model_validate(raw)
     with (
         vehicles(count, port, folder, *proper(config)),
         service(config, folder / "service") as (client, process),
     ):
-        yield Station(f"http://127.0.0.1:{config.api.port}", client, process)
+        yield Station(f"http://127.0.0.1:{config.api.port}", client, process, config, folder / "service")

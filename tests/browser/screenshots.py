@@ -4,7 +4,6 @@ Look at them. What is to be seen in docs/screenshots/ is what an operator sees.
 """
 
 import json
-import re
 import socket
 import subprocess
 import sys
@@ -23,6 +22,7 @@ from ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
 from machine import free_ports
 from PIL import Image
 from playwright.sync_api import expect
+from replays import replay
 
 from gcs import config as configuration
 from gcs.client import Client
@@ -102,21 +102,6 @@ def fly(desk: Console, client: Client, control: int) -> None:
     desk.says("show-phase", "landed", FLIGHT_MS)
 
 
-@contextmanager
-def replay(record: Path) -> Iterator[tuple[Client, str]]:
-    """`gcs replay` of that flight."""
-    command = [sys.executable, "-m", "gcs", "replay", record.name, "--port", "0", "--speed", "4"]
-    with subprocess.Popen(command, cwd=record.parent, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            address = re.search(r"http://[\d.]+:\d+", process.stdout.readline() if process.stdout else "")
-            if address is None:
-                raise RuntimeError("gcs replay did not begin")
-            with Client(address[0], timeout_s=30.0) as client:
-                yield client, address[0]
-        finally:
-            process.kill()
-
-
 def main() -> None:
     """Overwrites what is in docs/screenshots."""
     FOLDER.mkdir(exist_ok=True)
@@ -135,7 +120,11 @@ def main() -> None:
             console(chrome, url) as desk,
         ):
             fly(desk, client, control)
-        with replay(folder) as (client, url), console(chrome, url) as desk:
+        with (
+            replay(folder.name, "--speed", "4", folder=folder.parent) as url,
+            Client(url, timeout_s=30.0) as client,
+            console(chrome, url) as desk,
+        ):
             wait_until("flies", SOON_S, lambda: client.show().phase == "running")
             client.playback.change(paused=True)
             _open(desk, "right", "certificate")

@@ -2,10 +2,10 @@
 
 import signal
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
-from console_bench import SOON_MS, Console, Station, chromes, console, station
+from console_bench import SOON_MS, TARGET_PX, Console, Station, chromes, console, station
+from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
 
 from gcs.access import Role
@@ -86,62 +86,110 @@ def test_a_vehicle_is_chosen_and_a_kill_is_armed_and_disarmed_by_keyboard(
         assert not [order for order in ground.client.orders() if order.action == "kill"]
 
 
+def touch(desk: Console, *places: tuple[float, float]) -> None:
+    """A finger from the first place over the others to the last."""
+    finger = desk.page.context.new_cdp_session(desk.page)
+    for kind, place in zip(("touchStart", *("touchMove",) * (len(places) - 1)), places, strict=True):
+        points = [{"x": place[0], "y": place[1]}]
+        finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    finger.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
+def test_the_target_is_moved_by_touch(chrome: Browser, ground: Station) -> None:
+    with console(chrome, ground.url, touch=True) as desk:
+        desk.says("connection", "Live")
+        desk.part("camera-top").tap()
+        x, y = desk.resting("target")
+        before = ground.client.target()
+        touch(desk, *((x + 5.0 * step, y + TARGET_PX - 4.0 * step) for step in range(11)))
+        desk.closes(lambda: desk.part("ghost-confirm").tap(timeout=SOON_MS), "ghost")
+        wait_until("moved", SOON_S, lambda: ground.client.target().x_m != before.x_m)
+        assert desk.wrong == []
+
+
 def test_a_silent_service_is_told_within_a_second_and_comes_back(chrome: Browser, ground: Station) -> None:
     with console(chrome, ground.url) as desk:
         desk.says("connection", "Live")
         ground.process.send_signal(signal.SIGSTOP)  # the socket stays open, and says nothing
         try:
-            desk.says("connection", "No connection")
-            expect(desk.part("banner")).to_be_visible()
-            expect(desk.part("desk")).to_have_attribute("data-life", "lost")
-            seen = desk.seen()
+            desk.loses_its_service()
         finally:
             ground.process.send_signal(signal.SIGCONT)
-        (lost,) = [each for each in seen["said"] if each["text"] == "No connection"]
-        silent_ms = lost["at_ms"] - lost["message_ms"]
-        stood_still_ms = sum(
-            each["to_ms"] - each["from_ms"] for each in seen["stalled"] if each["to_ms"] > lost["message_ms"]
-        )
-        assert silent_ms < 1000.0 + stood_still_ms
         desk.says("connection", "Live")
         expect(desk.part("banner")).to_be_hidden()
         desk.press("start")  # what it knows is now, and may be acted on
         assert desk.wrong == []
 
 
-def test_a_service_that_ends_is_told_at_once_and_nothing_can_be_ordered(
-    chrome: Browser, tmp_path: Path
-) -> None:
-    with station(tmp_path, 1) as alone, console(chrome, alone.url) as desk:
-        desk.says("connection", "Live")
-        alone.process.kill()
-        desk.says("connection", "No connection")
-        expect(desk.part("start")).to_have_attribute("aria-disabled", "true")
-        desk.part("start").click(force=True)  # it can be pressed, and says why it does nothing
-        desk.says("toast-refused", "No fresh data")
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Station, dict[Role, str]]]:
+    """One vehicle, and a token for each role."""
+    folder = tmp_path_factory.mktemp("guarded")
+    file = folder / "tokens.json"
+    tokens = {role: create_token(file, f"the-{role.value}", role) for role in Role}
+    with station(folder, 1, access={"tokens_file": str(file)}) as started:
+        yield started, tokens
 
 
-def test_a_wrong_token_says_so_and_a_right_one_is_kept_and_may_what_it_may(
-    chrome: Browser, tmp_path: Path
+def enter(desk: Console, token: str) -> None:
+    """By keyboard: the field has the focus as soon as it is there."""
+    desk.says("login-reason", "token")
+    desk.part("token").fill(token)
+    desk.page.keyboard.press("Enter")
+
+
+def refused(desk: Console, *buttons: str) -> dict[str, str]:
+    """Why those may not be pressed, as is written on each."""
+    for name in buttons:
+        expect(desk.part(name)).to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
+    return {name: desk.part(f"why-{name}").inner_text() for name in buttons}
+
+
+BIG = ("start", "pause", "resume", "stop", "abort", "kill")
+
+Guarded = tuple[Station, dict[Role, str]]
+
+
+def test_a_wrong_token_says_so_and_a_watcher_sees_all_and_may_press_nothing(
+    chrome: Browser, guarded: Guarded
 ) -> None:
-    file = tmp_path / "tokens.json"
-    token = create_token(file, "guest", Role.WATCH)
-    with (
-        station(tmp_path, 1, access={"tokens_file": str(file)}) as ground,
-        console(chrome, ground.url) as desk,
-    ):
+    ground, tokens = guarded
+    with console(chrome, ground.url) as desk:
         desk.says("login-reason", "asks for a token")
-        desk.part("token").fill("gcs_guess")
-        desk.page.keyboard.press("Enter")
+        enter(desk, "gcs_guess")
         desk.says("login-reason", "not known")
         assert desk.serious() == []
-        desk.part("token").fill(token)
+        enter(desk, tokens[Role.WATCH])
+        desk.says("connection", "Live")
+        desk.says("who", "the-watch")
+        expect(desk.part("row-d1")).to_contain_text("standby", timeout=SOON_MS)
+        assert refused(desk, *BIG) == dict.fromkeys(BIG, "Your token may only watch.")
+        desk.page.keyboard.press("Shift+K")
+        desk.tells("refused", "Your token may only watch.")
+        expect(desk.part("sheet-kill")).to_have_count(0)
+        desk.page.keyboard.press("2")
+        expect(desk.part("show-upload")).to_be_disabled()
+        desk.page.reload()  # the token is kept
+        desk.says("connection", "Live")
+        desk.says("who", "the-watch")
+
+
+def test_an_operator_may_start_and_an_emergency_token_may_bring_down_and_kill_alone(
+    chrome: Browser, guarded: Guarded
+) -> None:
+    ground, tokens = guarded
+    with console(chrome, ground.url) as desk:
+        enter(desk, tokens[Role.OPERATE])
+        desk.says("who", "the-operate")
+        desk.opens("Shift+S", "start-go")
+        expect(desk.part("start-go")).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
+    with console(chrome, ground.url) as desk:
+        enter(desk, tokens[Role.EMERGENCY])
+        desk.says("who", "the-emergency")
+        only = "Your token may bring the fleet down, nothing else."
+        assert refused(desk, "start", "resume") == dict.fromkeys(("start", "resume"), only)
+        desk.opens("Shift+K", "kill-arm")
+        desk.by_key("kill-arm")
+        desk.part("kill-typed").fill(desk.part("kill-code").inner_text())
         desk.page.keyboard.press("Enter")
-        desk.says("connection", "Live")
-        desk.says("who", "guest")
-        expect(desk.part("start")).to_have_attribute("aria-disabled", "true")
-        desk.page.keyboard.press("Shift+S")
-        expect(desk.part("toast-refused")).to_be_visible(timeout=SOON_MS)
-        desk.page.reload()
-        desk.says("connection", "Live")
-        desk.says("who", "guest")
+        expect(desk.part("row-d1")).to_contain_text("killed", timeout=SOON_MS)

@@ -1,27 +1,28 @@
 """A crew flies a show by the page alone, by hand and by keys; what it does is seen in the service."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from console_bench import FLIGHT_MS, SOON_MS, Console, Station, chromes, console, station
+from console_bench import (
+    BOX_PX,
+    FLIGHT_MS,
+    SOON_MS,
+    SPHERE_PX,
+    TARGET_PX,
+    Console,
+    Station,
+    chromes,
+    console,
+    station,
+)
 from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
 
-BOX = {"obstacle:x_m": "-30", "obstacle:y_m": "5", "obstacle:half_length_x_m": "3", "obstacle:height_m": "12"}
+BOX = {"obstacle:x_m": "4", "obstacle:y_m": "24", "obstacle:half_length_x_m": "2", "obstacle:height_m": "12"}
 
 chrome = pytest.fixture(scope="module")(chromes)
-
-TARGET = (-26.0, (60, -40))
-"""Where the target is from its word, and how far it is drawn: to the right and up. In CSS pixels."""
-
-MIDDLES = """(all) => all.map((each) => each.getBoundingClientRect())
-  .filter((box) => box.x > 0)
-  .map((box) => [box.x + box.width / 2, box.y + box.height / 2])"""
-"""Of those that are in the picture."""
-
-LOOK_MS = 500
-"""Between two looks at a word; as long as it moves the camera does."""
 
 
 def start(desk: Console) -> None:
@@ -31,27 +32,15 @@ def start(desk: Console) -> None:
     desk.opens("Enter", "start-go")
     expect(desk.part("start-go")).to_be_focused()
     expect(desk.part("start-preflight")).to_have_class(re.compile("good"), timeout=SOON_MS)
-    desk.page.keyboard.press("Enter")
+    desk.closes("Enter", "sheet-start")
     desk.says("show-phase", "running", FLIGHT_MS)
 
 
-def resting(desk: Console, word: str) -> tuple[float, float]:
-    """Where a word of the scene is, once the camera has come to rest. In CSS pixels."""
-    words = desk.page.locator(".scene-word.thing").filter(has_text=word)
-    seen: list[list[list[float]]] = []
-    for _ in range(60):
-        seen = [*seen[-2:], words.evaluate_all(MIDDLES)]
-        if len(seen) == 3 and seen[0] == seen[1] == seen[2] and len(seen[0]) == 1:
-            ((x, y),) = seen[0]
-            return x, y
-        desk.page.wait_for_timeout(LOOK_MS)
-    raise AssertionError(f"{word!r} does not come to rest: {seen}")
+def drag(desk: Console, x: float, y: float, by_px: tuple[int, int]) -> list[float]:
+    """What is there in the scene, by hand, until the page asks whether it shall be so.
 
-
-def drag(desk: Console, word: str, off_px: float, by_px: tuple[int, int]) -> None:
-    """What is drawn beside a word in the scene, by hand, until the page asks whether it shall be so."""
-    x, y = resting(desk, word)
-    y += off_px
+    Returns: the numbers of what it asks.
+    """
     mouse = desk.page.mouse
     mouse.move(x, y)
     mouse.down()
@@ -59,58 +48,91 @@ def drag(desk: Console, word: str, off_px: float, by_px: tuple[int, int]) -> Non
     mouse.move(x + by_px[0], y + by_px[1], steps=4)
     mouse.up()
     expect(desk.part("ghost")).to_be_visible()
+    return [float(each) for each in re.findall(r"-?\d+\.\d+", desk.part("ghost-text").inner_text())]
 
 
-def move_target(desk: Console, ground: Station) -> None:
-    """Seen from above, to the right and up: nothing is ordered before it is confirmed."""
+def moved(
+    desk: Console, word: str, off_px: float, by_px: tuple[int, int], now: Callable[[], list[float]]
+) -> list[float]:
+    """What is drawn beside a word: dropped with Escape it is as it was, with Enter the service says the same.
+
+    Returns: by how much each number has changed.
+    """
+    before = now()
+    x, y = desk.resting(word)
+    y += off_px
+    drag(desk, x, y, by_px)
+    desk.closes("Escape", "ghost")
+    assert now() == before
+    wanted = drag(desk, x, y, by_px)
+    assert now() == before
+    desk.closes("Enter", "ghost")
+    wait_until(f"{word} moved", SOON_S, lambda: now() == pytest.approx(wanted))
+    return [after - each for after, each in zip(wanted, before, strict=True)]
+
+
+def by_hand(desk: Console, ground: Station) -> None:
+    """Seen from above, where up is north, and so the show's x axis."""
+
+    def radius_m() -> list[float]:
+        return [ground.client.formation().radius_m]
+
+    def target_m() -> list[float]:
+        target = ground.client.target()
+        assert target.x_m is not None
+        assert target.y_m is not None
+        return [target.x_m, target.y_m]
+
+    def tower_m() -> list[float]:
+        (tower,) = ground.client.obstacles()
+        return [tower.x_m, tower.y_m]
+
+    for panel in "45":
+        desk.page.keyboard.press(panel)  # closes it: what it covers cannot be taken hold of
     desk.press("camera-top")
-    before = ground.client.target()
-    drag(desk, "target", *TARGET)
-    desk.page.keyboard.press("Escape")
-    expect(desk.part("ghost")).to_be_hidden()
-    assert (ground.client.target().x_m, ground.client.target().y_m) == (before.x_m, before.y_m)
-    drag(desk, "target", *TARGET)
-    desk.press("ghost-confirm")
-    wait_until("moved", SOON_S, lambda: ground.client.target().x_m != before.x_m)
-    after = ground.client.target()
-    assert after.x_m is not None
-    assert after.y_m is not None
-    assert before.x_m is not None
-    assert before.y_m is not None
-    assert after.x_m > before.x_m + 1.0  # up is north, where the show's x axis points
-    assert after.y_m > before.y_m + 1.0
+    desk.page.mouse.move(640, 300)
+    desk.page.mouse.wheel(0, 400)  # away, until the tower is in the picture
+    (wider_m,) = moved(desk, "radius", SPHERE_PX, (24, 0), radius_m)
+    assert wider_m > 0.5
+    north_m, east_m = moved(desk, "tower", BOX_PX, (-30, 40), tower_m)
+    assert (north_m < -0.5, east_m < -0.5) == (True, True)
+    north_m, east_m = moved(desk, "target", TARGET_PX, (-60, -40), target_m)
+    assert (north_m > 0.5, east_m < -0.5) == (True, True)
 
 
 def add_obstacle(desk: Console, ground: Station) -> None:
     desk.press("tab-obstacles")
-    desk.press("obstacle-add")
+    desk.opens(lambda: desk.press("obstacle-add"), "obstacle-id")
     desk.part("obstacle-id").fill("tower")
     for field, value in BOX.items():
         desk.part(field).fill(value)
-    desk.press("obstacle-save")
+    desk.opens(lambda: desk.press("obstacle-save"), "obstacle-tower")
     wait_until("added", SOON_S, lambda: [each.id for each in ground.client.obstacles()] == ["tower"])
     (tower,) = ground.client.obstacles()
-    assert (tower.x_m, tower.y_m, tower.half_length_x_m, tower.height_m) == (-30.0, 5.0, 3.0, 12.0)
-    expect(desk.part("obstacle-tower")).to_be_visible()
+    assert (tower.x_m, tower.y_m, tower.half_length_x_m, tower.height_m) == (4.0, 24.0, 2.0, 12.0)
 
 
 def test_a_show_is_flown_by_the_page_alone(chrome: Browser, tmp_path: Path) -> None:
-    with station(tmp_path, 5, radius_m=7.0, height_m=13.0) as ground, console(chrome, ground.url) as desk:
+    with (
+        station(tmp_path, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0) as ground,
+        console(chrome, ground.url) as desk,
+    ):
         desk.says("connection", "Live")
         start(desk)
         expect(desk.part("row-d1")).to_contain_text("formation")
         add_obstacle(desk, ground)
-        move_target(desk, ground)
         assert desk.serious() == []
 
-        desk.press("pause")
-        desk.says("show-phase", "paused")
-        desk.page.keyboard.press("Shift+R")
-        desk.says("show-phase", "running")
-
-        desk.press("stop")
+        desk.page.keyboard.press("Shift+P")
+        desk.says("show-phase", "paused")  # everything stands, and can be taken hold of
+        by_hand(desk, ground)
+        goes_on = re.compile("assembling|running")
+        desk.until(
+            lambda: desk.page.keyboard.press("Shift+R"), lambda ms: desk.says("show-phase", goes_on, ms)
+        )
+        desk.page.keyboard.press("Shift+H")
         desk.says("show-phase", "coming home")
         desk.says("show-phase", "landed", FLIGHT_MS)
-        expect(desk.part("airborne")).to_contain_text("0/5")
+        expect(desk.part("airborne")).to_contain_text("0/4")
         assert [order.action for order in ground.client.orders()] == [*("stop", "resume", "pause", "start")]
         assert desk.wrong == []

@@ -1,7 +1,5 @@
 """A record in the same page: played, stopped, looked at anywhere, and judged."""
 
-import re
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +8,7 @@ import pytest
 from console_bench import FLIGHT_MS, SOON_MS, chromes, console
 from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
+from replays import replay
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "virtual"))
 
@@ -39,15 +38,8 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(CONFIG.ids)}
     with Record(root, CONFIG.model_dump_json(), vehicles) as record:
         fly(a_show, CONFIG, record=record)
-    command = [sys.executable, "-m", "gcs", "replay", str(root), "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as service:
-        try:
-            assert service.stdout is not None
-            address = re.search(r"http://[\d.]+:\d+", service.stdout.readline())
-            assert address is not None
-            yield address[0]
-        finally:
-            service.kill()
+    with replay(root) as address:
+        yield address
 
 
 def test_a_record_is_played_stopped_searched_and_judged(replayed: str, chrome: Browser) -> None:

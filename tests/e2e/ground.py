@@ -88,12 +88,15 @@ def vehicles(
 
 @contextmanager
 def service(config: configuration.Config, folder: Path) -> Iterator[tuple[Client, subprocess.Popen[str]]]:
-    """`gcs serve` in a process of its own; its recording and its log lie in `folder`."""
-    folder.mkdir()
+    """`gcs serve` in a process of its own; its recording and its log lie in `folder`.
+
+    In the folder of one that has ended it is the same one, started again.
+    """
+    folder.mkdir(exist_ok=True)
     raw = config.model_dump(mode="json") | {"record": {"folder": str(folder)}}
     (folder / "config.yaml").write_text(yaml.safe_dump(raw), encoding="utf-8")
     command = [sys.executable, "-m", "gcs", "serve", "--config", str(folder / "config.yaml"), "--quiet"]
-    with (folder / "log").open("w") as log:
+    with (folder / "log").open("a") as log:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
     try:
         assert process.stdout is not None

@@ -94,6 +94,7 @@ def test_what_changes_is_told_again_with_the_next_revision_and_nothing_else_is()
             frame = await next_of(viewer, bytes)
         assert (first["formation"]["radius_m"], second["formation"]["radius_m"]) == (10.0, 12.0)
         assert second["revision"] == first["revision"] + 1 == frame["revision"]
+        assert second["began_unix_time_s"] == first["began_unix_time_s"] < first["unix_time_s"]
 
     run(main)
 

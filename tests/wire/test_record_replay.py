@@ -2,18 +2,14 @@
 
 import asyncio
 import json
-import re
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from replays import replay
 from websockets.asyncio.client import connect
 
 from api import frames
@@ -92,29 +88,13 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@contextmanager
-def replay(*arguments: str) -> Iterator[str]:
-    """The API's address while `gcs replay` runs."""
-    command = [sys.executable, "-m", "gcs", "replay", *arguments, "--port", "0"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        address = re.search(r"http://\S+:\d+", process.stdout.readline())
-        assert address is not None
-        yield address[0]
-    finally:
-        process.terminate()
-        process.communicate(timeout=30)
-    assert process.returncode == 0
-
-
 async def watched(address: str, count: int) -> list[dict[str, Any]]:
     async with connect(f"{address.replace('http', 'ws')}/api/v1/stream?rate_hz=20") as stream:
         return [json.loads(await stream.recv()) for _ in range(count)]
 
 
 def test_the_stream_shows_the_flight_in_its_time_and_orders_are_refused(recorded: Path) -> None:
-    with replay(str(recorded), "--speed", f"{SPEED:g}") as address, Client(address, timeout_s=30.0) as client:
+    with replay(recorded, "--speed", f"{SPEED:g}") as address, Client(address, timeout_s=30.0) as client:
         fleet = client.fleet()
         assert fleet.notices[0].startswith(f"replay of {recorded / 'flight.mcap'} at 10 times its speed")
         assert "d2: lost: in the air when last heard, and sent nothing" in fleet.notices
@@ -163,7 +143,7 @@ def positions_s(address: str, count: int) -> list[float]:
 
 
 def test_it_is_paused_and_sought_and_tells_what_had_happened_by_then(recorded: Path) -> None:
-    with replay(str(recorded)) as address, Client(address, timeout_s=30.0) as client:
+    with replay(recorded) as address, Client(address, timeout_s=30.0) as client:
         told = client.playback.change(paused=True, position_s=12.5)
         assert (told.paused, told.position_s, told.ended) == (True, 12.5, False)
         assert told.duration_s == pytest.approx(SECONDS - 0.05)
@@ -200,7 +180,7 @@ def test_it_is_paused_and_sought_and_tells_what_had_happened_by_then(recorded: P
 def test_its_certificate_is_made_beside_it(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["certify", str(recorded), "--json"]) in {0, 1}
     judged = json.loads(capsys.readouterr().out)
-    with replay(str(recorded)) as address, Client(address, timeout_s=30.0) as client:
+    with replay(recorded) as address, Client(address, timeout_s=30.0) as client:
         found = client.playback.certificate()
         while found.state == "running":
             time.sleep(0.5)

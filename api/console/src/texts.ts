@@ -228,7 +228,7 @@ export const texts = {
     policies: { held: "as at take-off", fixed: "one heading", target: "at the target" },
     heading: "Heading",
     groups: { formation: "Sphere", orbit: "Orbit", target: "Target", yaw: "Where they look" },
-    led: "A written show leads these now. Pause it, or deselect it on the ground.",
+    led: (show: string): string => `The show ${show} decides this until it is deselected, on the ground.`,
     badNumber: "a number",
     none: "Nothing is known yet.",
   },

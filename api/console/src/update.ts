@@ -94,10 +94,10 @@ function onStatus(state: State, status: Status): State {
   const isKnown = (id: string | null): boolean => id === null || status.vehicles.some((each) => each.id === id);
   const selected = isKnown(state.view.selected) ? state.view.selected : null;
   const view = selected === state.view.selected ? state.view : { ...state.view, selected };
-  const restarted = state.status !== null && status.time_s < state.status.time_s;
-  return restarted
-    ? { ...state, status, view, frame: null, previous: null, preflight: null, kill: null, history: initialHistory() }
-    : { ...state, status, view };
+  const isAnother = state.status !== null && state.status.began_unix_time_s !== status.began_unix_time_s;
+  if (!isAnother) return { ...state, status, view };
+  const desk = { ...state.desk, shows: null, checks: {} };
+  return { ...state, status, view, desk, frame: null, previous: null, preflight: null, kill: null, orders: [], history: initialHistory() };
 }
 
 function onFrame(state: State, frame: Frame): State {

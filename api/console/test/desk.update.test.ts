@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 
 import { doomed } from "../src/desk/kill";
-import { whyNot, whyNotOnGround, whyNotShow, whyNotVehicle } from "../src/desk/rights";
+import { whyNot, whyNotOnGround, whyNotShape, whyNotShow, whyNotVehicle } from "../src/desk/rights";
 import { startOrder } from "../src/desk/start";
 import { typedNumbers } from "../src/desk/shape";
 import { initial, type Right, type State } from "../src/state";
@@ -58,6 +58,19 @@ describe("who may press what", () => {
     const replay = { file: "f", began_unix_time_s: 0, duration_s: 9, position_s: 0, speed: 1, paused: false, ended: false };
     expect(whyNot(flying(undefined, { replay }), "abort")).toBe(texts.flight.replay);
     expect(whyNot(after([{ kind: "access", access: null }], flying()), "abort")).toBe(texts.flight.noRights);
+  });
+
+  it("leaves to a selected show what it decides, also while it is paused; a live cue takes the target", () => {
+    const selected = {
+      name: "parade", hash: "ab", cue: "stand", cues: ["stand"], clock_s: 1, duration_s: 9, runs: false, target_is_live: false,
+    };
+    const led = (change: object): State => flying(undefined, { show: { ...status().show, selected: { ...selected, ...change } } });
+    for (const change of [{}, { runs: true }]) {
+      for (const what of ["formation", "orbit", "target"] as const) expect(whyNotShape(led(change), what)).toBe(texts.shape.led("parade"));
+    }
+    const live = led({ target_is_live: true });
+    expect([whyNotShape(live, "target"), whyNotShape(live, "formation")]).toEqual(["", texts.shape.led("parade")]);
+    expect(whyNotShape(flying(), "formation")).toBe("");
   });
 
   it("settles on the ground what belongs there", () => {

@@ -70,12 +70,18 @@ test("no state is ever changed in place", () => {
 
 test("a service that was started again is another one: nothing of the last one is shown as its", () => {
   const report = { passes: true } as never;
-  const state = after(
+  const check = { name: "parade", state: "done", reason: "", hash: "ab", good: true, figures: null } as const;
+  const known = after(
     { kind: "status", status: status({ time_s: 500 }) }, framed(500, 0), { kind: "preflight", report },
-    { kind: "status", status: status({ time_s: 3 }) },
+    { kind: "order", order: order("o1") }, { kind: "check", check: { ...check, problems: [] } },
   );
-  expect(state).toMatchObject({ frame: null, previous: null, preflight: null });
+  const same = update(known, { kind: "status", status: status({ time_s: 510, revision: 2 }) });
+  expect([same.frame?.time_s, same.orders.length, Object.keys(same.desk.checks)]).toEqual([500, 1, ["parade"]]);
+  const began_unix_time_s = status().began_unix_time_s + 511; // its clock is the machine's, and goes on
+  const state = update(known, { kind: "status", status: status({ time_s: 511, began_unix_time_s }) });
+  expect(state).toMatchObject({ frame: null, previous: null, preflight: null, orders: [] });
   expect(state.history.time_s.length).toBe(0);
+  expect(state.desk).toMatchObject({ checks: {}, shows: null });
 });
 
 test("a vehicle that is gone is no longer selected; one that is there stays so", () => {

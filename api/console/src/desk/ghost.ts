@@ -26,8 +26,14 @@ export function ghostText(ghost: Ghost): string {
 }
 
 export function whyNotGhost(state: State): string {
-  const kind = state.ghost?.kind;
-  return kind === "target" || kind === "radius" ? whyNotShape(state) : whyNot(state, "obstacle");
+  switch (state.ghost?.kind) {
+    case "target":
+      return whyNotShape(state, "target");
+    case "radius":
+      return whyNotShape(state, "formation");
+    default:
+      return whyNot(state, "obstacle");
+  }
 }
 
 export function ghostBar(state: State, actions: DeskActions): TemplateResult | typeof nothing {

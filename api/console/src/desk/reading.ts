@@ -35,8 +35,8 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
       ask("orders", service.loadOrders);
     }
     if (desk.left !== "shows") showsFor = null;
-    else if (showsFor !== state.access.who) {
-      showsFor = state.access.who;
+    else if (showsFor !== `${state.access.who} ${status.began_unix_time_s}`) {
+      showsFor = `${state.access.who} ${status.began_unix_time_s}`;
       ask("shows", service.loadShows);
     }
   };

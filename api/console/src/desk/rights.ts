@@ -50,10 +50,10 @@ export function whyNotOnGround(state: State): string {
   return phase === undefined || ON_THE_GROUND.includes(phase) ? "" : texts.flight.notNow(texts.phases[phase]);
 }
 
-/** The formation, orbit and target belong to a written show while it runs. */
-export function whyNotShape(state: State): string {
-  const why = whyNot(state, "formation");
+/** Formation, orbit and target belong to a written show as long as it is selected; a live cue takes the target. */
+export function whyNotShape(state: State, what: "formation" | "orbit" | "target"): string {
+  const why = whyNot(state, what);
   if (why !== "") return why;
   const selected = state.status?.show.selected;
-  return selected?.runs && !selected.target_is_live ? texts.shape.led : "";
+  return !selected || (what === "target" && selected.target_is_live) ? "" : texts.shape.led(selected.name);
 }

@@ -26,7 +26,7 @@ export function typedNumbers(drafts: Readonly<Record<string, string>>, group: st
 }
 
 export function whyNotGroup(state: State, group: Group): string {
-  return group === "yaw" ? whyNot(state, "yaw") : whyNotShape(state);
+  return group === "yaw" ? whyNot(state, "yaw") : whyNotShape(state, group);
 }
 
 function hasDrafts(state: State, group: Group): boolean {
@@ -74,7 +74,7 @@ export function shape(state: State, actions: DeskActions): TemplateResult {
   const { status, frame } = state;
   if (!status) return html`<p class="empty">${t.none}</p>`;
   const { formation, orbit, target, yaw } = status;
-  const why = whyNotShape(state);
+  const led = whyNotShape(state, "formation");
   const moving = (wanted: number, now: number | null | undefined): string =>
     now !== null && now !== undefined && Math.abs(now - wanted) > 0.05 ? withUnit(now, "m") : "";
   const target_m = frame?.target_m ?? [target.x_m ?? NaN, target.y_m ?? NaN];
@@ -82,13 +82,13 @@ export function shape(state: State, actions: DeskActions): TemplateResult {
     html`<div class="rowed">
       <span>${label}</span>
       ${choices(id, label, all.map(([value, words]) => ({ value, label: words })), now, (value) => {
-        const denied = id === "yaw-policy" ? whyNot(state, "yaw") : why;
+        const denied = whyNotGroup(state, id === "yaw-policy" ? "yaw" : "orbit");
         if (denied === "") send(value);
         else actions.refuse(label, denied);
       })}
     </div>`;
   return html`<div class="shape" data-testid="shape">
-    ${why ? html`<p class="hint" data-testid="shape-why">${why}</p>` : nothing}
+    ${led ? html`<p class="hint" data-testid="shape-why">${led}</p>` : nothing}
     ${section(state, actions, "formation", t.sphere, [
       { field: "formation:radius_m", label: t.radius, unit: "m", value: fixed(formation.radius_m), now: moving(formation.radius_m, frame?.radius_m ?? formation.radius_now_m) },
       { field: "formation:height_m", label: t.height, unit: "m", value: fixed(formation.height_m), now: moving(formation.height_m, frame?.center_m?.[2] ?? formation.height_now_m) },

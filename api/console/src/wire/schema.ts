@@ -2200,6 +2200,11 @@ export interface components {
              */
             access: string;
             /**
+             * Began Unix Time S
+             * @description When this service began: one that was started again has another.
+             */
+            began_unix_time_s: number;
+            /**
              * Control Reason
              * @description Why control is not alive, empty when it is.
              */
