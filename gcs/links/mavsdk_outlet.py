@@ -14,11 +14,10 @@ from gcs.links.direct.udp_link import Wanted
 from gcs.links.killlatch import KillLatch
 from gcs.links.mavlink_frames import SETPOINT_MESSAGES, Frame, moves, split, target_system
 from gcs.links.mmsg import Batch
-from gcs.links.setpoint_gate import FRAME, are_setpoints, frames_of
+from gcs.links.setpoint_kernels import FRAME, NOBODY, are_setpoints, awaited_setpoints, warm_up
 from gcs.links.traffic import Counters
 from gcs.state import Array, Mask
 
-_NOBODY: Final = -1
 _ALL: Final = slice(None)
 
 
@@ -38,13 +37,14 @@ class MavsdkOutlet:
         clock: Callable[[], float],
     ) -> None:
         """Nothing is asked of anybody. Rows as on the link."""
+        warm_up()
         n = len(system_ids)
         self._outbox = outbox
         self._latch = latch
         self._sent = sent
         self._counters = counters
         self._clock = clock
-        self._row_of = np.full(256, _NOBODY, np.int64)
+        self._row_of = np.full(256, NOBODY, np.int64)
         self._row_of[system_ids] = np.arange(n)
         self._awaited: Mask = np.zeros(n, np.bool_)  # whose setpoint of the newest tick is still to leave
         self._velocity: NDArray[np.uint32] = np.zeros((n, 3), np.uint32)  # as it stands on the wire
@@ -67,8 +67,9 @@ class MavsdkOutlet:
 
     def take(self, written: Batch, count: int) -> None:
         """Send on the first `count` datagrams, those that may leave. Never blocks, never raises."""
-        is_setpoint = are_setpoints(written, count)
-        self._take_setpoints(written, np.flatnonzero(is_setpoint))
+        is_setpoint = are_setpoints(written.data, written.length, count)
+        if is_setpoint.any():
+            self._take_setpoints(written, is_setpoint)
         others = [
             (frame, int(self._row_of[target_system(frame)]))
             for at in np.flatnonzero(~is_setpoint).tolist()
@@ -78,21 +79,15 @@ class MavsdkOutlet:
         if others:
             self._pass_on([frame.raw for frame, _ in others], np.array([row for _, row in others]))
 
-    def _take_setpoints(self, written: Batch, places: Whole) -> None:
-        said = frames_of(written, places)["said"]
-        rows = self._row_of[said["target_system"]]
-        velocity = np.stack([said[axis] for axis in ("vx", "vy", "vz")], axis=1).view(np.uint32)
-        newest = self._awaited[rows] & (rows != _NOBODY) & (velocity == self._velocity[rows]).all(axis=1)
-        # of several that say the same the last
-        leaving, last = np.unique(rows[newest][::-1], return_index=True)
-        at = places[newest][::-1][last]
+    def _take_setpoints(self, written: Batch, setpoints: Mask) -> None:
+        at, leaving = awaited_setpoints(written.data, setpoints, self._row_of, self._awaited, self._velocity)
         frames = Frames(written.data[at, : FRAME.itemsize], np.full(len(at), FRAME.itemsize))
         left = self._outbox.send(frames, leaving, self._clock(), until_s=self._until_s)
         left_s = self._clock()  # after the call: never earlier than the truth
         self._awaited[leaving] = False
         self._sent.note(leaving[left], left_s)
         self._counters.setpoints_sent += int(left.sum())
-        self._counters.setpoints_dropped += len(places) - len(leaving)
+        self._counters.setpoints_dropped += int(setpoints.sum()) - len(leaving)
         if left_s > self._until_s:
             self._counters.setpoints_dropped += int((~left).sum())
 
@@ -101,7 +96,7 @@ class MavsdkOutlet:
         target = target_system(frame)
         if target == 0:
             return False
-        if self._row_of[target] == _NOBODY:
+        if self._row_of[target] == NOBODY:
             self._counters.unroutable += 1
         elif frame.message_id in SETPOINT_MESSAGES:
             self._counters.setpoints_dropped += 1

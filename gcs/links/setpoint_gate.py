@@ -7,30 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.links.deadman import Asked, Deadman
-from gcs.links.direct.codec import HEADER_LENGTH, Records, layout
+from gcs.links.direct.codec import Records
 from gcs.links.endpoints import Endpoint
 from gcs.links.endpoints.udp import Udp
 from gcs.links.killlatch import KillLatch
-from gcs.links.mavlink_frames import SET_POSITION_TARGET_LOCAL_NED
 from gcs.links.mmsg import Batch
 from gcs.links.roster import Address
+from gcs.links.setpoint_kernels import FRAME, are_setpoints, warm_up
 from gcs.links.traffic import Counters, Direction, Observer
-from gcs.state import Array, Mask
+from gcs.state import Array
 
 _ROOM: Final = 256
-_MAGIC: Final = 0xFD
-FRAME: Final = np.dtype(
-    [
-        ("magic", "u1"),
-        ("length", "u1"),
-        ("incompatible", "u1"),  # flags; 1: signed
-        ("before_id", "V4"),
-        ("message_id", "u1", 3),
-        ("said", layout(SET_POSITION_TARGET_LOCAL_NED).dtype),
-        ("checksum", "<u2"),
-    ]
-)
-"""A MAVLink 2 frame with a SET_POSITION_TARGET_LOCAL_NED, whose last byte is never a zero to be cut off."""
 
 
 class _Way(NamedTuple):
@@ -57,6 +44,7 @@ class SetpointGate:
         failed: Callable[[Address, OSError], None],
     ) -> None:
         """See `Wire`; `failed` is told of every datagram that could not leave."""
+        warm_up()
         self._deadman = deadman
         self._latch = latch
         self._asked = asked
@@ -80,7 +68,7 @@ class SetpointGate:
 
         Returns: the rows that are anything else, or whose way is not UDP, in order.
         """
-        is_setpoint = are_setpoints(written, count)
+        is_setpoint = are_setpoints(written.data, written.length, count)
         others: list[int] = np.flatnonzero(~is_setpoint).tolist()
         rows = np.flatnonzero(is_setpoint)
         said = frames_of(written, rows)["said"]
@@ -147,17 +135,3 @@ class SetpointGate:
 def frames_of(written: Batch, rows: NDArray[np.intp]) -> Records:
     """Datagrams of that length, as (k,) of `FRAME`."""
     return written.data[rows, : FRAME.itemsize].copy().view(FRAME)[:, 0]
-
-
-def are_setpoints(written: Batch, count: int) -> Mask:
-    """(count,) whether each datagram is one unsigned velocity setpoint, whole."""
-    frames = frames_of(written, np.arange(count))
-    number = frames["message_id"] @ np.array([1, 1 << 8, 1 << 16])
-    are: Mask = (
-        (written.length[:count] == FRAME.itemsize)
-        & (frames["magic"] == _MAGIC)
-        & (frames["length"] == FRAME.itemsize - HEADER_LENGTH)
-        & (frames["incompatible"] == 0)
-        & (number == SET_POSITION_TARGET_LOCAL_NED)
-    )
-    return are

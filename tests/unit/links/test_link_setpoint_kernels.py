@@ -1,0 +1,89 @@
+"""Which of the datagrams that MAVSDK wrote are setpoints, and which of those may leave."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as dialect
+
+from gcs.links.setpoint_kernels import FRAME, NOBODY, are_setpoints, awaited_setpoints
+
+ROOM, LONGEST = 16, 300
+
+ROW_OF = np.full(256, NOBODY, np.int64)
+ROW_OF[[7, 9, 250]] = 0, 1, 2
+
+VELOCITY_M_S = np.array([[1.0, -2.0, 0.5], [0.0, 0.0, 0.0], [3.0, 0.1, -0.1]])
+BITS = VELOCITY_M_S.astype(np.float32).view(np.uint32)
+EVERYBODY = np.ones(3, bool)
+
+
+def setpoint(system_id: int, velocity_m_s: np.ndarray) -> bytes:
+    """A frame as MAVSDK writes it."""
+    mavlink = dialect.MAVLink(None, srcSystem=245, srcComponent=190)
+    x_m_s, y_m_s, z_m_s = velocity_m_s.tolist()
+    position, acceleration = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    target = (system_id, 1, dialect.MAV_FRAME_LOCAL_NED, 0x0DC7)
+    said = (0, *target, *position, x_m_s, y_m_s, z_m_s, *acceleration, 1.5, 0.0)
+    packed: bytes = dialect.MAVLink_set_position_target_local_ned_message(*said).pack(mavlink)
+    return packed
+
+
+def written(datagrams: list[bytes]) -> tuple[np.ndarray, np.ndarray]:
+    """As they lie in a batch, whose room was used before."""
+    data = np.full((ROOM, LONGEST), 0xFD, np.uint8)
+    for at, datagram in enumerate(datagrams):
+        data[at, : len(datagram)] = np.frombuffer(datagram, np.uint8)
+    return data, np.array([*map(len, datagrams), *[0] * (ROOM - len(datagrams))])
+
+
+def leaving(datagrams: list[bytes], awaited: np.ndarray = EVERYBODY) -> list[tuple[int, int]]:
+    """(datagram, row) of those that may leave."""
+    data, length = written(datagrams)
+    found = are_setpoints(data, length, len(datagrams))
+    places, rows = awaited_setpoints(data, found, ROW_OF, awaited, BITS)
+    return list(zip(places.tolist(), rows.tolist(), strict=True))
+
+
+def test_what_was_asked_for_leaves_once_to_each_the_last_that_says_it() -> None:
+    first, second, third = (
+        setpoint(system_id, VELOCITY_M_S[row]) for row, system_id in enumerate((7, 9, 250))
+    )
+    assert leaving([third, first, third, second]) == [(2, 2), (1, 0), (3, 1)]
+
+
+@pytest.mark.parametrize(
+    "datagram",
+    [
+        pytest.param(setpoint(7, VELOCITY_M_S[2]), id="what another was told"),
+        pytest.param(setpoint(7, np.nextafter(VELOCITY_M_S[0], 9.0, dtype=np.float32)), id="nearly that"),
+        pytest.param(setpoint(9, -VELOCITY_M_S[1]), id="minus zero, which nobody asked for"),
+        pytest.param(setpoint(8, VELOCITY_M_S[0]), id="to somebody who is not ours"),
+    ],
+)
+def test_what_was_not_asked_for_does_not_leave(datagram: bytes) -> None:
+    assert leaving([datagram]) == []
+
+
+def test_nothing_leaves_to_whom_nothing_is_awaited() -> None:
+    datagrams = [setpoint(7, VELOCITY_M_S[0]), setpoint(9, VELOCITY_M_S[1])]
+    assert leaving(datagrams, np.array([False, True, True])) == [(1, 1)]
+
+
+@given(st.lists(st.one_of(st.binary(max_size=LONGEST), st.just(setpoint(7, VELOCITY_M_S[0]))), max_size=ROOM))
+def test_a_setpoint_is_one_whole_unsigned_frame_and_nothing_else_is_taken_for_one(
+    datagrams: list[bytes],
+) -> None:
+    data, length = written(datagrams)
+    known = [each[:3] == bytes([0xFD, FRAME.itemsize - 12, 0]) for each in datagrams]
+    are = [
+        is_begun and len(each) == FRAME.itemsize and each[7:10] == bytes([84, 0, 0])
+        for is_begun, each in zip(known, datagrams, strict=True)
+    ]
+    assert are_setpoints(data, length, len(datagrams)).tolist() == are
+
+
+@pytest.mark.parametrize("cut", [1, 12, 40, FRAME.itemsize - 1])
+def test_half_a_setpoint_and_two_in_one_datagram_are_none(cut: int) -> None:
+    whole = setpoint(7, VELOCITY_M_S[0])
+    assert leaving([whole[:cut], whole + whole, whole]) == [(2, 0)]
