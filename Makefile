@@ -7,15 +7,20 @@ NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 # Modules are compiled once and kept, wherever we run: pytest's rewriting of them takes longer than many a test.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test computed flown console console-test wire check compiled bench mutate flight-quality screenshots format lock clean
+.PHONY: ready demo test computed flown console console-test wire check compiled bench mutate flight-quality screenshots format lock clean
 
-demo: .venv/ready console  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
+# Two environments are made side by side: one flies, one builds the page.
+ready:
+	@$(MAKE) --no-print-directory -j2 .venv/ready console
+
+demo: ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
 	@$(BIN)/gcs demo $(ARGS)
 
 # What computes takes only what what flies leaves over, where the system can give it that: nobody flies late for it.
 IDLE := $(shell command -v chrt >/dev/null 2>&1 && chrt --idle 0 true 2>/dev/null && echo "chrt --idle 0")
 
-test: .venv/ready console compiled  ## lint, types, import contracts, every test: what computes beside what flies in real time
+test: ready  ## lint, types, import contracts, every test: what computes beside what flies in real time
+	@$(MAKE) --no-print-directory compiled
 	@$(MAKE) --no-print-directory $(if $(IDLE),-j2 --output-sync=target) computed flown
 
 computed: .venv/ready console
