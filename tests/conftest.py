@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browsers import GET_ONE, REQUIRED, chromium, is_required
+from browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
 
 HERE = Path(__file__).parent
 BROWSER = HERE / "browser"
@@ -14,13 +14,14 @@ REAL_TIME = (BROWSER, HERE / "e2e", HERE / "wire")
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
-        "markers", "alone: of those the ones that are judged by the clock; nothing runs beside them"
+        "markers",
+        "alone: of those the ones that are judged by the clock; none of the others flies beside them",
     )
     if is_required() and chromium() is None:
         raise pytest.UsageError(f"{REQUIRED} is set, and there is no Chromium: {GET_ONE}")
     config.addinivalue_line("markers", "computes: not a real-time test, whatever its folder")
     config.addinivalue_line(
-        "markers", "realtime: flies on the real clock; not to share the machine with what computes"
+        "markers", "realtime: flies on the real clock; what computes beside it takes only what it leaves over"
     )
 
 
@@ -42,9 +43,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     if chromium() is None and any(
         each == BROWSER or BROWSER in each.parents or each in BROWSER.parents for each in asked
     ):
-        terminalreporter.write_line(
-            f"tests/browser was not run: there is no Chromium here. To get one: {GET_ONE}", yellow=True
-        )
+        terminalreporter.write_line(NOT_RUN, yellow=True)
 
 
 @pytest.fixture(params=["mavsdk", "direct"])
