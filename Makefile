@@ -21,7 +21,7 @@ IDLE := $(shell command -v chrt >/dev/null 2>&1 && chrt --idle 0 true 2>/dev/nul
 
 test: ready  ## lint, types, import contracts, every test: what computes beside what flies in real time
 	@$(MAKE) --no-print-directory compiled
-	@$(MAKE) --no-print-directory $(if $(IDLE),-j2 --output-sync=target) computed flown
+	@$(MAKE) --no-print-directory $(if $(IDLE),-j2 --output-sync=target,-j1) computed flown
 	@$(BIN)/python tests/browsers.py  # the last line says so where the page was not looked at
 
 computed: .venv/ready console

@@ -1,5 +1,6 @@
 """What the console's stream sends, made once per state however many watch."""
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
@@ -24,7 +25,7 @@ class Feed:
         self._access = access
         self._problem = problem
         self._ground = ground
-        self._began_unix_s = service.view.value.unix_time_s
+        self._began_unix_s = time.time()
         self._told: object = None  # what the status tells, without what a frame tells as well
         self._made_s = 0.0
         self._status = ""

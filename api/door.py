@@ -1,6 +1,7 @@
 """Who comes in: what a call needs, who calls, how fast; and who is told of those turned away.
 
-Emergency calls are counted apart, so that no number of other calls uses up what is theirs.
+Emergency calls are counted apart, so that no number of other calls uses up what is theirs; so are pictures of
+the map.
 """
 
 import asyncio
@@ -8,6 +9,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from enum import Enum, auto
 from math import inf
 from typing import Final
 
@@ -46,6 +48,9 @@ EMERGENCIES: Final = frozenset(
 KILL: Final = frozenset({"/api/v1/kill", "/api/v1/kill/confirm"})
 """Likewise."""
 
+MAP: Final = "/api/v1/map/"
+"""Whose pictures a page asks for by the dozen."""
+
 SUBPROTOCOL: Final = "gcs.v1"
 BEARER: Final = "bearer."
 """A browser cannot give a WebSocket headers: it offers the subprotocols `gcs.v1` and `bearer.TOKEN`."""
@@ -74,6 +79,14 @@ def needed(method: str, path: str) -> Right | None:
     if method in READING:
         return Right.WATCH
     return Right.EMERGENCY if is_emergency(method, path) else Right.OPERATE
+
+
+class Lane(Enum):
+    """Calls that are counted apart: no number of one kind uses up what is another's."""
+
+    EMERGENCY = auto()
+    MAP = auto()
+    OTHERS = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +133,7 @@ class Door:
         self._calls_per_s, self._burst = calls_per_s, burst
         self._audit = audit
         self._clock_s = clock_s
-        self._buckets: dict[tuple[str, bool], Bucket] = {}  # as many as there are names, twice
+        self._buckets: dict[tuple[str, Lane], Bucket] = {}  # as many as there are names, three times
         self._telling = Bucket(TELL_PER_S, TELL_BURST)
         self._untold = 0
         self.denied = 0
@@ -152,7 +165,8 @@ class Door:
         right = needed(call.method, call.path)
         in_lane = right is Right.EMERGENCY and right in visitor.rights
         is_probe = call.path in PROBES and call.method in READING
-        if not is_probe and not self._bucket(visitor.name, in_lane=in_lane).take(self._clock_s()):
+        lane = Lane.EMERGENCY if in_lane else Lane.MAP if call.path.startswith(MAP) else Lane.OTHERS
+        if not is_probe and not self._bucket(visitor.name, lane).take(self._clock_s()):
             self.shed += 1
             return Refusal(429, f"too many calls: {self._calls_per_s:g} a second may come")
         if right is None or right in visitor.rights:
@@ -185,8 +199,8 @@ class Door:
         count, self._untold = self._untold, 0
         self._audit(replace(first, count=count))
 
-    def _bucket(self, name: str, *, in_lane: bool) -> Bucket:
-        key = (name, in_lane)
+    def _bucket(self, name: str, lane: Lane) -> Bucket:
+        key = (name, lane)
         if key not in self._buckets:
             self._buckets[key] = Bucket(self._calls_per_s, self._burst)
         return self._buckets[key]

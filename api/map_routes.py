@@ -1,6 +1,9 @@
 """Tiles of the map that the service serves itself: pictures for the page, told by `map` in the status."""
 
-from fastapi import APIRouter
+import sqlite3
+from http import HTTPStatus
+
+from fastapi import APIRouter, HTTPException
 from starlette.responses import Response
 
 from api.desk import DeskDep
@@ -12,9 +15,13 @@ HEADERS = {"Cache-Control": "private, max-age=3600", "X-Content-Type-Options": "
 
 
 @router.get("/map/{z}/{x}/{y}")
-def get_tile(z: int, x: int, y: int, desk: DeskDep) -> Response:
-    """One tile, rows counted from the north. Not async: a slow disk holds a thread, and not the loop."""
+async def get_tile(z: int, x: int, y: int, desk: DeskDep) -> Response:
+    """One tile, rows counted from the north."""
     ground = desk.ground
     if ground is None or ground.file is None:
         raise UnknownError("no map is served here: map.tiles of the configuration names an .mbtiles file")
-    return Response(ground.file.tile(z, x, y), media_type=ground.file.media_type, headers=HEADERS)
+    try:
+        picture = await ground.file.read(z, x, y)
+    except sqlite3.Error as error:
+        raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"the map cannot be read: {error}") from None
+    return Response(picture, media_type=ground.file.media_type, headers=HEADERS)

@@ -107,7 +107,7 @@ class Status(Outward):
     time_s: float = Field(description="The service's monotonic clock.")
     unix_time_s: float
     began_unix_time_s: float = Field(
-        description="When this service began: one that was started again has another."
+        description="When this process began to serve: one that was started again has another."
     )
     control_reason: str = Field(description="Why control is not alive, empty when it is.")
     show: Show

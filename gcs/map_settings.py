@@ -13,6 +13,8 @@ ZOOM_MAX: Final = 22
 
 HOST: Final = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?(:[0-9]{1,5})?")
 
+PORT_MAX: Final = 65535
+
 NEITHER: Final = (
     "an http or https address with {z}, {x} and {y}, such as https://maps.example/{z}/{x}/{y}.png, or the"
     " path of an .mbtiles file"
@@ -46,6 +48,9 @@ class MapSettings(Settings):
             raise ValueError(f"{scheme}:// is no way to ask for a tile: {NEITHER}")
         if HOST.fullmatch(host) is None:
             raise ValueError(f"{host or 'nothing'} is no host: one server by its name, without a password")
+        port = host.partition(":")[2]
+        if port and int(port) > PORT_MAX:
+            raise ValueError(f"port {port}: at most {PORT_MAX}")
         names = re.findall(r"\{([^}]*)\}", tiles)
         missing = [name for name in ("z", "x", "y") if name not in names]
         if missing:

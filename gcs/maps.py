@@ -4,12 +4,12 @@ Tiles are web mercator's, numbered by zoom, column and row from the north-west, 
 them. A file is an MBTiles file (specification 1.3): SQLite, rows from the south.
 """
 
+import asyncio
 import html
 import re
 import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
 from typing import Final
 from urllib.parse import urlsplit
 
@@ -19,30 +19,41 @@ from gcs.map_settings import ZOOM_MAX, MapSettings, is_address
 SERVED: Final = "/api/v1/map/{z}/{x}/{y}"
 """Where a page finds the tiles of our own file."""
 
+TILE_MOST_BYTES: Final = 1 << 20
+"""Of a picture; what is larger is not read. Usual ones have some 10 kB."""
+
 MEDIA: Final = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
 """By what an MBTiles file calls its format."""
 
 
 class TileFile:
-    """An MBTiles file of pictures, open for reading. May be asked from several threads."""
+    """An MBTiles file of pictures, open for reading. Not for several threads at once."""
 
     def __init__(self, path: Path) -> None:
         """Raises: ConfigError that names the file and what is wrong with it."""
         self._path = path
-        self._turn = Lock()
-        if not path.is_file():
-            raise ConfigError(f"map.tiles: {path}: there is no such file")
+        self._turn = asyncio.Semaphore()
         try:
+            self.version = path.stat().st_mtime_ns
             # nobody writes to it: so it can be read from a folder that cannot be written
             address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
             self._file = sqlite3.connect(address, uri=True, check_same_thread=False)
             told = {str(name): str(value) for name, value in self._read("SELECT name, value FROM metadata")}
-            if not self._read("SELECT zoom_level, tile_column, tile_row, tile_data FROM tiles LIMIT 1"):
+            columns = "zoom_level, tile_column, tile_row, length(tile_data)"
+            if not self._read(f"SELECT {columns} FROM tiles LIMIT 1"):  # noqa: S608 - ours
                 raise ConfigError(f"map.tiles: {path}: there is no tile in it")
             self.zoom_min = self._zoom(told.get("minzoom"), "SELECT min(zoom_level) FROM tiles")
-            self.zoom_max = self._zoom(told.get("maxzoom"), "SELECT max(zoom_level) FROM tiles")
+            zoom_max = self._zoom(told.get("maxzoom"), "SELECT max(zoom_level) FROM tiles")
+        except FileNotFoundError:
+            raise ConfigError(f"map.tiles: {path}: there is no such file") from None
+        except OSError as error:
+            raise ConfigError(f"map.tiles: {path}: {error.strerror}") from None
         except (sqlite3.Error, ValueError) as error:
             raise ConfigError(f"map.tiles: {path}: not an MBTiles file: {error}") from None
+        if not 0 <= self.zoom_min <= min(zoom_max, ZOOM_MAX):
+            zooms = f"minzoom = {self.zoom_min} and maxzoom = {zoom_max} in its metadata"
+            raise ConfigError(f"map.tiles: {path}: {zooms}: from 0 to {ZOOM_MAX}, in that order")
+        self.zoom_max = min(zoom_max, ZOOM_MAX)
         kind = told.get("format", "").lower()
         if kind not in MEDIA:
             problem = "vector tiles (format pbf)" if kind == "pbf" else f"tiles of format {kind or 'unknown'}"
@@ -51,28 +62,40 @@ class TileFile:
         self.attribution = html.unescape(re.sub(r"<[^>]*>", "", told.get("attribution", ""))).strip()[:200]
 
     def _read(self, sql: str, *values: int) -> list[tuple[object, ...]]:
-        with self._turn:
-            return self._file.execute(sql, values).fetchall()
+        return self._file.execute(sql, values).fetchall()
 
     def _zoom(self, told: str | None, sql: str) -> int:
         """What the file says, or else has. Raises: ValueError for no number."""
         return int(str(self._read(sql)[0][0]) if told is None else told)
 
     def tile(self, zoom: int, column: int, row: int) -> bytes:
-        """A picture. Raises: InvalidError for numbers that no tile has, UnknownError where there is none."""
+        """A picture.
+
+        Raises: InvalidError for numbers that no tile has, UnknownError where there is none, sqlite3.Error
+            when the file cannot be read.
+        """
         if not 0 <= zoom <= ZOOM_MAX:
             raise InvalidError("z", zoom, f"from 0 to {ZOOM_MAX}")
         for name, value in (("x", column), ("y", row)):
             if not 0 <= value < 1 << zoom:
                 raise InvalidError(name, value, f"from 0 to {(1 << zoom) - 1} at zoom {zoom}")
-        sql = "SELECT tile_data FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?"
-        try:
-            found = self._read(sql, zoom, column, (1 << zoom) - 1 - row)
-        except sqlite3.Error as error:
-            raise UnknownError(f"{self._path.name} cannot be read: {error}") from None
-        if not found or not isinstance(found[0][0], bytes):
-            raise UnknownError(f"{self._path.name} has no tile {zoom}/{column}/{row}")
-        return found[0][0]
+        sql = (
+            "SELECT length(tile_data), CASE WHEN length(tile_data) <= ? THEN tile_data END FROM tiles"
+            " WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?"
+        )
+        found = self._read(sql, TILE_MOST_BYTES, zoom, column, (1 << zoom) - 1 - row)
+        length, picture = found[0] if found else (None, None)
+        if isinstance(picture, bytes):
+            return picture
+        name = f"tile {zoom}/{column}/{row}"
+        if isinstance(length, int) and length > TILE_MOST_BYTES:
+            raise UnknownError(f"{self._path.name}: {name} has {length} bytes: at most {TILE_MOST_BYTES}")
+        raise UnknownError(f"{self._path.name} has no {name}")
+
+    async def read(self, zoom: int, column: int, row: int) -> bytes:
+        """As `tile`, one at a time in a thread: a slow disk holds that one, and not the loop."""
+        async with self._turn:
+            return await asyncio.to_thread(self.tile, zoom, column, row)
 
     def close(self) -> None:
         """Nothing can be read afterwards."""
@@ -111,4 +134,5 @@ def open_map(settings: MapSettings | None) -> GroundMap | None:
         raise ConfigError(
             f"map.zoom_max = {settings.zoom_max}: {settings.tiles} begins with zoom {file.zoom_min}"
         )
-    return GroundMap(SERVED, settings.attribution or file.attribution, file.zoom_min, zoom_max, file)
+    tiles = f"{SERVED}?v={file.version:x}"  # another file has other addresses: browsers keep pictures
+    return GroundMap(tiles, settings.attribution or file.attribution, file.zoom_min, zoom_max, file)

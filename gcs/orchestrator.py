@@ -82,6 +82,7 @@ class Orchestrator:
         unix_s: Callable[[], float] = time.time,
         heart: Heart | None = None,
         planning: Executor | None = None,
+        problems: Sequence[str] = (),
     ) -> None:
         """Nothing moves before `run`; must be made on the running event loop.
 
@@ -92,6 +93,7 @@ class Orchestrator:
             unix_s: the clock that people read, in s since 1970.
             heart: is told of every tick that came in time, and of no other.
             planning: where ways home are found; None: in a thread of its own, ended with `run`.
+            problems: what an operator should know as long as this service runs.
         """
         warm_up()
         warm_up_ways()
@@ -113,6 +115,7 @@ class Orchestrator:
         self._wishes = Wishes(self._flight, self._stage, self._taking_part, asyncio.get_running_loop().time)
         self._clock = TickClock(config.tick_rate_hz)
         self._interventions = 0
+        self._standing = tuple(problems)
         self._happenings = Happenings()
         self._director: Director | None = None
         self._shares = Shares(links)
@@ -162,7 +165,7 @@ class Orchestrator:
             self._flight.wake()
 
     def _tick(self, now_s: float, director: Director) -> Tick:
-        """Hear, decide, send: one tick, without waiting for anybody."""
+        """Hear, decide, send: one tick, without waiting for any vehicle."""
         flight = self._flight
         flight.hear(now_s)
         director.watch()
@@ -197,6 +200,7 @@ class Orchestrator:
             *(problem for link in self._flight.links for problem in link.problems),
             *recorded,
             *filter(None, (watched,)),
+            *self._standing,
         ]
 
     @property

@@ -19,7 +19,7 @@ from gcs.cli import eventloop, notify
 from gcs.cli.notify import Notifier
 from gcs.cli.record import make_record
 from gcs.config import Config, LinkSettings
-from gcs.errors import GcsError, LinkError, RefusedError
+from gcs.errors import ConfigError, GcsError, LinkError, RefusedError
 from gcs.lifecycle import AIRBORNE, ShowPhase
 from gcs.links import Link
 from gcs.links.direct.link import DirectLink
@@ -89,17 +89,30 @@ async def running(config: Config, heart: Heart | None = None) -> AsyncIterator[t
     Control and API share the loop, not their fate: an API that fails is restarted, and control does not
     notice. When control fails, its error ends the block. `heart` is told of every tick that came in time.
 
-    Raises: LinkError when the API's port cannot be had at the start, ConfigError for a file that is none.
+    Raises: LinkError when the API's port cannot be had at the start, ConfigError for a bad file of tokens or
+        keys.
     """
-    ground = open_map(config.map)
+    ground, problems = open_ground(config)
     record = make_record(config)
     keeps_frames = config.record is not None and config.record.frames
     folder = record.folder if record is not None and keeps_frames else None
     links = [make_link(link, config, folder) for link in config.links]
-    orchestrator = Orchestrator(config, links, record, heart=heart)
+    orchestrator = Orchestrator(config, links, record, heart=heart, problems=problems)
     with nullcontext() if record is None else record:
         async with _flying(orchestrator, config, ground) as port:
             yield orchestrator, port
+
+
+def open_ground(config: Config) -> tuple[GroundMap | None, list[str]]:
+    """The map, and what an operator should know of it.
+
+    A file that cannot be used keeps nobody from flying: a service that was cut off comes back without it.
+    """
+    try:
+        return open_map(config.map), []
+    except ConfigError as error:
+        log.warning("map_missing", extra={"cause": str(error)})
+        return None, [f"no map: {error}"]
 
 
 @asynccontextmanager

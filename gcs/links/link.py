@@ -76,7 +76,7 @@ class Link(Protocol):
         ...
 
     def send(self, setpoints: Setpoints) -> None:
-        """Hand over one tick's orders. Never blocks.
+        """Hand over one tick's orders. Waits some milliseconds at most, and for no vehicle.
 
         A vehicle of this link that is not listed gets no further setpoint from the moment of the call; one
         that is listed gets none later than the deadman's time after the last call that listed it.

@@ -39,7 +39,10 @@ _LOOKS_S: Final = (0.0005, 0.001, 0.002, 0.004, 0.008)
 """MAVSDK's threads write a moment after they are told. So long after each other we look, until they have."""
 
 _PAUSES_S: Final = (0.0002, 0.0003, 0.0004)
-"""MAVSDK's threads write a moment after they are told: so long the tick itself waits for them."""
+"""So long the tick itself waits for them, each time that it does."""
+
+_PATIENCE_S: Final = 0.015
+"""So long after a tick began none of its links waits any more."""
 
 _DISCOVER_S: Final = 0.25
 _HEALTH_SHARES: Final = 5
@@ -125,25 +128,26 @@ class MavsdkUdpLink(UdpLink):
             self._healthy[row] = vehicle is not None and vehicle.healthy()
 
     def _tell_setpoints(self, wanted: Wanted) -> None:
-        # Forbidden first is what was asked before; what MAVSDK will not take is awaited in vain.
-        self._outlet.ask(wanted)
+        self._outlet.ask(wanted)  # and nothing that was asked before
+        began_s = wanted.until_s - self._hold_s
         yaw_deg = np.degrees(wanted.yaw_rad)[:, None]
         rows, values = wanted.rows.tolist(), np.hstack([wanted.velocity_ned_m_s, yaw_deg]).tolist()
         for first, end in pairwise((0, *_PORTIONS)):
             for row, each in zip(rows[first:end], values[first:end], strict=True):
-                self._met[row].set_velocity(*each)
+                if not self._met[row].set_velocity(*each):
+                    self._outlet.forbid(np.array([row]))  # it would be awaited in vain
             if first == 0:  # the most urgent need not wait for the others
-                self._await(wanted.rows[:end])
+                self._await(wanted.rows[:end], began_s)
         self._pass_on()
-        self._await(wanted.rows)
+        self._await(wanted.rows, began_s)
         self._move_bytes()
         if self._outlet.awaits(wanted.rows):
             self._ticked.set()
 
-    def _await(self, rows: Whole) -> None:
+    def _await(self, rows: Whole, began_s: float) -> None:
         """Send what MAVSDK's threads write for these; our core is theirs meanwhile."""
         for pause_s in _PAUSES_S:
-            if not self._outlet.awaits(rows):
+            if not self._outlet.awaits(rows) or self._clock() > began_s + _PATIENCE_S:
                 return
             sleep(pause_s)
             self._pass_on()

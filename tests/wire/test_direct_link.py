@@ -4,6 +4,7 @@ import asyncio
 import socket
 import time
 from contextlib import closing
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,6 +67,35 @@ def test_datagrams_come_and_go_in_batches_with_the_kernels_times(batched: bool) 
         assert packets.send(data, np.array([1, 2, 4]), destination).tolist() == [True, False, True]
         assert [one.recv(10), one.recv(10)] == [b"\0", b"\x08\x09\x0a\x0b"]
     assert not packets.send(data, np.array([1, 2, 4]), destination).any()
+
+
+def test_each_socket_is_called_once_whatever_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[tuple[int, int]] = []
+    send_all = Packets._send_all
+
+    def counted(packets: Packets, outbox: mmsg.Batch, *more: Any) -> None:
+        calls.append(more[1:3])
+        send_all(packets, outbox, *more)
+
+    monkeypatch.setattr(Packets, "_send_all", counted)
+    packets = Packets("bench", Listen(HOST, port := free_ports(2), 2), time.monotonic)
+    packets.open()
+    with closing(packets), closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as one:
+        one.bind((HOST, 0))
+        one.settimeout(5.0)
+        number = int.from_bytes(socket.inet_aton(HOST), "big")
+        to = [source_of(number, one.getsockname()[1], index) for index in (0, 1)]
+        destination = np.array([to[row % 2] for row in range(10)])
+        destination[4] = -1
+        data = np.arange(10, dtype=np.uint8)[:, None].repeat(4, axis=1)
+        left = packets.send(data, np.full(10, 4), destination)
+        assert left.tolist() == [row != 4 for row in range(10)]
+        came = [one.recvfrom(16) for _ in range(9)]
+    assert [end - first for first, end in calls] == [4, 5]
+    assert [(said[0], place[1] - port) for said, place in came] == [
+        *((row, 0) for row in (0, 2, 6, 8)),
+        *((row, 1) for row in (1, 3, 5, 7, 9)),
+    ]
 
 
 @pytest.mark.parametrize("length", [65, 1400])  # 64 of the longer ones are too many for one piece

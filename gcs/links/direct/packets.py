@@ -173,9 +173,13 @@ class Packets:
         left = np.zeros(len(destination), np.bool_)
         if not self._sockets or not len(destination):
             return left
-        outbox = self._filled(data, length, destination)
         index = np.where(destination < 0, -1, destination >> 48)
         changes = np.flatnonzero(np.diff(index)) + 1
+        if len(changes) >= len(np.unique(index)):  # a call for each socket, and not for each change of it
+            order = np.argsort(index, kind="stable")
+            left[order] = self.send(data[order], length[order], destination[order], until_s=until_s)
+            return left
+        outbox = self._filled(data, length, destination)
         for first, end in zip([0, *changes.tolist()], [*changes.tolist(), len(index)], strict=True):
             if 0 <= index[first] < len(self._sockets):
                 self._send_all(outbox, self._sockets[int(index[first])], first, end, left, until_s)

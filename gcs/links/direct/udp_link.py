@@ -46,7 +46,7 @@ _IDLE_S: Final = 0.05
 """Between two looks at the sockets: while an answer is awaited, and otherwise. Each tick looks too, and then
 nobody else need look."""
 
-_AHEAD_S: Final = 0.004
+_AHEAD_S: Final = 0.002
 """So long before a tick is due we look, too: then the tick itself finds little that is still to be read."""
 
 _WATCH_S: Final = 0.1
@@ -201,7 +201,7 @@ class UdpLink(LinkFacts, ABC):
             asyncio.get_running_loop().call_at(ahead_s, self._receive)
 
     def send(self, setpoints: Setpoints) -> None:
-        """Send one tick's orders, now. Never blocks.
+        """Send one tick's orders, now. Waits for nobody but, some milliseconds at most, MAVSDK's threads.
 
         A batch that is older than the deadman's time when it comes is not sent at all. A row that is not
         finite, and one for a vehicle that is not connected or was killed, is left out, as if it were not

@@ -39,8 +39,9 @@ def field(tmp_path: Path) -> GroundMap | None:
 
 def test_a_tile_of_the_file_is_a_picture_and_the_status_says_where(field: GroundMap | None) -> None:
     told = ask(field, "/api/v1/status").json()["map"]
+    assert told["tiles"].startswith("/api/v1/map/{z}/{x}/{y}?v=")
     assert told == {
-        "tiles": "/api/v1/map/{z}/{x}/{y}",
+        "tiles": told["tiles"],
         "attribution": "© Crew",
         "zoom_min": 3,
         "zoom_max": 3,
@@ -58,6 +59,22 @@ def test_where_there_is_none_it_says_so(field: GroundMap | None) -> None:
         assert (answer.status_code, "map.tiles" in answer.json()["detail"]) == (404, True)
     answer = ask(field, "/api/v1/map/3/1/2")
     assert (answer.status_code, answer.json()["detail"]) == (404, "field.mbtiles has no tile 3/1/2")
+
+
+def test_a_disk_that_fails_is_not_the_edge_of_the_map(field: GroundMap | None) -> None:
+    assert field is not None
+    assert field.file is not None
+    field.file.close()
+    answer = ask(field, "/api/v1/map/3/1/1")
+    assert answer.status_code == 503
+    assert "the map cannot be read" in answer.json()["detail"]
+
+
+def test_pictures_do_not_use_up_the_calls_that_orders_need(field: GroundMap | None) -> None:
+    door = Door(calls_per_s=1e-6, burst=1.0)
+    codes = [ask(field, path, door).status_code for path in ("/api/v1/map/3/1/1",) * 2]
+    assert codes == [200, 429]
+    assert ask(field, "/api/v1/status", door).status_code == 200
 
 
 @pytest.mark.parametrize(

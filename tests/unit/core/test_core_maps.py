@@ -1,5 +1,6 @@
 """A map is an address or a file of pictures, or refused with what is wrong and what would be right."""
 
+import os
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,11 @@ import yaml
 from mbtiles import mbtiles
 
 from gcs.cli.replay import recorded_map
+from gcs.cli.serve import open_ground
 from gcs.config import parse
 from gcs.errors import ConfigError, InvalidError, UnknownError
 from gcs.map_settings import MapSettings
-from gcs.maps import TileFile, open_map
+from gcs.maps import TILE_MOST_BYTES, TileFile, open_map
 
 SMALLEST = """
 show_frame: {latitude_deg: 47.0, longitude_deg: 8.0, altitude_amsl_m: 400.0}
@@ -57,6 +59,7 @@ def test_an_address_is_the_pages_own_business_and_names_whom_it_asks() -> None:
         ("file:///maps/{z}/{x}/{y}.png", "file:// is no way"),
         ("https:///{z}/{x}/{y}.png", "no host"),
         ("https://crew:secret@maps.example/{z}/{x}/{y}.png", "no host"),
+        ("https://maps.example:84430/{z}/{x}/{y}.png", "port 84430: at most 65535"),
         ("https://maps.example;script-src/{z}/{x}/{y}.png", "no host"),
         ("https://maps.example *; /{z}/{x}/{y}.png", "no spaces"),
         ("https://maps.example/{z}/{x}/{y}.png\r\nX: y", "no spaces"),
@@ -96,7 +99,8 @@ def test_a_file_tells_its_zooms_and_whom_to_thank_and_is_read_from_the_north(tmp
     assert ground is not None
     assert ground.file is not None
     assert (ground.attribution, ground.zoom_min, ground.zoom_max) == ("© Crew", 3, 5)
-    assert (ground.origin, ground.tiles) == (None, "/api/v1/map/{z}/{x}/{y}")
+    assert ground.origin is None
+    assert ground.tiles.startswith("/api/v1/map/{z}/{x}/{y}?v=")
     assert ground.file.media_type == "image/jpeg"
     assert ground.file.tile(3, 1, 0) == b"north"
     assert ground.file.tile(3, 1, 7) == b"south"
@@ -121,6 +125,34 @@ def test_tiles_that_are_not_there_or_nowhere_are_told_apart(tmp_path: Path) -> N
         assert refused.value.field == field
 
 
+def test_a_picture_that_is_far_too_large_is_not_read(tmp_path: Path) -> None:
+    pictures = {(3, 1, 0): b"a" * TILE_MOST_BYTES, (3, 2, 0): b"a" * (TILE_MOST_BYTES + 1)}
+    file = TileFile(mbtiles(tmp_path / "a.mbtiles", {"format": "png"}, pictures))
+    assert len(file.tile(3, 1, 7)) == TILE_MOST_BYTES
+    with pytest.raises(UnknownError, match=r"tile 3/2/7 has 1048577 bytes: at most 1048576"):
+        file.tile(3, 2, 7)
+
+
+def test_another_file_of_that_name_has_other_addresses(tmp_path: Path) -> None:
+    def addresses() -> str:
+        ground = open_map(MapSettings(tiles=str(path)))
+        assert ground is not None
+        return ground.tiles
+
+    path = mbtiles(tmp_path / "a.mbtiles", {"format": "png"}, {(3, 1, 0): b"a"})
+    before = addresses()
+    assert addresses() == before
+    os.utime(path, ns=(1, path.stat().st_mtime_ns + 1))
+    assert addresses() != before
+
+
+def test_a_map_that_is_gone_keeps_nobody_from_flying(tmp_path: Path) -> None:
+    section = yaml.safe_dump({"map": {"tiles": str(tmp_path / "gone.mbtiles")}})
+    ground, problems = open_ground(parse(SMALLEST + section, "my.yaml"))
+    assert ground is None
+    assert problems == [f"no map: map.tiles: {tmp_path}/gone.mbtiles: there is no such file"]
+
+
 def test_a_file_that_cannot_be_drawn_is_refused_at_the_start(tmp_path: Path) -> None:
     one = {(3, 1, 0): b"a"}
     (tmp_path / "text.mbtiles").write_text("not a database, but as long as the beginning of one " * 9)
@@ -130,15 +162,21 @@ def test_a_file_that_cannot_be_drawn_is_refused_at_the_start(tmp_path: Path) -> 
     mbtiles(tmp_path / "unknown.mbtiles", {}, one)
     mbtiles(tmp_path / "bare.mbtiles", {"format": "png"}, {})
     mbtiles(tmp_path / "zoom.mbtiles", {"format": "png", "minzoom": "low"}, one)
+    for name, low, high in (("below", -5, -1), ("turned", 9, 3), ("deep", 25, 26)):
+        mbtiles(tmp_path / f"{name}.mbtiles", {"format": "png", "minzoom": low, "maxzoom": high}, one)
     for name, said in {
         "none": "there is no such file",
-        "folder": "there is no such file",
+        "folder": "not an MBTiles file",
+        "n" * 300: "File name too long",
         "text": "not an MBTiles file",
         "empty": "not an MBTiles file",
         "vector": r"vector tiles \(format pbf\)",
         "unknown": "format unknown",
         "bare": "there is no tile in it",
         "zoom": "not an MBTiles file",
+        "below": "minzoom = -5 and maxzoom = -1 in its metadata: from 0 to 22",
+        "turned": "minzoom = 9 and maxzoom = 3 in its metadata",
+        "deep": "minzoom = 25 and maxzoom = 26 in its metadata",
     }.items():
         with pytest.raises(ConfigError, match=rf"^map\.tiles: .*{name}\.mbtiles: .*{said}"):
             open_map(MapSettings(tiles=str(tmp_path / f"{name}.mbtiles")))

@@ -2201,7 +2201,7 @@ export interface components {
             access: string;
             /**
              * Began Unix Time S
-             * @description When this service began: one that was started again has another.
+             * @description When this process began to serve: one that was started again has another.
              */
             began_unix_time_s: number;
             /**

@@ -29,8 +29,8 @@ export function requestFor(address: string, page: string, token: string): { url:
 /** The promises reject with TileError alone. */
 export function createTiles(token: () => string): LoadTile {
   return async (address) => {
-    const { url, init } = requestFor(address, location.origin, token());
     try {
+      const { url, init } = requestFor(address, location.origin, token());
       const response = await fetch(url, { ...init, signal: AbortSignal.timeout(PATIENCE_MS) });
       if (!response.ok) throw new TileError(texts.scene.mapStatus(response.status), response.status === 404);
       const picture = await createImageBitmap(await response.blob(), { premultiplyAlpha: "none" });
