@@ -9,7 +9,7 @@ from browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
 
 HERE = Path(__file__).parent
 BROWSER = HERE / "browser"
-REAL_TIME = (BROWSER, HERE / "e2e", HERE / "wire")
+REAL_TIME = (BROWSER, HERE / "e2e", HERE / "wire", HERE / "unit" / "api")  # which judges a state's age
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -21,7 +21,8 @@ def pytest_configure(config: pytest.Config) -> None:
         raise pytest.UsageError(f"{REQUIRED} is set, and there is no Chromium: {GET_ONE}")
     config.addinivalue_line("markers", "computes: not a real-time test, whatever its folder")
     config.addinivalue_line(
-        "markers", "realtime: flies on the real clock; what computes beside it takes only what it leaves over"
+        "markers",
+        "realtime: keeps time with the real clock; what computes beside it takes only what it leaves over",
     )
 
 
@@ -35,7 +36,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if in_real_time and item.get_closest_marker("computes") is None:
             item.add_marker(pytest.mark.realtime)
         elif any(item.get_closest_marker(name) for name in ("alone", "realtime")):
-            raise pytest.UsageError(f"{item.nodeid}: what keeps time is in tests/e2e, wire, browser")
+            raise pytest.UsageError(
+                f"{item.nodeid}: what keeps time is in tests/e2e, wire, browser, unit/api"
+            )
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
