@@ -30,7 +30,7 @@ computed: .venv/ready console
 
 flown: .venv/ready console
 	$(BIN)/pytest -m "realtime and not alone" -n 3 --no-loadscope-reorder \
-	  tests/e2e tests/wire tests/browser tests/unit/api  # they mostly wait
+	  tests/e2e tests/wire tests/browser tests/unit/api tests/unit/records  # they mostly wait
 	$(BIN)/pytest -m alone -n 0 tests/e2e  # what is judged by the clock
 
 console: api/console/dist/index.html  ## the operator's page, built by Node from a wheel of its own

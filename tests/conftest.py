@@ -9,7 +9,8 @@ from browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
 
 HERE = Path(__file__).parent
 BROWSER = HERE / "browser"
-REAL_TIME = (BROWSER, HERE / "e2e", HERE / "wire", HERE / "unit" / "api")  # which judges a state's age
+BY_THE_CLOCK = (HERE / "unit" / "api", HERE / "unit" / "records")  # a state's age; threads that write soon
+REAL_TIME = (BROWSER, HERE / "e2e", HERE / "wire", *BY_THE_CLOCK)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -36,9 +37,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if in_real_time and item.get_closest_marker("computes") is None:
             item.add_marker(pytest.mark.realtime)
         elif any(item.get_closest_marker(name) for name in ("alone", "realtime")):
-            raise pytest.UsageError(
-                f"{item.nodeid}: what keeps time is in tests/e2e, wire, browser, unit/api"
-            )
+            folders = ", ".join(str(each.relative_to(HERE)) for each in REAL_TIME)
+            raise pytest.UsageError(f"{item.nodeid}: what keeps time is in {folders} of tests")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
