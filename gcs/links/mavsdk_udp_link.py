@@ -9,7 +9,6 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
-from itertools import pairwise
 from math import inf
 from pathlib import Path
 from time import monotonic, sleep
@@ -48,8 +47,8 @@ _DISCOVER_S: Final = 0.25
 _HEALTH_SHARES: Final = 5
 """Of the vehicles one in so many is asked about its health at a time."""
 
-_PORTIONS: Final = (32, 256)
-"""So many vehicles are told in all before what MAVSDK has written until then leaves: the urgent are first."""
+_URGENT: Final = 32
+"""So many vehicles' setpoints leave before the others are told."""
 
 _ROOM: Final = 1024
 _LONGEST_BYTES: Final = 300
@@ -132,14 +131,11 @@ class MavsdkUdpLink(UdpLink):
         began_s = wanted.until_s - self._hold_s
         yaw_deg = np.degrees(wanted.yaw_rad)[:, None]
         rows, values = wanted.rows.tolist(), np.hstack([wanted.velocity_ned_m_s, yaw_deg]).tolist()
-        for first, end in pairwise((0, *_PORTIONS)):
-            for row, each in zip(rows[first:end], values[first:end], strict=True):
+        for part in (slice(_URGENT), slice(_URGENT, None)):
+            for row, each in zip(rows[part], values[part], strict=True):
                 if not self._met[row].set_velocity(*each):
                     self._outlet.forbid(np.array([row]))  # it would be awaited in vain
-            if first == 0:  # the most urgent need not wait for the others
-                self._await(wanted.rows[:end], began_s)
-        self._pass_on()
-        self._await(wanted.rows, began_s)
+            self._await(wanted.rows[: part.stop], began_s)
         self._move_bytes()
         if self._outlet.awaits(wanted.rows):
             self._ticked.set()
