@@ -66,5 +66,5 @@ function close(state: State, actions: DeskActions): void {
   else if (state.desk.sheet !== null) actions.sheet(null);
   else if (state.desk.editing !== null) actions.edit(null);
   else if (state.desk.excluding !== null) actions.set({ excluding: null });
-  else if (state.view.selected !== null) actions.view({ selected: null });
+  else if (state.view.selection.length > 0) actions.choose({ how: "only", ids: [] });
 }

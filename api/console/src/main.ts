@@ -72,7 +72,7 @@ const service = createActions(createApi(token), byHand, newest);
 const actions = createDeskActions(service, byHand, newest, login);
 const scene = createScene(
   canvas,
-  { ghost: (ghost) => byHand({ kind: "ghost", ghost }), select: (id) => actions.select(id) },
+  { ghost: (ghost) => byHand({ kind: "ghost", ghost }), choose: (choice) => actions.chooseInScene(choice) },
   createTiles(token),
 );
 

@@ -1,6 +1,7 @@
 // The page's one state. Everything that is shown follows from it; `update` alone makes the next one.
 
 import { initialDesk, type DeskState } from "./desk/state";
+import { NOTHING_SELECTED, type Selection } from "./selection";
 import type { components } from "./wire/schema";
 
 type Schemas = components["schemas"];
@@ -142,11 +143,10 @@ export interface Toast {
 }
 
 export type Camera = "orbit" | "top" | "side" | "follow";
-export interface View {
+/** How the page looks, and which vehicles are selected. The message `select` alone changes the selection. */
+export interface View extends Selection {
   camera: Camera;
   night: boolean;
-  /** Vehicle. */
-  selected: string | null;
 }
 
 export interface Kill {
@@ -209,7 +209,7 @@ export function initial(now_ms: number): State {
     view: {
       camera: "orbit",
       night: true,
-      selected: null,
+      ...NOTHING_SELECTED,
     },
     ghost: null,
     kill: null,

@@ -2,6 +2,7 @@
 
 import { updateDesk, type DeskMessage } from "./desk/update";
 import { energy, radiusError_m } from "./formation";
+import { choose, remaining, type Choice, type Selection } from "./selection";
 import {
   HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Access, type CertificateReport, type Connection, type Frame, type Ghost, type History, type KillArmed,
   type Order, type PreflightReport, type ShowCheck, type State, type Status, type StoredShow, type Toast, type View,
@@ -21,7 +22,8 @@ export type Message =
   | { kind: "certificate"; certificate: CertificateReport | null }
   | { kind: "done" | "refused"; text: string }
   | { kind: "toast-gone"; id: number }
-  | { kind: "view"; change: Partial<View> }
+  | { kind: "view"; change: Partial<Omit<View, keyof Selection>> }
+  | { kind: "select"; choice: Choice }
   | { kind: "ghost"; ghost: Ghost | null }
   | { kind: "kill-armed"; armed: KillArmed }
   | { kind: "kill-over" }
@@ -59,6 +61,8 @@ function updateShared(state: State, message: Message): State {
       return { ...state, toasts: state.toasts.filter((each) => each.id !== message.id) };
     case "view":
       return { ...state, view: { ...state.view, ...message.change } };
+    case "select":
+      return { ...state, view: { ...state.view, ...choose(state.view, message.choice) } };
     case "ghost":
       return { ...state, ghost: message.ghost };
     case "kill-armed":
@@ -91,9 +95,9 @@ function onConnection(before: Connection, now: Connection): Connection {
 
 /** Another service, or the same one started again: nothing of the last one is true of it. */
 function onStatus(state: State, status: Status): State {
-  const isKnown = (id: string | null): boolean => id === null || status.vehicles.some((each) => each.id === id);
-  const selected = isKnown(state.view.selected) ? state.view.selected : null;
-  const view = selected === state.view.selected ? state.view : { ...state.view, selected };
+  const known = new Set(status.vehicles.map((each) => each.id));
+  const kept = remaining(state.view, (id) => known.has(id));
+  const view = kept === state.view ? state.view : { ...state.view, ...kept };
   const isAnother = state.status !== null && state.status.began_unix_time_s !== status.began_unix_time_s;
   if (!isAnother) return { ...state, status, view };
   const desk = { ...state.desk, shows: null, checks: {} };

@@ -154,9 +154,20 @@ describe("refusals", () => {
 });
 
 describe("the kill", () => {
-  it("names all that are not offline, or those chosen", () => {
-    expect(doomed(flying())).toEqual(["d1", "d10"]);
+  it("begins with no vehicle; names all that are not offline only on demand, or those chosen", () => {
+    expect(doomed(flying())).toEqual([]);
+    expect(doomed(after([{ kind: "desk", change: { killNamed: null } }], flying()))).toEqual(["d1", "d10"]);
     expect(doomed(after([{ kind: "desk", change: { killNamed: new Set(["d2"]) } }], flying()))).toEqual(["d2"]);
+  });
+
+  it("begins with the selection, whatever was chosen the last time, and keeps what is chosen while it is open", () => {
+    const open: Message = { kind: "desk", change: { sheet: "kill" } };
+    const selecting: Message = { kind: "select", choice: { how: "only", ids: ["d2", "d10"] } };
+    const before = after([{ kind: "desk", change: { killNamed: null } }, selecting, open], flying());
+    expect(doomed(before)).toEqual(["d2", "d10"]);
+    const chosen = after([{ kind: "desk", change: { killNamed: new Set(["d1"]) } }, open], before);
+    expect(doomed(chosen)).toEqual(["d1"]);
+    expect(doomed(after([{ kind: "desk", change: { sheet: null } }, { kind: "select", choice: { how: "only", ids: [] } }, open], chosen))).toEqual([]);
   });
 
   it("is not held any more once its code is too old", () => {

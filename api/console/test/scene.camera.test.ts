@@ -1,7 +1,8 @@
 import { expect, test } from "vitest";
 
 import type { Vec3 } from "../src/scene/axes";
-import { facing, intoBox, nearestPlace, onLevel, project, rayThrough, type Screen } from "../src/scene/picking";
+import { facing, intoBox, nearestPlace, onLevel, placesWithin, project, rayThrough, type Screen } from "../src/scene/picking";
+import { rectOf } from "../src/scene/selectionBox";
 import { pixelRatio } from "../src/scene/renderer";
 import { approach, basisOf, entered, framed, panned, START, turned, zoomed } from "../src/scene/rig";
 
@@ -21,6 +22,15 @@ test("the focus is in the middle of what nothing lies over", () => {
   const seen = project(basisOf(START), START, SCREEN, START.focus)!;
   expect(seen.px).toBeCloseTo(750);
   expect(seen.py).toBeCloseTo(410);
+});
+
+test("a box selects the vehicles seen within it, whichever corner it began at, and none that has no place", () => {
+  const basis = basisOf(START);
+  const [x, y, z] = START.focus;
+  const places = new Float32Array([x, y, z, 0, x + 30, y, z, 0, NaN, NaN, NaN, 0, x, y + 1, z, 0]);
+  const rect = rectOf({ px: 790, py: 450 }, { px: 710, py: 370 });
+  expect(placesWithin(basis, START, SCREEN, places, 4, rect)).toEqual([0, 3]);
+  expect(placesWithin(basis, START, SCREEN, places, 4, { left: 0, top: 0, right: 1440, bottom: 900 })).toEqual([0, 1, 3]);
 });
 
 test("what is behind the camera is nowhere on the screen", () => {

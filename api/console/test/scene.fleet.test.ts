@@ -39,10 +39,10 @@ test("who stands on the ground, is unknown, or lower than the pads' height is cl
   expect(closePairs(frame({ vehicles: [at(0, 0, 1), at(1, 0, 2.5)] }), FLOOR)).toHaveLength(1);
 });
 
-function looked(one: Frame, { isFresh = true, selected = -1, palette = NIGHT } = {}): Looks {
+function looked(one: Frame, { isFresh = true, selected = [] as number[], palette = NIGHT } = {}): Looks {
   one.position_age_s.forEach((age, i) => (one.position_age_s[i] = Number.isNaN(age) ? 0 : age));
   const looks = new Looks();
-  looks.set(one, palette, isFresh, selected);
+  looks.set(one, palette, isFresh, new Set(selected));
   return looks;
 }
 
@@ -81,7 +81,7 @@ test("what is old is grey and does not shine, be it one vehicle or the whole con
 
 test("restrained, lost and selected are marked by shape", () => {
   const vehicles = [at(0, 0, 20, { flags: FLAG.restrained }), at(9, 0, 20, { phase: "lost" }), at(18, 0, 20), at(27, 0, 20)];
-  expect([...looked(frame({ vehicles }), { selected: 2 }).marks]).toEqual([MARK.restrained, MARK.lost, MARK.selected, 0]);
+  expect([...looked(frame({ vehicles }), { selected: [2, 3] }).marks]).toEqual([MARK.restrained, MARK.lost, MARK.selected, MARK.selected]);
 });
 
 test("no two phases look alike, night and day", () => {

@@ -85,7 +85,7 @@ test("a service that was started again is another one: nothing of the last one i
 });
 
 test("a vehicle that is gone is no longer selected; one that is there stays so", () => {
-  const select: Message = { kind: "view", change: { selected: "d1" } };
+  const select: Message = { kind: "select", choice: { how: "only", ids: ["d1"] } };
   const state = after({ kind: "status", status: status() }, select, { kind: "status", status: status() });
   expect(state.view.selected).toBe("d1");
   expect(update(state, { kind: "status", status: status({ vehicles: [] }) }).view.selected).toBeNull();

@@ -1,6 +1,7 @@
 /** What a person does at the desk: of the page alone, or handed on to the service. The views know nothing else. */
 
 import { type Actions, type Box, type ReplayChange, type ShowCommand, type VehicleCommand } from "../actions";
+import type { Choice, Selection } from "../selection";
 import type { State, View } from "../state";
 import { texts } from "../texts";
 import type { Message } from "../update";
@@ -17,13 +18,18 @@ export interface DeskActions
   /** As it is now: what a view was drawn of may be a tenth of a second old, and keys come faster. */
   now(): State;
   dispatch(message: Message): void;
-  view(change: Partial<View>): void;
+  view(change: Partial<Omit<View, keyof Selection>>): void;
   set(change: Partial<DeskState>): void;
   draft(field: string, text: string): void;
   undo(prefix: string): void;
   filter(text: string): void;
   sort(sort: Sort): void;
-  select(id: string | null): void;
+  /** One vehicle, and its page. */
+  select(id: string): void;
+  /** Change the selection; the panel that is open stays. */
+  choose(choice: Choice): void;
+  /** In the scene: the table shows what was selected where it is open, else the vehicle's page opens. */
+  chooseInScene(choice: Choice): void;
   sheet(sheet: Sheet | null): void;
   openPanel(name: PanelName): void;
   togglePanel(name: PanelName): void;
@@ -68,7 +74,8 @@ export function createDeskActions(
 ): DeskActions {
   const set = (change: Partial<DeskState>): void => dispatch({ kind: "desk", change });
   const undo = (prefix: string): void => dispatch({ kind: "undo", prefix });
-  const view = (change: Partial<View>): void => dispatch({ kind: "view", change });
+  const view = (change: Partial<Omit<View, keyof Selection>>): void => dispatch({ kind: "view", change });
+  const choose = (choice: Choice): void => dispatch({ kind: "select", choice });
   const refuse = (what: string, why: string): void => dispatch({ kind: "refused", text: texts.refused(what, why) });
   let holding = 0;
 
@@ -85,7 +92,7 @@ export function createDeskActions(
   async function confirmKill(code: string): Promise<void> {
     if (await service.confirmKill(code.trim())) {
       dispatch({ kind: "kill-over" });
-      set({ sheet: null, killNamed: null });
+      set({ sheet: null, killNamed: new Set() });
     }
   }
 
@@ -168,8 +175,14 @@ export function createDeskActions(
     filter: (filter) => set({ filter, scroll_px: 0 }),
     sort: (sort) => set({ sort }),
     select(id) {
-      view({ selected: id });
-      if (id !== null) openPanel("vehicle");
+      choose({ how: "only", ids: [id] });
+      openPanel("vehicle");
+    },
+    choose,
+    chooseInScene(choice) {
+      choose(choice);
+      const { view: { selection }, desk: { right } } = state();
+      if (selection.length > 0 && right !== "fleet") openPanel("vehicle");
     },
     sheet(sheet) {
       const open = state().desk.sheet;

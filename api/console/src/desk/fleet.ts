@@ -2,6 +2,7 @@
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import { repeat } from "lit-html/directives/repeat.js";
+import { choiceOf } from "../selection";
 import { PHASES, type Frame, type State, type Status } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
@@ -65,16 +66,27 @@ function heading(state: State, actions: DeskActions, column: Column): TemplateRe
 }
 
 function rowView(state: State, actions: DeskActions, row: Row, position: number): TemplateResult {
-  const isSelected = state.view.selected === row.id;
+  const isSelected = state.view.selection.includes(row.id);
   const low = row.battery < LOW_BATTERY;
   return html`<tr
     class="${isSelected ? "selected" : ""} ${isStale(row) ? "old" : ""}"
     aria-rowindex=${position + 2}
     data-testid="row-${row.id}"
-    @click=${() => actions.select(row.id)}
+    aria-selected=${String(isSelected)}
+    @click=${(event: MouseEvent) => actions.choose(choiceOf(row.id, keysOf(event), rowIds(actions.now())))}
   >
     <th scope="row">
-      <button type="button" class="row-open" tabindex="-1" data-testid="open-${row.id}" aria-current=${isSelected ? "true" : nothing}>${row.id}</button>
+      <button
+        type="button"
+        class="row-open"
+        tabindex="-1"
+        data-testid="open-${row.id}"
+        title=${texts.vehicle.open(row.id)}
+        aria-current=${state.view.selected === row.id ? "true" : nothing}
+        @click=${(event: MouseEvent) => openRow(actions, event, row.id)}
+      >
+        ${row.id}
+      </button>
     </th>
     <td class="phase phase-${row.phase}">${icon(PHASE_ICON[row.phase])}<span>${texts.fleet.phases[row.phase]}</span></td>
     <td class="held" title=${row.restrainedBy || nothing}>
@@ -90,10 +102,32 @@ function rowView(state: State, actions: DeskActions, row: Row, position: number)
   </tr>`;
 }
 
-/** Up and down go from vehicle to vehicle, also to those that are not drawn yet. */
+const keysOf = (event: MouseEvent | KeyboardEvent): { shift: boolean; ctrl: boolean } => ({
+  shift: event.shiftKey,
+  ctrl: event.ctrlKey || event.metaKey,
+});
+
+/** Every vehicle that meets the filter, as the table has them in order. */
+export function rowIds(state: State): string[] {
+  return state.desk.table.order.flatMap((index) => state.status?.vehicles[index]?.id ?? []);
+}
+
+/** The id is a link to the vehicle's page; with a modifier it selects as the rest of its row does. */
+function openRow(actions: DeskActions, event: MouseEvent, id: string): void {
+  const keys = keysOf(event);
+  if (keys.shift || keys.ctrl) return;
+  event.stopPropagation();
+  actions.select(id);
+}
+
+/** Up and down go from vehicle to vehicle, also to those that are not drawn yet; with Shift the selection grows. */
 function onKey(actions: DeskActions, event: KeyboardEvent): void {
   const state = actions.now();
-  if (event.key === "Enter" && state.view.selected !== null) actions.select(state.view.selected);
+  if (event.key === "Enter" && state.view.selected !== null) actions.openPanel("vehicle");
+  if (event.key === "a" && (event.ctrlKey || event.metaKey)) {
+    event.preventDefault();
+    actions.choose({ how: "only", ids: rowIds(state) });
+  }
   const steps: Record<string, number> = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10, Home: -1e9, End: 1e9 };
   const step = steps[event.key];
   const { order } = state.desk.table;
@@ -104,7 +138,7 @@ function onKey(actions: DeskActions, event: KeyboardEvent): void {
   const next = Math.min(order.length - 1, Math.max(0, now + step));
   const id = vehicles[order[next]!]!.id;
   const scroller = event.currentTarget as HTMLElement;
-  actions.dispatch({ kind: "view", change: { selected: id } });
+  actions.choose({ how: event.shiftKey ? "add" : "only", ids: [id] });
   const [top, bottom] = [next * ROW_PX, (next + 2) * ROW_PX]; // the heading covers one
   if (top < scroller.scrollTop) scroller.scrollTop = top;
   else if (bottom > scroller.scrollTop + scroller.clientHeight) scroller.scrollTop = bottom - scroller.clientHeight;

@@ -13,7 +13,7 @@ import { HOLD_MS } from "./state";
 
 const t = texts.kill;
 
-/** Whom the first step would name: as chosen, else all that are not offline. Pure. */
+/** Vehicles that the first step would name: those chosen, or every one that is not offline. Pure. */
 export function doomed(state: State): string[] {
   const { status, frame, desk } = state;
   if (!status || !frame) return [];
@@ -29,9 +29,9 @@ function choose(state: State, actions: DeskActions): TemplateResult {
     ${choices(
       "kill-who",
       t.who,
-      [{ value: "all", label: t.all }, { value: "named", label: texts.start.named }],
+      [{ value: "named", label: t.named }, { value: "all", label: t.all }],
       killNamed ? "named" : "all",
-      (value) => actions.set({ killNamed: value === "named" ? new Set() : null }),
+      (value) => actions.set({ killNamed: value === "named" ? (killNamed ?? new Set(actions.now().view.selection)) : null }),
     )}
     ${killNamed
       ? html`<div class="picks">

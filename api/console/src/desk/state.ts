@@ -44,7 +44,7 @@ export interface DeskState {
   editing: string | null; // an obstacle's id; "": a new one
   startAt: boolean; // at a clock time
   startNamed: boolean; // those named only
-  killNamed: ReadonlySet<string> | null; // null: all that are not offline
+  killNamed: ReadonlySet<string> | null; // as chosen in the sheet; null: all that are not offline
   holding_ms: number | null; // since when the kill is held
   openOrder: string | null;
   eventList: "orders" | "lines" | "refused";
@@ -81,7 +81,7 @@ export function initialDesk(): DeskState {
     editing: null,
     startAt: false,
     startNamed: false,
-    killNamed: null,
+    killNamed: new Set(),
     holding_ms: null,
     openOrder: null,
     eventList: "lines",

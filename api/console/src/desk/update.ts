@@ -19,7 +19,8 @@ const TABLE_MS = 1000;
 export function updateDesk(state: State, message: Message): State {
   switch (message.kind) {
     case "desk": {
-      const next = changed(state, message.change);
+      const opensKill = message.change.sheet === "kill" && state.desk.sheet !== "kill";
+      const next = changed(state, opensKill ? { ...message.change, killNamed: new Set(state.view.selection) } : message.change);
       return "filter" in message.change || "sort" in message.change ? withTable(next) : next;
     }
     case "draft":

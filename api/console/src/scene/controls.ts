@@ -1,12 +1,24 @@
 // Hands on the scene: pointer, wheel and keys become turns, moves and zooms. It knows neither state nor camera.
 
+import { rectOf, type Rect } from "./selectionBox";
+
+/** Modifier keys; `ctrl` is also the command key of a Mac. */
+export interface Keys {
+  shift: boolean;
+  ctrl: boolean;
+}
+
 export interface Hands {
   /** Something under the pointer is taken hold of: returns whether there is anything. */
   grab(px: number, py: number): boolean;
   drag(px: number, py: number): void;
   /** Let go. */
   drop(): void;
-  click(px: number, py: number): void;
+  click(px: number, py: number, keys: Keys): void;
+  /** A box over vehicles is being dragged; null: no longer. */
+  box(rect: Rect | null): void;
+  /** The box was let go: its vehicles are selected, `adds` to those that are selected already. */
+  boxed(rect: Rect, adds: boolean): void;
   hover(px: number, py: number): void;
   leave(): void;
   /** Shares of the screen's height. */
@@ -21,7 +33,7 @@ const KEY_TURN = 0.12;
 const KEY_PAN = 0.08;
 const KEY_ZOOM = 1.25;
 
-type Doing = "nothing" | "waiting" | "dragging" | "turning" | "panning" | "pinching";
+type Doing = "nothing" | "waiting" | "dragging" | "turning" | "panning" | "pinching" | "boxing";
 
 export class Controls {
   readonly #canvas: HTMLCanvasElement;
@@ -57,12 +69,13 @@ export class Controls {
     this.#fingers.set(event.pointerId, at);
     if (this.#fingers.size > 1) {
       this.#letGo();
+      this.#hands.box(null);
       this.#doing = "pinching";
       return;
     }
     this.#began = at;
     this.#doing = "waiting";
-    this.#holds = event.button === 0 && !event.shiftKey && this.#hands.grab(at.px, at.py);
+    this.#holds = event.button === 0 && !event.shiftKey && !isCtrl(event) && this.#hands.grab(at.px, at.py);
   }
 
   #move(event: PointerEvent): void {
@@ -78,12 +91,15 @@ export class Controls {
     }
     if (this.#doing === "waiting" && Math.hypot(at.px - this.#began.px, at.py - this.#began.py) > CLICK_PX) {
       const isPan = event.shiftKey || (event.buttons & 6) !== 0;
-      this.#doing = this.#holds ? "dragging" : isPan ? "panning" : "turning";
+      const isBox = isCtrl(event) && (event.buttons & 1) !== 0;
+      this.#doing = this.#holds ? "dragging" : isBox ? "boxing" : isPan ? "panning" : "turning";
     }
     this.#fingers.set(event.pointerId, at);
     const scale = 1 / this.#canvas.clientHeight;
     const [right, down] = [(at.px - before.px) * scale, (at.py - before.py) * scale];
-    if (this.#doing === "dragging") {
+    if (this.#doing === "boxing") {
+      this.#hands.box(rectOf(this.#began, at));
+    } else if (this.#doing === "dragging") {
       this.#hands.drag(at.px, at.py);
     } else if (this.#doing === "turning") {
       this.#hands.turn(right, -down);
@@ -96,7 +112,10 @@ export class Controls {
     const wasClick = this.#doing === "waiting" && event.type === "pointerup";
     this.#fingers.delete(event.pointerId);
     if (wasClick && event.button === 0) {
-      this.#hands.click(this.#began.px, this.#began.py);
+      this.#hands.click(this.#began.px, this.#began.py, { shift: event.shiftKey, ctrl: isCtrl(event) });
+    } else if (this.#doing === "boxing") {
+      this.#hands.box(null);
+      if (event.type === "pointerup") this.#hands.boxed(rectOf(this.#began, this.#at(event)), event.shiftKey);
     }
     if (this.#fingers.size === 0) {
       this.#letGo();
@@ -161,6 +180,10 @@ export class Controls {
     const box = this.#canvas.getBoundingClientRect();
     return { px: event.clientX - box.left, py: event.clientY - box.top };
   }
+}
+
+function isCtrl(event: PointerEvent): boolean {
+  return event.ctrlKey || event.metaKey;
 }
 
 const ARROWS: Readonly<Record<string, readonly [number, number]>> = {

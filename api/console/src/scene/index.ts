@@ -4,7 +4,8 @@ import "../styles/scene.css";
 
 import { Color, Group, Scene as Root, SRGBColorSpace } from "three";
 
-import { fresh, indexOf, may, type Frame, type Ghost, type State } from "../state";
+import type { Choice } from "../selection";
+import { fresh, indexOf, may, type Frame, type Ghost, type State, type Status } from "../state";
 import { texts } from "../texts";
 import type { LoadTile } from "../wire/tiles";
 import { north_rad } from "./axes";
@@ -12,7 +13,7 @@ import { Backdrop } from "./backdrop";
 import { Billboards } from "./billboards";
 import { Cameraman } from "./cameraman";
 import { closePairs, type Floor, type Pair } from "./closeness";
-import { Controls } from "./controls";
+import { Controls, type Keys } from "./controls";
 import { Eye } from "./eye";
 import { gripAt, handleOf, moved, type Grip } from "./ghosts";
 import { Grid } from "./grid";
@@ -22,10 +23,11 @@ import { Living, type Picture } from "./living";
 import { Looks } from "./looks";
 import { Overlay } from "./overlay";
 import { DAY, NIGHT, type Palette } from "./palette";
-import { nearestPlace, rayThrough, type Ray, type Screen } from "./picking";
+import { nearestPlace, placesWithin, rayThrough, type Ray, type Screen } from "./picking";
 import { placeOf, Playback, Poses, type Moment } from "./playback";
 import { createRenderer, screenOf } from "./renderer";
 import { Scenery } from "./scenery";
+import { SelectionBox, type Rect } from "./selectionBox";
 import { Shell } from "./shell";
 import { Trails } from "./trails";
 import { TOLD, Vehicles } from "./vehicles";
@@ -40,7 +42,7 @@ export interface Scene {
 export interface SceneEvents {
   /** While something is dragged: what it would be. Nothing is ordered by it. */
   ghost(ghost: Ghost | null): void;
-  select(id: string | null): void;
+  choose(choice: Choice): void;
 }
 
 const PICK_PX = 18;
@@ -69,6 +71,7 @@ class LiveScene implements Scene {
   readonly #scenery;
   readonly #living;
   readonly #overlay;
+  readonly #box;
   readonly #controls;
   readonly #observer;
   readonly #cameraman = new Cameraman();
@@ -78,6 +81,7 @@ class LiveScene implements Scene {
   #size = { width: 1, height: 1, ratio: 1 };
   #state: State | null = null;
   #pairs: { of: Frame | null; list: readonly Pair[] } = { of: null, list: [] };
+  #selection: { of: readonly string[]; status: Status | null; indices: ReadonlySet<number> } = { of: [], status: null, indices: new Set() };
   #grip: Grip | null = null;
   #hovered = -1;
   #isDue = true;
@@ -105,6 +109,7 @@ class LiveScene implements Scene {
     this.#root.add(all);
     const parent = canvas.parentElement ?? document.body;
     this.#overlay = new Overlay(parent);
+    this.#box = new SelectionBox(parent);
     this.#controls = new Controls(canvas, this.#hands());
     this.#observer = new ResizeObserver(() => (this.#isDue = true)); // also when what is left free changes
     this.#observer.observe(parent);
@@ -140,7 +145,7 @@ class LiveScene implements Scene {
   dispose(): void {
     this.#observer.disconnect();
     for (const each of [
-      this.#controls, this.#overlay, this.#ground, this.#grid, this.#vehicles, this.#billboards, this.#trails, this.#shell, this.#scenery, this.#living,
+      this.#controls, this.#overlay, this.#box, this.#ground, this.#grid, this.#vehicles, this.#billboards, this.#trails, this.#shell, this.#scenery, this.#living,
       this.#backdrop, this.#fitted.renderer,
     ]) {
       each.dispose();
@@ -185,7 +190,7 @@ class LiveScene implements Scene {
     }
     const frame = moment.to;
     const palette = this.#palette!;
-    this.#looks.set(frame, palette, isFresh, selected);
+    this.#looks.set(frame, palette, isFresh, this.#selectionOf(state));
     const { tints } = this.#looks;
     this.#tell(frame.n);
     this.#vehicles.draw(this.#told, frame.n);
@@ -199,6 +204,15 @@ class LiveScene implements Scene {
     const picture: Picture = { state, frame, poses: this.#poses, pairs, floor, tints, selected, palette, eye: this.#eye };
     this.#living.draw(picture, this.#overlay);
     this.#names(state, frame, selected);
+  }
+
+  /** Indices of the selected vehicles. */
+  #selectionOf(state: State): ReadonlySet<number> {
+    const { status, view: { selection } } = state;
+    if (selection !== this.#selection.of || status !== this.#selection.status) {
+      this.#selection = { of: selection, status, indices: new Set(selection.map((id) => indexOf(state, id))) };
+    }
+    return this.#selection.indices;
   }
 
   /** What the graphics card is told of each vehicle, once for all that is drawn of it. */
@@ -238,6 +252,12 @@ class LiveScene implements Scene {
     } else if (this.#hovered >= 0 && this.#hovered !== selected) {
       put(this.#hovered, "name");
     }
+    const others = [...this.#selectionOf(state)].filter((i) => i !== selected);
+    if (frame.n > NAMED_UP_TO && others.length < NAMED_UP_TO) {
+      for (const i of others) {
+        put(i, "name");
+      }
+    }
     if (selected >= 0) {
       put(selected, "selected");
     }
@@ -274,9 +294,21 @@ class LiveScene implements Scene {
       drop: (): void => {
         this.#grip = null;
       },
-      click: (px: number, py: number): void => {
-        const i = this.#vehicleAt(px, py);
-        this.#on.select(this.#state?.status?.vehicles[i]?.id ?? null);
+      click: (px: number, py: number, keys: Keys): void => {
+        const id = this.#state?.status?.vehicles[this.#vehicleAt(px, py)]?.id;
+        const isMore = keys.shift || keys.ctrl;
+        if (id !== undefined) {
+          this.#on.choose(isMore ? { how: "toggle", id } : { how: "only", ids: [id] });
+        } else if (!isMore) {
+          this.#on.choose({ how: "only", ids: [] }); // beside every vehicle: a missed shift-click loses nothing
+        }
+      },
+      box: (rect: Rect | null): void => this.#box.show(rect),
+      boxed: (rect: Rect, adds: boolean): void => {
+        const { basis, pose, screen } = this.#eye;
+        const vehicles = this.#state?.status?.vehicles ?? [];
+        const found = placesWithin(basis, pose, screen, this.#poses.place, this.#poses.n, rect);
+        this.#on.choose({ how: adds ? "add" : "only", ids: found.flatMap((i) => vehicles[i]?.id ?? []) });
       },
       hover: (px: number, py: number): void => {
         if (this.#state === null) {

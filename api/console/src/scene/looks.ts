@@ -24,7 +24,7 @@ export class Looks {
   tints = new Float32Array(0);
   marks = new Float32Array(0);
 
-  set(frame: Frame, palette: Palette, isFresh: boolean, selected: number): void {
+  set(frame: Frame, palette: Palette, isFresh: boolean, selected: ReadonlySet<number>): void {
     if (this.marks.length < frame.n) {
       this.tints = new Float32Array(4 * frame.n);
       this.marks = new Float32Array(frame.n);
@@ -40,7 +40,7 @@ export class Looks {
       this.marks[i] =
         ((frame.flags[i]! & FLAG.restrained) !== 0 && !isOld ? MARK.restrained : 0) +
         (phase === "lost" || phase === "killed" ? MARK.lost : 0) +
-        (i === selected ? MARK.selected : 0);
+        (selected.has(i) ? MARK.selected : 0);
     }
   }
 }

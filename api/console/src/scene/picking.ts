@@ -2,6 +2,7 @@
 
 import { dot, minus, type Vec3 } from "./axes";
 import type { Basis, Pose } from "./rig";
+import type { Rect } from "./selectionBox";
 
 export interface Ray {
   from: Vec3;
@@ -97,4 +98,17 @@ export function nearestPlace(
     }
   }
   return nearest;
+}
+
+/** Every place that is seen within a rectangle of the screen, in order. `place` is x, y, z, turn of each. */
+export function placesWithin(basis: Basis, pose: Pose, screen: Screen, place: Float32Array, n: number, rect: Rect): number[] {
+  const found: number[] = [];
+  for (let i = 0; i < n; i += 1) {
+    const seen = project(basis, pose, screen, [place[4 * i]!, place[4 * i + 1]!, place[4 * i + 2]!]);
+    const isWithin = seen !== null && seen.px >= rect.left && seen.px <= rect.right && seen.py >= rect.top && seen.py <= rect.bottom;
+    if (isWithin) {
+      found.push(i);
+    }
+  }
+  return found;
 }
