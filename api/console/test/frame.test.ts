@@ -10,7 +10,7 @@ describe("a frame", () => {
       { x_m: -4, phase: "lost" as const },
       { phase: "killed" as const },
     ];
-    const read = frame({ time_s: 99.5, center_m: [7, 8, 9], radius_m: 12, vehicles }, 55);
+    const read = frame({ time_s: 99.5, unix_time_s: 1_790_000_000.25, center_m: [7, 8, 9], radius_m: 12, vehicles }, 55);
     expect(read).toMatchObject({
       n: 3, revision: 7, time_s: 99.5, unix_time_s: 1_790_000_000.25, received_ms: 55, controlAlive: true,
       showPhase: "running", center_m: [7, 8, 9], target_m: [1.5, -2.5], radius_m: 12, minimumSeparation_m: 3.25,

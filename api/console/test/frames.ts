@@ -15,6 +15,7 @@ export interface Vehicle {
 export interface Written {
   version?: number;
   time_s?: number;
+  unix_time_s?: number;
   controlAlive?: boolean;
   center_m?: readonly [number, number, number];
   radius_m?: number;
@@ -36,7 +37,7 @@ export function bytes(written: Written): ArrayBuffer {
   view.setUint32(8, 7, true);
   view.setUint32(12, 1234, true);
   view.setFloat64(16, written.time_s ?? 10, true);
-  view.setFloat64(24, 1_790_000_000.25, true);
+  view.setFloat64(24, written.unix_time_s ?? 1_789_999_990.25 + (written.time_s ?? 10), true);
   view.setUint32(32, 3, true);
   view.setUint32(36, 4_000_000_000, true);
   view.setUint32(40, 17, true);

@@ -3,7 +3,8 @@ import { expect, test } from "vitest";
 import { closePairs } from "../src/scene/closeness";
 import { isStale, Looks, MARK } from "../src/scene/looks";
 import { DAY, NIGHT } from "../src/scene/palette";
-import { Poses } from "../src/scene/playback";
+import { Table } from "../src/scene/instances";
+import { Playback, Poses } from "../src/scene/playback";
 import { Ring, slotsFor } from "../src/scene/trails";
 import { FLAG, PHASES, type Frame } from "../src/state";
 import { frame, type Vehicle } from "./frames";
@@ -101,7 +102,7 @@ function flown(places: readonly (readonly [number, number, number])[]): { ring: 
   const poses = new Poses();
   places.forEach(([x_m, y_m, height_m], k) => {
     const one = frame({ vehicles: [at(x_m, y_m, height_m)] });
-    poses.set({ from: one, to: one, share: 1, beyond_s: 0, still: false }, 0);
+    poses.set({ from: one, to: one, share: 1, beyond_s: 0, still: false, run: 0 }, 0);
     ring.write(poses, new Float32Array(4), (k + 1) * 1.01 * ring.every_s);
   });
   const numbers = (slot: number, column: number): number => ring.rows[slot * 8 + column]!;
@@ -134,4 +135,34 @@ test("the larger the fleet, the shorter its trails, and never more in all than c
   expect(slotsFor(200)).toBeGreaterThan(slotsFor(1000));
   expect(1000 * slotsFor(1000)).toBeLessThan(20_000);
   expect(slotsFor(0)).toBeGreaterThan(0);
+});
+
+test("after a scrub no trail joins where everybody was with where everybody is", () => {
+  const playback = new Playback();
+  const poses = new Poses();
+  const show = (k: number, unix_time_s: number, x_m: number): void => {
+    playback.push(frame({ time_s: 100 + 0.1 * k, unix_time_s, vehicles: [at(x_m, 0, 20)] }, 1000 + 100 * k));
+    poses.set(playback.at(1000 + 100 * k)!, 0);
+  };
+  show(0, 5000, 0);
+  show(1, 5000.1, 0.5);
+  const ring = new Ring(1, new Table(2), poses.run);
+  expect(ring.joins(poses)).toBe(true);
+  show(2, 5361, 12); // six minutes on, 12 m away: a leap that the distance alone does not tell
+  expect(ring.joins(poses)).toBe(false);
+  expect(-poses.place[2]!).toBe(12); // and nobody slides there
+  const anew = new Ring(1, new Table(2), poses.run);
+  show(3, 5361.1, 12.5);
+  expect(anew.joins(poses)).toBe(true);
+  show(4, 5360, 12); // back by a second
+  expect(anew.joins(poses)).toBe(false);
+});
+
+test("a replay at ten times its speed is no scrub", () => {
+  const playback = new Playback();
+  const runs = Array.from({ length: 20 }, (_, k) => {
+    playback.push(frame({ time_s: 100 + 0.1 * k, unix_time_s: 5000 + k, vehicles: [at(k, 0, 20)] }, 1000 + 100 * k));
+    return playback.at(1000 + 100 * k)!.run;
+  });
+  expect(new Set(runs).size).toBe(1);
 });

@@ -85,10 +85,10 @@ test("a heading turns the shorter way, an unknown place stays unknown, and a jum
   after.heading_deg[0] = 10;
   after.x_m[0] = 400;
   const poses = new Poses();
-  poses.set({ from: before, to: after, share: 0.5, beyond_s: 0, still: false }, 0);
+  poses.set({ from: before, to: after, share: 0.5, beyond_s: 0, still: false, run: 0 }, 0);
   expect(Math.cos(poses.place[3]!)).toBeCloseTo(1); // north
   expect(-poses.place[2]!).toBeCloseTo(400);
   after.x_m[0] = Number.NaN;
-  poses.set({ from: before, to: after, share: 0.5, beyond_s: 0, still: false }, 0);
+  poses.set({ from: before, to: after, share: 0.5, beyond_s: 0, still: false, run: 0 }, 0);
   expect(poses.known(0)).toBe(false);
 });

@@ -195,7 +195,7 @@ class LiveScene implements Scene {
     this.#tell(frame.n);
     this.#vehicles.draw(this.#told, frame.n);
     this.#billboards.draw(this.#told, frame.n);
-    this.#trails.draw(this.#poses, tints, this.#poses.time_s, selected);
+    this.#trails.draw(this.#poses, tints, selected);
     this.#shell.place(this.#poses.center, frame.radius_m, this.#eye);
     this.#scenery.draw(status, frame, this.#poses.time_s, palette, this.#eye);
     this.#scenery.words(status, frame, this.#poses.time_s, this.#eye, this.#overlay);

@@ -14,6 +14,9 @@ const LONGEST_MS = 400;
 const LOST_BEAT_MS = 250; // farther from the beat than this: begin anew
 const FOLLOW = 0.2; // how fast the beat follows arrivals
 const FOLLOW_PERIOD = 0.1;
+/** Two frames of one run are no farther apart in recorded time: live 0.1 s, a replay at 10 times its speed about 1 s. */
+export const STEP_MAX_S = 2;
+const CLOCK_BACK_S = 0.05; // a clock that is being set may step back by so much
 
 /** Between which frames, how far, and how long the newest velocities carry on. */
 export interface Moment {
@@ -25,6 +28,8 @@ export interface Moment {
   beyond_s: number;
   /** Nothing moves until another frame arrives. */
   still: boolean;
+  /** Counts the breaks: what was seen before the last one (a scrub, a restart, silence) is not joined to what follows. */
+  run: number;
 }
 
 interface Shown {
@@ -37,12 +42,14 @@ interface Shown {
 export class Playback {
   #shown: Shown[] = [];
   #period_ms = 100;
+  #run = 0;
 
   /** Take the newest frame; the same one again changes nothing. */
   push(frame: Frame): void {
     const last = this.#shown.at(-1);
     if (last === undefined || !continues(last.frame, frame)) {
       this.#shown = [{ frame, at_ms: frame.received_ms }];
+      this.#run += 1;
       return;
     }
     if (last.frame === frame) {
@@ -72,32 +79,42 @@ export class Playback {
       }
       if (due_ms >= earlier.at_ms) {
         const share = (due_ms - earlier.at_ms) / (later.at_ms - earlier.at_ms);
-        return { from: earlier.frame, to: later.frame, share, beyond_s: 0, still: false };
+        return { from: earlier.frame, to: later.frame, share, beyond_s: 0, still: false, run: this.#run };
       }
     }
     const oldest = this.#shown[0]!;
-    return { from: oldest.frame, to: oldest.frame, share: 1, beyond_s: 0, still: this.#shown.length === 1 };
+    return { from: oldest.frame, to: oldest.frame, share: 1, beyond_s: 0, still: this.#shown.length === 1, run: this.#run };
   }
 
   #carriedOn(newest: Shown, before: Shown, due_ms: number): Moment {
     const since_ms = due_ms - newest.at_ms;
-    const pace = Math.max(0, (newest.frame.time_s - before.frame.time_s) / (newest.at_ms - before.at_ms)); // of a replay
+    const pace = Math.max(0, recorded_s(before.frame, newest.frame) / (newest.at_ms - before.at_ms)); // of a replay
     const beyond_s = pace * Math.min(CARRIED_ON_MS, since_ms);
-    return { from: newest.frame, to: newest.frame, share: 1, beyond_s, still: since_ms >= CARRIED_ON_MS };
+    return { from: newest.frame, to: newest.frame, share: 1, beyond_s, still: since_ms >= CARRIED_ON_MS, run: this.#run };
   }
 }
 
-/** Whether one frame follows the other without a break: same vehicles, time goes on, no leap in a replay. */
+/** Whether one frame follows the other without a break: same vehicles, and recorded time goes on by no more than a step. */
 function continues(last: Frame, next: Frame): boolean {
-  const passed_s = next.time_s - last.time_s;
-  return last === next || (last.n === next.n && last.revision <= next.revision && passed_s >= 0 && passed_s < 30);
+  const passed_s = recorded_s(last, next);
+  const isSame = last.n === next.n && last.revision <= next.revision && next.time_s >= last.time_s;
+  return last === next || (isSame && passed_s >= -CLOCK_BACK_S && passed_s <= STEP_MAX_S);
+}
+
+/** How much later it was recorded: in a replay the service's own clock goes on whatever is played. */
+function recorded_s(from: Frame, to: Frame): number {
+  return to.unix_time_s - from.unix_time_s;
 }
 
 /** Where every vehicle is shown: three's axes, NaN unknown. Owns its arrays, which are as long as the largest fleet yet. */
 export class Poses {
   n = 0;
+  /** See `Moment.run`. */
+  run = 0;
   /** The service's clock. */
   time_s = 0;
+  /** Unix time of what is shown: in a replay, when it was recorded. */
+  unix_time_s = 0;
   /** x, y, z and turn of each. */
   place = new Float32Array(0);
   center: [number, number, number] | null = null;
@@ -106,7 +123,9 @@ export class Poses {
   set(moment: Moment, originHeading_deg: number): void {
     const { from, to, share, beyond_s } = moment;
     this.n = to.n;
+    this.run = moment.run;
     this.time_s = from.time_s + share * (to.time_s - from.time_s) + beyond_s;
+    this.unix_time_s = from.unix_time_s + share * (to.unix_time_s - from.unix_time_s) + beyond_s;
     if (this.place.length < 4 * to.n) {
       this.place = new Float32Array(4 * to.n);
     }

@@ -27,16 +27,23 @@ export class Ring {
   readonly every_s: number;
   readonly rows: Float32Array;
   readonly n: number;
+  readonly run: number;
   head = 0;
   #head_s = -Infinity;
 
   /** Into the table, which it makes large enough. */
-  constructor(n: number, table = new Table(COLUMNS)) {
+  constructor(n: number, table = new Table(COLUMNS), run = 0) {
     this.n = n;
+    this.run = run;
     this.slots = slotsFor(n);
     this.every_s = Math.max(OFTEN_S, LASTS_S / this.slots);
     table.grow((this.slots + 1) * n);
     this.rows = table.numbers;
+  }
+
+  /** Whether these poses are joined to those before: after a break of recorded time a straight line would be a lie. */
+  joins(poses: Poses): boolean {
+    return poses.n === this.n && poses.run === this.run;
   }
 
   /** Write who is where. */
@@ -94,7 +101,7 @@ export class Trails {
   readonly #shape = stripShape();
   #table = new Table(COLUMNS);
   #ring = new Ring(0);
-  #begun_s = 0; // the graphics card counts from here: its numbers are short
+  #begun_s = 0; // Unix time; the graphics card counts from here: its numbers are short
 
   constructor(shared: Shared) {
     this.#uniforms = {
@@ -107,12 +114,12 @@ export class Trails {
     return this.#all.mesh;
   }
 
-  /** The time is the frames' own: what stands still in time leaves no trail, and a leap back in a replay begins anew. */
-  draw(poses: Poses, colors: Float32Array, time_s: number, selected: number): void {
-    if (poses.n !== this.#ring.n || time_s - this.#begun_s < this.#uniforms.uNow.value - 0.5) {
-      this.#begin(poses.n, time_s);
+  /** The time is when it was recorded: a replay that is paused keeps its trails, and one that is scrubbed begins anew. */
+  draw(poses: Poses, colors: Float32Array, selected: number): void {
+    if (!this.#ring.joins(poses)) {
+      this.#begin(poses);
     }
-    const since_s = time_s - this.#begun_s;
+    const since_s = poses.unix_time_s - this.#begun_s;
     this.#ring.write(poses, colors, since_s);
     this.#table.texture.needsUpdate = poses.n > 0;
     this.#uniforms.uNow.value = since_s;
@@ -120,11 +127,11 @@ export class Trails {
     this.#all.draw(this.#shape, this.#table, this.#ring.slots * this.#ring.n);
   }
 
-  #begin(n: number, time_s: number): void {
+  #begin({ n, run, unix_time_s }: Poses): void {
     this.#table.texture.dispose();
     this.#table = new Table(COLUMNS);
-    this.#ring = new Ring(n, this.#table);
-    this.#begun_s = time_s;
+    this.#ring = new Ring(n, this.#table, run);
+    this.#begun_s = unix_time_s;
     this.#uniforms.uN.value = n;
     this.#uniforms.uLasts.value = this.#ring.slots * this.#ring.every_s;
     this.#uniforms.uWidth.value = n > 300 ? 1 : n > 60 ? 1.4 : 2;
