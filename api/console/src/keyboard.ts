@@ -28,6 +28,9 @@ export function onKey(event: KeyboardEvent, state: State, actions: DeskActions):
     case "camera":
       actions.view({ camera: meant.camera });
       break;
+    case "fit":
+      actions.view({ fits: state.view.fits + 1 });
+      break;
     case "panel":
       actions.togglePanel(meant.panel);
       break;

@@ -146,6 +146,8 @@ export type Camera = "orbit" | "top" | "side" | "follow";
 /** How the page looks, and which vehicles are selected. The message `select` alone changes the selection. */
 export interface View extends Selection {
   camera: Camera;
+  /** How often it was asked that everything is in the picture. */
+  fits: number;
   night: boolean;
 }
 
@@ -208,6 +210,7 @@ export function initial(now_ms: number): State {
     toastsMade: 0,
     view: {
       camera: "orbit",
+      fits: 0,
       night: true,
       ...NOTHING_SELECTED,
     },

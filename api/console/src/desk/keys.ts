@@ -11,7 +11,10 @@ export const KEYS = {
 
 export type FlightKey = keyof typeof KEYS;
 
-export const CAMERA_KEYS = { o: "orbit", t: "top", s: "side", f: "follow" } as const;
+export const CAMERA_KEYS = { o: "orbit", t: "top", s: "side", c: "follow" } as const;
+
+/** Everything in the picture. */
+export const FIT_KEY = "f";
 
 export const PANEL_KEYS = {
   "1": "preflight",
@@ -28,7 +31,7 @@ export type Command =
   | { kind: "flight"; action: FlightKey }
   | { kind: "camera"; camera: (typeof CAMERA_KEYS)[keyof typeof CAMERA_KEYS] }
   | { kind: "panel"; panel: (typeof PANEL_KEYS)[keyof typeof PANEL_KEYS] }
-  | { kind: "night" | "filter" | "help" | "close" | "confirm" | "play" }
+  | { kind: "night" | "fit" | "filter" | "help" | "close" | "confirm" | "play" }
   | { kind: "jump"; by_s: number };
 
 export interface Press {
@@ -55,6 +58,7 @@ export function command(press: Press): Command | null {
   if (panel) return { kind: "panel", panel };
   const camera = CAMERA_KEYS[key as keyof typeof CAMERA_KEYS];
   if (camera) return { kind: "camera", camera };
+  if (key === FIT_KEY) return { kind: "fit" };
   if (key === "n") return { kind: "night" };
   if (key === "/") return { kind: "filter" };
   if (key === "Enter" && !press.onControl) return { kind: "confirm" };

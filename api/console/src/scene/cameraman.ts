@@ -1,23 +1,40 @@
-// The camera in time: what hands and keys asked for, the change from one camera to another, and following.
+// The camera in time: what hands and keys asked for, the change from one camera to another, following, and keeping the
+// formation in view. It moves by itself only when the formation leaves the picture, and never under an operator's hand.
 
 import type { Camera, State } from "../state";
-import { north_rad, toScene, type Vec3 } from "./axes";
+import { north_rad, type Vec3 } from "./axes";
+import { believed, followed, isTiny, keepMargin_px, visible, worthSeeing } from "./framing";
 import type { Screen } from "./picking";
 import { placeOf, type Poses } from "./playback";
-import { approach, entered, framed, panned, START, turned, zoomed, type Pose } from "./rig";
+import { approach, EASE_S, entered, framed, panned, SLOW_EASE_S, START, turned, zoomed, type Pose } from "./rig";
 
 const HALF_TURN = Math.PI;
 const STEP_MAX_S = 0.1; // after a pause the camera does not leap
 const FOLLOWED_SPAN_M = 26;
+const REST_MS = 1500; // after a hand let go, before the camera moves by itself
+const LEFT_OVER = 0.5; // of the vehicles that an operator chose to look at; with fewer all are fitted
+
+/** A view that was left, to be found again as it was. */
+interface Left {
+  goal: Pose;
+  chosen: readonly number[] | null;
+}
 
 export class Cameraman {
   pose: Pose = START;
   #goal: Pose = START;
+  #ease_s = EASE_S;
   #camera: Camera = "orbit";
+  #orbit: Left | null = null;
   #followed: string | null = null;
   #last: Vec3 | null = null;
   #isFramed = false;
+  #fits = 0;
+  #region = "";
   #drawn_ms = 0;
+  #hand_ms = -Infinity;
+  #isByHand = false; // panned or zoomed: what is seen now was chosen
+  #chosen: readonly number[] | null = null; // null: the camera chooses
 
   /** Whether it is still on its way. */
   get moves(): boolean {
@@ -28,17 +45,19 @@ export class Cameraman {
     if (this.#camera === "top") {
       this.pan(right, up);
     } else {
-      this.#goal = turned(this.#goal, -right * HALF_TURN, -up * HALF_TURN);
+      this.#byHand(turned(this.#goal, -right * HALF_TURN, -up * HALF_TURN));
     }
   }
 
   /** What is seen goes along with the hand. */
   pan(right: number, up: number): void {
-    this.#goal = panned(this.#goal, -right, -up);
+    this.#byHand(panned(this.#goal, -right, -up));
+    this.#isByHand = true;
   }
 
   zoom(factor: number): void {
-    this.#goal = zoomed(this.#goal, factor);
+    this.#byHand(zoomed(this.#goal, factor));
+    this.#isByHand = true;
   }
 
   /** With the next picture all is framed. */
@@ -46,29 +65,90 @@ export class Cameraman {
     this.#isFramed = false;
   }
 
-  /** The pose of this picture. */
-  at(state: State, poses: Poses, selected: number, screen: Screen, now_ms: number): Pose {
+  /** The pose of this picture. `isHeld`: a hand is on the scene. */
+  at(state: State, poses: Poses, selected: number, screen: Screen, now_ms: number, isHeld = false): Pose {
     const dt_s = Math.min(STEP_MAX_S, Math.max(0, (now_ms - this.#drawn_ms) / 1000));
     this.#drawn_ms = now_ms;
-    if (state.view.camera !== this.#camera) {
-      this.#camera = state.view.camera;
-      this.#goal = entered(this.#camera, this.#goal, north_rad(state.status?.origin.heading_deg ?? 0));
-      this.#isFramed = this.#isFramed && this.#camera !== "top" && this.#camera !== "side";
-      this.#last = null;
+    if (isHeld) {
+      this.#hand_ms = now_ms;
     }
-    this.#frameOnce(state, poses, screen);
+    if (state.view.camera !== this.#camera) {
+      this.#enter(state.view.camera, north_rad(state.status?.origin.heading_deg ?? 0));
+    }
+    if (state.view.fits !== this.#fits) {
+      this.#fits = state.view.fits;
+      this.#isFramed = false;
+    }
+    if (state.status !== null && state.frame !== null) {
+      this.#keep(state, poses, screen, now_ms);
+    }
     this.#follow(poses, selected, state.view.selected);
-    this.pose = approach(this.pose, this.#goal, dt_s);
+    this.pose = approach(this.pose, this.#goal, dt_s, this.#ease_s);
     return this.pose;
   }
 
-  #frameOnce(state: State, poses: Poses, screen: Screen): void {
-    if (this.#isFramed || state.status === null || state.frame === null) {
+  #byHand(goal: Pose): void {
+    this.#goal = goal;
+    this.#ease_s = EASE_S;
+    this.#hand_ms = this.#drawn_ms;
+  }
+
+  /** The orbit is found again as it was left; from above and from the side all is framed. */
+  #enter(camera: Camera, north: number): void {
+    if (this.#camera === "orbit") {
+      this.#orbit = { goal: this.#goal, chosen: this.#chosen };
+    }
+    this.#camera = camera;
+    this.#last = null;
+    this.#ease_s = EASE_S;
+    if (camera === "orbit" && this.#orbit !== null) {
+      [this.#goal, this.#chosen] = [this.#orbit.goal, this.#orbit.chosen];
       return;
     }
+    this.#goal = entered(camera, this.#goal, north);
+    this.#chosen = null;
+    this.#isFramed = this.#isFramed && camera !== "top" && camera !== "side";
+  }
+
+  /** Fit when it was asked for, when the visible region changed, and when the formation leaves it. */
+  #keep(state: State, poses: Poses, screen: Screen, now_ms: number): void {
+    const { left, top, width, height } = screen.free;
+    const region = [screen.width, screen.height, left, top, width, height].join();
+    const isOther = region !== this.#region;
+    this.#region = region;
+    const vehicles = followed(state, poses);
+    if (!this.#isFramed) {
+      this.#fit(worthSeeing(state, poses, believed(state, poses)), screen, EASE_S);
+      return;
+    }
+    const seen = visible(this.#goal, screen, poses, vehicles, keepMargin_px(screen));
+    if (this.#isByHand) {
+      this.#isByHand = false;
+      this.#chosen = seen;
+    }
+    if (this.#camera === "follow" || now_ms - this.#hand_ms < REST_MS) {
+      return;
+    }
+    if (this.#chosen !== null) {
+      const isLooking = this.#chosen.length === 0 || this.#chosen.filter((i) => seen.includes(i)).length >= LEFT_OVER * this.#chosen.length;
+      if (isLooking) {
+        return;
+      }
+    }
+    const places = [...worthSeeing(state, poses, vehicles)];
+    if (isOther || seen.length < vehicles.length || isTiny(this.#goal, screen, places)) {
+      this.#fit(places, screen, isOther ? EASE_S : SLOW_EASE_S);
+    }
+  }
+
+  #fit(places: Iterable<Vec3>, screen: Screen, ease_s: number): void {
     const isFirst = this.pose === START;
-    this.#goal = framed(this.#goal, worthSeeing(state, poses), screen.free.width / screen.free.height);
+    const goal = framed(this.#goal, places, screen);
+    this.#goal = isSame(goal, this.#goal) ? this.#goal : goal;
+    this.#ease_s = ease_s;
     this.#isFramed = true;
+    this.#isByHand = false;
+    this.#chosen = null;
     if (isFirst) {
       this.pose = { ...this.#goal, span_m: 1.25 * this.#goal.span_m, azimuth: this.#goal.azimuth - 0.25 };
     }
@@ -98,29 +178,12 @@ export class Cameraman {
   }
 }
 
-function carried(pose: Pose, way: Vec3): Pose {
-  return { ...pose, focus: [pose.focus[0] + way[0], pose.focus[1] + way[1], pose.focus[2] + way[2]] };
+/** Nearly the same view: to go there would be seen by nobody, and cost a picture. */
+function isSame(a: Pose, b: Pose): boolean {
+  const off_m = Math.hypot(a.focus[0] - b.focus[0], a.focus[1] - b.focus[1], a.focus[2] - b.focus[2]);
+  return off_m < 0.005 * a.span_m && Math.abs(a.span_m - b.span_m) < 0.005 * a.span_m;
 }
 
-/** Vehicles, pads, target, and the sphere as it will be, all the way round. */
-function* worthSeeing({ status, frame }: State, poses: Poses): Generator<Vec3> {
-  if (status === null || frame === null) {
-    return;
-  }
-  for (let i = 0; i < poses.n; i += 1) {
-    yield placeOf(poses, i);
-  }
-  for (const { home } of status.vehicles) {
-    if (home !== null) {
-      yield toScene(home.x_m, home.y_m, home.height_m);
-    }
-  }
-  const [x_m, y_m] = frame.target_m;
-  yield toScene(x_m, y_m, 0);
-  const { radius_m, height_m } = status.formation;
-  const around_m = radius_m + status.orbit.radius_m;
-  for (const [ahead, right] of [[1, 0], [-1, 0], [0, 1], [0, -1]] as const) {
-    yield toScene(x_m + ahead * around_m, y_m + right * around_m, height_m);
-  }
-  yield toScene(x_m, y_m, height_m + radius_m);
+function carried(pose: Pose, way: Vec3): Pose {
+  return { ...pose, focus: [pose.focus[0] + way[0], pose.focus[1] + way[1], pose.focus[2] + way[2]] };
 }

@@ -59,6 +59,11 @@ export class Controls {
     canvas.ownerDocument.addEventListener("keydown", (event) => this.#key(event), { signal });
   }
 
+  /** A finger or a button is down on the scene. */
+  get isHeld(): boolean {
+    return this.#fingers.size > 0;
+  }
+
   dispose(): void {
     this.#off.abort();
   }

@@ -79,6 +79,7 @@ class LiveScene implements Scene {
   readonly #poses = new Poses();
   readonly #looks = new Looks();
   #size = { width: 1, height: 1, ratio: 1 };
+  #measured: Screen | null = null; // until something changes: to measure costs the page a layout
   #state: State | null = null;
   #pairs: { of: Frame | null; list: readonly Pair[] } = { of: null, list: [] };
   #selection: { of: readonly string[]; status: Status | null; indices: ReadonlySet<number> } = { of: [], status: null, indices: new Set() };
@@ -111,7 +112,7 @@ class LiveScene implements Scene {
     this.#overlay = new Overlay(parent);
     this.#box = new SelectionBox(parent);
     this.#controls = new Controls(canvas, this.#hands());
-    this.#observer = new ResizeObserver(() => (this.#isDue = true)); // also when what is left free changes
+    this.#observer = new ResizeObserver(() => this.#remeasure()); // also when what is left free changes
     this.#observer.observe(parent);
   }
 
@@ -139,7 +140,7 @@ class LiveScene implements Scene {
   resize(width: number, height: number, pixelRatio: number): void {
     this.#size = { width, height, ratio: pixelRatio };
     this.#fitted.renderer.setSize(width, height, false);
-    this.#isDue = true;
+    this.#remeasure();
   }
 
   dispose(): void {
@@ -180,7 +181,7 @@ class LiveScene implements Scene {
       this.#poses.set(moment, heading_deg);
     }
     const screen = this.#screen();
-    this.#eye.look(this.#cameraman.at(state, this.#poses, selected, screen, now_ms), screen);
+    this.#eye.look(this.#cameraman.at(state, this.#poses, selected, screen, now_ms, this.#controls.isHeld), screen);
     this.#backdrop.look(this.#eye, this.#palette!);
     this.#ground.draw(status, this.#eye, this.#cameraman.moves, now_ms, this.#overlay);
     this.#grid.draw(this.#eye, this.#overlay);
@@ -268,7 +269,13 @@ class LiveScene implements Scene {
   }
 
   #screen(): Screen {
-    return screenOf(this.#canvas, this.#size.width, this.#size.height);
+    this.#measured ??= screenOf(this.#canvas, this.#size.width, this.#size.height);
+    return this.#measured;
+  }
+
+  #remeasure(): void {
+    this.#measured = null;
+    this.#isDue = true;
   }
 
   #ray(px: number, py: number): Ray {

@@ -3,6 +3,7 @@
 
 import type { Camera } from "../state";
 import type { Vec3 } from "./axes";
+import type { Screen } from "./picking";
 import { dot, minus, shortest_rad } from "./axes";
 
 /** A camera around a point. Angles in radians, the rest in metres, three's axes. */
@@ -28,12 +29,13 @@ export interface Basis {
 
 const DEGREE = Math.PI / 180;
 const SPAN_MIN_M = 2;
-const SPAN_MAX_M = 5000;
+const SPAN_MAX_M = 50_000;
 const LOWEST = 1.5 * DEGREE;
 const HIGHEST = 90 * DEGREE;
 const LENS: Readonly<Record<Camera, number>> = { orbit: 38 * DEGREE, top: 9 * DEGREE, side: 9 * DEGREE, follow: 46 * DEGREE };
-const EASE_S = 0.11; // time constant of every move
-const FRAMED = 1.1; // room around what is framed
+/** Time constants: of a move by hand, and of one that the camera makes by itself. */
+export const EASE_S = 0.11;
+export const SLOW_EASE_S = 0.5;
 const FITS = 6; // rounds; each comes closer to the middle
 const SPAN_LEAST_M = 12;
 
@@ -59,8 +61,8 @@ export function basisOf(pose: Pose): Basis {
 }
 
 /** A step of `dt_s` towards the goal; the goal itself when it is as good as there. */
-export function approach(pose: Pose, goal: Pose, dt_s: number): Pose {
-  const share = 1 - Math.exp(-dt_s / EASE_S);
+export function approach(pose: Pose, goal: Pose, dt_s: number, ease_s = EASE_S): Pose {
+  const share = 1 - Math.exp(-dt_s / ease_s);
   const way = shortest_rad(goal.azimuth - pose.azimuth);
   const off_m = Math.hypot(...minus(goal.focus, pose.focus));
   const zoom = Math.log(goal.span_m / pose.span_m);
@@ -121,23 +123,37 @@ export function entered(camera: Camera, goal: Pose, north: number): Pose {
   }
 }
 
-/** The same view, so that all places are in it: `aspect` is width over height. Places that are not finite do not count. */
-export function framed(goal: Pose, all: Iterable<Vec3>, aspect: number): Pose {
+/** What a fit leaves free on each side of the visible region, in CSS pixels: for names, and for what moves on. */
+export function fitMargin_px({ free }: Screen): number {
+  const side_px = Math.min(free.width, free.height);
+  return Math.min(0.3 * side_px, 0.08 * side_px + 20);
+}
+
+/**
+ * The same view, moved and zoomed so that all places lie in the visible region, `fitMargin_px` from its edges.
+ * Places that are not finite do not count.
+ */
+export function framed(goal: Pose, all: Iterable<Vec3>, screen: Screen): Pose {
   const places = [...all].filter((place) => Number.isFinite(place[0] + place[1] + place[2]));
   if (places.length === 0) {
     return goal;
   }
   const { right, up, forward } = basisOf(goal);
-  const reach = Math.tan(goal.angle / 2);
+  const { width, height } = screen.free;
+  const half = Math.tan(goal.angle / 2);
+  const reach_y = (half * (height - 2 * fitMargin_px(screen))) / height;
+  const reach_x = (half * (width - 2 * fitMargin_px(screen))) / height;
   let focus = goal.focus;
-  let away_m = 0;
-  for (let round = 0; round < FITS; round += 1) {
-    // as seen from where the camera would be: how far up, down and aside the outermost are
-    const seen = places.map((place) => {
+  const looked = (): { x: number; y: number; ahead: number }[] =>
+    places.map((place) => {
       const off = minus(place, focus);
       return { x: dot(off, right), y: dot(off, up), ahead: dot(off, forward) };
     });
-    away_m = Math.max(SPAN_LEAST_M / (2 * reach), ...seen.map(({ x, y, ahead }) => Math.max(Math.abs(y), Math.abs(x) / aspect) / reach - ahead));
+  const farEnough_m = (seen: ReturnType<typeof looked>): number =>
+    Math.max(SPAN_LEAST_M / (2 * half), ...seen.map(({ x, y, ahead }) => Math.max(Math.abs(y) / reach_y, Math.abs(x) / reach_x) - ahead));
+  for (let round = 0; round < FITS; round += 1) {
+    const seen = looked();
+    const away_m = farEnough_m(seen);
     const middle = (of: (each: (typeof seen)[number]) => number): number => {
       const shares = seen.map((each) => of(each) / (away_m + each.ahead));
       return (away_m * (Math.min(...shares) + Math.max(...shares))) / 2;
@@ -147,5 +163,5 @@ export function framed(goal: Pose, all: Iterable<Vec3>, aspect: number): Pose {
       focus[0] + x * right[0] + y * up[0], Math.max(0, focus[1] + x * right[1] + y * up[1]), focus[2] + x * right[2] + y * up[2],
     ];
   }
-  return zoomed({ ...goal, focus, span_m: 2 * reach * away_m * FRAMED }, 1);
+  return zoomed({ ...goal, focus, span_m: 2 * half * farEnough_m(looked()) }, 1);
 }
