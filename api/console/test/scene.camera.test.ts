@@ -71,13 +71,13 @@ test("all that is framed is seen, in every camera and shape of the screen, and n
   for (const camera of ["orbit", "top", "side", "follow"] as const) {
     for (const free of [{ left: 0, top: 0, width: 1440, height: 900 }, { left: 400, top: 50, width: 400, height: 800 }]) {
       const screen = { width: 1440, height: 900, free };
-      const pose = framed(entered(camera, START, 0.3), places, free.width / free.height);
+      const pose = framed(entered(camera, START, 0.3), places, screen);
       const seen = places.slice(0, 4).map((place) => project(basisOf(pose), pose, screen, place)!);
       const inX = seen.map(({ px }) => (px - free.left) / free.width);
       const inY = seen.map(({ py }) => (py - free.top) / free.height);
       expect(Math.min(...inX, ...inY)).toBeGreaterThan(0);
       expect(Math.max(...inX, ...inY)).toBeLessThan(1);
-      expect(Math.max(Math.max(...inX) - Math.min(...inX), Math.max(...inY) - Math.min(...inY))).toBeGreaterThan(0.7);
+      expect(Math.max(Math.max(...inX) - Math.min(...inX), Math.max(...inY) - Math.min(...inY))).toBeGreaterThan(0.6);
     }
   }
 });

@@ -6,7 +6,7 @@ import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { button } from "./controls";
 import { icon, PHASE_ICON } from "./icons";
-import { CAMERA_KEYS, KEYS, PANEL_KEYS, type FlightKey } from "./keys";
+import { CAMERA_KEYS, FIT_KEY, KEYS, PANEL_KEYS, type FlightKey } from "./keys";
 
 const t = texts.help;
 
@@ -19,11 +19,16 @@ export function help(_state: State, actions: DeskActions): TemplateResult {
         <h3>${t.keys}</h3>
         <dl class="keys">
           ${(Object.keys(KEYS) as FlightKey[]).map((action) => key(["Shift", KEYS[action]], t.list[action]))}
-          ${key(Object.keys(CAMERA_KEYS), t.list.camera)} ${key(["n"], t.list.night)}
+          ${key(Object.keys(CAMERA_KEYS), t.list.camera)} ${key([FIT_KEY], t.list.fit)} ${key(["n"], t.list.night)}
           ${key(Object.keys(PANEL_KEYS), t.list.panels)} ${key(["/"], t.list.filter)}
           ${key(["Enter", "Esc"], t.list.confirm)} ${key(["Space"], t.list.play)} ${key([",", "."], t.list.jump)}
           ${key(["?"], t.list.help)}
         </dl>
+        <h3>${t.mouse}</h3>
+        <dl class="keys gestures">
+          ${t.gestures.map(([gesture, what]) => html`<div><dt>${gesture}</dt><dd>${what}</dd></div>`)}
+        </dl>
+        <p class="dim">${t.camera}</p>
       </section>
       <section>
         <h3>${t.symbols}</h3>

@@ -7,6 +7,7 @@ import type { State } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { banner, interrupted, notices, toasts } from "./banners";
+import { camera } from "./camera";
 import { button } from "./controls";
 import { events } from "./events";
 import { fleet } from "./fleet";
@@ -127,7 +128,7 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
     ${rail(state, actions, "left", LEFT)} ${panel(state, actions, "left")}
     ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)} ${panel(state, actions, "right")}
     ${state.desk.sheet === "help" ? sheet(state, actions) : nothing}
-    <div class="room" data-room></div>
+    <div class="room" data-room>${camera(state, actions)}</div>
     <div class="center-low">${state.desk.sheet === "help" ? nothing : sheet(state, actions)} ${ghostBar(state, actions)}</div>
     <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : flight(state, actions)}</footer>
     ${login(state, actions)}

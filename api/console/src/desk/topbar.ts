@@ -1,14 +1,12 @@
 /** The bar on top: where the show stands, whether this is now, who is here, and how it looks. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import { fresh, type Camera, type State } from "../state";
+import { fresh, type State } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
-import { button, choices } from "./controls";
+import { button } from "./controls";
 import { clockTime, minutes, withUnit } from "./format";
 import { icon, type IconName } from "./icons";
-
-const CAMERAS: readonly Camera[] = ["orbit", "top", "side", "follow"];
 
 type Life = keyof typeof texts.bar.states;
 
@@ -109,7 +107,7 @@ function who(state: State): TemplateResult {
 
 export function topbar(state: State, actions: DeskActions): TemplateResult {
   const now = life(state);
-  const { night, camera } = state.view;
+  const { night } = state.view;
   return html`<header class="topbar">
     <h1 class="for-readers">${texts.title}</h1>
     <div class="life life-${now}" data-testid="connection" role="status" title=${state.connection.reason || nothing}>
@@ -117,13 +115,6 @@ export function topbar(state: State, actions: DeskActions): TemplateResult {
     </div>
     ${showState(state)} ${gauges(state)}
     <div class="spring"></div>
-    ${choices(
-      "camera",
-      texts.bar.camera,
-      CAMERAS.map((value) => ({ value, label: texts.bar.cameras[value] })),
-      camera,
-      (value) => actions.view({ camera: value }),
-    )}
     ${who(state)}
     <time class="clock value" data-testid="clock" title=${texts.bar.clock}>${clockTime(state.frame?.unix_time_s)}</time>
     ${button(actions, {

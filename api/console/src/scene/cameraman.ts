@@ -12,6 +12,7 @@ const HALF_TURN = Math.PI;
 const STEP_MAX_S = 0.1; // after a pause the camera does not leap
 const FOLLOWED_SPAN_M = 26;
 const REST_MS = 1500; // after a hand let go, before the camera moves by itself
+const AWAY_MS = 20_000; // so long a hand may have left the camera where nothing flies
 const LEFT_OVER = 0.5; // of the vehicles that an operator chose to look at; with fewer all are fitted
 
 /** A view that was left, to be found again as it was. */
@@ -34,6 +35,7 @@ export class Cameraman {
   #drawn_ms = 0;
   #hand_ms = -Infinity;
   #isByHand = false; // panned or zoomed: what is seen now was chosen
+  #isWide = false; // all was asked for: it stays so wide
   #chosen: readonly number[] | null = null; // null: the camera chooses
 
   /** Whether it is still on its way. */
@@ -119,6 +121,7 @@ export class Cameraman {
     const vehicles = followed(state, poses);
     if (!this.#isFramed) {
       this.#fit(worthSeeing(state, poses, believed(state, poses)), screen, EASE_S);
+      this.#isWide = true;
       return;
     }
     const seen = visible(this.#goal, screen, poses, vehicles, keepMargin_px(screen));
@@ -129,16 +132,21 @@ export class Cameraman {
     if (this.#camera === "follow" || now_ms - this.#hand_ms < REST_MS) {
       return;
     }
-    if (this.#chosen !== null) {
-      const isLooking = this.#chosen.length === 0 || this.#chosen.filter((i) => seen.includes(i)).length >= LEFT_OVER * this.#chosen.length;
-      if (isLooking) {
-        return;
-      }
+    if (this.#chosen !== null && this.#isLooking(this.#chosen, seen, now_ms)) {
+      return;
     }
     const places = [...worthSeeing(state, poses, vehicles)];
-    if (isOther || seen.length < vehicles.length || isTiny(this.#goal, screen, places)) {
+    if (isOther || seen.length < vehicles.length || (!this.#isWide && isTiny(this.#goal, screen, places))) {
       this.#fit(places, screen, isOther ? EASE_S : SLOW_EASE_S);
     }
+  }
+
+  /** Whether what the operator chose is still what is seen. */
+  #isLooking(chosen: readonly number[], seen: readonly number[], now_ms: number): boolean {
+    if (chosen.length === 0) {
+      return seen.length > 0 || now_ms - this.#hand_ms < AWAY_MS;
+    }
+    return chosen.filter((i) => seen.includes(i)).length >= LEFT_OVER * chosen.length;
   }
 
   #fit(places: Iterable<Vec3>, screen: Screen, ease_s: number): void {
@@ -147,7 +155,7 @@ export class Cameraman {
     this.#goal = isSame(goal, this.#goal) ? this.#goal : goal;
     this.#ease_s = ease_s;
     this.#isFramed = true;
-    this.#isByHand = false;
+    this.#isByHand = this.#isWide = false;
     this.#chosen = null;
     if (isFirst) {
       this.pose = { ...this.#goal, span_m: 1.25 * this.#goal.span_m, azimuth: this.#goal.azimuth - 0.25 };
