@@ -44,6 +44,8 @@ export interface Actions {
   uploadShow(name: string, yaml: string): Promise<boolean>;
   removeShow(name: string): Promise<boolean>;
   seek(cue: string): Promise<boolean>;
+  /** One alarm; null: all of them. */
+  acknowledge(alarm: string | null): Promise<boolean>;
   replay(change: ReplayChange): Promise<boolean>;
   loadCertificate(): Promise<boolean>;
 }
@@ -199,6 +201,11 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     },
     removeShow: (name) => done(texts.orders.remove(name), api.DELETE("/api/v1/shows/{name}", ofShow(name)), texts.showRemoved(name)),
     seek: (cue) => done(texts.orders.seek(cue), api.POST("/api/v1/show/seek", { body: { cue } }), texts.showSought(cue)),
+    acknowledge: async (alarm) => {
+      const post = api.POST as unknown as (path: string, given?: object) => Call<unknown>; // until the schema has it
+      const call = alarm === null ? post("/api/v1/alarms/acknowledge") : post("/api/v1/alarms/{alarm_id}/acknowledge", { params: { path: { alarm_id: alarm } } });
+      return (await asked(texts.alarms.acknowledge, call, null)) !== null;
+    },
     /** What follows is seen: nothing has to be said. */
     replay: async (change) => (await asked(texts.replay.title, api.POST("/api/v1/replay", { body: change }), null)) !== null,
     async loadCertificate() {

@@ -4,10 +4,12 @@ import "./styles/tokens.css";
 import "./styles/desk.css";
 import "./styles/controls.css";
 import "./styles/panels.css";
+import "./styles/alarms.css";
 
 import { render } from "lit-html";
 
 import { createActions } from "./actions";
+import { createSigns } from "./alarms/signs";
 import { createDeskActions } from "./desk/actions";
 import { desk } from "./desk/index";
 import { createReader } from "./desk/reading";
@@ -28,12 +30,14 @@ const READ_MS = 500;
 const NARROW_PX = 1200;
 const TOKEN = "token";
 const LOOK = "look";
+const SOUND = "alarm-sound";
 
 const canvas = document.querySelector<HTMLCanvasElement>("#view")!;
 const place = document.querySelector<HTMLElement>("#desk")!;
 
 let state: State = initial(performance.now());
 if (localStorage.getItem(LOOK) === "day") state = update(state, { kind: "view", change: { night: false } });
+if (localStorage.getItem(SOUND) === "off") state = update(state, { kind: "sound", on: false });
 let waiting: Message[] = [];
 let isUrgent = true;
 let shown: State | null = null;
@@ -53,7 +57,11 @@ const byHand = (message: Message): void => {
 
 const token = (): string => sessionStorage.getItem(TOKEN) ?? "";
 /** Nor waits a change of the connection: what is old must not look fresh for longer than it has to. */
-const stream = openStream(token, (message) => (message.kind === "connection" ? byHand(message) : dispatch(message)));
+const stream = openStream(token, (message) => {
+  if (message.kind === "connection") byHand(message);
+  else dispatch(message);
+  if (document.hidden) unseen();
+});
 
 function login(text: string): void {
   sessionStorage.setItem(TOKEN, text);
@@ -76,6 +84,14 @@ const scene = createScene(
   createTiles(token),
 );
 
+const signs = createSigns(document, (isBlocked) => byHand({ kind: "sound-blocked", isBlocked }));
+
+/** A tab that is hidden is drawn no more, but its title, its icon and its sound still tell of alarms. */
+function unseen(): void {
+  dispatch({ kind: "tick", now_ms: performance.now() });
+  signs.show(newest());
+}
+
 function onFrame(now_ms: number): void {
   dispatch({ kind: "tick", now_ms: performance.now() });
   newest();
@@ -86,6 +102,8 @@ function onFrame(now_ms: number): void {
   if (state !== shown && (isUrgent || now_ms - shown_ms >= DESK_MS)) {
     document.documentElement.dataset["look"] = state.view.night ? "night" : "day";
     if (state.view.night !== shown?.view.night) localStorage.setItem(LOOK, state.view.night ? "night" : "day");
+    if (state.attention.soundOn !== shown?.attention.soundOn) localStorage.setItem(SOUND, state.attention.soundOn ? "on" : "off");
+    signs.show(state);
     render(desk(state, actions), place);
     if (shown === null) leaveRoom.observe(place.querySelector("[data-room]")!);
     shown = state;
@@ -104,6 +122,7 @@ const leaveRoom = new ResizeObserver(([entry]) => {
 
 const fit = (): void => scene.resize(innerWidth, innerHeight, devicePixelRatio);
 addEventListener("resize", fit);
+for (const each of ["pointerdown", "keydown"]) addEventListener(each, () => signs.touched());
 addEventListener("keydown", (event) => onKey(event, newest(), actions));
 const read = createReader(service);
 setInterval(() => read(newest()), READ_MS);

@@ -1,6 +1,7 @@
 // The page's one state. Everything that is shown follows from it; `update` alone makes the next one.
 
 import { initialDesk, type DeskState } from "./desk/state";
+import { initialAttention, type Attention } from "./alarms/attention";
 import { NOTHING_SELECTED, type Selection } from "./selection";
 import type { components } from "./wire/schema";
 
@@ -176,6 +177,7 @@ export interface State {
   view: View;
   ghost: Ghost | null;
   kill: Kill | null;
+  attention: Attention;
   /** What the desk alone remembers. */
   desk: DeskState;
 }
@@ -216,6 +218,7 @@ export function initial(now_ms: number): State {
     },
     ghost: null,
     kill: null,
+    attention: initialAttention(true),
     desk: initialDesk(),
   };
 }

@@ -1,5 +1,6 @@
 // The one way from a state to the next. Pure: no clock, no network, no document.
 
+import { updateAttention, type AttentionMessage } from "./alarms/attention";
 import { updateDesk, type DeskMessage } from "./desk/update";
 import { energy, radiusError_m } from "./formation";
 import { choose, remaining, type Choice, type Selection } from "./selection";
@@ -27,10 +28,11 @@ export type Message =
   | { kind: "ghost"; ghost: Ghost | null }
   | { kind: "kill-armed"; armed: KillArmed }
   | { kind: "kill-over" }
+  | AttentionMessage
   | DeskMessage;
 
 export function update(state: State, message: Message): State {
-  return updateDesk(updateShared(state, message), message);
+  return updateAttention(state, updateDesk(updateShared(state, message), message), message);
 }
 
 /** What the desk and the scene share. */
@@ -74,6 +76,9 @@ function updateShared(state: State, message: Message): State {
     case "desk":
     case "draft":
     case "undo":
+    case "sound":
+    case "sound-blocked":
+    case "fold-alarms":
       return state;
   }
 }

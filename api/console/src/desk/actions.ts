@@ -35,6 +35,10 @@ export interface DeskActions
   togglePanel(name: PanelName): void;
   edit(obstacle: string | null): void;
   refuse(what: string, why: string): void;
+  acknowledge(alarm: string): void;
+  acknowledgeAll(): void;
+  /** The setting of the alarms' sound. */
+  sound(on: boolean): void;
 
   show(command: ShowCommand): void;
   start(): void;
@@ -198,6 +202,9 @@ export function createDeskActions(
     },
     edit,
     refuse,
+    acknowledge: (alarm) => void service.acknowledge(alarm),
+    acknowledgeAll: () => void service.acknowledge(null),
+    sound: (on) => dispatch({ kind: "sound", on }),
 
     show: (command) => void service.show(command),
     async start() {

@@ -6,6 +6,7 @@ import { replayBar } from "../replay/bar";
 import type { State } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
+import { alarms, announcer } from "../alarms/panel";
 import { banner, interrupted, notices, toasts } from "./banners";
 import { camera } from "./camera";
 import { button } from "./controls";
@@ -124,13 +125,13 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
   return html`<div class="desk ${isOld ? "is-old" : ""} ${left ? "has-left" : ""} ${right ? "has-right" : ""}" data-testid="desk" data-life=${now}>
     ${topbar(state, actions)}
     ${banner(state)}
-    <div class="alerts">${interrupted(state, actions)} ${notices(state, actions)} ${toasts(state, actions)}</div>
+    <div class="alerts">${interrupted(state, actions)} ${alarms(state, actions)} ${notices(state, actions)} ${toasts(state, actions)}</div>
     ${rail(state, actions, "left", LEFT)} ${panel(state, actions, "left")}
     ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)} ${panel(state, actions, "right")}
     ${state.desk.sheet === "help" ? sheet(state, actions) : nothing}
     <div class="room" data-room>${camera(state, actions)}</div>
     <div class="center-low">${state.desk.sheet === "help" ? nothing : sheet(state, actions)} ${ghostBar(state, actions)}</div>
     <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : flight(state, actions)}</footer>
-    ${login(state, actions)}
+    ${login(state, actions)} ${announcer(state)}
   </div>`;
 }

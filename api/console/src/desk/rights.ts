@@ -16,7 +16,7 @@ const FROM: Record<VehicleAction, readonly Phase[]> = {
   "confirm-down": ["lost", "killed"],
 };
 
-const EMERGENCY: readonly string[] = ["pause", "stop", "abort", "hold", "return", "land", "bring-home", "kill"];
+const EMERGENCY: readonly string[] = ["pause", "stop", "abort", "hold", "return", "land", "bring-home", "kill", "acknowledge"];
 
 /** Who brings the fleet down is tried also with old data: the service answers as things are there. */
 export function whyNot(state: State, action: string): string {
@@ -27,6 +27,11 @@ export function whyNot(state: State, action: string): string {
     return may(state, "emergency") ? texts.flight.notOperate : texts.flight.watcher;
   }
   return emergency || fresh(state) ? "" : texts.flight.noData;
+}
+
+/** As for pausing: whoever may calm the fleet may say that an alarm was seen. */
+export function whyNotAcknowledge(state: State): string {
+  return whyNot(state, "acknowledge");
 }
 
 export function whyNotShow(state: State, action: ShowAction): string {

@@ -1,6 +1,7 @@
 /** The bar on top: where the show stands, whether this is now, who is here, and how it looks. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
+import { overall, soundButton } from "../alarms/panel";
 import { fresh, type State } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
@@ -113,7 +114,7 @@ export function topbar(state: State, actions: DeskActions): TemplateResult {
     <div class="life life-${now}" data-testid="connection" role="status" title=${state.connection.reason || nothing}>
       ${icon(LIFE_ICON[now])}<strong>${texts.bar.states[now]}</strong>
     </div>
-    ${showState(state)} ${gauges(state)}
+    ${showState(state)} ${overall(state)} ${soundButton(state, actions)} ${gauges(state)}
     <div class="spring"></div>
     ${who(state)}
     <time class="clock value" data-testid="clock" title=${texts.bar.clock}>${clockTime(state.frame?.unix_time_s)}</time>

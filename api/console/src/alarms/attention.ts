@@ -1,0 +1,115 @@
+// What calls for an operator who does not look at the list: sound, title, icon, and what a screen reader says. Pure.
+
+import type { State } from "../state";
+import { alarmsOf, ordered, rank, raised, worst, type Alarm, type Overall, type Severity } from "./model";
+
+/** A sound to be played: the page plays one whenever `count` goes up. */
+export interface Ring {
+  count: number;
+  severity: Severity;
+}
+
+export interface Attention {
+  /** The operator's setting; remembered by the browser. */
+  soundOn: boolean;
+  /** The browser plays no sound before the page was pressed once. */
+  soundBlocked: boolean;
+  /** Cautions and information are folded away. */
+  isFolded: boolean;
+  ring: Ring;
+  /** The page's clock at the newest ring. */
+  rang_ms: number;
+  /** What a screen reader says, once: `urgent` interrupts it. */
+  announced: { number: number; urgent: string; calm: string };
+}
+
+export function initialAttention(soundOn: boolean): Attention {
+  return {
+    soundOn,
+    soundBlocked: true,
+    isFolded: false,
+    ring: { count: 0, severity: "information" },
+    rang_ms: -Infinity,
+    announced: { number: 0, urgent: "", calm: "" },
+  };
+}
+
+/** An alarm that nobody acknowledges sounds again after this time; what is not named sounds once, or never. */
+export const REPEATED_MS: Partial<Record<Severity, number>> = { emergency: 4_000, warning: 20_000 };
+const SOUNDING: ReadonlySet<Severity> = new Set(["emergency", "warning", "caution"]);
+
+/** New alarms are announced and sound once. */
+export function heard(attention: Attention, before: readonly Alarm[], now: readonly Alarm[], now_ms: number, isSilent: boolean): Attention {
+  const fresh = ordered(raised(before, now));
+  if (fresh.length === 0) return attention;
+  const say = (isUrgent: boolean): string =>
+    fresh
+      .filter((each) => rank(each.severity) <= rank("warning") === isUrgent)
+      .map((each) => `${each.severity}: ${each.text}`)
+      .join(" ");
+  const announced = { number: attention.announced.number + 1, urgent: say(true), calm: say(false) };
+  return rung({ ...attention, announced }, worst(fresh), now_ms, isSilent);
+}
+
+/** What nobody has acknowledged sounds again. */
+export function reminded(attention: Attention, alarms: readonly Alarm[], now_ms: number, isSilent: boolean): Attention {
+  const open = worst(alarms.filter((each) => each.acknowledged_by === null));
+  const every_ms = open === "normal" ? undefined : REPEATED_MS[open];
+  return every_ms !== undefined && now_ms - attention.rang_ms >= every_ms ? rung(attention, open, now_ms, isSilent) : attention;
+}
+
+function rung(attention: Attention, severity: Overall, now_ms: number, isSilent: boolean): Attention {
+  if (isSilent || !attention.soundOn || severity === "normal" || !SOUNDING.has(severity)) return attention;
+  return { ...attention, ring: { count: attention.ring.count + 1, severity }, rang_ms: now_ms };
+}
+
+export type AttentionMessage =
+  | { kind: "sound"; on: boolean }
+  | { kind: "sound-blocked"; isBlocked: boolean }
+  | { kind: "fold-alarms"; isFolded: boolean };
+
+/** Behind the update of everything else; `message` is the same. */
+export function updateAttention(before: State, state: State, message: { kind: string }): State {
+  const attention = attended(before, state, message as AttentionMessage | { kind: "status" | "tick" });
+  return attention === state.attention ? state : { ...state, attention };
+}
+
+function attended(before: State, state: State, message: AttentionMessage | { kind: "status" | "tick" }): Attention {
+  const { attention, status, page_ms } = state;
+  const isSilent = Boolean(status?.replay);
+  switch (message.kind) {
+    case "sound":
+      return { ...attention, soundOn: message.on };
+    case "sound-blocked":
+      return attention.soundBlocked === message.isBlocked ? attention : { ...attention, soundBlocked: message.isBlocked };
+    case "fold-alarms":
+      return { ...attention, isFolded: message.isFolded };
+    case "status": {
+      const isSame = before.status?.began_unix_time_s === status?.began_unix_time_s; // another service numbers its alarms anew
+      return heard(attention, isSame ? alarmsOf(before.status) : [], alarmsOf(status), page_ms, isSilent);
+    }
+    case "tick":
+      return reminded(attention, alarmsOf(status), page_ms, isSilent);
+    default:
+      return attention;
+  }
+}
+
+/** "EMERGENCY 2: Vehicle d3 lost": the worst first, for a tab that is not looked at. */
+export function titleOf(title: string, alarms: readonly Alarm[]): string {
+  const severity = worst(alarms);
+  if (severity === "normal" || severity === "information") return title;
+  const all = ordered(alarms).filter((each) => each.severity === severity && each.ended_unix_time_s === null);
+  return `${severity.toUpperCase()} ${all.length}: ${headline(all[0]!.text)} · ${title}`;
+}
+
+function headline(text: string): string {
+  return /^.*?[:.](?=\s|$)/.exec(text)?.[0].slice(0, -1) ?? text;
+}
+
+/** Which of the page's icons says it. */
+export function iconOf(alarms: readonly Alarm[]): "normal" | Exclude<Severity, "information"> {
+  const severity = worst(alarms);
+  return severity === "information" ? "normal" : severity;
+}
+

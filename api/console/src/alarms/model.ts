@@ -1,0 +1,69 @@
+// Alarms as the service lists them: in which order they are shown, and how severe the whole is. Pure.
+
+import type { Status } from "../state";
+
+export const SEVERITIES = ["emergency", "warning", "caution", "information"] as const;
+export type Severity = (typeof SEVERITIES)[number];
+/** Of the whole; normal: no alarm lasts. */
+export type Overall = Severity | "normal";
+
+export interface Alarm {
+  id: string;
+  severity: Severity;
+  cause: string;
+  /** The cause first, its consequence after. */
+  text: string;
+  advice: string;
+  vehicles: readonly string[];
+  since_unix_time_s: number;
+  /** When it began, or last concerned one vehicle more or became more severe. */
+  raised_unix_time_s: number;
+  /** Its cause is over and nobody has acknowledged it; null: its cause lasts. */
+  ended_unix_time_s: number | null;
+  acknowledged_by: string | null;
+  acknowledged_unix_time_s: number | null;
+  order_id: string | null;
+}
+
+/** Never folded away, however many there are. */
+export const ALWAYS_SHOWN: ReadonlySet<Severity> = new Set(["emergency", "warning"]);
+
+export const rank = (severity: Overall): number => (severity === "normal" ? SEVERITIES.length : SEVERITIES.indexOf(severity));
+
+/** Those that last before those that have ended, the most severe first, of these the newest. */
+export function ordered(alarms: readonly Alarm[]): Alarm[] {
+  return [...alarms].sort(
+    (a, b) =>
+      Number(a.ended_unix_time_s !== null) - Number(b.ended_unix_time_s !== null) ||
+      rank(a.severity) - rank(b.severity) ||
+      b.raised_unix_time_s - a.raised_unix_time_s,
+  );
+}
+
+export const isOpen = (alarm: Alarm): boolean => alarm.acknowledged_by === null;
+export const lasts = (alarm: Alarm): boolean => alarm.ended_unix_time_s === null;
+
+export function worst(alarms: readonly Alarm[]): Overall {
+  return SEVERITIES.find((severity) => alarms.some((each) => lasts(each) && each.severity === severity)) ?? "normal";
+}
+
+/** How many there are of each severity, the most severe first; none of what there is none of. */
+export function counted(alarms: readonly Alarm[]): { severity: Severity; count: number }[] {
+  return SEVERITIES.map((severity) => ({ severity, count: alarms.filter((each) => each.severity === severity).length })).filter(
+    ({ count }) => count > 0,
+  );
+}
+
+/** The alarms of `now` that are new since `before`, that concern a further vehicle or have become more severe. */
+export function raised(before: readonly Alarm[], now: readonly Alarm[]): Alarm[] {
+  const known = new Map(before.map((each) => [each.id, each]));
+  return now.filter((each) => {
+    const last = known.get(each.id);
+    if (!lasts(each)) return false;
+    return last === undefined || each.raised_unix_time_s > last.raised_unix_time_s || rank(each.severity) < rank(last.severity);
+  });
+}
+
+export function alarmsOf(status: Status | null): readonly Alarm[] {
+  return (status as { alarms?: readonly Alarm[] } | null)?.alarms ?? [];
+}

@@ -1,0 +1,166 @@
+// The list of alarms, beside the scene: the most severe first, and none of importance folded away.
+
+import { html, nothing, type TemplateResult } from "lit-html";
+import { keyed } from "lit-html/directives/keyed.js";
+import { repeat } from "lit-html/directives/repeat.js";
+
+import type { DeskActions } from "../desk/actions";
+import { button } from "../desk/controls";
+import { clockTime, seconds } from "../desk/format";
+import { icon, type IconName } from "../desk/icons";
+import { whyNotAcknowledge } from "../desk/rights";
+import { fresh, type State } from "../state";
+import { texts } from "../texts";
+import { ALWAYS_SHOWN, alarmsOf, counted, isOpen, lasts, ordered, worst, type Alarm, type Overall } from "./model";
+
+const t = texts.alarms;
+
+export const SEVERITY_ICON: Record<Overall, IconName> = {
+  emergency: "emergency",
+  warning: "warning",
+  caution: "caution",
+  information: "info",
+  normal: "check",
+};
+
+const VEHICLES_NAMED = 24; // links in one alarm; the rest are selected by "all"
+
+function vehicles(actions: DeskActions, alarm: Alarm): TemplateResult | typeof nothing {
+  if (alarm.vehicles.length === 0) return nothing;
+  const named = alarm.vehicles.slice(0, VEHICLES_NAMED);
+  const more = alarm.vehicles.length - named.length;
+  return html`<p class="alarm-vehicles">
+    ${named.map((id) => html`<button type="button" class="link" data-testid="alarm-vehicle-${id}" @click=${() => actions.select(id)}>${id}</button> `)}
+    ${more > 0 ? texts.preflight.moreVehicles(more) : nothing}
+    ${alarm.vehicles.length > 1
+      ? html`<button type="button" class="link all" data-testid="alarm-all-${alarm.id}" @click=${() => actions.choose({ how: "only", ids: alarm.vehicles })}>
+          ${texts.selection.selectAll(alarm.vehicles.length)}
+        </button>`
+      : nothing}
+  </p>`;
+}
+
+function since(state: State, alarm: Alarm): string {
+  const now_s = state.frame?.unix_time_s ?? NaN;
+  const lasted_s = (alarm.ended_unix_time_s ?? now_s) - alarm.since_unix_time_s;
+  const time = clockTime(alarm.since_unix_time_s);
+  if (!lasts(alarm)) return t.ended(time, clockTime(alarm.ended_unix_time_s));
+  return fresh(state) && lasted_s >= 0 ? t.since(time, lasted_s < 100 ? `${Math.floor(lasted_s)} s` : seconds(lasted_s)) : time;
+}
+
+function one(state: State, actions: DeskActions, alarm: Alarm): TemplateResult {
+  const isNew = isOpen(alarm);
+  return html`<li
+    class="alarm alarm-${alarm.severity} ${isNew ? "open" : "seen"} ${lasts(alarm) ? "" : "ended"}"
+    data-testid="alarm"
+    data-alarm=${alarm.id}
+    data-severity=${alarm.severity}
+    data-cause=${alarm.cause}
+  >
+    ${icon(SEVERITY_ICON[alarm.severity])}
+    <div class="alarm-words">
+      <p class="alarm-head"><b>${t.severities[alarm.severity]}</b> <time>${since(state, alarm)}</time></p>
+      <p class="alarm-text">${alarm.text}</p>
+      ${alarm.advice ? html`<p class="alarm-advice">${alarm.advice}</p>` : nothing}
+      ${vehicles(actions, alarm)}
+      ${isNew
+        ? nothing
+        : html`<p class="alarm-seen">${icon("check")} ${t.acknowledged(alarm.acknowledged_by!, clockTime(alarm.acknowledged_unix_time_s))}</p>`}
+    </div>
+    ${isNew
+      ? button(actions, {
+          id: `acknowledge-${alarm.id}`,
+          label: t.acknowledge,
+          name: t.acknowledgeOne(alarm.text),
+          icon: "check",
+          iconOnly: true,
+          why: whyNotAcknowledge(state),
+          press: () => actions.acknowledge(alarm.id),
+        })
+      : nothing}
+  </li>`;
+}
+
+/** What a screen reader says of new alarms, once; the list itself is silent. Always there, so that it is listened to. */
+export function announcer({ attention: { announced } }: State): TemplateResult {
+  return html`<div class="for-readers" data-testid="announcer">
+    <div role="alert">${keyed(announced.number, html`<p>${announced.urgent}</p>`)}</div>
+    <div role="status">${keyed(announced.number, html`<p>${announced.calm}</p>`)}</div>
+  </div>`;
+}
+
+export function alarms(state: State, actions: DeskActions): TemplateResult | typeof nothing {
+  const all = ordered(alarmsOf(state.status));
+  if (all.length === 0) return nothing;
+  const { isFolded } = state.attention;
+  const minor = all.filter((each) => !ALWAYS_SHOWN.has(each.severity));
+  const shown = isFolded ? all.filter((each) => ALWAYS_SHOWN.has(each.severity)) : all;
+  const open = all.filter(isOpen);
+  return html`<section class="alarm-list" tabindex="-1" aria-label=${t.title} data-testid="alarms">
+    <header>
+      <h2>${t.title} <b data-testid="alarm-count">${all.length}</b></h2>
+      <span class="alarm-counts">
+        ${counted(all).map(({ severity, count }) => html`<span class="alarm-count-${severity}" title=${t.counts[severity](count)}>${icon(SEVERITY_ICON[severity])}${count}</span>`)}
+      </span>
+      <span class="spring"></span>
+      ${open.length > 0
+        ? button(actions, {
+            id: "acknowledge-all",
+            label: t.acknowledgeAll,
+            kind: "quiet",
+            why: whyNotAcknowledge(state),
+            press: () => actions.acknowledgeAll(),
+          })
+        : nothing}
+    </header>
+    <ul aria-label=${t.listLabel(all.length)} data-testid="alarm-list">
+      ${repeat(shown, (each) => each.id, (each) => one(state, actions, each))}
+    </ul>
+    ${minor.length > 0
+      ? button(actions, {
+          id: "alarms-fold",
+          label: isFolded ? t.unfold(counted(minor).map(({ severity, count }) => t.counts[severity](count)).join(", ")) : t.fold,
+          icon: isFolded ? "down" : "up",
+          kind: "quiet",
+          expanded: !isFolded,
+          press: () => actions.dispatch({ kind: "fold-alarms", isFolded: !isFolded }),
+        })
+      : nothing}
+  </section>`;
+}
+
+/** In the top bar: the worst of all alarms in colour and in a word; a press goes to the list. */
+export function overall(state: State): TemplateResult {
+  const all = alarmsOf(state.status);
+  const severity = worst(all);
+  const open = all.filter(isOpen).length;
+  const text = state.status === null ? "–" : t.overall[severity];
+  return html`<button
+    type="button"
+    class="overall overall-${severity} ${open > 0 ? "open" : ""}"
+    data-testid="overall"
+    data-severity=${severity}
+    title=${t.goTo}
+    @click=${() => document.querySelector<HTMLElement>('[data-testid="alarms"]')?.focus()}
+  >
+    ${icon(SEVERITY_ICON[severity])}
+    <span class="overall-words">
+      <strong data-testid="overall-word">${text}</strong>
+      <small>${all.length === 0 ? t.noAlarms : t.open(all.length, open)}</small>
+    </span>
+  </button>`;
+}
+
+/** The sound of alarms: on, off, or waiting for a press, since a browser plays nothing before one. */
+export function soundButton(state: State, actions: DeskActions): TemplateResult {
+  const { soundOn, soundBlocked } = state.attention;
+  return button(actions, {
+    id: "sound",
+    label: !soundOn ? t.soundOff : soundBlocked ? t.soundBlocked : t.soundOn,
+    icon: soundOn && !soundBlocked ? "sound" : "mute",
+    iconOnly: true,
+    kind: "quiet",
+    pressed: soundOn,
+    press: () => actions.sound(!(soundOn && !soundBlocked)),
+  });
+}

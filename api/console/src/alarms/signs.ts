@@ -1,0 +1,42 @@
+// The signs outside the page's own picture: the tab's title and icon, and the sound. Follows the state.
+
+import caution from "../icon-caution.svg";
+import emergency from "../icon-emergency.svg";
+import normal from "../icon.svg";
+import warning from "../icon-warning.svg";
+import type { State } from "../state";
+import { texts } from "../texts";
+import { iconOf, titleOf } from "./attention";
+import { alarmsOf } from "./model";
+import { Sounder } from "./sound";
+
+const ICONS = { normal, caution, warning, emergency } as const;
+
+export interface Signs {
+  show(state: State): void;
+  /** Somebody has pressed something: sound may be played from now on. */
+  touched(): void;
+}
+
+export function createSigns(page: Document, blocked: (isBlocked: boolean) => void): Signs {
+  const sounder = new Sounder(blocked);
+  const icon = page.querySelector<HTMLLinkElement>('link[rel="icon"]')!;
+  let isTouched = false;
+  let rung = 0;
+  return {
+    show({ status, attention }) {
+      const alarms = alarmsOf(status);
+      const title = titleOf(texts.title, alarms);
+      if (page.title !== title) page.title = title;
+      const href = ICONS[iconOf(alarms)];
+      if (icon.getAttribute("href") !== href) icon.setAttribute("href", href);
+      if (attention.ring.count > rung) sounder.play(attention.ring.severity);
+      rung = attention.ring.count;
+    },
+    touched() {
+      if (isTouched) return;
+      isTouched = true;
+      sounder.unlock();
+    },
+  };
+}
