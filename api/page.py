@@ -3,13 +3,18 @@
 It is built from `api/console/` (`make console`); an installed wheel brings it along.
 """
 
+import mimetypes
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
 from fastapi import APIRouter
 from starlette.exceptions import HTTPException
+from starlette.requests import Request
 from starlette.responses import FileResponse, PlainTextResponse, Response
+
+from api.encodings import chosen, is_known, is_twin
 
 DIST: Final = Path(__file__).parent / "console" / "dist"
 
@@ -52,19 +57,37 @@ def routes(folder: Path = DIST, asked: str | None = None) -> APIRouter:
     sent = headers(asked)
 
     @router.api_route("/", methods=["GET", "HEAD"])
-    async def page() -> Response:
+    async def page(request: Request) -> Response:
         """The console; asked for anew each time, since it names the assets of its own version."""
         index = folder / "index.html"
         if not index.is_file():
             return PlainTextResponse(NOT_BUILT, 503, headers={"Cache-Control": "no-store"})
-        return FileResponse(index, headers={**sent, "Cache-Control": "no-cache"})
+        return _answer(index, request, {**sent, "Cache-Control": "no-cache"})
 
     @router.api_route("/assets/{name}", methods=["GET", "HEAD"])
-    async def asset(name: str) -> Response:
+    async def asset(name: str, request: Request) -> Response:
         """Never another one under the same name: it may be kept for ever."""
         found = folder / "assets" / name
-        if ASSET.fullmatch(f"/assets/{name}") is None or not found.is_file():
+        if ASSET.fullmatch(f"/assets/{name}") is None or is_twin(name) or not found.is_file():
             raise HTTPException(404)
-        return FileResponse(found, headers={**sent, "Cache-Control": FOR_EVER})
+        return _answer(found, request, {**sent, "Cache-Control": FOR_EVER})
 
     return router
+
+
+def _answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response:
+    """The file, in the form that this caller accepts; nothing of it where the caller has it already."""
+    form = chosen(file, request.headers.get("accept-encoding"))
+    if form is None:
+        refused = (
+            f"{request.url.path} is sent as br, gzip or identity, and Accept-Encoding refuses all of them.\n"
+        )
+        return PlainTextResponse(
+            refused, 406, headers={"Vary": "Accept-Encoding", "Cache-Control": "no-store"}
+        )
+    told = {**headers, **form.headers}
+    if is_known(told["ETag"], request.headers.get("if-none-match")):
+        told.pop("Content-Encoding", None)
+        return Response(status_code=304, headers=told)
+    media_type = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
+    return FileResponse(form.path, headers=told, media_type=media_type)

@@ -27,6 +27,7 @@ def test_a_wheel_brings_its_configurations_and_the_fake_autopilot(tmp_path: Path
     assert scripts
     assert all(name.startswith("api/console/dist/assets/") for name in scripts)
     assert any(Path(name).name in page for name in scripts)
+    assert all({f"{name}.br", f"{name}.gz"} <= names for name in scripts)
     assert not [name for name in names if name.endswith((".ts", "package.json")) or "node_modules" in name]
     code = "from gcs import config as c; print(c.find('demo')); print(len(c.load(c.find('px4-sitl')).ids))"
     done = subprocess.run(

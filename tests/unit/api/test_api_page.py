@@ -1,7 +1,9 @@
 """The console's page, as a browser asks for it."""
 
 import asyncio
+import gzip
 from pathlib import Path
+from typing import NamedTuple
 
 import httpx
 import pytest
@@ -40,6 +42,28 @@ def ask(folder: Path, path: str, method: str = "GET") -> httpx.Response:
         transport = httpx.ASGITransport(app, raise_app_exceptions=False)
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
             return await client.request(method, path)
+
+    return asyncio.run(once())
+
+
+class Sent(NamedTuple):
+    """An answer with its bytes as they were sent, still compressed."""
+
+    status_code: int
+    headers: httpx.Headers
+    content: bytes
+
+
+def raw(folder: Path, path: str, headers: dict[str, str]) -> Sent:
+    """What is answered to exactly these headers."""
+    app = create_app(FakeService(), console=folder)
+
+    async def once() -> Sent:
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app)) as client:
+            request = httpx.Request("GET", f"http://127.0.0.1{path}", headers=headers)
+            answer = await client.send(request, stream=True)
+            content = b"".join([part async for part in answer.aiter_raw()])
+            return Sent(answer.status_code, answer.headers, content)
 
     return asyncio.run(once())
 
@@ -103,3 +127,94 @@ def test_the_page_that_is_built_here_runs_nothing_inline_and_names_assets_that_a
     assert "://" not in text
     assert "<style" not in text
     assert all(script.startswith(' type="module" crossorigin src=') for script in text.split("<script")[1:])
+
+
+@pytest.fixture
+def compressed(built: Path) -> Path:
+    """The same with compressed twins; each tells which it is."""
+    script = built / "assets" / SCRIPT
+    script.with_name(SCRIPT + ".br").write_bytes(b"brotli")
+    script.with_name(SCRIPT + ".gz").write_bytes(gzip.compress(script.read_bytes()))
+    return built
+
+
+@pytest.mark.parametrize(
+    ("accepted", "coding"),
+    [
+        ("gzip, deflate, br, zstd", "br"),
+        ("gzip, deflate", "gzip"),
+        ("GZip", "gzip"),
+        ("br;q=0, gzip", "gzip"),
+        ("br;q=0.5, gzip;q=0.8", "gzip"),
+        ("br; q=1.0, gzip;q=0.8, *;q=0.1", "br"),
+        ("*", "br"),
+        ("*;q=0, gzip", "gzip"),
+        ("identity;q=0, br", "br"),
+        ("identity, br;q=0.5", None),
+        ("br;q=0, gzip;q=0", None),
+        ("br;q=wrong", None),
+        ("deflate", None),
+        ("", None),
+        (None, None),
+    ],
+)
+def test_a_script_comes_in_the_form_that_the_caller_accepts(
+    compressed: Path, accepted: str | None, coding: str | None
+) -> None:
+    with_header = {} if accepted is None else {"accept-encoding": accepted}
+    answer = raw(compressed, f"/assets/{SCRIPT}", with_header)
+    assert answer.status_code == 200
+    assert answer.headers.get("content-encoding") == coding
+    assert answer.headers["vary"] == "Accept-Encoding"
+    assert answer.headers["content-type"].startswith("text/javascript")
+    sent = {"br": b"brotli", None: b"fly()"}
+    if coding == "gzip":
+        assert gzip.decompress(answer.content) == b"fly()"
+    else:
+        assert answer.content == sent[coding]
+    assert int(answer.headers["content-length"]) == len(answer.content)
+
+
+@pytest.mark.parametrize("refused", ["identity;q=0", "*;q=0", "br;q=0, gzip;q=0, identity;q=0"])
+def test_who_accepts_no_form_is_told_which_there_are(compressed: Path, refused: str) -> None:
+    answer = raw(compressed, f"/assets/{SCRIPT}", {"accept-encoding": refused})
+    assert answer.status_code == 406
+    assert b"br, gzip or identity" in answer.content
+    assert answer.headers["vary"] == "Accept-Encoding"
+
+
+def test_each_form_has_its_own_tag_and_who_has_it_is_not_sent_it_again(compressed: Path) -> None:
+    path = f"/assets/{SCRIPT}"
+    forms = {
+        coding: raw(compressed, path, {"accept-encoding": coding}) for coding in ("br", "gzip", "identity")
+    }
+    tags = {coding: answer.headers["etag"] for coding, answer in forms.items()}
+    assert len(set(tags.values())) == 3
+    for coding, tag in tags.items():
+        for known in (tag, f'"other", W/{tag}', "*"):
+            again = raw(compressed, path, {"accept-encoding": coding, "if-none-match": known})
+            assert (again.status_code, again.content) == (304, b"")
+            assert again.headers["etag"] == tag
+            assert again.headers["vary"] == "Accept-Encoding"
+            assert "immutable" in again.headers["cache-control"]
+    other = raw(compressed, path, {"accept-encoding": "br", "if-none-match": tags["gzip"]})
+    assert (other.status_code, other.content) == (200, b"brotli")
+
+
+@pytest.mark.parametrize("ending", [".br", ".gz"])
+def test_a_compressed_form_is_no_asset_of_its_own(compressed: Path, ending: str) -> None:
+    assert ask(compressed, f"/assets/{SCRIPT}{ending}").status_code == 404
+
+
+def test_the_page_that_is_built_here_is_compressed_and_its_bytes_are_the_same() -> None:
+    scripts = [file for file in (DIST / "assets").iterdir() if file.suffix in {".js", ".css"}]
+    assert scripts
+    for file in scripts:
+        plain = file.read_bytes()
+        packed = raw(DIST, f"/assets/{file.name}", {"accept-encoding": "gzip"})
+        assert packed.headers["content-encoding"] == "gzip"
+        assert gzip.decompress(packed.content) == plain
+        smallest = raw(DIST, f"/assets/{file.name}", {"accept-encoding": "gzip, br"})
+        assert smallest.headers["content-encoding"] == "br"
+        assert len(smallest.content) < len(packed.content) < 0.4 * len(plain)
+        assert raw(DIST, f"/assets/{file.name}", {}).content == plain
