@@ -76,9 +76,11 @@ def test_a_vehicle_is_chosen_and_a_kill_is_armed_and_disarmed_by_keyboard(
         desk.page.keyboard.press("Enter")
         desk.says("vehicle-id", "d1")
         desk.opens("Shift+K", "kill-arm")
+        expect(desk.part("kill-names")).to_have_text("d1")  # the selection, not the fleet
         desk.part("kill-arm").focus()
         desk.page.keyboard.press("Enter")
-        desk.says("kill-names", "d1, d2")
+        expect(desk.part("kill-hold")).to_be_visible(timeout=SOON_MS)
+        expect(desk.part("kill-names")).to_have_text("d1")
         assert desk.serious() == []
         desk.part("kill-disarm").focus()
         desk.page.keyboard.press("Enter")
@@ -163,9 +165,9 @@ def test_a_wrong_token_says_so_and_a_watcher_sees_all_and_may_press_nothing(
         desk.says("connection", "Live")
         desk.says("who", "the-watch")
         expect(desk.part("row-d1")).to_contain_text("standby", timeout=SOON_MS)
-        assert refused(desk, *BIG) == dict.fromkeys(BIG, "Your token may only watch.")
+        assert refused(desk, *BIG) == dict.fromkeys(BIG, "Your token is for viewing only.")
         desk.page.keyboard.press("Shift+K")
-        desk.tells("refused", "Your token may only watch.")
+        desk.tells("refused", "Your token is for viewing only.")
         expect(desk.part("sheet-kill")).to_have_count(0)
         desk.page.keyboard.press("2")
         expect(desk.part("show-upload")).to_be_disabled()
@@ -186,9 +188,11 @@ def test_an_operator_may_start_and_an_emergency_token_may_bring_down_and_kill_al
     with console(chrome, ground.url) as desk:
         enter(desk, tokens[Role.EMERGENCY])
         desk.says("who", "the-emergency")
-        only = "Your token may bring the fleet down, nothing else."
+        only = "Your token is for emergencies only: pause, return, land, kill."
         assert refused(desk, "start", "resume") == dict.fromkeys(("start", "resume"), only)
         desk.opens("Shift+K", "kill-arm")
+        desk.says("kill-names", "No vehicle is chosen")
+        desk.by_key("kill-pick-d1")
         desk.by_key("kill-arm")
         desk.part("kill-typed").fill(desk.part("kill-code").inner_text())
         desk.page.keyboard.press("Enter")

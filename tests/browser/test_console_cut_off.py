@@ -53,7 +53,7 @@ def start_at_a_clock_time(desk: Console, ground: Station) -> None:
         expect(desk.part("start")).not_to_have_attribute("aria-disabled", "true", timeout=FLIGHT_MS)
         desk.opens("Shift+S", "start-go")
         desk.says("start-show", "circle")
-        expect(desk.part("start-preflight")).to_contain_text("passes", timeout=SOON_MS)
+        expect(desk.part("start-preflight")).to_contain_text("passed", timeout=SOON_MS)
         desk.by_key("start-when-at")
         at = (datetime.now().astimezone() + timedelta(seconds=ahead_s)).replace(microsecond=0)
         desk.part("start-time").fill(f"{at:%H:%M:%S}")
@@ -76,7 +76,7 @@ def counted_down(desk: Console) -> list[int]:
 def kill(desk: Console, client: Client, name: str) -> None:
     """The first step alone does nothing; the second is held."""
     desk.opens("Shift+K", "kill-arm")
-    desk.by_key("kill-who-named")
+    expect(desk.part("kill-names")).to_have_text("No vehicle is chosen.")
     desk.by_key(f"kill-pick-{name}")
     expect(desk.part("kill-names")).to_have_text(name)
     desk.by_key("kill-arm")
@@ -114,7 +114,7 @@ def test_a_show_that_was_started_by_the_clock_and_cut_off_is_taken_over_by_keybo
             desk.says("interrupted", "the show was running")
             waiting = desk.part("interrupted").get_by_text("waits in mode")
             expect(waiting).to_have_count(3, timeout=FLIGHT_MS)
-            desk.until(lambda: desk.by_key("take-over"), lambda ms: desk.tells("done", "Take over", ms))
+            desk.until(lambda: desk.by_key("take-over"), lambda ms: desk.tells("done", "Take control", ms))
             desk.says("show-phase", "paused", FLIGHT_MS)
             desk.says("show-reason", "circle")
             for name in ("d1", "d2", "d3"):

@@ -131,7 +131,7 @@ def test_a_show_is_flown_by_the_page_alone(chrome: Browser, tmp_path: Path) -> N
             lambda: desk.page.keyboard.press("Shift+R"), lambda ms: desk.says("show-phase", goes_on, ms)
         )
         desk.page.keyboard.press("Shift+H")
-        desk.says("show-phase", "coming home")
+        desk.says("show-phase", "returning home")
         desk.says("show-phase", "landed", FLIGHT_MS)
         expect(desk.part("airborne")).to_contain_text("0/4")
         assert [order.action for order in ground.client.orders()] == [*("stop", "resume", "pause", "start")]

@@ -19,9 +19,9 @@ function figures(found: Figures): TemplateResult {
   return html`<dl class="facts" data-testid="show-figures">
       ${pair(f.vehicles, String(found.vehicles))} ${pair(f.show, minutes(found.show_s))}
       ${pair(f.home, minutes(found.home_s))}
-      ${pair(f.separation, `${withUnit(found.separation_min_m, "m", 2)} (${texts.bar.floor} ${withUnit(found.floor_m, "m")}) ${f.at} ${found.separation_min_at}`)}
+      ${pair(f.separation, `${withUnit(found.separation_min_m, "m", 2)} (${texts.bar.floor} ${withUnit(found.floor_m, "m")}), ${found.separation_min_at}`)}
       ${pair(f.belowFloor, String(found.pairs_below_floor))} ${pair(f.speed, withUnit(found.speed_max_m_s, "m/s"))}
-      ${pair(f.fence, `${withUnit(found.fence_distance_margin_m, "m")}, ${withUnit(found.fence_height_margin_m, "m")}`)}
+      ${pair(f.fence, f.margins(withUnit(found.fence_distance_margin_m, "m"), withUnit(found.fence_height_margin_m, "m")))}
       ${pair(f.battery, percent(found.battery_need))} ${pair(f.columns, String(found.column_pairs))}
     </dl>
     <table class="plain-table">

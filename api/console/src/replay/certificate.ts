@@ -61,8 +61,8 @@ function pairs(actions: DeskActions, certificate: CertificateReport): TemplateRe
         (pair) => html`<tr>
           <th scope="row">${pair.vehicles.join(" – ")}</th>
           <td class="number">${withUnit(pair.distance_m, "m", 2)}</td>
-          <td class="number">${fixed(pair.floor_ratio, 2)}</td>
-          <td class="number">${fixed(pair.floor_ratio_if_off, 2)}</td>
+          <td class="number">${fixed(pair.floor_ratio, 2)}×</td>
+          <td class="number">${fixed(pair.floor_ratio_if_off, 2)}×</td>
           <td>${moment(actions, pair.at_s)}</td>
         </tr>`,
       )}
