@@ -5,6 +5,7 @@ import "./styles/desk.css";
 import "./styles/controls.css";
 import "./styles/panels.css";
 import "./styles/alarms.css";
+import "./styles/layout.css";
 
 import { render } from "lit-html";
 
@@ -12,6 +13,7 @@ import { createActions } from "./actions";
 import { createSigns } from "./alarms/signs";
 import { createDeskActions } from "./desk/actions";
 import { desk } from "./desk/index";
+import { watchLayout } from "./desk/layout";
 import { createReader } from "./desk/reading";
 import { onKey } from "./keyboard";
 import { createScene } from "./scene/index";
@@ -26,8 +28,6 @@ import { createTiles } from "./wire/tiles";
 const DESK_MS = 100;
 /** How often it is looked what has to be asked for. */
 const READ_MS = 500;
-/** With less the scene would have no room between two panels. */
-const NARROW_PX = 1200;
 const TOKEN = "token";
 const LOOK = "look";
 const SOUND = "alarm-sound";
@@ -105,7 +105,8 @@ function onFrame(now_ms: number): void {
     if (state.attention.soundOn !== shown?.attention.soundOn) localStorage.setItem(SOUND, state.attention.soundOn ? "on" : "off");
     signs.show(state);
     render(desk(state, actions), place);
-    if (shown === null) leaveRoom.observe(place.querySelector("[data-room]")!);
+    if (shown === null) for (const each of place.querySelectorAll("[data-room], .alarms")) roomChanges.observe(each);
+    else if (frontOf(state) !== frontOf(shown)) leaveRoom();
     shown = state;
     shown_ms = now_ms;
     isUrgent = false;
@@ -113,12 +114,16 @@ function onFrame(now_ms: number): void {
   requestAnimationFrame(onFrame);
 }
 
+/** What moves the room without a change of its size: another panel, another layout. */
+const frontOf = ({ desk: { layout, left, right, front } }: State): string => `${layout} ${left} ${right} ${front}`;
+
 /** What the desk leaves free is where the scene has its middle: the padding of its place says so. */
-const leaveRoom = new ResizeObserver(([entry]) => {
-  const { left, top, right, bottom } = entry!.target.getBoundingClientRect();
+function leaveRoom(): void {
+  const { left, top, right, bottom } = place.querySelector("[data-room]")!.getBoundingClientRect();
   const sides = [top, innerWidth - right, innerHeight - bottom, left].map((side_px) => `${side_px}px`);
   canvas.parentElement!.style.padding = sides.join(" ");
-});
+}
+const roomChanges = new ResizeObserver(leaveRoom);
 
 const fit = (): void => scene.resize(innerWidth, innerHeight, devicePixelRatio);
 addEventListener("resize", fit);
@@ -126,7 +131,7 @@ for (const each of ["pointerdown", "keydown"]) addEventListener(each, () => sign
 addEventListener("keydown", (event) => onKey(event, newest(), actions));
 const read = createReader(service);
 setInterval(() => read(newest()), READ_MS);
-if (innerWidth < NARROW_PX) dispatch({ kind: "desk", change: { left: null } });
+watchLayout((layout) => byHand({ kind: "layout", layout }));
 canvas.setAttribute("role", "img");
 canvas.setAttribute("aria-label", texts.shell.scene);
 fit();

@@ -74,6 +74,7 @@ function updateShared(state: State, message: Message): State {
     case "shows":
     case "check":
     case "desk":
+    case "layout":
     case "draft":
     case "undo":
     case "sound":

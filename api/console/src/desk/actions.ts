@@ -5,6 +5,7 @@ import type { Choice, Selection } from "../selection";
 import type { State, View } from "../state";
 import { texts } from "../texts";
 import type { Message } from "../update";
+import { shownPanels } from "./layout";
 import { NEW_OBSTACLE } from "./obstacles";
 import type { Sort } from "./rows";
 import { typedNumbers, whyNotGroup, type Group } from "./shape";
@@ -84,8 +85,8 @@ export function createDeskActions(
   let holding = 0;
 
   function openPanel(name: PanelName): void {
-    if (LEFT.includes(name)) set({ left: name as LeftPanel });
-    else set({ right: name as RightPanel });
+    if (LEFT.includes(name)) set({ left: name as LeftPanel, front: "left" });
+    else set({ right: name as RightPanel, front: "right" });
   }
 
   function releaseKill(): void {
@@ -195,7 +196,7 @@ export function createDeskActions(
     },
     openPanel,
     togglePanel(name) {
-      const { left, right } = state().desk;
+      const { left, right } = shownPanels(state().desk);
       if (left === name) set({ left: null });
       else if (right === name) set({ right: null });
       else openPanel(name);

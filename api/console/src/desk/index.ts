@@ -18,6 +18,7 @@ import { help } from "./help";
 import { icon, type IconName } from "./icons";
 import { PANEL_KEYS } from "./keys";
 import { kill } from "./kill";
+import { shownPanels } from "./layout";
 import { login } from "./login";
 import { obstacles } from "./obstacles";
 import { plots } from "./plots";
@@ -63,7 +64,7 @@ function count(state: State, name: PanelName): number {
 }
 
 function rail(state: State, actions: DeskActions, side: "left" | "right", names: readonly PanelName[]): TemplateResult {
-  const open = state.desk[side];
+  const open = shownPanels(state.desk)[side];
   const keys = Object.entries(PANEL_KEYS);
   return html`<nav class="rail rail-${side}" aria-label=${texts.shell[side]}>
     ${names.map((name) => {
@@ -86,12 +87,24 @@ function rail(state: State, actions: DeskActions, side: "left" | "right", names:
 }
 
 function panel(state: State, actions: DeskActions, side: "left" | "right"): TemplateResult | typeof nothing {
-  const name = state.desk[side];
+  const name = shownPanels(state.desk)[side];
   if (name === null) return nothing;
+  const { layout, tall } = state.desk;
   const title = texts.shell.tabs[name];
   return html`<aside class="panel panel-${side} panel-${name}" aria-label=${title} data-testid="panel-${name}">
     <header>
       <h2>${title}</h2>
+      ${layout === "sheet" || layout === "side"
+        ? button(actions, {
+            id: "panel-size",
+            label: tall ? texts.shell.smaller(title) : texts.shell.larger(title),
+            icon: tall ? "down" : "up",
+            iconOnly: true,
+            kind: "quiet",
+            expanded: tall,
+            press: () => actions.set({ tall: !tall }),
+          })
+        : nothing}
       ${button(actions, {
         id: `close-${side}`,
         label: texts.shell.closePanel(title),
@@ -121,16 +134,19 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
   const now = life(state);
   const isReplay = Boolean(state.status?.replay);
   const isOld = now !== "live" && now !== "replay";
-  const { left, right } = state.desk;
-  return html`<div class="desk ${isOld ? "is-old" : ""} ${left ? "has-left" : ""} ${right ? "has-right" : ""}" data-testid="desk" data-life=${now}>
+  const { left, right } = shownPanels(state.desk);
+  const { layout, tall, sheet: open } = state.desk;
+  const names = ["desk", isOld && "is-old", left && "has-left", right && "has-right", tall && "is-tall", open && open !== "help" && "has-dialog"];
+  return html`<div class=${names.filter(Boolean).join(" ")} data-testid="desk" data-life=${now} data-layout=${layout}>
     ${topbar(state, actions)}
     ${banner(state)}
-    <div class="alerts">${interrupted(state, actions)} ${alarms(state, actions)} ${notices(state, actions)} ${toasts(state, actions)}</div>
-    ${rail(state, actions, "left", LEFT)} ${panel(state, actions, "left")}
-    ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)} ${panel(state, actions, "right")}
-    ${state.desk.sheet === "help" ? sheet(state, actions) : nothing}
+    <div class="alarms" data-region="alarms">${alarms(state, actions)} ${interrupted(state, actions)} ${notices(state, actions)}</div>
+    <div class="rails">
+      ${rail(state, actions, "left", LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)}
+    </div>
+    ${panel(state, actions, "left")} ${panel(state, actions, "right")}
     <div class="room" data-room>${camera(state, actions)}</div>
-    <div class="center-low">${state.desk.sheet === "help" ? nothing : sheet(state, actions)} ${ghostBar(state, actions)}</div>
+    <div class="center-low">${sheet(state, actions)} ${ghostBar(state, actions)} ${toasts(state, actions)}</div>
     <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : flight(state, actions)}</footer>
     ${login(state, actions)} ${announcer(state)}
   </div>`;

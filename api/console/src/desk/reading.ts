@@ -1,6 +1,7 @@
 /** What the stream does not say is asked for while somebody looks at it: preflight, orders, show files. */
 
 import type { Actions } from "../actions";
+import { shownPanels } from "./layout";
 import { whyNotOnGround } from "./rights";
 import { fresh, type State } from "../state";
 
@@ -23,18 +24,19 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
   return (state) => {
     const { desk, page_ms, status } = state;
     if (!fresh(state) || !status || state.access === null || status.replay) return;
-    const isLooking = desk.left === "preflight" || desk.sheet === "start";
+    const { left, right } = shownPanels(desk);
+    const isLooking = left === "preflight" || desk.sheet === "start";
     const onGround = whyNotOnGround(state) === "";
     if (onGround && page_ms - asked_ms.preflight >= (isLooking ? PREFLIGHT_MS : PREFLIGHT_UNSEEN_MS)) {
       asked_ms.preflight = page_ms;
       ask("preflight", service.loadPreflight);
     }
-    const ordersOpen = (desk.right === "events" && desk.eventList === "orders") || desk.right === "vehicle";
+    const ordersOpen = (right === "events" && desk.eventList === "orders") || right === "vehicle";
     if (ordersOpen && page_ms - asked_ms.orders >= ORDERS_MS) {
       asked_ms.orders = page_ms;
       ask("orders", service.loadOrders);
     }
-    if (desk.left !== "shows") showsFor = null;
+    if (left !== "shows") showsFor = null;
     else if (showsFor !== `${state.access.who} ${status.began_unix_time_s}`) {
       showsFor = `${state.access.who} ${status.began_unix_time_s}`;
       ask("shows", service.loadShows);

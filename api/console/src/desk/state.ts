@@ -1,6 +1,7 @@
 /** What the desk alone remembers: what is open, what is typed, how the table is sorted. Plain data. */
 
 import type { ShowCheck, StoredShow } from "../state";
+import type { Layout, PanelSide } from "./layout";
 import type { Sort } from "./rows";
 
 export type LeftPanel = "preflight" | "shows" | "shape" | "obstacles";
@@ -26,6 +27,10 @@ export interface DeskState {
   left: LeftPanel | null;
   right: RightPanel | null;
   sheet: Sheet | null;
+  layout: Layout;
+  front: PanelSide | null; // opened last; where one panel is shown at a time, this side's
+  tall: boolean; // the panel's sheet covers the scene
+  tools: boolean; // the top bar's second row, where it has one
   drafts: Readonly<Record<string, string>>; // typed and not sent, by field
   sort: Sort;
   filter: string;
@@ -63,6 +68,10 @@ export function initialDesk(): DeskState {
     left: "preflight",
     right: "fleet",
     sheet: null,
+    layout: "wide",
+    front: "right",
+    tall: false,
+    tools: false,
     drafts: {},
     sort: { column: "id", descending: false },
     filter: "",

@@ -116,6 +116,16 @@ export function topbar(state: State, actions: DeskActions): TemplateResult {
     </div>
     ${showState(state)} ${overall(state)} ${soundButton(state, actions)} ${gauges(state)}
     <div class="spring"></div>
+    ${button(actions, {
+      id: "tools",
+      label: texts.shell.more,
+      icon: "more",
+      iconOnly: true,
+      kind: "quiet",
+      expanded: state.desk.tools,
+      press: () => actions.set({ tools: !state.desk.tools }),
+    })}
+    <div class="tools ${state.desk.tools ? "open" : ""}">
     ${who(state)}
     <time class="clock value" data-testid="clock" title=${texts.bar.clock}>${clockTime(state.frame?.unix_time_s)}</time>
     ${button(actions, {
@@ -135,5 +145,6 @@ export function topbar(state: State, actions: DeskActions): TemplateResult {
       expanded: state.desk.sheet === "help",
       press: () => actions.sheet("help"),
     })}
+    </div>
   </header>`;
 }

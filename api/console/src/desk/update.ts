@@ -3,12 +3,14 @@
 import { nearest_m } from "../formation";
 import { PHASES, type State } from "../state";
 import type { Message } from "../update";
+import { withLayout, type Layout } from "./layout";
 import { parseQuery } from "./query";
 import { rowOf, sorted } from "./rows";
 import { REFUSALS_KEPT, type DeskState, type Table } from "./state";
 
 export type DeskMessage =
   | { kind: "desk"; change: Partial<DeskState> }
+  | { kind: "layout"; layout: Layout }
   | { kind: "draft"; field: string; text: string }
   | { kind: "undo"; prefix: string };
 
@@ -23,6 +25,8 @@ export function updateDesk(state: State, message: Message): State {
       const next = changed(state, opensKill ? { ...message.change, killNamed: new Set(state.view.selection) } : message.change);
       return "filter" in message.change || "sort" in message.change ? withTable(next) : next;
     }
+    case "layout":
+      return changed(state, withLayout(state.desk, message.layout));
     case "draft":
       return changed(state, { drafts: { ...state.desk.drafts, [message.field]: message.text } });
     case "undo":

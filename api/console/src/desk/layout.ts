@@ -1,0 +1,50 @@
+/** Which of four layouts the page has, by the size of the window, and which panels it shows. Pure but for `watchLayout`. */
+
+import type { DeskState, LeftPanel, RightPanel } from "./state";
+
+/**
+ * wide: a panel on either side of the scene. single: one panel beside the scene.
+ * sheet: a panel is a sheet at the bottom, for phones and tablets held upright.
+ * side: the flight commands stand on the right, for a window that is wide and low.
+ */
+export type Layout = "wide" | "single" | "sheet" | "side";
+export type PanelSide = "left" | "right";
+
+/** In em of the browser's own letter size: larger letters need the smaller layouts earlier. The first that matches counts. */
+const QUERIES: readonly (readonly [Layout, string])[] = [
+  ["side", "(max-height: 35em) and (min-aspect-ratio: 1/1)"],
+  ["sheet", "(max-width: 62.4em), (max-height: 35em)"],
+  ["single", "(max-width: 74.9em)"],
+];
+
+export function layoutOf(matches: (query: string) => boolean): Layout {
+  return QUERIES.find(([, query]) => matches(query))?.[0] ?? "wide";
+}
+
+/** Calls `changed` now, and again whenever the window's size or the screen's rotation changes the layout. */
+export function watchLayout(changed: (layout: Layout) => void): void {
+  const lists = QUERIES.map(([, query]) => matchMedia(query));
+  const tell = (): void => changed(layoutOf((query) => lists[QUERIES.findIndex(([, each]) => each === query)]!.matches));
+  for (const list of lists) list.addEventListener("change", tell);
+  tell();
+}
+
+export interface ShownPanels {
+  left: LeftPanel | null;
+  right: RightPanel | null;
+}
+
+/** The wide layout shows what is open on both sides, the others only the side that was opened last. */
+export function shownPanels({ layout, left, right, front }: Pick<DeskState, "layout" | "left" | "right" | "front">): ShownPanels {
+  if (layout === "wide") return { left, right };
+  return { left: front === "left" ? left : null, right: front === "right" ? right : null };
+}
+
+/** After rotation: a sheet starts closed, since it covers the scene; a panel beside the scene starts open. */
+export function withLayout(desk: DeskState, layout: Layout): DeskState {
+  if (layout === desk.layout) return desk;
+  const isSheet = layout === "sheet" || layout === "side";
+  const wasSheet = desk.layout === "sheet" || desk.layout === "side";
+  const front = isSheet ? (wasSheet ? desk.front : null) : (desk.front ?? "right");
+  return { ...desk, layout, front, tall: false };
+}
