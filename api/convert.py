@@ -8,6 +8,7 @@ import numpy as np
 
 from api import wire, wire_interrupted, wire_reactions, wire_shows
 from gcs import plan
+from gcs.counts import Counts
 from gcs.errors import InvalidError, RefusedError
 from gcs.frames import ShowFrame
 from gcs.interrupted import Interrupted
@@ -56,7 +57,7 @@ def readiness(view: FleetView) -> wire.Readiness:
     return wire.Readiness(
         ready=True,
         vehicles_ready=sum(each.ready for each in view.vehicles),
-        vehicles_airborne=sum(each.phase in AIRBORNE for each in view.vehicles),
+        vehicles_airborne=view.counts.airborne,
         vehicles=len(view.vehicles),
     )
 
@@ -135,6 +136,11 @@ def show(view: FleetView) -> wire.Show:
         start_unix_time_s=view.start_unix_time_s,
         countdown_s=view.countdown_s,
     )
+
+
+def counts(told: Counts) -> wire.Counts:
+    """How many vehicles are where, for the wire."""
+    return wire.Counts(airborne=told.airborne, **asdict(told))
 
 
 def selected_show(selected: SelectedShow) -> wire.SelectedShow:
@@ -267,6 +273,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
         control_alive=not problem,
         control_reason=problem,
         show=show(view),
+        counts=counts(view.counts),
         origin=origin(frame),
         formation=formation(view.plan.formation, view),
         center=center(view, frame),

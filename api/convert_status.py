@@ -33,6 +33,7 @@ def status(
         began_unix_time_s=began_unix_s,
         control_reason=problem,
         show=convert.show(view),
+        counts=convert.counts(view.counts),
         timeline=[
             wire_stream.CueTime(cue=cue, at_s=at_s)
             for cue, at_s in (() if selected is None else selected.timeline)

@@ -68,7 +68,9 @@ def log_denied(denied: Denied) -> None:
 def is_emergency(method: str, path: str) -> bool:
     """Whether this is a call of the emergency lane."""
     start, _, action = path.rpartition("/")
-    ours = start in {"/api/v1/show", "/api/v1/vehicles"} or start.startswith("/api/v1/vehicles/")
+    ours = start in {"/api/v1/show", "/api/v1/vehicles", "/api/v1/fleet"} or start.startswith(
+        "/api/v1/vehicles/"
+    )
     return method == "POST" and (path in KILL or (ours and action in EMERGENCIES))
 
 

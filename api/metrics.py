@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Final
 
 from fastapi import APIRouter
@@ -98,6 +98,12 @@ def _vehicles(view: FleetView) -> Iterator[Metric]:
             if value is not None:
                 families[name].add_metric([each.id], value)
     yield from families.values()
+    where = GaugeMetricFamily(
+        "gcs_vehicles_counted", "How many are airborne, on the ground and so on.", labels=["where"]
+    )
+    for name, count in (("airborne", view.counts.airborne), *asdict(view.counts).items()):
+        where.add_metric([name], count)
+    yield where
     phases = GaugeMetricFamily("gcs_vehicles", "How many are in each phase.", labels=["phase"])
     for phase in Phase:
         phases.add_metric([phase.value], sum(each.phase is phase for each in view.vehicles))

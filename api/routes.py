@@ -89,7 +89,7 @@ VEHICLE_SUMMARY: Final = {
     VehicleAction.JOIN: "Back from hold into the formation",
     VehicleAction.RETURN: "Come home and land",
     VehicleAction.LAND: "Land where it is",
-    VehicleAction.HAND_BACK: "Take a pilot's vehicle back, into hold",
+    VehicleAction.TAKE_CONTROL: "Take control of a vehicle in the air, into hold",
     VehicleAction.CONFIRM_DOWN: "Say that a lost vehicle was seen on the ground",
 }
 
@@ -131,6 +131,40 @@ for _vehicle_action, _summary in VEHICLE_SUMMARY.items():
         status_code=HTTPStatus.ACCEPTED,
         tags=["fleet"],
         dependencies=NO_BODY,
+        responses=COMMAND | errors(404),
+    )
+
+
+GROUP_SUMMARY: Final = {
+    VehicleAction.HOLD: "Several leave the formation and hold position",
+    VehicleAction.JOIN: "Several come back from hold into the formation",
+    VehicleAction.RETURN: "Several come home and land",
+    VehicleAction.LAND: "Several land where they are",
+    VehicleAction.TAKE_CONTROL: "Take control of several in the air, into hold",
+}
+
+
+def _group_command(action: VehicleAction) -> Callable[..., Awaitable[wire.Order]]:
+    async def command(desk: DeskDep, response: Response, body: wire.GroupBody | None = None) -> wire.Order:
+        given = None if body is None else body.vehicles
+        return _accepted(response, convert.order(desk.service.command_vehicles(action, given)))
+
+    return command
+
+
+for _group_action, _summary in GROUP_SUMMARY.items():
+    api.add_api_route(
+        f"/fleet/{_group_action}",
+        _group_command(_group_action),
+        methods=["POST"],
+        name=f"{_group_action.value.replace('-', '_')}_fleet",
+        summary=_summary,
+        description=(
+            "One order for the vehicles named, or for all that it can apply to. Those that it does not"
+            " reach are named in the answer as `not-included`, with the reason; `409` when it reaches none."
+        ),
+        status_code=HTTPStatus.ACCEPTED,
+        tags=["fleet"],
         responses=COMMAND | errors(404),
     )
 

@@ -204,6 +204,16 @@ class StartBody(Inward):
     )
 
 
+class GroupBody(Inward):
+    """Which vehicles a command is for."""
+
+    model_config = ConfigDict(json_schema_extra=without_defaults)
+
+    vehicles: Annotated[list[str], Field(min_length=1, max_length=10_000, examples=[["d1", "d2"]])] = Field(
+        default=ABSENT, description="Absent: every vehicle that the command can apply to."
+    )
+
+
 # Out
 
 
@@ -291,6 +301,17 @@ class Vehicle(Outward):
     light: str | None = Field(
         description="Colour that the show gives it now; null: it has no part in one.", examples=["#ff8000"]
     )
+
+
+class Counts(Outward):
+    """How many vehicles are where."""
+
+    airborne: int = Field(description="controlled + uncontrolled.")
+    controlled: int = Field(description="Airborne, under this station's control.")
+    uncontrolled: int = Field(description="Airborne, under a pilot's or its own autopilot's control.")
+    unknown: int = Field(description="Lost in flight or killed, and not confirmed on the ground.")
+    on_ground: int
+    offline: int
 
 
 class SelectedShow(Outward):
@@ -420,6 +441,7 @@ class Fleet(Outward):
     control_alive: bool = Field(description="False also when this state is old.")
     control_reason: str = Field(description="Why it is not alive, empty when it is.")
     show: Show
+    counts: Counts
     origin: Origin
     formation: Formation
     center: Center | None = Field(description="null while no formation flies.")

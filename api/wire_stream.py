@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from api.wire import (
+    Counts,
     Formation,
     Obstacle,
     Orbit,
@@ -111,6 +112,7 @@ class Status(Outward):
     )
     control_reason: str = Field(description="Why control is not alive, empty when it is.")
     show: Show
+    counts: Counts
     timeline: list[CueTime] = Field(description="Of the selected show, loops written out.")
     origin: Origin
     map: Map | None = Field(description="null: none is configured.")

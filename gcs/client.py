@@ -120,9 +120,17 @@ class Client:
         return self.one(wire.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
 
     def command(self, vehicle_id: str, action: str) -> wire.Order:
-        """Order one vehicle: hold, join, return, land, hand-back or confirm-down."""
+        """Order one vehicle: hold, join, return, land, take-control or confirm-down."""
         path = f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}"
         return self.one(wire.Order, "POST", path, urgent=action in URGENT)
+
+    def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> wire.Order:
+        """Order several at once: hold, join, return, land or take-control. None: all that it can apply to.
+
+        Those that the order does not reach are in it as `not-included`, with the reason.
+        """
+        path, body = f"/api/v1/fleet/{_part(action)}", _given(vehicles=vehicles)
+        return self.one(wire.Order, "POST", path, body or None, urgent=action in URGENT)
 
     def arm_kill(self, vehicles: list[str] | None = None) -> wire_kill.KillArmed:
         """The first step of a kill: whom the code will kill. None: all that are not offline."""

@@ -211,6 +211,12 @@ class Director:
         """Carry out an order to one vehicle. Raises: RefusedError, UnknownError."""
         return self._vehicle_orders.command(vehicle_id, action)
 
+    def command_vehicles(
+        self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
+    ) -> OrderRecord:
+        """Carry out an order to several vehicles. Raises: RefusedError, UnknownError, InvalidError."""
+        return self._vehicle_orders.command_group(action, vehicles)
+
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
         """Stop the motors of these. Raises: RefusedError, UnknownError."""
         return self._vehicle_orders.kill(vehicle_ids)

@@ -248,10 +248,10 @@ class Errands(ErrandTasks):
         """On the ground: leave OFFBOARD, to which PX4 reverts, and in which it does not pass its checks."""
         await self._order(vehicle, Verb.HOLD)
 
-    async def hand_back(self, vehicle: Vehicle) -> None:
-        """A pilot's vehicle becomes ours again, in HOLD."""
+    async def take_control(self, vehicle: Vehicle) -> None:
+        """A vehicle in the air comes under this station's control, in HOLD."""
         await self._order(vehicle, Verb.HOLD)
-        vehicle.apply(Event.HANDED_BACK, "handed back, holds")
+        vehicle.apply(Event.TAKE_CONTROL, "under this station's control again, holds")
 
     async def autopilot_land(self, vehicle: Vehicle) -> None:
         """Straight down by the autopilot alone: from a climb, or as a last resort."""

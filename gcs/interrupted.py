@@ -164,5 +164,5 @@ def remaining(name: VehicleId, before: Before, phase: Phase, mode: Mode, loss_ac
         waits = is_left_alone(before.phase, mode, loss_action)
         text = f"was {before.phase}, waits in mode {mode}"
         if not waits:
-            text = f"in mode {mode}, a pilot may have it: hand-back when the pilot agrees"
+            text = f"in mode {mode}, a pilot may have it: take-control when the pilot agrees"
     return Remaining(name, before.phase, before.pad_m is not None, waits, text)

@@ -37,7 +37,7 @@ class Event(StrEnum):
     DESCEND = "descend"
     TOUCHED_DOWN = "touched down"
     TAKEN_OVER = "taken over"
-    HANDED_BACK = "handed back"
+    TAKE_CONTROL = "take control"
     KILL = "kill"
     CONFIRMED_DOWN = "confirmed down"
 
@@ -53,7 +53,7 @@ GROUNDED: Final = frozenset({Phase.OFFLINE, Phase.STANDBY})
 
 NOT_COMMANDED: Final = {
     Phase.LOST: "lost: in the air when last heard, and sent nothing",
-    Phase.PILOT: "in the air, but not ours: hand-back takes over, in hold",
+    Phase.PILOT: "in the air, but not ours: take-control takes over, in hold",
 }
 """What an operator should know of who is in the air and sent nothing."""
 
@@ -84,7 +84,7 @@ NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
     (Phase.LOST, Event.HOLD): Phase.HOLD,
     (Phase.LOST, Event.HEARD): Phase.STANDBY,
     (Phase.LOST, Event.CONFIRMED_DOWN): Phase.OFFLINE,
-    (Phase.PILOT, Event.HANDED_BACK): Phase.HOLD,
+    (Phase.PILOT, Event.TAKE_CONTROL): Phase.HOLD,
     (Phase.PILOT, Event.TOUCHED_DOWN): Phase.STANDBY,
     (Phase.PILOT, Event.SILENT): Phase.LOST,
     (Phase.KILLED, Event.CONFIRMED_DOWN): Phase.OFFLINE,
@@ -129,6 +129,7 @@ class ShowPhase(StrEnum):
     RETURNING = "returning"
     ABORTING = "aborting"
     LANDED = "landed"
+    UNCONTROLLED = "uncontrolled"  # something is airborne, and nothing of it under this station's control
 
 
 class ShowEvent(StrEnum):

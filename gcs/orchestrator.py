@@ -323,6 +323,12 @@ class Orchestrator:
         """Order one vehicle."""
         return self._running().command_vehicle(vehicle_id, action)
 
+    def command_vehicles(
+        self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
+    ) -> OrderRecord:
+        """Order several vehicles at once."""
+        return self._running().command_vehicles(action, vehicles)
+
     def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
         """What a start would find."""
         return self._running().preflight(vehicles)

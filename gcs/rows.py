@@ -7,6 +7,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.counts import Counts, counts_of
 from gcs.lifecycle import Phase
 from gcs.state import Array, Landed, Mask, Mode, VehicleId, freeze
 
@@ -91,6 +92,10 @@ class VehicleRows:
             "fix_type",
         ):
             freeze(getattr(self, name), (n,), name)
+
+    def counts(self) -> Counts:
+        """How many are airborne and under whose control, on the ground, unknown."""
+        return counts_of(self.phases, self.landed, self.armed, self.heartbeat_age_s.tolist())
 
     def one_by_one(self) -> tuple[VehicleView, ...]:
         """A view of each."""

@@ -174,7 +174,7 @@ class Takeover:
         for vehicle in chosen:
             if vehicle.phase is Phase.PILOT:
                 done = partial(self._note, batch, vehicle)
-                self._errands.start(vehicle, self._errands.hand_back, done)
+                self._errands.start(vehicle, self._errands.take_control, done)
             else:
                 self._note(batch, vehicle, Outcome.DONE, "")
         return record

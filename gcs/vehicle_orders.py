@@ -1,14 +1,16 @@
 """What is done with one vehicle on an order."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
+from gcs.control_refusal import why_never, why_not_unasked
 from gcs.errand_tasks import Errand
 from gcs.errands import Errands
 from gcs.errors import InvalidError, OrderError, RefusedError
 from gcs.feasibility import check_formation
 from gcs.flight import Flight
-from gcs.lifecycle import FLOWN, IN_THE_AIR, NEXT, Event, Phase, ShowPhase
+from gcs.lifecycle import FLOWN, GROUNDED, IN_THE_AIR, NEXT, Event, Phase, ShowPhase
 from gcs.links import Order, Verb
 from gcs.orders import OrderBook
 from gcs.places import landing_places_m
@@ -23,7 +25,7 @@ EVENT_OF = {
     VehicleAction.JOIN: Event.ENGAGE,
     VehicleAction.RETURN: Event.COME_HOME,
     VehicleAction.LAND: Event.DESCEND,
-    VehicleAction.HAND_BACK: Event.HANDED_BACK,
+    VehicleAction.TAKE_CONTROL: Event.TAKE_CONTROL,
     VehicleAction.CONFIRM_DOWN: Event.CONFIRMED_DOWN,
 }
 
@@ -39,42 +41,100 @@ class VehicleOrders:
     def command(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
         """Carry out an order to one vehicle. Raises: RefusedError, UnknownError."""
         vehicle = self._flight.vehicle(vehicle_id)
-        if not (action is VehicleAction.HOLD and vehicle.phase is Phase.HOLD):
-            require_phase(vehicle, EVENT_OF[action])
-        if action is VehicleAction.HOLD and vehicle.pilots:
-            raise RefusedError(
-                f"{vehicle_id} was taken over before it fell silent: hand-back, once it is heard"
-            )
+        self._require(vehicle, action)
         if action is VehicleAction.CONFIRM_DOWN:
             vehicle.apply(Event.CONFIRMED_DOWN, "an operator has seen it on the ground")
             self._flight.forget_seen(vehicle)
             record = self._book.open(action, [vehicle.id], {})
             self._book.close(record.id, vehicle.id, Outcome.DONE)
             return self._book.get(record.id)
-        if action is VehicleAction.JOIN and self._flight.show not in IN_THE_AIR - {ShowPhase.RETURNING}:
-            raise RefusedError(f"{vehicle_id} has no formation to join: the show is {self._flight.show}")
         if action is VehicleAction.JOIN:
-            self._check_room(vehicle)
-        if action is VehicleAction.RETURN and vehicle.home_m is None:
-            raise RefusedError(f"{vehicle_id} cannot return: where it started is not known; use land")
-        if action is VehicleAction.RETURN and vehicle.handed_over:
-            raise RefusedError(f"{vehicle_id} cannot return: its autopilot touches it down already")
+            self._check_room([vehicle])
         errands: dict[VehicleAction, Errand] = {
             VehicleAction.HOLD: self._errands.hold,
             VehicleAction.JOIN: self._errands.join,
             VehicleAction.RETURN: self._errands.come_home,
-            VehicleAction.HAND_BACK: self._errands.hand_back,
+            VehicleAction.TAKE_CONTROL: self._errands.take_control,
         }
         if action is VehicleAction.LAND:
             place_m = landing_places_m(self._flight, [vehicle])[vehicle.id]
             return self._send(vehicle, self._errands.descend(place_m), action)
         return self._send(vehicle, errands[action], action)
 
-    def command_some(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> OrderRecord:
+    def _require(self, vehicle: Vehicle, action: VehicleAction) -> None:
+        """Raises: RefusedError naming the vehicle when it cannot be given the command now."""
+        name, show = vehicle.id, self._flight.show
+        if not (action is VehicleAction.HOLD and vehicle.phase is Phase.HOLD):
+            require_phase(vehicle, EVENT_OF[action])
+        if action is VehicleAction.HOLD and vehicle.pilots:
+            raise RefusedError(f"{name} was taken over before it fell silent: take-control, once it is heard")
+        if action is VehicleAction.JOIN and show not in IN_THE_AIR - {ShowPhase.RETURNING}:
+            raise RefusedError(f"{name} has no formation to join: the show is {show}")
+        if action is VehicleAction.RETURN and vehicle.home_m is None:
+            raise RefusedError(f"{name} cannot return: where it started is not known; use land")
+        if action is VehicleAction.RETURN and vehicle.handed_over:
+            raise RefusedError(f"{name} cannot return: its autopilot touches it down already")
+        if action is VehicleAction.TAKE_CONTROL and (why := why_never(self._flight, vehicle)):
+            raise RefusedError(f"control of {name} is not taken: {why}")
+
+    def command_group(self, action: VehicleAction, names: Sequence[VehicleId] | None) -> OrderRecord:
+        """One command for several vehicles; None: for all that it can apply to.
+
+        Raises: UnknownError, InvalidError; RefusedError when it reaches none of them.
+        """
+        if action is VehicleAction.CONFIRM_DOWN:
+            raise InvalidError("action", action.value, "hold, join, return, land or take-control")
+        if names is None:
+            asked = [v for v in self._flight.vehicles.values() if v.phase not in GROUNDED]
+        else:
+            asked = [self._flight.vehicle(name) for name in dict.fromkeys(names)]
+        chosen, left_out = self._reached(action, asked, named=names is not None)
+        if not chosen:
+            reasons = "; ".join(left_out.values()) or "no vehicle is airborne"
+            raise RefusedError(f"{action} reaches no vehicle: {reasons}")
+        if action is VehicleAction.JOIN:
+            self._check_room(chosen)
+        if action in {VehicleAction.JOIN, VehicleAction.TAKE_CONTROL}:
+            errand = self._errands.join if action is VehicleAction.JOIN else self._errands.take_control
+            record = self._book.open(action, [vehicle.id for vehicle in chosen], left_out)
+            for vehicle in chosen:
+                self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
+            return record
+        return self.command_some(chosen, action, left_out)
+
+    def _reached(
+        self, action: VehicleAction, asked: Sequence[Vehicle], *, named: bool
+    ) -> tuple[list[Vehicle], dict[VehicleId, str]]:
+        """Which of these a command reaches, and why not the others."""
+        chosen: list[Vehicle] = []
+        left_out: dict[VehicleId, str] = {}
+        for vehicle in asked:
+            try:
+                self._require(vehicle, action)
+            except RefusedError as error:
+                left_out[vehicle.id] = str(error)
+                continue
+            why = ""
+            if not named and action is VehicleAction.TAKE_CONTROL:
+                why = why_not_unasked(self._flight, vehicle)
+            elif not named and vehicle.phase is Phase.LOST:
+                why = f"{vehicle.id} is lost: {vehicle.reason}"
+            if why:
+                left_out[vehicle.id] = why
+            else:
+                chosen.append(vehicle)
+        return chosen, left_out
+
+    def command_some(
+        self,
+        vehicles: Sequence[Vehicle],
+        action: VehicleAction,
+        left_out: Mapping[VehicleId, str] = MappingProxyType({}),
+    ) -> OrderRecord:
         """One order to several that may be given it: hold, return or land, each to a place of its own."""
         homeless = action is VehicleAction.RETURN
         places_m = landing_places_m(self._flight, [v for v in vehicles if not homeless or v.home_m is None])
-        record = self._book.open(action, [vehicle.id for vehicle in vehicles], {})
+        record = self._book.open(action, [vehicle.id for vehicle in vehicles], left_out)
         for vehicle in vehicles:
             errand: Errand = self._errands.hold
             if vehicle.comes_down_alone and action is not VehicleAction.HOLD:
@@ -86,15 +146,16 @@ class VehicleOrders:
             self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
         return record
 
-    def _check_room(self, vehicle: Vehicle) -> None:
-        """Raises: RefusedError when the sphere is too small for one more."""
+    def _check_room(self, joining: Sequence[Vehicle]) -> None:
+        """Raises: RefusedError when the sphere is too small for these as well."""
         flight = self._flight
-        others = [other for other in flight.airborne if other is not vehicle]
+        others = [other for other in flight.airborne if other not in joining]
         formed = [other for other in others if other.engaging or other.phase is Phase.FORMATION]
         try:
-            check_formation(flight.plan.formation, len(formed) + 1, flight.control.safety)
+            check_formation(flight.plan.formation, len(formed) + len(joining), flight.control.safety)
         except InvalidError as error:
-            raise RefusedError(f"{vehicle.id} cannot join: {error}") from None
+            named = ", ".join(vehicle.id for vehicle in joining)
+            raise RefusedError(f"{named} cannot join: {error}") from None
 
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
         """Motors off. The phases change at once: nothing else is sent from here on.

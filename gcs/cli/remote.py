@@ -25,7 +25,7 @@ from gcs.client import URL, Client
 from gcs.client_preflight import Preflight
 from gcs.client_replay import Playback
 from gcs.client_shows import Shows
-from gcs.errors import AccessError, ConfigError, GcsError, InvalidError, LinkError, OrderError
+from gcs.errors import AccessError, ConfigError, GcsError, InvalidError, LinkError, OrderError, UnknownError
 from gcs.service import Outcome, VehicleAction
 
 EXIT_CODES: Final[dict[type[GcsError], int]] = {
@@ -125,12 +125,14 @@ GROUPS: Final = {
     "vehicle": "what is known of each vehicle",
 }
 
+CONFIRM_DOWN: Final = VehicleAction.CONFIRM_DOWN
+
 VEHICLE_HELP: Final = {
     VehicleAction.HOLD: "Vehicles leave the formation and hold position",
     VehicleAction.JOIN: "Vehicles that hold come back into the formation",
     VehicleAction.RETURN: "Vehicles come home and land",
     VehicleAction.LAND: "Vehicles land where they are; without names everybody does, as abort",
-    VehicleAction.HAND_BACK: "Take vehicles back from their pilots, into hold",
+    VehicleAction.TAKE_CONTROL: "Take control of vehicles in the air; they hold",
     VehicleAction.CONFIRM_DOWN: "Say that lost vehicles were seen on the ground",
 }
 
@@ -155,10 +157,11 @@ def add_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]"
         parser.set_defaults(run=partial(_run, call, names))
     for action, text in VEHICLE_HELP.items():
         parser = commands.add_parser(action.value, help=text, description=text)
-        everybody = action is VehicleAction.LAND
-        parser.add_argument("vehicles", metavar="VEHICLE", nargs="*" if everybody else "+")
+        parser.add_argument("vehicles", metavar="VEHICLE", nargs="*")
+        if action is not CONFIRM_DOWN:
+            parser.add_argument("--all", action="store_true", help="every vehicle that it can apply to")
         _add_common(parser, is_order=True)
-        parser.set_defaults(run=partial(_command, action))
+        parser.set_defaults(run=partial(_command, parser, action))
 
 
 def add_connection(parser: argparse.ArgumentParser) -> None:
@@ -246,22 +249,44 @@ def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int
         return failed(error)
 
 
-def _command(action: VehicleAction, arguments: argparse.Namespace) -> int:
-    """Order every vehicle that is named: one that is refused does not keep the others from it."""
-    orders: list[wire.Order] = []
-    code = 0
+def _command(parser: argparse.ArgumentParser, action: VehicleAction, arguments: argparse.Namespace) -> int:
+    """Command one vehicle, several or all: one that is refused does not keep the others from it."""
+    names, everything = arguments.vehicles, getattr(arguments, "all", False)
+    if names and everything:
+        parser.error("either names of vehicles or --all, not both")
+    if not names and not everything and action is not VehicleAction.LAND:
+        parser.error("name at least one vehicle" + ("" if action is CONFIRM_DOWN else ", or give --all"))
     try:
         with connected(arguments) as client:
-            if not arguments.vehicles:
-                orders.append(client.abort())
-            for vehicle_id in arguments.vehicles:
-                try:
-                    orders.append(client.command(vehicle_id, action.value))
-                except GcsError as error:
-                    code = failed(error)
-            return _told(client, orders, arguments) or code
+            return _commanded(client, action, arguments)
     except GcsError as error:
         return failed(error)
+
+
+def _commanded(client: Client, action: VehicleAction, arguments: argparse.Namespace) -> int:
+    """Raises: GcsError when nothing was accepted. Returns: the exit code."""
+    names = arguments.vehicles
+    if action is CONFIRM_DOWN or len(names) == 1:
+        return _one_by_one(client, action, arguments)
+    if not names and not arguments.all:
+        return _told(client, [client.abort()], arguments)
+    try:
+        order = client.command_vehicles(action.value, names or None)
+    except UnknownError:  # a name that is misspelt does not keep the others from the command
+        return _one_by_one(client, action, arguments)
+    missed = any(order.vehicles[name].outcome == Outcome.NOT_INCLUDED for name in names)
+    return _told(client, [order], arguments) or (REFUSED if missed else 0)
+
+
+def _one_by_one(client: Client, action: VehicleAction, arguments: argparse.Namespace) -> int:
+    orders: list[wire.Order] = []
+    code = 0
+    for name in arguments.vehicles:
+        try:
+            orders.append(client.command(name, action.value))
+        except GcsError as error:
+            code = failed(error)
+    return _told(client, orders, arguments) or code
 
 
 def _told(client: Client, orders: Sequence[wire.Order], arguments: argparse.Namespace) -> int:

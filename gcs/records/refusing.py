@@ -115,6 +115,12 @@ class Refusing:
         """Refused."""
         self._refuse()
 
+    def command_vehicles(
+        self, _action: VehicleAction, _vehicles: Sequence[VehicleId] | None = None
+    ) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
     def kill(self, _vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
         """Refused."""
         self._refuse()

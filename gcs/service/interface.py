@@ -168,6 +168,18 @@ class Service(Protocol):
         """Order one vehicle."""
         ...
 
+    def command_vehicles(
+        self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
+    ) -> OrderRecord:
+        """One command for a selection: hold, join, return, land or take control.
+
+        Args:
+            action: what; CONFIRM_DOWN is for one vehicle alone.
+            vehicles: those it is for; None: all that it can apply to. Those that it cannot reach are named in
+                the record, with the reason. Raises: RefusedError when it reaches none of them.
+        """
+        ...
+
     def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
         """What a start of these, or of all, would find: everything that is checked, vehicle by vehicle."""
         ...

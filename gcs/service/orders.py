@@ -22,13 +22,13 @@ class ShowAction(StrEnum):
 
 
 class VehicleAction(StrEnum):
-    """What can be asked of one vehicle."""
+    """What can be asked of one vehicle, and (but for CONFIRM_DOWN) of several at once."""
 
     HOLD = "hold"  # leaves the formation, the autopilot holds position
     JOIN = "join"  # from HOLD back into the formation
     RETURN = "return"  # home through the filter, and land
     LAND = "land"  # filtered descent where it is
-    HAND_BACK = "hand-back"  # a pilot's vehicle becomes ours again, in HOLD
+    TAKE_CONTROL = "take-control"  # a vehicle in the air comes under this station's control, in HOLD
     CONFIRM_DOWN = "confirm-down"  # an operator has seen a lost vehicle on the ground
 
 

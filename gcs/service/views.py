@@ -5,6 +5,7 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
+from gcs.counts import Counts
 from gcs.errors import Problem
 from gcs.interrupted import Interrupted
 from gcs.lifecycle import ShowPhase
@@ -156,6 +157,11 @@ class FleetView:
     reactions: tuple[Reaction, ...] = ()  # those whose causes last, the most severe first
     interrupted: Interrupted | None = None  # a flight that was cut off, and is not settled
     playback: Playback | None = None  # None: this is no replay
+
+    @cached_property
+    def counts(self) -> Counts:
+        """How many vehicles are airborne and under whose control, on the ground, unknown."""
+        return self.rows.counts()
 
     @cached_property
     def vehicles(self) -> tuple[VehicleView, ...]:

@@ -73,7 +73,7 @@ class Crew:
                 client.pause,
                 client.resume,
                 lambda: client.command("d1", "hold"),
-                lambda: client.command("d2", "hand-back"),
+                lambda: client.command("d2", "take-control"),
                 lambda: client.command("d1", "join"),
             )
             while not self._ended.is_set():

@@ -79,7 +79,7 @@ def test_vehicles_found_in_the_air_are_taken_over_on_request_only_and_without_a_
         everybody_stands_in_the_record(tmp_path / "first", base)
         with service(config, tmp_path / "second") as (client, process):
             found_and_left_alone(client, tmp_path)
-            each(client, "hand-back")
+            each(client, "take-control")
             assert phases(client) == ["hold"] * 3
             wait_until("paused", SOON_S, reached(client, "paused"))
             at_rest_m = places_m(tmp_path)
@@ -126,7 +126,7 @@ def found_and_left_alone(client: Client, folder: Path) -> None:
     wait_until("found", SOON_S, lambda: phases(client) == ["pilot"] * 3)
     assert {vehicle.reason for vehicle in client.vehicles()} == {"found in the air, and not by our order"}
     assert client.fleet().notices == [
-        "d1, d2, d3: in the air, but not ours: hand-back takes over, in hold",
+        "d1, d2, d3: in the air, but not ours: take-control takes over, in hold",
     ]
     told = [json.loads(line) for line in (folder / "second" / "log").read_text().splitlines()]
     assert {line["vehicle"] for line in told if line.get("phase") == "pilot"} == set(IDS)

@@ -295,10 +295,10 @@ def test_whom_a_pilot_has_is_left_to_the_pilot(tmp_path: Path) -> None:
     sessions(tmp_path, (four(), fly_and_lose_one), (four(), others_only))
 
 
-def test_a_single_vehicle_handed_back_returns_to_where_it_took_off(tmp_path: Path) -> None:
+def test_a_single_vehicle_control_taken_returns_to_where_it_took_off(tmp_path: Path) -> None:
     async def one_by_one(show: Show) -> None:
         await found(show)
-        await show.order("d1", VehicleAction.HAND_BACK)
+        await show.order("d1", VehicleAction.TAKE_CONTROL)
         record = await show.order("d1", VehicleAction.RETURN)
         assert record.outcomes["d1"].outcome is Outcome.DONE
 

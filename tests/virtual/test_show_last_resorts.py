@@ -92,7 +92,7 @@ def test_a_vehicle_that_cannot_join_after_the_climb_is_a_failure_of_the_start() 
     assert "offboard refused" in record.outcomes["d2"].reason
 
 
-class HandedBack(NamedTuple):
+class ControlTaken(NamedTuple):
     taken: ShowPhase
     given_back: ShowPhase
     refusal: type[Exception]
@@ -100,7 +100,7 @@ class HandedBack(NamedTuple):
     armed: list[bool]
 
 
-async def all_taken_over_then_handed_back(show: Show) -> HandedBack:
+async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
     """Pilots take both vehicles, and so the show is over; then one is handed back."""
     await show.start()
     for name in ("d1", "d2"):
@@ -108,19 +108,19 @@ async def all_taken_over_then_handed_back(show: Show) -> HandedBack:
         await show.phase(name, Phase.PILOT)
     await show.wait(1.0)
     taken = show.view.show
-    await show.order("d1", VehicleAction.HAND_BACK)
+    await show.order("d1", VehicleAction.TAKE_CONTROL)
     await show.wait(0.2)
     given_back = show.view.show
     turned_down = await refused(show, lambda: show.service.command_show(ShowAction.START))
     await show.settled(show.service.command_show(ShowAction.ABORT), 120.0)
     await show.reach(ShowPhase.LANDED)
-    return HandedBack(
+    return ControlTaken(
         taken, given_back, turned_down.kind, show.view.show, [vehicle.armed for vehicle in show.view.vehicles]
     )
 
 
-def test_a_vehicle_handed_back_after_the_show_can_still_be_brought_down() -> None:
-    flight = fly(all_taken_over_then_handed_back, show_config(2))
+def test_a_vehicle_control_taken_after_the_show_can_still_be_brought_down() -> None:
+    flight = fly(all_taken_over_then_control_taken, show_config(2))
     assert flight.taken is ShowPhase.LANDED, "nobody in the air was ours"
     assert flight.given_back is ShowPhase.PAUSED, "one is: the show is not over"
     assert flight.refusal is RefusedError
@@ -174,7 +174,7 @@ async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
     show.link.pilot("d1", PilotMode.HOLD)
     await show.phase("d1", Phase.PILOT)
     vehicle.home_m = None
-    await show.order("d1", VehicleAction.HAND_BACK)
+    await show.order("d1", VehicleAction.TAKE_CONTROL)
     turned_down = await refused(show, lambda: show.service.command_vehicle("d1", VehicleAction.RETURN))
     await show.settled(show.service.command_show(ShowAction.STOP), 120.0)
     await show.reach(ShowPhase.LANDED)

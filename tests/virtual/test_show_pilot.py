@@ -20,8 +20,8 @@ class TakenOver(NamedTuple):
     sent_to_pilots: dict[VehicleId, int]  # setpoints after the takeover was seen
     orders_to_pilots: dict[VehicleId, int]
     stopped: OrderRecord
-    handed_back: OrderRecord
-    after_hand_back: Track
+    control_taken: OrderRecord
+    after_take_control: Track
     refusals: dict[str, Refusal]
 
 
@@ -50,14 +50,14 @@ async def taken_over(show: Show) -> TakenOver:
     }
     orders = {name: len(show.link.orders[name]) - orders_before[name] for name in ("d1", "d3")}
     back_s = show.now_s
-    handed_back = await show.order("d3", VehicleAction.HAND_BACK)
+    control_taken = await show.order("d3", VehicleAction.TAKE_CONTROL)
     await show.wait(2.0)
     await show.order("d3", VehicleAction.JOIN)
     await show.wait(5.0)
     after = show.track.between(back_s)
     stopped = await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
-    return TakenOver(show.track, change_s, pilot_s, sent, orders, stopped, handed_back, after, refusals)
+    return TakenOver(show.track, change_s, pilot_s, sent, orders, stopped, control_taken, after, refusals)
 
 
 @pytest.fixture(scope="module")
@@ -93,10 +93,10 @@ def test_orders_to_a_pilots_vehicle_are_refused(takeover: TakenOver) -> None:
         assert "not possible while pilot" in refusal.text
 
 
-def test_handed_back_it_holds_and_joins_on_order_without_a_jump(takeover: TakenOver) -> None:
-    assert takeover.handed_back.outcome is Outcome.DONE
-    assert takeover.after_hand_back.phases("d3") == [Phase.PILOT, Phase.HOLD, Phase.FORMATION]
-    assert takeover.after_hand_back.hardest_change_m_s() < JUMP_M_S
+def test_control_taken_it_holds_and_joins_on_order_without_a_jump(takeover: TakenOver) -> None:
+    assert takeover.control_taken.outcome is Outcome.DONE
+    assert takeover.after_take_control.phases("d3") == [Phase.PILOT, Phase.HOLD, Phase.FORMATION]
+    assert takeover.after_take_control.hardest_change_m_s() < JUMP_M_S
 
 
 def test_stop_leaves_a_pilots_vehicle_alone_and_the_show_ends_without_it(takeover: TakenOver) -> None:
@@ -133,8 +133,8 @@ class SilentPilot(NamedTuple):
     sent: int  # setpoints and orders since the takeover
     hold_while_lost: Refusal
     reason: str
-    handed_back: OrderRecord
-    after_hand_back: list[Phase]
+    control_taken: OrderRecord
+    after_take_control: list[Phase]
 
 
 async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> SilentPilot:
@@ -158,9 +158,9 @@ async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> 
     sent = sum(setpoint.time_s > taken_s for setpoint in show.link.sent["d2"])
     sent += sum(order.time_s > taken_s for order in show.link.orders["d2"])
     given_s = show.now_s
-    handed_back = await show.order("d2", VehicleAction.HAND_BACK)
+    control_taken = await show.order("d2", VehicleAction.TAKE_CONTROL)
     await show.wait(5.0)
-    return SilentPilot(track, sent, hold, reason, handed_back, show.track.between(given_s).phases("d2"))
+    return SilentPilot(track, sent, hold, reason, control_taken, show.track.between(given_s).phases("d2"))
 
 
 @pytest.mark.parametrize("action", [None, ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT])
@@ -174,8 +174,8 @@ def test_a_pilots_vehicle_that_falls_silent_is_the_pilots_still_when_it_is_heard
     assert "nobody has handed it back" in flight.reason
     assert flight.hold_while_lost.kind is RefusedError
     assert "taken over before it fell silent" in flight.hold_while_lost.text
-    assert flight.handed_back.outcome is Outcome.DONE
-    assert flight.after_hand_back == [Phase.PILOT, Phase.HOLD], "handed back it waits for orders"
+    assert flight.control_taken.outcome is Outcome.DONE
+    assert flight.after_take_control == [Phase.PILOT, Phase.HOLD], "handed back it waits for orders"
 
 
 async def heard_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:

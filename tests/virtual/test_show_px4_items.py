@@ -46,7 +46,7 @@ def test_item_6_a_vehicle_that_failed_safe_is_not_flown_on_by_itself_when_we_are
         show.link.restore("d2")
         await show.wait(5.0)
         flown, seen = len(show.link.sent["d2"]) - sent, show.vehicle("d2")
-        await show.order("d2", VehicleAction.HAND_BACK)
+        await show.order("d2", VehicleAction.TAKE_CONTROL)
         return show.track.phases("d2"), seen.phase, flown, seen.mode
 
     phases, phase, flown, mode = fly(story, show_config(3, operation=HOLDS_WHEN_LOST))

@@ -12,12 +12,12 @@ from gcs.plan import Formation
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.state import Array, Mode, VehicleId
 
-HOLD, JOIN, RETURN, LAND, HAND_BACK, CONFIRM_DOWN = (
+HOLD, JOIN, RETURN, LAND, TAKE_CONTROL, CONFIRM_DOWN = (
     VehicleAction.HOLD,
     VehicleAction.JOIN,
     VehicleAction.RETURN,
     VehicleAction.LAND,
-    VehicleAction.HAND_BACK,
+    VehicleAction.TAKE_CONTROL,
     VehicleAction.CONFIRM_DOWN,
 )
 
@@ -43,10 +43,10 @@ async def orders(show: Show) -> Flight:
             turned_down[f"{when}: {action}"] = refusal
 
     await show.standby()
-    await try_all("standby", "d1", HOLD, JOIN, RETURN, LAND, HAND_BACK, CONFIRM_DOWN)
+    await try_all("standby", "d1", HOLD, JOIN, RETURN, LAND, TAKE_CONTROL, CONFIRM_DOWN)
     await show.start()
     await show.wait(2.0)
-    await try_all("formation", "d1", JOIN, HAND_BACK, CONFIRM_DOWN)
+    await try_all("formation", "d1", JOIN, TAKE_CONTROL, CONFIRM_DOWN)
     await try_all("unknown", "d9", HOLD)
 
     records["hold"] = await show.order("d1", HOLD)
@@ -132,10 +132,10 @@ def test_nobody_is_ever_truly_inside_the_floor_whatever_is_ordered(flight: Fligh
         ("standby: join", "it is from hold"),
         ("standby: return", "it is from formation, hold, landing"),
         ("standby: land", "it is from formation, hold, return, takeoff"),
-        ("standby: hand-back", "it is from pilot"),
+        ("standby: take-control", "it is from pilot"),
         ("standby: confirm-down", "it is from killed, lost"),
         ("formation: join", "it is from hold"),
-        ("formation: hand-back", "it is from pilot"),
+        ("formation: take-control", "it is from pilot"),
         ("formation: confirm-down", "it is from killed, lost"),
         ("landed: join", "it is from hold"),
         ("returning: join", "it is from hold"),

@@ -266,7 +266,7 @@ def test_a_vehicle_found_in_the_air_does_not_begin_a_show_that_was_never_started
         await show.reach(ShowPhase.LANDED)
         show_hash = check(show)
         service.select_show(NAME, show_hash)
-        await show.order("d1", VehicleAction.HAND_BACK)
+        await show.order("d1", VehicleAction.TAKE_CONTROL)
         await show.reach(ShowPhase.PAUSED)
         refusal = await refused(show, lambda: service.command_show(ShowAction.RESUME))
         assert "was never started: stop brings home" in refusal.text

@@ -9,7 +9,7 @@ import type { components } from "./wire/schema";
 type Schemas = components["schemas"];
 type Call<T> = Promise<{ data?: T; error?: unknown; response: Response }>;
 export type ShowCommand = "pause" | "resume" | "stop" | "abort" | "take-over" | "bring-home";
-export type VehicleCommand = "hold" | "join" | "return" | "land" | "hand-back" | "confirm-down" | "include";
+export type VehicleCommand = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down" | "include";
 export type ReplayChange = { paused?: boolean; speed?: number; position_s?: number };
 export type Box = { x_m: number; y_m: number; half_length_x_m: number; half_length_y_m: number; height_m: number };
 

@@ -34,6 +34,7 @@ export type Mode = (typeof MODES)[number];
 /** In the order of gcs/lifecycle.py: a frame's header counts here. */
 export const SHOW_PHASES = [
   "idle", "countdown", "preflight", "arming", "assembling", "running", "paused", "returning", "aborting", "landed",
+  "uncontrolled",
 ] as const satisfies readonly ShowPhase[];
 
 /** MAV_LANDED_STATE. */

@@ -34,7 +34,7 @@ describe("a frame", () => {
     ["another version", bytes({ version: 2 }), "version 2: this page reads 1; load the page again"],
     ["too few bytes", bytes({ vehicles: [{}, {}] }).slice(0, 200), "200 bytes: with 2 vehicles it has 262"],
     ["too many bytes", new Uint8Array([...new Uint8Array(bytes({ vehicles: [{}] })), 0]).buffer, "196 bytes: with 1 vehicles it has 195"],
-    ["a phase that is none", bytes({ showPhase: 10 }), "show phase 10: there are 10"],
+    ["a phase that is none", bytes({ showPhase: 11 }), "show phase 11: there are 11"],
   ])("is refused, and why: %s", (_name, buffer, why) => {
     expect(() => decode(buffer, 0)).toThrowError(FrameError);
     expect(() => decode(buffer, 0)).toThrowError(why);

@@ -52,7 +52,7 @@ EVENT = {
     VehicleAction.JOIN: Event.ENGAGE,
     VehicleAction.RETURN: Event.COME_HOME,
     VehicleAction.LAND: Event.DESCEND,
-    VehicleAction.HAND_BACK: Event.HANDED_BACK,
+    VehicleAction.TAKE_CONTROL: Event.TAKE_CONTROL,
     VehicleAction.CONFIRM_DOWN: Event.CONFIRMED_DOWN,
 }
 
@@ -222,6 +222,23 @@ class FakeService:
         self._require(vehicle_id)
         self.phases[vehicle_id] = advance(self.phases[vehicle_id], EVENT[action])
         return self._accept(f"{action} {vehicle_id}", (vehicle_id,))
+
+    def command_vehicles(self, action: VehicleAction, vehicles: Sequence[str] | None = None) -> OrderRecord:
+        for name in vehicles or ():
+            self._require(name)
+        reached, left_out = [], {}
+        for name in self.phases if vehicles is None else vehicles:
+            try:
+                self.phases[name] = advance(self.phases[name], EVENT[action])
+            except RefusedError as error:
+                left_out[name] = VehicleOutcome(Outcome.NOT_INCLUDED, str(error))
+            else:
+                reached.append(name)
+        if not reached:
+            raise RefusedError(f"{action} reaches no vehicle")
+        record = self._accept(f"{action} of several", reached)
+        self.orders_by_id[record.id] = replace(record, outcomes=record.outcomes | left_out)
+        return self.orders_by_id[record.id]
 
     def kill(self, vehicle_ids: Sequence[str]) -> OrderRecord:
         for name in vehicle_ids:

@@ -62,8 +62,10 @@ ORDERS = [
     ("POST", "/api/v1/show/start"),
     ("POST", "/api/v1/show/resume"),
     ("POST", "/api/v1/vehicles/d1/join"),
-    ("POST", "/api/v1/vehicles/d1/hand-back"),
+    ("POST", "/api/v1/vehicles/d1/take-control"),
     ("POST", "/api/v1/vehicles/d1/confirm-down"),
+    ("POST", "/api/v1/fleet/join"),
+    ("POST", "/api/v1/fleet/take-control"),
     ("PATCH", "/api/v1/formation"),
     ("PUT", "/api/v1/target"),
     ("DELETE", "/api/v1/obstacles/land"),
@@ -81,6 +83,7 @@ ORDERS = [
 EMERGENCIES = [
     *(f"/api/v1/show/{action}" for action in ("pause", "stop", "abort")),
     *(f"/api/v1/vehicles/d1/{action}" for action in ("hold", "return", "land")),
+    *(f"/api/v1/fleet/{action}" for action in ("hold", "return", "land")),
 ]
 
 

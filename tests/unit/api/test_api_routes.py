@@ -131,7 +131,7 @@ def test_vehicles_are_listed_and_an_unknown_one_is_named(api: Api) -> None:
         (VehicleAction.JOIN, Phase.HOLD, Phase.FORMATION),
         (VehicleAction.RETURN, Phase.FORMATION, Phase.RETURN),
         (VehicleAction.LAND, Phase.FORMATION, Phase.LANDING),
-        (VehicleAction.HAND_BACK, Phase.PILOT, Phase.HOLD),
+        (VehicleAction.TAKE_CONTROL, Phase.PILOT, Phase.HOLD),
         (VehicleAction.CONFIRM_DOWN, Phase.LOST, Phase.OFFLINE),
     ],
 )
@@ -144,6 +144,32 @@ def test_a_vehicle_command_is_accepted_with_an_order(
     assert answer.headers["location"] == f"/api/v1/orders/{answer.json()['id']}"
     assert answer.json()["vehicles"] == {"d2": {"outcome": "pending", "reason": ""}}
     assert api.service.phases["d2"] is after
+
+
+@pytest.mark.parametrize("action", sorted(set(VehicleAction) - {VehicleAction.CONFIRM_DOWN}))
+def test_one_command_reaches_a_selection_and_names_those_that_it_does_not_reach(
+    api: Api, action: VehicleAction
+) -> None:
+    before = {VehicleAction.JOIN: Phase.HOLD, VehicleAction.TAKE_CONTROL: Phase.PILOT}
+    api.service.phases["d2"] = before.get(action, Phase.FORMATION)
+    answer = api("POST", f"/api/v1/fleet/{action}", json={"vehicles": ["d1", "d2"]})
+    assert answer.status_code == 202
+    assert answer.headers["location"] == f"/api/v1/orders/{answer.json()['id']}"
+    parts = answer.json()["vehicles"]
+    assert parts["d2"] == {"outcome": "pending", "reason": ""}
+    assert parts["d1"]["outcome"] == "not-included"
+    assert "standby" in parts["d1"]["reason"]
+    assert api("POST", f"/api/v1/fleet/{action}", json={"vehicles": ["d1"]}).status_code == 409
+    assert api("POST", f"/api/v1/fleet/{action}", json={"vehicles": ["d9"]}).status_code == 404
+    assert api("POST", f"/api/v1/fleet/{action}", json={"vehicles": []}).status_code == 422
+
+
+def test_a_lost_vehicle_and_those_on_their_pads_are_not_counted_as_airborne(api: Api) -> None:
+    api.service.phases |= {"d1": Phase.FORMATION, "d2": Phase.LOST, "d3": Phase.STANDBY}
+    api.service.tick()
+    wanted = {"airborne": 1, "controlled": 1, "uncontrolled": 0, "unknown": 1, "on_ground": 1, "offline": 0}
+    assert api("GET", "/api/v1/fleet").json()["counts"] == wanted
+    assert api("GET", "/api/v1/status").json()["counts"] == wanted
 
 
 def test_every_vehicle_and_show_action_has_a_route(api: Api) -> None:

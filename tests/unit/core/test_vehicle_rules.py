@@ -272,8 +272,8 @@ def test_what_a_pilot_had_before_a_silence_is_the_pilots_behind_it(mode: Mode) -
     assert "nobody has handed it back" in subject.reason
 
 
-@pytest.mark.parametrize("ends", [Event.HANDED_BACK, Event.TOUCHED_DOWN])
-def test_handed_back_or_on_the_ground_it_is_nobodys_but_ours(ends: Event) -> None:
+@pytest.mark.parametrize("ends", [Event.TAKE_CONTROL, Event.TOUCHED_DOWN])
+def test_control_taken_or_on_the_ground_it_is_nobodys_but_ours(ends: Event) -> None:
     subject = vehicle(Phase.FORMATION)
     subject.apply(Event.TAKEN_OVER, "for a test")
     subject.apply(ends, "for a test")

@@ -3,8 +3,8 @@
 import { fresh, may, type Phase, type ShowAction, type State } from "../state";
 import { texts } from "../texts";
 
-export type VehicleAction = "hold" | "join" | "return" | "land" | "hand-back" | "confirm-down";
-export const VEHICLE_ACTIONS: readonly VehicleAction[] = ["hold", "join", "return", "land", "hand-back", "confirm-down"];
+export type VehicleAction = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down";
+export const VEHICLE_ACTIONS: readonly VehicleAction[] = ["hold", "join", "return", "land", "take-control", "confirm-down"];
 
 /** From which phases the service takes an order to one vehicle: gcs/lifecycle.py. It has the last word. */
 const FROM: Record<VehicleAction, readonly Phase[]> = {
@@ -12,7 +12,7 @@ const FROM: Record<VehicleAction, readonly Phase[]> = {
   join: ["hold"],
   return: ["hold", "formation", "landing"],
   land: ["takeoff", "hold", "formation", "return"],
-  "hand-back": ["pilot"],
+  "take-control": ["pilot"],
   "confirm-down": ["lost", "killed"],
 };
 

@@ -41,6 +41,7 @@ const SHOW_ICON: Record<keyof typeof texts.phases, IconName> = {
   returning: "home",
   aborting: "land",
   landed: "check",
+  uncontrolled: "warning",
 };
 
 function gauge(name: string, value: string, id: string, more: string = ""): TemplateResult {

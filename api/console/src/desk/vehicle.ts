@@ -15,7 +15,7 @@ const ACTION_ICON: Record<VehicleAction, IconName> = {
   join: "formation",
   return: "home",
   land: "land",
-  "hand-back": "pilot",
+  "take-control": "pilot",
   "confirm-down": "check",
 };
 
