@@ -75,7 +75,7 @@ def test_what_is_neither_is_refused_with_its_key(tiles: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({}, "line 6: map.tiles: is required, and missing"),
+        ({}, "line 5: map.tiles: is required, and missing"),
         ({"tiles": 7}, "map.tiles = 7"),
         ({"tiles": ADDRESS, "zoom_max": 23}, "map.zoom_max = 23"),
         ({"tiles": ADDRESS, "zoom_max": 0}, "map.zoom_max = 0"),
