@@ -4,12 +4,14 @@ import json
 from collections.abc import Sequence
 from http import HTTPStatus
 from math import isfinite, isnan
-from typing import Any
+from typing import Any, Final
 
 from starlette.responses import Response
 
 from api import wire
-from gcs.quoting import cut, quoted
+
+ECHO_MAX: Final = 120
+"""Characters of a wrong value that are sent back; enough to recognise it."""
 
 
 def echo(value: object) -> str | int | float | bool | None:
@@ -20,7 +22,8 @@ def echo(value: object) -> str | int | float | bool | None:
         return value
     if isinstance(value, int) and value.bit_length() < 54:  # exact in every reader of JSON
         return value
-    return cut(value) if isinstance(value, str) else quoted(value)
+    text = value if isinstance(value, str) else repr(value)
+    return text if len(text) <= ECHO_MAX else text[:ECHO_MAX] + "…"
 
 
 def error_response(status: int, detail: str, problems: Sequence[wire.Problem] = ()) -> Response:
@@ -57,4 +60,4 @@ def from_pydantic(error: dict[str, Any]) -> wire.Problem:
 
 def _short(name: str) -> str:
     """A name from outside, short."""
-    return cut(name)
+    return name if len(name) <= ECHO_MAX else name[:ECHO_MAX] + "…"

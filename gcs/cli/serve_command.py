@@ -7,9 +7,8 @@ import sys
 from pydantic import ValidationError
 
 from gcs import config as configuration
-from gcs import supervisor
+from gcs import documents, supervisor
 from gcs.cli import logs, serve
-from gcs.setting_errors import explained
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,5 +35,5 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         config = configuration.Config.model_validate(config.model_dump() | {"api": api})
     except ValidationError as error:
-        raise explained(error, "with --host and --port", configuration.Config, None) from None
+        raise documents.explained(error, "with --host and --port") from None
     return serve.run(config, lambda text: print(text, flush=True))

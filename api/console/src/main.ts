@@ -106,7 +106,7 @@ function onFrame(now_ms: number): void {
     signs.show(state);
     render(desk(state, actions), place);
     if (shown === null) for (const each of place.querySelectorAll("[data-room], .alarms")) roomChanges.observe(each);
-    else if (frontOf(state) !== frontOf(shown)) leaveRoom();
+    else if (frontOf(state) !== frontOf(shown)) fit();
     shown = state;
     shown_ms = now_ms;
     isUrgent = false;
@@ -117,22 +117,26 @@ function onFrame(now_ms: number): void {
 /** What moves the room without a change of its size: another panel, another layout. */
 const frontOf = ({ desk: { layout, left, right, front } }: State): string => `${layout} ${left} ${right} ${front}`;
 
-/** What the desk leaves free is where the scene has its middle: the padding of its place says so. */
-function leaveRoom(): void {
-  const { left, top, right, bottom } = place.querySelector("[data-room]")!.getBoundingClientRect();
-  const sides = [top, innerWidth - right, innerHeight - bottom, left].map((side_px) => `${side_px}px`);
-  canvas.parentElement!.style.padding = sides.join(" ");
+/** The scene is drawn in what the desk leaves free and nowhere else: what panels cover is not painted. */
+function fit(): void {
+  const room = place.querySelector("[data-room]")!.getBoundingClientRect();
+  const [left, top] = [Math.round(room.left), Math.round(room.top)];
+  const [width, height] = [Math.max(1, Math.round(room.right) - left), Math.max(1, Math.round(room.bottom) - top)];
+  const { style } = canvas.parentElement!;
+  style.left = `${left}px`;
+  style.top = `${top}px`;
+  style.width = `${width}px`;
+  style.height = `${height}px`;
+  scene.resize(width, height, devicePixelRatio);
+  scene.draw(state, performance.now()); // at once: another size has emptied the picture
 }
-const roomChanges = new ResizeObserver(leaveRoom);
+const roomChanges = new ResizeObserver(fit);
 
-const fit = (): void => scene.resize(innerWidth, innerHeight, devicePixelRatio);
-addEventListener("resize", fit);
-for (const each of ["pointerdown", "keydown"]) addEventListener(each, () => signs.touched());
+addEventListener("resize", () => shown !== null && fit()); // also for another pixel ratio
 addEventListener("keydown", (event) => onKey(event, newest(), actions));
 const read = createReader(service);
 setInterval(() => read(newest()), READ_MS);
 watchLayout((layout) => byHand({ kind: "layout", layout }));
 canvas.setAttribute("role", "img");
 canvas.setAttribute("aria-label", texts.shell.scene);
-fit();
 requestAnimationFrame(onFrame);

@@ -89,16 +89,16 @@ function rowView(state: State, actions: DeskActions, row: Row, position: number)
       </button>
     </th>
     <td class="phase phase-${row.phase}">${icon(PHASE_ICON[row.phase])}<span>${texts.fleet.phases[row.phase]}</span></td>
-    <td class="held" title=${row.restrainedBy || nothing}>
+    <td class="held col-held" title=${row.restrainedBy || nothing}>
       ${row.restrained ? html`${icon("restrained")}<span class="for-readers">${texts.fleet.restrained}</span>` : nothing}
     </td>
-    <td class="number">${fixed(row.nearest_m)}</td>
-    <td class="number ${low ? "low" : ""}">${low ? icon("warning") : nothing}${percentOnly(row.battery)}</td>
-    <td class="number age">${fixed(row.age_s)}</td>
-    <td class="number">${row.fix} ${fixed(row.fix_m)}</td>
-    <td class="number">${percentOnly(row.link)}</td>
-    <td class="number">${fixed(row.height_m)}</td>
-    <td>${row.mode}</td>
+    <td class="number col-nearest">${fixed(row.nearest_m)}</td>
+    <td class="number col-battery ${low ? "low" : ""}">${low ? icon("warning") : nothing}${percentOnly(row.battery)}</td>
+    <td class="number col-age age">${fixed(row.age_s)}</td>
+    <td class="number col-fix">${row.fix} ${fixed(row.fix_m)}</td>
+    <td class="number col-link">${percentOnly(row.link)}</td>
+    <td class="number col-height">${fixed(row.height_m)}</td>
+    <td class="col-mode">${row.mode}</td>
   </tr>`;
 }
 

@@ -18,7 +18,7 @@ import { help } from "./help";
 import { icon, type IconName } from "./icons";
 import { PANEL_KEYS } from "./keys";
 import { kill } from "./kill";
-import { shownPanels } from "./layout";
+import { isSmall, shownPanels } from "./layout";
 import { login } from "./login";
 import { obstacles } from "./obstacles";
 import { plots } from "./plots";
@@ -94,7 +94,7 @@ function panel(state: State, actions: DeskActions, side: "left" | "right"): Temp
   return html`<aside class="panel panel-${side} panel-${name}" aria-label=${title} data-testid="panel-${name}">
     <header>
       <h2>${title}</h2>
-      ${layout === "sheet" || layout === "side"
+      ${isSmall(layout)
         ? button(actions, {
             id: "panel-size",
             label: tall ? texts.shell.smaller(title) : texts.shell.larger(title),
@@ -145,7 +145,7 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
       ${rail(state, actions, "left", LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)}
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
-    <div class="room" data-room>${camera(state, actions)}</div>
+    <div class="room" data-room>${isSmall(layout) ? nothing : camera(state, actions)}</div>
     <div class="center-low">${sheet(state, actions)} ${ghostBar(state, actions)} ${toasts(state, actions)}</div>
     <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : flight(state, actions)}</footer>
     ${login(state, actions)} ${announcer(state)}

@@ -29,6 +29,11 @@ export function watchLayout(changed: (layout: Layout) => void): void {
   tell();
 }
 
+/** Where a panel is a sheet over the scene, and not a column beside it. */
+export function isSmall(layout: Layout): boolean {
+  return layout === "sheet" || layout === "side";
+}
+
 export interface ShownPanels {
   left: LeftPanel | null;
   right: RightPanel | null;
@@ -43,8 +48,6 @@ export function shownPanels({ layout, left, right, front }: Pick<DeskState, "lay
 /** After rotation: a sheet starts closed, since it covers the scene; a panel beside the scene starts open. */
 export function withLayout(desk: DeskState, layout: Layout): DeskState {
   if (layout === desk.layout) return desk;
-  const isSheet = layout === "sheet" || layout === "side";
-  const wasSheet = desk.layout === "sheet" || desk.layout === "side";
-  const front = isSheet ? (wasSheet ? desk.front : null) : (desk.front ?? "right");
+  const front = !isSmall(layout) ? (desk.front ?? "right") : isSmall(desk.layout) ? desk.front : null;
   return { ...desk, layout, front, tall: false };
 }

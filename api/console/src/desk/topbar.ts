@@ -5,9 +5,11 @@ import { overall, soundButton } from "../alarms/panel";
 import { fresh, type State } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
+import { camera } from "./camera";
 import { button } from "./controls";
 import { clockTime, minutes, withUnit } from "./format";
 import { icon, type IconName } from "./icons";
+import { isSmall } from "./layout";
 
 type Life = keyof typeof texts.bar.states;
 
@@ -115,7 +117,7 @@ export function topbar(state: State, actions: DeskActions): TemplateResult {
     <div class="life life-${now}" data-testid="connection" role="status" title=${state.connection.reason || nothing}>
       ${icon(LIFE_ICON[now])}<strong>${texts.bar.states[now]}</strong>
     </div>
-    ${showState(state)} ${overall(state)} ${soundButton(state, actions)} ${gauges(state)}
+    ${showState(state)} ${overall(state)} ${gauges(state)}
     <div class="spring"></div>
     ${button(actions, {
       id: "tools",
@@ -127,7 +129,7 @@ export function topbar(state: State, actions: DeskActions): TemplateResult {
       press: () => actions.set({ tools: !state.desk.tools }),
     })}
     <div class="tools ${state.desk.tools ? "open" : ""}">
-    ${who(state)}
+    ${isSmall(state.desk.layout) ? camera(state, actions) : nothing} ${soundButton(state, actions)} ${who(state)}
     <time class="clock value" data-testid="clock" title=${texts.bar.clock}>${clockTime(state.frame?.unix_time_s)}</time>
     ${button(actions, {
       id: "night",
