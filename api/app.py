@@ -13,6 +13,7 @@ from starlette.responses import Response
 from starlette.routing import Match, Route
 
 from api import (
+    alarm_routes,
     docs,
     kill_routes,
     map_routes,
@@ -99,6 +100,7 @@ def routed() -> FastAPI:
     app.include_router(routes.health)
     app.include_router(metrics.router)
     app.include_router(routes.api, prefix="/api/v1")
+    app.include_router(alarm_routes.router, prefix="/api/v1")
     app.include_router(preflight_routes.router, prefix="/api/v1")
     app.include_router(kill_routes.kill, prefix="/api/v1")
     app.include_router(show_routes.selected, prefix="/api/v1")

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from api import wire, wire_interrupted, wire_reactions, wire_shows
+from api import convert_alarms, wire, wire_interrupted, wire_reactions, wire_shows
 from gcs import plan
 from gcs.counts import Counts
 from gcs.errors import InvalidError, RefusedError
@@ -285,6 +285,8 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
         setpoints_sent=view.setpoints_sent,
         filter_interventions=view.interventions,
         interrupted=None if view.interrupted is None else interrupted(view.interrupted),
+        severity=convert_alarms.severity(view, problem),
+        alarms=convert_alarms.alarms(view, problem),
         notices=list(view.notices),
         reactions=[reaction(each) for each in view.reactions],
         access=access,

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from api import convert, wire_replay, wire_stream
+from api import convert, convert_alarms, wire_replay, wire_stream
 from gcs.frames import ShowFrame
 from gcs.happenings import Happening
 from gcs.maps import GroundMap
@@ -48,6 +48,8 @@ def status(
         fence=_fence(view.bounds),
         separation=_separation(view.bounds),
         interrupted=None if view.interrupted is None else convert.interrupted(view.interrupted),
+        severity=convert_alarms.severity(view, problem),
+        alarms=convert_alarms.alarms(view, problem),
         notices=list(view.notices),
         reactions=[convert.reaction(each) for each in view.reactions],
         access=access,

@@ -71,7 +71,8 @@ def is_emergency(method: str, path: str) -> bool:
     ours = start in {"/api/v1/show", "/api/v1/vehicles", "/api/v1/fleet"} or start.startswith(
         "/api/v1/vehicles/"
     )
-    return method == "POST" and (path in KILL or (ours and action in EMERGENCIES))
+    acknowledges = action == "acknowledge" and f"{start}/".startswith("/api/v1/alarms/")
+    return method == "POST" and (path in KILL or acknowledges or (ours and action in EMERGENCIES))
 
 
 def needed(method: str, path: str) -> Right | None:

@@ -4,14 +4,12 @@ import json
 from collections.abc import Sequence
 from http import HTTPStatus
 from math import isfinite, isnan
-from typing import Any, Final
+from typing import Any
 
 from starlette.responses import Response
 
 from api import wire
-
-ECHO_MAX: Final = 120
-"""Characters of a wrong value that are sent back; enough to recognise it."""
+from gcs.quoting import cut, quoted
 
 
 def echo(value: object) -> str | int | float | bool | None:
@@ -22,8 +20,7 @@ def echo(value: object) -> str | int | float | bool | None:
         return value
     if isinstance(value, int) and value.bit_length() < 54:  # exact in every reader of JSON
         return value
-    text = value if isinstance(value, str) else repr(value)
-    return text if len(text) <= ECHO_MAX else text[:ECHO_MAX] + "…"
+    return cut(value) if isinstance(value, str) else quoted(value)
 
 
 def error_response(status: int, detail: str, problems: Sequence[wire.Problem] = ()) -> Response:
@@ -60,4 +57,4 @@ def from_pydantic(error: dict[str, Any]) -> wire.Problem:
 
 def _short(name: str) -> str:
     """A name from outside, short."""
-    return name if len(name) <= ECHO_MAX else name[:ECHO_MAX] + "…"
+    return cut(name)

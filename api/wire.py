@@ -11,8 +11,10 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from api.wire_alarms import Alarm
 from api.wire_interrupted import Interrupted
 from api.wire_reactions import Reaction
+from gcs.alarms import OverallSeverity
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Direction, YawPolicy
 from gcs.service import Outcome, ShowAction
@@ -453,7 +455,11 @@ class Fleet(Outward):
     setpoints_sent: int
     filter_interventions: int = Field(description="Each vehicle in each tick that safety changed, in all.")
     interrupted: Interrupted | None = Field(description="A flight that was cut off, and is not settled.")
-    notices: list[str] = Field(description="What an operator should know now, in words.")
+    severity: OverallSeverity = Field(description="The worst of the alarms whose cause lasts.")
+    alarms: list[Alarm] = Field(
+        description="The most severe first, of one severity the newest first; those that have ended at last."
+    )
+    notices: list[str] = Field(description="Replaced by `alarms`; will be removed.")
     reactions: list[Reaction] = Field(
         description="What the service does by itself now; the most severe first. Empty in a replay."
     )

@@ -15,10 +15,12 @@ from api.wire import (
     Target,
     Yaw,
 )
+from api.wire_alarms import Alarm
 from api.wire_interrupted import Interrupted
 from api.wire_reactions import Reaction
 from api.wire_replay import Replay
 from gcs.access import Right
+from gcs.alarms import OverallSeverity
 from gcs.happenings import Severity
 
 
@@ -124,7 +126,11 @@ class Status(Outward):
     fence: Fence
     separation: Separation
     interrupted: Interrupted | None = Field(description="A flight that was cut off, and is not settled.")
-    notices: list[str] = Field(description="What an operator should know now, in words.")
+    severity: OverallSeverity = Field(description="The worst of the alarms whose cause lasts.")
+    alarms: list[Alarm] = Field(
+        description="The most severe first, of one severity the newest first; those that have ended at last."
+    )
+    notices: list[str] = Field(description="Replaced by `alarms`; will be removed.")
     reactions: list[Reaction] = Field(description="What the service does by itself now.")
     access: str = Field(description="Whether tokens are asked for, in words.")
     restraints: list[str] = Field(description="What vehicles are held back for now, each once.")

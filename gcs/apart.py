@@ -1,9 +1,14 @@
-"""Commands of ours in a process of their own, at a lower priority: for what computes beside the service."""
+"""Commands of ours in a process of their own, at a lower priority: for what computes beside the service.
+
+Such a process is given files from anybody. It may take neither the machine's memory nor the service's: its
+memory and what it prints are bounded, its time is the caller's to bound.
+"""
 
 import asyncio
 import contextlib
 import json
 import os
+import resource
 import sys
 from collections.abc import Sequence
 from typing import Any, Final
@@ -15,32 +20,85 @@ LOWEST, LOWER = 19, 10
 
 WORDS: Final = 300
 
+ANSWER_MAX_BYTES: Final = 4 << 20
+"""The check of the largest show answers with a few hundred kilobytes."""
 
-async def answered(arguments: Sequence[str], within_s: float, priority: int = LOWEST) -> dict[str, Any]:
-    """The JSON object that `gcs ARGUMENTS` prints; it may find something wrong (exit code 1).
+MEMORY_MAX_BYTES: Final = 2 << 30
+"""Of addresses, of which libraries reserve half a gigabyte that they never use."""
 
-    Raises: RefusedError with its last words when it fails, OSError when it cannot be started, TimeoutError,
-    ValueError when it prints no JSON.
+FRUGAL: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
+"""Else these reserve addresses for every core there is."""
+
+PIECE_BYTES: Final = 1 << 16
+
+
+async def answered(
+    arguments: Sequence[str],
+    within_s: float,
+    priority: int = LOWEST,
+    *,
+    codes: Sequence[int] = (0, 1),
+    answer_max_bytes: int = ANSWER_MAX_BYTES,
+    memory_max_bytes: int = MEMORY_MAX_BYTES,
+) -> dict[str, Any]:
+    """The JSON object that `gcs ARGUMENTS` prints; it may find something wrong.
+
+    Args:
+        arguments: of the command.
+        within_s: after that it is ended.
+        priority: of the process; 19 is the lowest.
+        codes: exit codes with which it has answered.
+        answer_max_bytes: when it prints more it is ended.
+        memory_max_bytes: of its addresses; beyond, it fails by itself.
+
+    Raises: RefusedError with its last words when it fails, or prints too much; OSError when it cannot be
+        started, TimeoutError, ValueError when it prints no JSON.
     """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "gcs", *arguments),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
+        env=os.environ | FRUGAL,
     )
     try:
-        with contextlib.suppress(ProcessLookupError):  # it has ended already
-            os.setpriority(os.PRIO_PROCESS, process.pid, priority)
-        async with asyncio.timeout(within_s):
-            said, complaint = await process.communicate()
+        _restrict(process.pid, priority, memory_max_bytes)
+        async with asyncio.timeout(within_s), asyncio.TaskGroup() as group:
+            answer = group.create_task(_read(process.stdout, answer_max_bytes))
+            complaint = group.create_task(_read(process.stderr, answer_max_bytes))
+            group.create_task(process.wait())
+    except ExceptionGroup as failed:  # of one reader; the other was cancelled
+        raise failed.exceptions[0] from None
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
-    if process.returncode not in (0, 1) or not said:
-        words = complaint.decode(errors="replace").strip()
+    said = answer.result()
+    if process.returncode not in codes or not said:
+        words = complaint.result().decode(errors="replace").strip()
+        if "MemoryError" in words:
+            words = f"it needed more than {memory_max_bytes >> 20} MiB of memory"
         raise RefusedError(f"it ended with {process.returncode}: {words[-WORDS:]}")
-    answer = json.loads(said)
-    if not isinstance(answer, dict):
+    found = await asyncio.to_thread(json.loads, said)
+    if not isinstance(found, dict):
         raise RefusedError("it answered no JSON object")
-    return answer
+    return found
+
+
+def _restrict(pid: int, priority: int, memory_max_bytes: int) -> None:
+    with contextlib.suppress(ProcessLookupError):  # it has ended already
+        os.setpriority(os.PRIO_PROCESS, pid, priority)
+        if sys.platform == "linux":
+            resource.prlimit(pid, resource.RLIMIT_AS, (memory_max_bytes, memory_max_bytes))
+
+
+async def _read(stream: asyncio.StreamReader | None, most_bytes: int) -> bytes:
+    """All that is printed. Raises: RefusedError when that is more."""
+    if stream is None:
+        return b""
+    said = bytearray()
+    while piece := await stream.read(PIECE_BYTES):
+        said += piece
+        if len(said) > most_bytes:
+            raise RefusedError(f"it was ended: it printed more than {most_bytes >> 10} KiB")
+    return bytes(said)

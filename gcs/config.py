@@ -6,7 +6,15 @@ from math import radians
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    model_validator,
+)
 
 from gcs import documents
 from gcs.access import AccessSettings, is_loopback
@@ -23,8 +31,10 @@ from gcs.map_settings import MapSettings
 from gcs.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.preflight_settings import PreflightSettings
 from gcs.reactions import ReactionSettings
+from gcs.setting_errors import explained, located
 from gcs.settings import NotNegative, Positive, Settings
 from gcs.state import VehicleId
+from gcs.yaml_source import Source
 
 SystemId: TypeAlias = Annotated[int, Field(ge=1, le=SYSTEM_ID_MAX)]
 
@@ -81,11 +91,30 @@ class RangeSettings(Settings):
     count: Annotated[int, Field(ge=1, le=SYSTEM_ID_MAX)]
     id_pattern: str = "d{system_id}"  # may use {link} too, for several links carry the same system ids
 
+    @model_validator(mode="after")
+    def _check(self) -> "RangeSettings":
+        last = self.first_system_id + self.count - 1
+        if last > SYSTEM_ID_MAX:
+            text = f"the last would have the system_id {last}: at most {SYSTEM_ID_MAX}"
+            raise located(text, "count")
+        return self
+
     def expanded(self, link: str) -> tuple[VehicleSettings, ...]:
         """One entry for each."""
         pattern = self.id_pattern.replace("{link}", link)
         ids = range(self.first_system_id, self.first_system_id + self.count)
         return tuple(VehicleSettings(id=pattern.replace("{system_id}", str(i)), system_id=i) for i in ids)
+
+
+def _kind_of_fleet(value: object) -> str:
+    """Whether vehicles are listed, or counted."""
+    return "range" if isinstance(value, dict | RangeSettings) else "list"
+
+
+Fleet: TypeAlias = Annotated[
+    Annotated[tuple[VehicleSettings, ...], Tag("list")] | Annotated[RangeSettings, Tag("range")],
+    Discriminator(_kind_of_fleet),
+]
 
 
 class LinkSettings(Settings):
@@ -95,7 +124,7 @@ class LinkSettings(Settings):
     transport: Literal["mavsdk", "direct"] = "mavsdk"
     listen: Urls
     ports: Annotated[int, Field(ge=1, le=1000)] = 1
-    vehicles: tuple[VehicleSettings, ...] | RangeSettings
+    vehicles: Fleet
     streams: StreamSettings = StreamSettings()
     forward: Forwards = ()
     signing: SigningSettings | None = None
@@ -342,8 +371,9 @@ def load(path: Path) -> Config:
 
 def parse(text: str, source: str) -> Config:
     """The configuration in `text`; `source` names it in errors. Raises: ConfigError."""
-    raw = documents.parse_mapping(text, source, "show_frame, links and formation at least")
+    written = Source(text, source)
+    raw = written.mapping("show_frame, links and formation at least")
     try:
         return Config.model_validate(raw)
     except ValidationError as error:
-        raise documents.explained(error, source) from None
+        raise explained(error, source, Config, written) from None

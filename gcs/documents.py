@@ -1,15 +1,11 @@
-"""YAML files of ours, of whatever kind: found, read strictly, and what is wrong with them in words."""
+"""YAML files of ours, of whatever kind: found, and read."""
 
-from collections.abc import Hashable
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
-import yaml
-from pydantic import ValidationError
-from pydantic_core import ErrorDetails
-
 from gcs.errors import ConfigError
+from gcs.yaml_source import CHARACTERS_MAX
 
 
 class Kind(NamedTuple):
@@ -33,6 +29,9 @@ class Kind(NamedTuple):
         inside = shipped_folder() / self.folder / f"{path.name.removesuffix('.yaml')}.yaml"
         if path.parent in {Path(), Path("configs") / self.folder} and inside.is_file():
             return inside
+        if path.is_dir():
+            inside_it = next((found.name for found in sorted(path.glob("*.yaml"))), "FILE.yaml")
+            raise ConfigError(f"{name}: it is a folder: name the file in it, such as {path / inside_it}")
         known = ", ".join(found.stem for found in self.shipped())
         raise ConfigError(f"{name}: there is no such file; {self.plural} that come with the package: {known}")
 
@@ -52,49 +51,17 @@ def shipped_folder() -> Path:
 def read(path: Path) -> str:
     """The text of a file. Raises: ConfigError when it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from None
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """YAML in which a repeated key is an error."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, object]:
-        """As SafeLoader, after looking for repetitions."""
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                continue  # refused below
-            if key.value in seen:
-                raise ConfigError(f"line {key.start_mark.line + 1}: key '{key.value}' is there twice")
-            seen.add(key.value)
-        return super().construct_mapping(node, deep=deep)
-
-
-def parse_mapping(text: str, source: str, needed: str) -> dict[str, object]:
-    """The YAML mapping in `text`, no key twice; `needed` says what it should hold. Raises: ConfigError."""
+        with path.open("rb") as file:
+            data = file.read(4 * CHARACTERS_MAX + 1)
+    except IsADirectoryError:
+        raise ConfigError(f"{path}: cannot be read: it is a folder: name the file in it") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if len(data) > 4 * CHARACTERS_MAX:
+        raise ConfigError(f"{path}: cannot be read: larger than {4 * CHARACTERS_MAX} bytes")
     try:
-        raw = yaml.load(text, Loader=_StrictLoader)  # noqa: S506  (a SafeLoader, stricter)
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{source}: not YAML: {error}") from None
-    except ConfigError as error:
-        raise ConfigError(f"{source}: {error}") from None
-    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
-        # PyYAML's own constructors, of a month 13 or a tag that does not fit its value
-        raise ConfigError(f"{source}: not YAML: {error}") from None
-    if not isinstance(raw, dict):
-        raise ConfigError(f"{source}: a mapping is needed, with {needed}")
-    return {str(key): value for key, value in raw.items()}
-
-
-def explained(error: ValidationError, source: str) -> ConfigError:
-    """What a reader of `source` can mend: every key, its value and what would be right."""
-    return ConfigError(f"{source}: " + "; ".join(plain(problem) for problem in error.errors()))
-
-
-def plain(problem: ErrorDetails) -> str:
-    """Key, value and what would be right; without the value where it is a whole section."""
-    key = ".".join(str(part) for part in problem["loc"])
-    value = "" if isinstance(problem["input"], dict) else f" = {problem['input']!r}"
-    return f"{key}{value}: {problem['msg'].removeprefix('Value error, ')}".removeprefix(": ")
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        where = f"line {line}: byte {error.start} (0x{data[error.start]:02x})"
+        raise ConfigError(f"{path}: cannot be read: {where} is not UTF-8: save the file as UTF-8") from None

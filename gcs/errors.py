@@ -3,7 +3,8 @@
 GcsError
 ├── ShapeError       an array has the wrong shape (a bug in the caller)
 ├── ConfigError      a configuration file says something impossible
-│   └── ShowError    a show file does; names line and cue of every problem
+│   └── FileError    names the line of every problem
+│       └── ShowError    of a show file; names the cue, too
 ├── InvalidError     a value from outside is out of range; names the field and what is allowed
 ├── AccessError      the caller may not do this, or calls too often
 ├── RefusedError     a proper request at the wrong moment; says why
@@ -14,6 +15,12 @@ GcsError
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
+
+from gcs.quoting import cut
+
+PROBLEMS_MAX: Final = 100
+"""Of one file: who mends that many asks again."""
 
 
 class GcsError(Exception):
@@ -30,7 +37,7 @@ class ConfigError(GcsError):
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing that is wrong with a show, and where to mend it."""
+    """One thing that is wrong with a file, and where to mend it."""
 
     line: int  # of the file, from 1
     cue: str | None  # None: not in the timeline
@@ -41,18 +48,26 @@ class Problem:
         return f"line {self.line}:{cue} {self.text}"
 
 
-class ShowError(ConfigError):
-    """A show that cannot be flown.
+class FileError(ConfigError):
+    """A file of which every problem is known by its line.
 
     Attributes:
         file: its name.
-        problems: all that are known, by line.
+        problems: the first `PROBLEMS_MAX` that are known, by line.
     """
 
     def __init__(self, file: str, problems: Sequence[Problem]) -> None:
         self.file = file
-        self.problems = tuple(sorted(problems, key=lambda problem: problem.line))
+        found = sorted(problems, key=lambda problem: problem.line)
+        more = len(found) - PROBLEMS_MAX
+        if more > 0:
+            found[PROBLEMS_MAX:] = [Problem(found[PROBLEMS_MAX].line, None, f"and {more} more from here on")]
+        self.problems = tuple(found)
         super().__init__("\n".join(f"{file}: {problem}" for problem in self.problems))
+
+
+class ShowError(FileError):
+    """A show that cannot be flown."""
 
 
 class InvalidError(GcsError):
@@ -65,7 +80,7 @@ class InvalidError(GcsError):
     """
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
-        super().__init__(f"{field} = {value}: {allowed}")
+        super().__init__(f"{field} = {cut(str(value))}: {allowed}")
         self.field = field
         self.value = value
         self.allowed = allowed

@@ -13,6 +13,8 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Protocol
 
+from gcs.alarm_monitor import AlarmMonitor, Findings
+from gcs.alarms import Alarm
 from gcs.checks import PreflightReport
 from gcs.config import Config
 from gcs.control import Tick, tick, warm_up
@@ -119,6 +121,8 @@ class Orchestrator:
         self._happenings = Happenings()
         self._director: Director | None = None
         self._shares = Shares(links)
+        self._failed_links: dict[str, str] = {}
+        self._alarms = AlarmMonitor(self._flight, unix_s, self._book.newest)
         self._view = Latest(self._promised_view(self._decide())())
 
     # the loop
@@ -143,7 +147,7 @@ class Orchestrator:
                     self._found,
                 )
                 for link in self._flight.links:
-                    group.create_task(keep_open(link), name=f"link/{link.name}")
+                    group.create_task(keep_open(link, self._failed_links), name=f"link/{link.name}")
                 group.create_task(self._control(self._director), name="control")
         finally:
             listening.close()
@@ -177,7 +181,23 @@ class Orchestrator:
         # What follows can wait for the next tick: setpoints cannot.
         self._interventions += sum(reason != "" for reason in result.restrained_by)
         director.advance()
+        if self._alarms.is_due(now_s):
+            self._alarms.look(result, self._findings(director))
         return result
+
+    def _findings(self, director: Director) -> Findings:
+        """What the alarms are made of, beside the flight's own state."""
+        links = self._flight.links
+        recorded = () if self._record is None else self._record.problems
+        return Findings(
+            reactions=director.reactions,
+            obstacles_wait=self._stage.waits,
+            not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
+            failed_links=self._failed_links,
+            interrupted=director.takeover.view(),
+            supervisor="" if self._heart is None else self._heart.problem,
+            notes=self._standing,
+        )
 
     def _decide(self) -> Tick:
         flight = self._flight
@@ -251,6 +271,7 @@ class Orchestrator:
             reactions=() if self._director is None else self._director.reactions,
             not_flying=flight.not_flying,
             interrupted=None if self._director is None else self._director.takeover.view(),
+            alarms=self._alarms.alarms,
         )
 
     # the service
@@ -344,6 +365,14 @@ class Orchestrator:
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
         """Motors off, now."""
         return self._running().kill(vehicle_ids)
+
+    def acknowledge_alarm(self, alarm_id: str) -> Alarm:
+        """Note that whoever calls has seen an alarm. Raises: UnknownError."""
+        return self._alarms.acknowledge(alarm_id)
+
+    def acknowledge_alarms(self) -> Sequence[Alarm]:
+        """Acknowledge all that nobody has acknowledged."""
+        return self._alarms.acknowledge_all()
 
     def settle(self, offer: Offer) -> OrderRecord:
         """Go on with a flight that was cut off, or bring it home."""

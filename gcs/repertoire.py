@@ -12,6 +12,7 @@ import logging
 import os
 import re
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -179,7 +180,8 @@ class Repertoire:
             self._checks[name] = _Checked(ShowCheck(name, CheckState.RUNNING))
             try:
                 text = await asyncio.to_thread(self._read, name)
-                self.found(name, text, await _checked_apart(name, text))
+                answer = await _checked_apart(name, text)
+                self._checks[name] = await asyncio.to_thread(_told, name, text, answer)
             except TimeoutError:
                 self._failed(name, f"not done within {CHECK_WITHIN_S:g} s")
             except (
@@ -200,19 +202,8 @@ class Repertoire:
 
         Raises: ValueError (pydantic's) when the answer is none.
         """
-        model = answer.pop("model", None)
-        show = None if model is None else Show.model_validate_json(json.dumps(model))
-        problems = tuple(Problem(**problem) for problem in answer.pop("problems"))
-        told = ShowCheck(
-            name,
-            CheckState.DONE,
-            hash=None if show is None else show.digest,
-            good=bool(answer.pop("good")) and show is not None,
-            problems=problems,
-            figures=answer if show is not None else None,
-        )
-        self._checks[name] = _Checked(told, sha256(text).hexdigest(), show)
-        return told
+        self._checks[name] = _told(name, text, answer)
+        return self._checks[name].told
 
     def cleared(self, name: str, show_hash: str) -> Timeline:
         """The show, ready to be flown. Reads the file, on the ground.
@@ -256,6 +247,22 @@ def _check_name(name: str) -> None:
 
 def _stored(name: str, text: bytes) -> StoredShow:
     return StoredShow(name, len(text), sha256(text).hexdigest())
+
+
+def _told(name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
+    """A check's answer as it is kept. Raises: ValueError, TypeError or LookupError when it is none."""
+    model = answer.get("model")
+    show = None if model is None else Show.model_validate_json(json.dumps(model))
+    figures = {key: value for key, value in answer.items() if key not in {"model", "problems", "good"}}
+    told = ShowCheck(
+        name,
+        CheckState.DONE,
+        hash=None if show is None else show.digest,
+        good=bool(answer["good"]) and show is not None,
+        problems=tuple(Problem(**problem) for problem in answer["problems"]),
+        figures=figures if show is not None else None,
+    )
+    return _Checked(told, sha256(text).hexdigest(), show)
 
 
 async def _checked_apart(name: str, text: bytes) -> dict[str, Any]:

@@ -1,8 +1,11 @@
 """What every group of settings shares: frozen, no unknown keys, finite numbers, a unit in every name."""
 
-from typing import Annotated, TypeAlias
+from dataclasses import dataclass
+from functools import cache
+from types import UnionType
+from typing import Annotated, TypeAlias, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Positive: TypeAlias = Annotated[float, Field(gt=0)]
 NotNegative: TypeAlias = Annotated[float, Field(ge=0)]
@@ -12,3 +15,40 @@ class Settings(BaseModel):
     """Base of every group; `gcs.config` reads them from YAML, tests and tools construct them directly."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_numbers_in_words(cls, values: object) -> object:
+        """A text is no number, nor is true or false: neither means one."""
+        if not isinstance(values, dict):
+            return values
+        return {
+            key: _Word(value) if isinstance(value, str | bool) and _is_number(cls, key) else value
+            for key, value in values.items()
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class _Word:
+    """What is refused where a number is needed."""
+
+    value: str | bool
+
+    def __repr__(self) -> str:
+        return repr(self.value)
+
+
+@cache
+def _is_number(model: type[BaseModel], key: str) -> bool:
+    """Whether a field may be nothing else."""
+    field = model.model_fields.get(key)
+    return field is not None and _kinds(field.annotation) - {type(None)} <= {int, float}
+
+
+def _kinds(annotation: object) -> frozenset[object]:
+    """What an annotation allows, of a union all."""
+    if get_origin(annotation) is Annotated:
+        return _kinds(get_args(annotation)[0])
+    if get_origin(annotation) in {Union, UnionType}:
+        return frozenset().union(*(_kinds(each) for each in get_args(annotation)))
+    return frozenset({annotation})

@@ -5,6 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from gcs.alarms import Alarm
 from gcs.bounds import bounds
 from gcs.checks import listed
 from gcs.control import Tick
@@ -50,13 +51,15 @@ def fleet_view(
     reactions: Sequence[Reaction] = (),
     not_flying: Mapping[VehicleId, str] = MappingProxyType({}),
     interrupted: Interrupted | None = None,
+    alarms: Sequence[Alarm] = (),
 ) -> FleetView:
     """Put one tick's state together. Of `flight` only what no order changes is asked, and its vehicles.
 
     `telemetry` is that of all links, `known`
     are those of whom all is known that a start asks for: only they are ready. `problems` are the links',
     `waits` say which obstacles of the selected show do not stand yet, `start_unix_s` is that of a countdown,
-    `not_flying` says who stays on the ground, and why, `interrupted` is a flight that was cut off.
+    `not_flying` says who stays on the ground, and why, `interrupted` is a flight that was cut off. `alarms`
+    are all of now, the most severe first.
     """
     cut_off = () if interrupted is None else (interrupted.notice,)
     center = tick.memory.center
@@ -89,6 +92,7 @@ def fleet_view(
         interrupted=interrupted,
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         reactions=tuple(reactions),
+        alarms=tuple(alarms),
     )
 
 

@@ -12,7 +12,6 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from gcs import documents
 from gcs.cli.remote import REFUSED, add_connection, connected, failed
 from gcs.client import Client
 from gcs.config import Config
@@ -21,6 +20,7 @@ from gcs.errors import ConfigError, GcsError, InvalidError, LinkError, RefusedEr
 from gcs.records.known import KnownVehicle, LastKnown, last_known
 from gcs.records.outside import Outside
 from gcs.service import Outcome, VehicleOutcome
+from gcs.setting_errors import explained
 from gcs.state import VehicleId
 
 RECORD: Final = "runs"
@@ -126,7 +126,7 @@ def _config(known: LastKnown, record: str) -> Config:
     try:
         return Config.model_validate(dict(known.session.config))
     except ValidationError as error:
-        raise documents.explained(error, f"{record}: session {known.session.id}") from None
+        raise explained(error, f"{record}: session {known.session.id}", Config, None) from None
 
 
 def _chosen(known: LastKnown, arguments: argparse.Namespace) -> list[KnownVehicle]:

@@ -13,7 +13,6 @@ from pydantic import ValidationError
 
 from api.app import create_app
 from api.server import serve as serve_api
-from gcs import documents
 from gcs.cli import logs
 from gcs.cli.certify import TRUTH
 from gcs.cli.record import session_folder
@@ -23,6 +22,7 @@ from gcs.maps import GroundMap, open_map
 from gcs.records.flown import FlightData
 from gcs.records.playing import SPEED_MAX
 from gcs.records.replay import Replay
+from gcs.setting_errors import explained
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +65,7 @@ def recorded_map(config: Mapping[str, Any]) -> GroundMap | None:
     try:
         return open_map(None if told is None else MapSettings.model_validate(told))
     except ValidationError as error:
-        problem = str(documents.explained(error, "map"))
+        problem = str(explained(error, "map", MapSettings, None))
     except ConfigError as error:
         problem = str(error)
     print(f"gcs replay: without its map: {problem}", file=sys.stderr)

@@ -7,8 +7,9 @@ import sys
 from pydantic import ValidationError
 
 from gcs import config as configuration
-from gcs import documents, supervisor
+from gcs import supervisor
 from gcs.cli import logs, serve
+from gcs.setting_errors import explained
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,5 +36,5 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         config = configuration.Config.model_validate(config.model_dump() | {"api": api})
     except ValidationError as error:
-        raise documents.explained(error, "with --host and --port") from None
+        raise explained(error, "with --host and --port", configuration.Config, None) from None
     return serve.run(config, lambda text: print(text, flush=True))

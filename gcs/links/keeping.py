@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from collections.abc import MutableMapping
 
 from gcs.errors import LinkError
 from gcs.links.link import Link
@@ -19,17 +20,23 @@ def leaves(group: BaseExceptionGroup[LinkError]) -> list[LinkError]:
     return [error for errors in inner for error in errors]
 
 
-async def keep_open(link: Link) -> None:
-    """Run a link for ever; when it fails, say so once and try again."""
+async def keep_open(link: Link, failed_links: MutableMapping[str, str]) -> None:
+    """Run a link for ever; when it fails, say so once and try again.
+
+    `failed_links` says why, by the link's name, until it has run for SETTLED_S.
+    """
     loop = asyncio.get_running_loop()
     failed = ""
     while True:
         began_s = loop.time()
+        settled = loop.call_later(SETTLED_S, failed_links.pop, link.name, None)
         try:
             await link.run()
         except* LinkError as group:  # bare, or from a task of the link's own
             cause = "; ".join(str(error) for error in leaves(group))
             if cause != failed or loop.time() - began_s > SETTLED_S:  # it had worked meanwhile
                 log.error("link_failed", extra={"link": link.name, "cause": cause})
-            failed = cause
+            failed = failed_links[link.name] = cause
+        finally:
+            settled.cancel()
         await asyncio.sleep(RETRY_S)

@@ -14,6 +14,9 @@ from gcs.records.tracks import Single, Tracks
 from gcs.safety.filter import SafetySettings
 from gcs.state import Array, Mask
 
+EXIT_CODES: Final[dict[str, int]] = {"kept": 0, "broken": 1, "incomplete": 3}
+"""Of `gcs certify`, by verdict; 2: there is nothing to judge, or not by what."""
+
 NEAREST: Final = 20
 """Pairs that the report names."""
 

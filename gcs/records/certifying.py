@@ -7,9 +7,13 @@ from typing import Final
 
 from gcs.apart import LOWER, answered
 from gcs.errors import GcsError
+from gcs.records.certify import EXIT_CODES
 from gcs.service import Certification, CheckState
 
 WITHIN_S: Final = 1800.0
+
+MEMORY_MAX_BYTES: Final = 16 << 30
+"""Of addresses: a long flight of a thousand vehicles is held in memory."""
 
 
 class Certifying:
@@ -29,7 +33,14 @@ class Certifying:
 
     async def _judge(self) -> None:
         try:
-            report = await answered(("certify", *map(str, self._files), "--json"), WITHIN_S, LOWER)
+            arguments = ("certify", *map(str, self._files), "--json")
+            report = await answered(
+                arguments,
+                WITHIN_S,
+                LOWER,
+                codes=tuple(EXIT_CODES.values()),
+                memory_max_bytes=MEMORY_MAX_BYTES,
+            )
             self._found = Certification(CheckState.DONE, report=report)
         except TimeoutError:
             self._found = Certification(CheckState.FAILED, f"not done within {WITHIN_S:g} s")

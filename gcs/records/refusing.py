@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from gcs.alarms import Alarm
 from gcs.checks import PreflightReport
 from gcs.errors import RefusedError, UnknownError
 from gcs.interrupted import Offer
@@ -122,6 +123,14 @@ class Refusing:
         self._refuse()
 
     def kill(self, _vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+        """Refused."""
+        self._refuse()
+
+    def acknowledge_alarm(self, _alarm_id: str) -> Alarm:
+        """Refused."""
+        self._refuse()
+
+    def acknowledge_alarms(self) -> Sequence[Alarm]:
         """Refused."""
         self._refuse()
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from gcs.alarms import Alarm
 from gcs.checks import PreflightReport
 from gcs.frames import ShowFrame
 from gcs.happenings import Happening
@@ -194,6 +195,14 @@ class Service(Protocol):
 
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
         """Motors off, now, of everybody named; who cannot be reached is told in the order."""
+        ...
+
+    def acknowledge_alarm(self, alarm_id: str) -> Alarm:
+        """Note that whoever calls has seen an alarm; it stays listed while its cause lasts."""
+        ...
+
+    def acknowledge_alarms(self) -> Sequence[Alarm]:
+        """Acknowledge all that nobody has acknowledged; answers these."""
         ...
 
     def settle(self, offer: Offer) -> OrderRecord:

@@ -5,6 +5,7 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
+from gcs.alarms import Alarm
 from gcs.counts import Counts
 from gcs.errors import Problem
 from gcs.interrupted import Interrupted
@@ -150,6 +151,7 @@ class FleetView:
     control_alive: bool  # this tick came within the deadman's time of the one before; its age says the rest
     setpoints_sent: int
     interventions: int  # of the safety filter, since the beginning: for each vehicle and tick that it changed
+    alarms: tuple[Alarm, ...] = ()  # the most severe first, of one severity the newest first
     notices: tuple[str, ...] = ()  # what an operator should know now, in words: the most urgent first
     selected: SelectedShow | None = None  # None: formation, target and orbit are as told
     start_unix_time_s: float | None = None  # ordered, and not reached yet

@@ -5,17 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
 from gcs import documents
-from gcs.errors import ConfigError, Problem, ShowError
+from gcs.errors import FileError, Problem, ShowError
+from gcs.setting_errors import Misfit, misfits
 from gcs.show.model import Show
 from gcs.show.rules import Flaw, flaws
-from gcs.show.source import Loc, Source
 from gcs.show.timeline import Timeline
-
-MAX_CHARACTERS = 1_000_000
-"""Of a show file; a long one has some tens of thousands."""
+from gcs.yaml_source import Loc, Source
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,15 +39,16 @@ def load(path: Path) -> LoadedShow:
 
 
 def parse(text: str, file: str) -> LoadedShow:
-    """The show in `text`; `file` names it in errors. Raises: ShowError, ConfigError."""
-    if len(text) > MAX_CHARACTERS:
-        raise ConfigError(f"{file}: {len(text)} characters: at most {MAX_CHARACTERS}")
-    source = Source(text, file)
-    raw = documents.parse_mapping(text, file, "about, origin, fleet, fence, timeline and duration_s")
+    """The show in `text`; `file` names it in errors. Raises: ShowError."""
+    try:
+        source = Source(text, file)
+        raw = source.mapping("about, origin, fleet, fence, timeline and duration_s")
+    except FileError as error:
+        raise ShowError(error.file, error.problems) from None
     try:
         show = Show.model_validate(raw)
     except ValidationError as error:
-        found = [Flaw(problem["loc"], _plain(problem)) for problem in _own(error.errors())]
+        found = [Flaw(misfit.loc, _within_cue(misfit)) for misfit in misfits(error, Show, source)]
         raise ShowError(file, _all_located(found, source, _names(raw))) from None
     found = flaws(show)
     if found:
@@ -63,23 +61,12 @@ def located(flaw: Flaw, source: Source, cues: list[str | None]) -> Problem:
     return Problem(source.line(*flaw.loc), _cue(flaw.loc, cues), flaw.text)
 
 
-def _own(problems: list[ErrorDetails]) -> list[ErrorDetails]:
-    """Without those that only follow from a problem inside them: a list lacks what could not be read."""
-    return [
-        problem
-        for problem in problems
-        if not any(
-            len(other["loc"]) > len(problem["loc"]) and other["loc"][: len(problem["loc"])] == problem["loc"]
-            for other in problems
-        )
-    ]
-
-
-def _plain(problem: ErrorDetails) -> str:
+def _within_cue(misfit: Misfit) -> str:
     """Key, value and what would be right; line and cue are told beside it."""
-    loc = problem["loc"]
-    within = loc[2:] if loc[0] == "timeline" and len(loc) > 2 else loc
-    return documents.plain(ErrorDetails({**problem, "loc": within}))
+    loc, key = misfit.loc, misfit.key
+    if len(loc) > 2 and loc[0] == "timeline":
+        key = key.removeprefix(f"timeline.{loc[1]}.")
+    return str(misfit._replace(key=key))
 
 
 def _all_located(found: Iterable[Flaw], source: Source, cues: list[str | None]) -> list[Problem]:

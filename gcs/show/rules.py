@@ -18,8 +18,8 @@ from gcs.feasibility import check_formation, check_obstacle, check_orbit, check_
 from gcs.plan import MAX_OBSTACLES, Plan
 from gcs.show.glide import Glide, shortest_s
 from gcs.show.model import MAX_CUES, Cue, Path, Show
-from gcs.show.source import Loc
 from gcs.show.timeline import Curve, Live, Played, Timeline, obstacle_of, total_s, turning, written_out
+from gcs.yaml_source import Loc
 
 SAMPLED_S = 0.1
 """Every so often the whole plan is looked at."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias, get_args
+from typing import Annotated, Final, Literal, TypeAlias, get_args
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -13,7 +13,10 @@ from gcs.formation.article import ArticleParameters
 from gcs.formation.consensus import ConsensusSettings
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.plan import MAX_OBSTACLES, Direction
+from gcs.quoting import quoted
+from gcs.setting_errors import explained
 from gcs.settings import NotNegative, Positive, Settings
+from gcs.yaml_source import Source
 
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
 VehicleCount: TypeAlias = Annotated[int, Field(ge=1, le=20_000)]
@@ -234,6 +237,8 @@ class Scenario(Settings):
         return self
 
 
+NEEDED: Final = "about, duration_s, flight and judged at least"
+
 find, shipped = documents.SCENARIOS.find, documents.SCENARIOS.shipped
 
 
@@ -242,23 +247,23 @@ def load(path: Path) -> Scenario:
 
     Raises: ConfigError that names the file, the key, its value and what would be right.
     """
+    source = Source(documents.read(path), str(path))
+    alone = "like" not in source.mapping(NEEDED)  # else a line may be another file's
     raw = _merged(path, MOST_PARENTS)
     raw["name"] = path.stem
     try:
         return Scenario.model_validate(raw)
     except ValidationError as error:
-        raise documents.explained(error, str(path)) from None
+        raise explained(error, str(path), Scenario, source if alone else None) from None
 
 
 def _merged(path: Path, parents: int) -> dict[str, object]:
-    raw = documents.parse_mapping(
-        documents.read(path), str(path), "about, duration_s, flight and judged at least"
-    )
+    raw = Source(documents.read(path), str(path)).mapping(NEEDED)
     like = raw.pop("like", None)
     if like is None:
         return raw
     if not isinstance(like, str):
-        raise ConfigError(f"{path}: like = {like!r}: the name of another scenario")
+        raise ConfigError(f"{path}: like = {quoted(like)}: the name of another scenario")
     if parents == 0:
         raise ConfigError(f"{path}: like: no longer chain than {MOST_PARENTS} scenarios")
     beside = path.with_name(f"{like}.yaml")

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gcs.alarms import Alarm, AlarmBook, Condition
 from gcs.checks import Check, Exclusion, PreflightReport, State, VehicleChecks
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.frames import ShowFrame
@@ -124,6 +125,8 @@ class FakeService:
         self.interrupted: Interrupted | None = None
         self.start_unix_s: float | None = None
         self.reactions: tuple[Reaction, ...] = ()
+        self.conditions: tuple[Condition, ...] = ()
+        self.book = AlarmBook()
         self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
         self.orders_by_id = {}
         self.excluded: dict[str, Exclusion] = {}
@@ -133,6 +136,7 @@ class FakeService:
     def tick(self) -> None:
         """Make a new state."""
         self.ticks += 1
+        self.book.look(self.conditions, self._clock_s(), time.time())
         self._view.set(self._look())
 
     def finish(self, order_id: str, outcome: Outcome = Outcome.DONE, reason: str = "") -> None:
@@ -247,6 +251,12 @@ class FakeService:
         order = self._accept("kill", vehicle_ids)
         self.finish(order.id)
         return self.orders_by_id[order.id]
+
+    def acknowledge_alarm(self, alarm_id: str) -> Alarm:
+        return self.book.acknowledge(alarm_id, WHO.get(), time.time())
+
+    def acknowledge_alarms(self) -> Sequence[Alarm]:
+        return self.book.acknowledge_all(WHO.get(), time.time())
 
     def settle(self, offer: Offer) -> OrderRecord:
         if self.interrupted is None or offer not in self.interrupted.offers:
@@ -364,6 +374,7 @@ class FakeService:
             start_unix_time_s=self.start_unix_s,
             countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
             reactions=self.reactions,
+            alarms=self.book.alarms,
         )
 
     def _rows(self) -> VehicleRows:

@@ -182,3 +182,27 @@ def test_at_most_two_checks_are_under_way(api: Api) -> None:
         assert shows.checked("two").state == "failed"
 
     asyncio.run(three())
+
+
+@pytest.mark.parametrize("levels", [5, 9])
+def test_a_yaml_bomb_is_a_problem_with_line_and_column_and_a_short_answer(api: Api, levels: int) -> None:
+    """Before: 351 MB of text with 8 levels, parsed on the loop."""
+    lines = ["about: &a0 [" + "lol, " * 9 + "]"]
+    lines += [f"k{level}: &a{level} [" + f"*a{level - 1}, " * 9 + "]" for level in range(1, levels)]
+    assert api("PUT", PATH, content="\n".join(lines).encode()).status_code == 200
+
+    async def checked() -> None:
+        api.service.shows.check("lighthouse")
+        async with asyncio.timeout(120):
+            while api.service.shows.checked("lighthouse").state in {"waiting", "running"}:  # noqa: ASYNC110
+                await asyncio.sleep(0.05)
+
+    asyncio.run(checked())
+    answer = api("GET", f"{PATH}/check")
+    told = answer.json()
+    assert (told["state"], told["good"]) == ("done", False)
+    (problem,) = told["problems"]
+    assert problem["line"] == 1
+    assert problem["text"].startswith("column 8: &a0: anchors are not allowed")
+    assert len(answer.content) < 1000
+    assert api("POST", f"{PATH}/select", json={"hash": SHOW.digest}).status_code == 409

@@ -85,6 +85,6 @@ def test_what_the_direct_transport_does_not_do_is_refused(line: str, why: str) -
     if line.startswith("listen"):
         text = text.replace("listen: udpin://127.0.0.1:15000", line)
     else:
-        text = text.replace("    vehicles: &all", f"    {line}\n    vehicles: &all")
+        text = text.replace("    vehicles:", f"    {line}\n    vehicles:", 1)
     with pytest.raises(ConfigError, match=why):
         parse(text, "my.yaml")

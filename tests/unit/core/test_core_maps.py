@@ -68,14 +68,14 @@ def test_an_address_is_the_pages_own_business_and_names_whom_it_asks() -> None:
 def test_what_is_neither_is_refused_with_its_key(tiles: str, said: str) -> None:
     with pytest.raises(ConfigError) as refused:
         configured(tiles=tiles)
-    assert str(refused.value).startswith("my.yaml: map.tiles = ")
+    assert str(refused.value).startswith("my.yaml: line 6: map.tiles = ")
     assert said in str(refused.value)
 
 
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({}, "map.tiles: Field required"),
+        ({}, "line 5: map.tiles: is required, and missing"),
         ({"tiles": 7}, "map.tiles = 7"),
         ({"tiles": ADDRESS, "zoom_max": 23}, "map.zoom_max = 23"),
         ({"tiles": ADDRESS, "zoom_max": 0}, "map.zoom_max = 0"),

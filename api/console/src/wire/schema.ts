@@ -24,6 +24,66 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/alarms": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Every alarm, and the state of the whole
+         * @description What an operator should know now: the most severe first, none left out.
+         */
+        get: operations["list_alarms"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/alarms/{alarm_id}/acknowledge": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Acknowledge one alarm
+         * @description It stays listed while its cause lasts, with who has seen it and when. Who was first stays named.
+         */
+        post: operations["acknowledge_alarm"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/alarms/acknowledge": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Acknowledge every alarm
+         * @description Answers those that nobody had acknowledged. Ended ones are listed no more; nothing else changes.
+         */
+        post: operations["acknowledge_all_alarms"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/fleet": {
         parameters: {
             query?: never;
@@ -1036,6 +1096,87 @@ export interface components {
          */
         Action: "ignore" | "re-form" | "hold-target" | "hold" | "pause" | "return" | "land";
         /**
+         * Alarm
+         * @description One cause that an operator should know of, with all vehicles that it concerns.
+         */
+        Alarm: {
+            /**
+             * Acknowledged By
+             * @description Whose token; null: nobody has.
+             */
+            acknowledged_by: string | null;
+            /** Acknowledged Unix Time S */
+            acknowledged_unix_time_s: number | null;
+            /**
+             * Advice
+             * @description What an operator can do.
+             */
+            advice: string;
+            /**
+             * Cause
+             * @description One word for programs; docs/operations.md lists them.
+             * @example vehicle-lost
+             */
+            cause: string;
+            /**
+             * Ended Unix Time S
+             * @description null: the cause lasts. Emergencies and warnings that nobody acknowledged stay listed after their cause has ended, until somebody does; they do not count for the state of the whole.
+             */
+            ended_unix_time_s: number | null;
+            /**
+             * Id
+             * @example vehicle-lost-7
+             */
+            id: string;
+            /**
+             * Order Id
+             * @description The command that the service gave because of it; null: none.
+             */
+            order_id: string | null;
+            /**
+             * Raised Unix Time S
+             * @description When it began, or last concerned a further vehicle or became more severe: it then is no longer acknowledged. The newest of a severity is listed first.
+             */
+            raised_unix_time_s: number;
+            /** @description emergency: act at once; warning: act soon; caution: be ready to act; information: nothing to do. */
+            severity: components["schemas"]["AlarmSeverity"];
+            /**
+             * Since Unix Time S
+             * @description When the cause began.
+             */
+            since_unix_time_s: number;
+            /**
+             * Text
+             * @description The cause first, its consequence after.
+             * @example Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap.
+             */
+            text: string;
+            /**
+             * Vehicles
+             * @description All that it concerns; empty: it concerns no vehicle.
+             */
+            vehicles: string[];
+        };
+        /**
+         * AlarmList
+         * @description All alarms, and the state of the whole.
+         */
+        AlarmList: {
+            /**
+             * Alarms
+             * @description Those whose cause lasts first, the most severe first, of one severity the newest first.
+             */
+            alarms: components["schemas"]["Alarm"][];
+            /** @description The worst of the alarms whose cause lasts. */
+            severity: components["schemas"]["OverallSeverity"];
+        };
+        /**
+         * AlarmSeverity
+         * @description How soon an operator has to act. The most severe first.
+         * @enum {string}
+         */
+        AlarmSeverity: "emergency" | "warning" | "caution" | "information";
+        /**
          * Cause
          * @description What a reaction answers.
          * @enum {string}
@@ -1337,6 +1478,11 @@ export interface components {
              * @description Whether tokens are asked for, in words.
              */
             access: string;
+            /**
+             * Alarms
+             * @description The most severe first, of one severity the newest first; those that have ended at last.
+             */
+            alarms: components["schemas"]["Alarm"][];
             /** @description null while no formation flies. */
             center: components["schemas"]["Center"] | null;
             /**
@@ -1362,7 +1508,7 @@ export interface components {
             minimum_separation_m: number | null;
             /**
              * Notices
-             * @description What an operator should know now, in words.
+             * @description Replaced by `alarms`; will be removed.
              */
             notices: string[];
             /** Obstacles */
@@ -1376,6 +1522,8 @@ export interface components {
             reactions: components["schemas"]["Reaction"][];
             /** Setpoints Sent */
             setpoints_sent: number;
+            /** @description The worst of the alarms whose cause lasts. */
+            severity: components["schemas"]["OverallSeverity"];
             show: components["schemas"]["Show"];
             target: components["schemas"]["Target"];
             tick: components["schemas"]["Tick"];
@@ -1852,6 +2000,12 @@ export interface components {
          * @enum {string}
          */
         Outcome: "pending" | "done" | "failed" | "not-included";
+        /**
+         * OverallSeverity
+         * @description State of the whole: the worst of the alarms whose cause lasts.
+         * @enum {string}
+         */
+        OverallSeverity: "emergency" | "warning" | "caution" | "information" | "normal";
         /**
          * Phase
          * @description Where one vehicle stands.
@@ -2346,6 +2500,11 @@ export interface components {
              */
             access: string;
             /**
+             * Alarms
+             * @description The most severe first, of one severity the newest first; those that have ended at last.
+             */
+            alarms: components["schemas"]["Alarm"][];
+            /**
              * Began Unix Time S
              * @description When this process began to serve: one that was started again has another.
              */
@@ -2369,7 +2528,7 @@ export interface components {
             map: components["schemas"]["Map"] | null;
             /**
              * Notices
-             * @description What an operator should know now, in words.
+             * @description Replaced by `alarms`; will be removed.
              */
             notices: string[];
             /**
@@ -2397,6 +2556,8 @@ export interface components {
              */
             revision: number;
             separation: components["schemas"]["Separation"];
+            /** @description The worst of the alarms whose cause lasts. */
+            severity: components["schemas"]["OverallSeverity"];
             show: components["schemas"]["Show"];
             /** @description Where it was at `time_s`. */
             target: components["schemas"]["Target"];
@@ -2697,6 +2858,293 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    list_alarms: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["AlarmList"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to come again. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    acknowledge_alarm: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                alarm_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Alarm"];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No such thing. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to come again. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    acknowledge_all_alarms: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Alarm"][];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to come again. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };

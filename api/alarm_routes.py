@@ -1,0 +1,38 @@
+"""Routes of the alarms. They translate, and decide nothing."""
+
+from fastapi import APIRouter
+
+from api import convert_alarms
+from api.desk import DeskDep
+from api.problem_docs import COMMAND, NO_BODY, TOKEN, errors
+from api.wire_alarms import Alarm, AlarmList
+
+router = APIRouter(prefix="/alarms", tags=["alarms"], dependencies=TOKEN)
+
+
+@router.get("", summary="Every alarm, and the state of the whole")
+async def list_alarms(desk: DeskDep) -> AlarmList:
+    """What an operator should know now: the most severe first, none left out."""
+    return convert_alarms.alarm_list(desk.view, desk.health_problem())
+
+
+@router.post(
+    "/acknowledge",
+    summary="Acknowledge every alarm",
+    dependencies=NO_BODY,
+    responses=COMMAND,
+)
+async def acknowledge_all_alarms(desk: DeskDep) -> list[Alarm]:
+    """Answers those that nobody had acknowledged. Ended ones are listed no more; nothing else changes."""
+    return [convert_alarms.alarm(each) for each in desk.service.acknowledge_alarms()]
+
+
+@router.post(
+    "/{alarm_id}/acknowledge",
+    summary="Acknowledge one alarm",
+    dependencies=NO_BODY,
+    responses=COMMAND | errors(404),
+)
+async def acknowledge_alarm(alarm_id: str, desk: DeskDep) -> Alarm:
+    """It stays listed while its cause lasts, with who has seen it and when. Who was first stays named."""
+    return convert_alarms.alarm(desk.service.acknowledge_alarm(alarm_id))

@@ -1,0 +1,54 @@
+"""The JSON names of alarms."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gcs.alarms import AlarmSeverity, OverallSeverity
+
+
+class Alarm(BaseModel):
+    """One cause that an operator should know of, with all vehicles that it concerns."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    id: str = Field(examples=["vehicle-lost-7"])
+    severity: AlarmSeverity = Field(
+        description=(
+            "emergency: act at once; warning: act soon; caution: be ready to act; information: nothing to do."
+        )
+    )
+    cause: str = Field(
+        description="One word for programs; docs/operations.md lists them.", examples=["vehicle-lost"]
+    )
+    text: str = Field(
+        description="The cause first, its consequence after.",
+        examples=["Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap."],
+    )
+    advice: str = Field(description="What an operator can do.")
+    vehicles: list[str] = Field(description="All that it concerns; empty: it concerns no vehicle.")
+    since_unix_time_s: float = Field(description="When the cause began.")
+    raised_unix_time_s: float = Field(
+        description=(
+            "When it began, or last concerned a further vehicle or became more severe: it then is no longer"
+            " acknowledged. The newest of a severity is listed first."
+        )
+    )
+    acknowledged_by: str | None = Field(description="Whose token; null: nobody has.")
+    acknowledged_unix_time_s: float | None
+    ended_unix_time_s: float | None = Field(
+        description=(
+            "null: the cause lasts. Emergencies and warnings that nobody acknowledged stay listed after their"
+            " cause has ended, until somebody does; they do not count for the state of the whole."
+        )
+    )
+    order_id: str | None = Field(description="The command that the service gave because of it; null: none.")
+
+
+class AlarmList(BaseModel):
+    """All alarms, and the state of the whole."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    severity: OverallSeverity = Field(description="The worst of the alarms whose cause lasts.")
+    alarms: list[Alarm] = Field(
+        description="Those whose cause lasts first, the most severe first, of one severity the newest first."
+    )

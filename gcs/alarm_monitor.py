@@ -1,0 +1,325 @@
+"""Looks several times a second which conditions hold that an operator should know of, and keeps the alarms.
+
+What is looked at costs next to nothing while nothing is wrong: columns at once, never vehicle by vehicle.
+"""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from gcs.alarms import (
+    Alarm,
+    AlarmBook,
+    AlarmCause,
+    AlarmSeverity,
+    Change,
+    ChangeKind,
+    Condition,
+    Limit,
+    beyond,
+)
+from gcs.control import Tick
+from gcs.flight import FLIES, Flight
+from gcs.interrupted import Interrupted
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.reactions import Action, Cause
+from gcs.service import WHO, OrderRecord, Reaction
+from gcs.state import Mask, VehicleId
+
+log = logging.getLogger(__name__)
+
+PERIOD_S: Final = 0.2
+"""Alarms are looked for so often."""
+
+BEFORE_ASSEMBLING: Final = frozenset({ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, ShowPhase.ARMING})
+
+POOR_LINK: Final = Limit(on=0.7, off=0.85)
+"""Share of the positions asked for that arrive."""
+
+TOO_CLOSE: Final = Limit(on=1.0, off=1.05)
+"""Distance over the floor, in the metric in which the floor is a sphere."""
+
+FAR_TOO_CLOSE: Final = Limit(on=0.9, off=0.95)
+"""Below it two may touch."""
+
+LEVEL: Final = {
+    AlarmSeverity.EMERGENCY: logging.ERROR,
+    AlarmSeverity.WARNING: logging.WARNING,
+    AlarmSeverity.CAUTION: logging.WARNING,
+    AlarmSeverity.INFORMATION: logging.INFO,
+}
+
+OF_REACTION: Final = {
+    Cause.LOW_BATTERY: AlarmCause.LOW_BATTERY,
+    Cause.CRITICAL_BATTERY: AlarmCause.CRITICAL_BATTERY,
+    Cause.BAD_POSITION: AlarmCause.BAD_POSITION,
+    Cause.FENCE: AlarmCause.OUTSIDE_FENCE,
+    Cause.WIND: AlarmCause.WIND,
+    Cause.VEHICLES_LOST: AlarmCause.VEHICLES_LOST,
+    Cause.TARGET_STALE: AlarmCause.TARGET_STALE,
+    Cause.SERVICE_LATE: AlarmCause.SERVICE_LATE,
+}
+"""Lost vehicles are seen by their phase; what follows from it is the reaction's."""
+
+OF_THE_SHOW: Final = frozenset({Cause.WIND, Cause.VEHICLES_LOST, Cause.TARGET_STALE, Cause.SERVICE_LATE})
+
+SHOW_FOLLOWS: Final = {
+    Action.RE_FORM: "Formation closes the gap.",
+    Action.HOLD_TARGET: "The target stays where it was.",
+    Action.PAUSE: "The show is paused.",
+    Action.RETURN: "The show comes home.",
+    Action.LAND: "The show lands.",
+}
+
+VEHICLE_FOLLOWS: Final = {
+    Action.HOLD: "It leaves the formation and holds.",
+    Action.RETURN: "It comes home.",
+    Action.LAND: "It lands.",
+}
+
+VEHICLES_FOLLOW: Final = {
+    Action.HOLD: "They leave the formation and hold.",
+    Action.RETURN: "They come home.",
+    Action.LAND: "They land.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What others than the flight know of at this tick."""
+
+    reactions: Sequence[Reaction] = ()
+    obstacles_wait: Sequence[str] = ()  # why obstacles of the show do not stand yet
+    not_recorded: Sequence[str] = ()
+    failed_links: Mapping[str, str] = field(default_factory=dict)  # why, by name
+    interrupted: Interrupted | None = None
+    supervisor: str = ""  # why nobody restarts this service any more
+    notes: Sequence[str] = ()  # what holds as long as this service runs
+
+
+class AlarmMonitor:
+    """The alarms of one flight. Used on the event loop alone."""
+
+    def __init__(
+        self, flight: Flight, unix_s: Callable[[], float], orders: Callable[[], Sequence[OrderRecord]]
+    ) -> None:
+        """`orders` are the newest commands, the newest first."""
+        self._flight = flight
+        self._unix_s = unix_s
+        self._orders = orders
+        self._book = AlarmBook()
+        self._due_s = -np.inf
+        self._poor = np.zeros(len(flight.vehicles), np.bool_)
+        self._close: frozenset[tuple[int, int]] = frozenset()
+        self._far_too_close: frozenset[tuple[int, int]] = frozenset()
+
+    @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        """Now, the most severe first."""
+        return self._book.alarms
+
+    def is_due(self, now_s: float) -> bool:
+        """Whether it is time to `look` again."""
+        return now_s >= self._due_s
+
+    def look(self, tick: Tick, findings: Findings) -> None:
+        """Bring the alarms up to date after a tick, and log what has changed."""
+        now_s = self._flight.fleet.time_s
+        self._due_s = now_s + PERIOD_S
+        conditions = [
+            *self._of_vehicles(findings.reactions),
+            *self._of_distances(tick),
+            *_of_reactions(findings.reactions),
+            *self._of_links(findings),
+            *self._of_the_ground(),
+            *_of_the_service(findings),
+        ]
+        for change in self._book.look(conditions, now_s, self._unix_s()):
+            _tell(change)
+
+    def acknowledge(self, alarm_id: str) -> Alarm:
+        """Note that whoever calls has seen it. Raises: UnknownError."""
+        known = {alarm.id: alarm.acknowledged_by for alarm in self.alarms}
+        alarm = self._book.acknowledge(alarm_id, WHO.get(), self._unix_s())
+        if known[alarm_id] is None:
+            _tell_acknowledged(alarm)
+        return alarm
+
+    def acknowledge_all(self) -> tuple[Alarm, ...]:
+        """Likewise all that nobody has acknowledged."""
+        acknowledged = self._book.acknowledge_all(WHO.get(), self._unix_s())
+        for alarm in acknowledged:
+            _tell_acknowledged(alarm)
+        return acknowledged
+
+    def _of_vehicles(self, reactions: Sequence[Reaction]) -> Iterator[Condition]:
+        """By phase."""
+        vehicles = self._flight.vehicles.values()
+        phases = [vehicle.phase for vehicle in vehicles]
+        if not {Phase.LOST, Phase.PILOT, Phase.KILLED}.intersection(phases):
+            return
+        lost = next((each for each in reactions if each.cause == Cause.VEHICLE_LOST), None)
+        follows = "" if lost is None else SHOW_FOLLOWS[Action(lost.action)]
+        named = () if lost is None else lost.vehicles
+        for vehicle in vehicles:
+            if vehicle.phase is Phase.LOST:
+                order_id = lost.order_id if lost is not None and vehicle.id in named else None
+                consequence = follows if vehicle.id in named else ""
+                yield Condition(
+                    AlarmCause.VEHICLE_LOST,
+                    vehicle.reason,
+                    (vehicle.id,),
+                    consequence,
+                    order_id=order_id,
+                )
+            elif vehicle.phase is Phase.PILOT:
+                yield Condition(
+                    AlarmCause.OUTSIDE_CONTROL,
+                    vehicle.reason,
+                    (vehicle.id,),
+                    "The service sends nothing to it.",
+                )
+            elif vehicle.phase is Phase.KILLED:
+                order = self._kill_of(vehicle.id)
+                by = "" if order is None else f" by {order.by}"
+                yield Condition(
+                    AlarmCause.KILLED,
+                    f"motors stopped on command{by}",
+                    (vehicle.id,),
+                    "Other vehicles keep clear of where it came down.",
+                    order_id=None if order is None else order.id,
+                )
+
+    def _kill_of(self, vehicle_id: VehicleId) -> OrderRecord | None:
+        kills = (order for order in self._orders() if order.action == "kill")
+        return next((order for order in kills if vehicle_id in order.outcomes), None)
+
+    def _of_distances(self, tick: Tick) -> Iterator[Condition]:
+        """Pairs inside the floor, each until it is clearly outside again."""
+        floor = tick.floor
+        reach_m = TOO_CLOSE.off * max(floor.horizontal_m, floor.vertical_m)
+        if not self._close and not tick.minimum_separation_m < reach_m:
+            return
+        known = np.flatnonzero(np.isfinite(tick.position_m).all(axis=1))
+        scaled_m = tick.position_m[known] * floor.scale
+        pairs = known[
+            cKDTree(scaled_m).query_pairs(TOO_CLOSE.off * floor.horizontal_m, output_type="ndarray")
+        ]
+        low: Mask = np.asarray(-tick.position_m[:, 2] < floor.pad_height_m)
+        first, second = pairs.T
+        counts = (tick.airborne[first] | tick.airborne[second]) & ~(low[first] & low[second])
+        pairs = pairs[counts]
+        apart_m = np.linalg.norm(tick.position_m[pairs[:, 0]] - tick.position_m[pairs[:, 1]], axis=1)
+        offset_m = (tick.position_m[pairs[:, 0]] - tick.position_m[pairs[:, 1]]) * floor.scale
+        share = np.linalg.norm(offset_m, axis=1) / floor.horizontal_m
+        keys = [(int(one), int(other)) for one, other in pairs.tolist()]
+        was_close = np.array([key in self._close for key in keys], np.bool_)
+        was_far_too_close = np.array([key in self._far_too_close for key in keys], np.bool_)
+        close = beyond(was_close, share, TOO_CLOSE)
+        far_too_close = beyond(was_far_too_close, share, FAR_TOO_CLOSE)
+        self._close = frozenset(key for key, is_close in zip(keys, close, strict=True) if is_close)
+        self._far_too_close = frozenset(key for key, is_so in zip(keys, far_too_close, strict=True) if is_so)
+        ids = self._flight.fleet.ids
+        least = f"at least {floor.horizontal_m:g} m sideways, {floor.vertical_m:g} m up and down"
+        for index in np.argsort(share).tolist():
+            if close[index]:
+                one, other = keys[index]
+                severity = AlarmSeverity.EMERGENCY if far_too_close[index] else AlarmSeverity.WARNING
+                because = f"{apart_m[index]:.1f} m apart, {least}"
+                yield Condition(AlarmCause.TOO_CLOSE, because, (ids[one], ids[other]), severity=severity)
+
+    def _of_links(self, findings: Findings) -> Iterator[Condition]:
+        flight = self._flight
+        for name, why in findings.failed_links.items():
+            yield Condition(AlarmCause.LINK_FAILED, why, about=name)
+        for link in flight.links:
+            for vehicle_id, why in link.conflicts.items():
+                yield Condition(AlarmCause.DUPLICATE_SYSTEM_ID, why, (vehicle_id,))
+        share = flight.link_quality.share
+        self._poor = beyond(self._poor, share, POOR_LINK)
+        if self._poor.any():
+            for row in np.flatnonzero(self._poor).tolist():
+                vehicle = flight.at_row(row)
+                if vehicle.phase in FLIES:
+                    because = f"{share[row]:.0%} of its positions arrive"
+                    yield Condition(AlarmCause.POOR_LINK, because, (vehicle.id,))
+
+    def _of_the_ground(self) -> Iterator[Condition]:
+        flight = self._flight
+        for vehicle_id, reason in flight.not_flying.items():
+            severity = None if vehicle_id in flight.excluded else AlarmSeverity.CAUTION
+            yield Condition(AlarmCause.NOT_FLYING, reason, (vehicle_id,), severity=severity)
+        if flight.columns and flight.show in BEFORE_ASSEMBLING:
+            yield Condition(AlarmCause.STACKED, flight.columns)
+
+
+def _of_reactions(reactions: Sequence[Reaction]) -> Iterator[Condition]:
+    for each in reactions:
+        cause, action = Cause(each.cause), Action(each.action)
+        if cause not in OF_REACTION:
+            continue
+        of_vehicles = VEHICLES_FOLLOW if len(each.vehicles) > 1 else VEHICLE_FOLLOWS
+        follows = SHOW_FOLLOWS if cause in OF_THE_SHOW else of_vehicles
+        yield Condition(
+            OF_REACTION[cause],
+            each.reason,
+            each.vehicles,
+            follows.get(action, ""),
+            order_id=each.order_id,
+        )
+
+
+def _of_the_service(findings: Findings) -> Iterator[Condition]:
+    if findings.interrupted is not None:
+        yield _of_the_interruption(findings.interrupted)
+    if findings.obstacles_wait:
+        yield Condition(AlarmCause.OBSTACLE_WAITS, "; ".join(findings.obstacles_wait))
+    if findings.not_recorded:
+        yield Condition(AlarmCause.RECORD_FAILS, "; ".join(findings.not_recorded))
+    if findings.supervisor:
+        yield Condition(AlarmCause.SUPERVISOR_GONE, findings.supervisor)
+    for note in findings.notes:
+        yield Condition(AlarmCause.SERVICE_NOTE, note, about=note)
+
+
+def _of_the_interruption(found: Interrupted) -> Condition:
+    what = "" if found.written is None else f" {found.written.name!r} (cue {found.written.cue!r})"
+    absent = [f"{one.id}: {one.text}." for one in found.vehicles if not one.waits]
+    consequence = " ".join([*absent, *(f"{problem}." for problem in found.problems)])
+    if found.show is ShowPhase.COUNTDOWN:
+        return Condition(
+            AlarmCause.INTERRUPTED,
+            f"the show{what} was being counted down",
+            consequence=f"It does not start by itself. {consequence}".strip(),
+            advice="Start it again when all is clear.",
+            severity=AlarmSeverity.CAUTION,
+        )
+    offers = " or ".join(found.offers)
+    return Condition(
+        AlarmCause.INTERRUPTED,
+        f"the show{what} was {found.show}",
+        consequence=consequence,
+        advice=f"Order {offers}." if offers else "",
+    )
+
+
+def _tell(change: Change) -> None:
+    """To the log, and with it to the events and the record."""
+    alarm = change.alarm
+    about = {"alarm": alarm.id, "severity": alarm.severity.value, "cause": alarm.cause.value}
+    if change.kind is ChangeKind.ENDED:
+        log.info("alarm_over", extra={**about, "text": alarm.text})
+        return
+    told = {**about, "text": alarm.text, "vehicles": list(alarm.vehicles)}
+    log.log(LEVEL[alarm.severity], "alarm", extra=told)
+
+
+def _tell_acknowledged(alarm: Alarm) -> None:
+    log.info(
+        "alarm_acknowledged",
+        extra={"alarm": alarm.id, "by": alarm.acknowledged_by, "text": alarm.text},
+    )

@@ -1,0 +1,31 @@
+"""What an operator should know now: one list, the most severe first. Pure; decision 0023.
+
+A source says every so often which `Condition`s hold; the `AlarmBook` makes `Alarm`s of them. To add a cause:
+
+1. add a member to `AlarmCause` and its row to `CAUSES` (severity, headline, advice) in `gcs.alarms.causes`;
+2. add its row to the table in docs/operations.md (a test compares the two);
+3. yield a `Condition` while the cause holds, from `gcs.alarm_monitor` or from what it asks. A value at a
+   limit goes through `gcs.alarms.limits` first, so that it does not flicker.
+"""
+
+from gcs.alarms.book import AlarmBook, Change, ChangeKind
+from gcs.alarms.causes import CAUSES, AlarmCause, AlarmSeverity, CauseRow
+from gcs.alarms.limits import Limit, beyond
+from gcs.alarms.model import RANK, Alarm, Condition, OverallSeverity, overall
+
+__all__ = [
+    "CAUSES",
+    "RANK",
+    "Alarm",
+    "AlarmBook",
+    "AlarmCause",
+    "AlarmSeverity",
+    "CauseRow",
+    "Change",
+    "ChangeKind",
+    "Condition",
+    "Limit",
+    "OverallSeverity",
+    "beyond",
+    "overall",
+]

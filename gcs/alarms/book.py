@@ -1,0 +1,248 @@
+"""Conditions in, alarms out: grouped by cause, steady against flicker, acknowledged."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from itertools import count
+from typing import Final
+
+from gcs.alarms.causes import CAUSES, AlarmCause, AlarmSeverity, CauseRow
+from gcs.alarms.model import RANK, Alarm, Condition
+from gcs.errors import UnknownError
+from gcs.state import VehicleId
+
+NAMED_MAX: Final = 12
+"""So many vehicles are named in a text; of more it has the number, and the alarm's `vehicles` the names."""
+
+NUMBERS_S: Final = 5.0
+"""A text whose numbers alone differ is written anew after this time."""
+
+KEPT_UNTIL_ACKNOWLEDGED: Final = frozenset({AlarmSeverity.EMERGENCY, AlarmSeverity.WARNING})
+"""Alarms that stay listed as ended: nobody may miss that they were."""
+
+ENDED_MAX: Final = 200
+"""So many ended alarms are kept at most; the oldest goes first."""
+
+_NUMBER: Final = re.compile(r"\d+(\.\d+)?")
+
+
+class ChangeKind(StrEnum):
+    """What happened to an alarm."""
+
+    BEGUN = "begun"
+    GROWN = "grown"  # it concerns a further vehicle, or is more severe
+    ENDED = "ended"
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Something that should be recorded."""
+
+    kind: ChangeKind
+    alarm: Alarm
+
+
+@dataclass(slots=True)
+class _Member:
+    """One vehicle of an alarm, or None where it concerns no vehicle."""
+
+    condition: Condition
+    on_since_s: float
+    gone_since_s: float | None = None
+    active: bool = False
+
+
+@dataclass(slots=True)
+class _Entry:
+    """One alarm, and what may become one."""
+
+    row: CauseRow
+    members: dict[VehicleId | None, _Member] = field(default_factory=dict)
+    alarm: Alarm | None = None
+    written_s: float = 0.0
+
+
+class AlarmBook:
+    """All alarms of one service. Used on the event loop alone; knows no clock."""
+
+    def __init__(self) -> None:
+        """Nothing is wrong."""
+        self._entries: dict[tuple[AlarmCause, str], _Entry] = {}
+        self._ended: list[Alarm] = []
+        self._numbers = count(1)
+        self._last: tuple[Condition, ...] = ()
+        self._due_s = float("inf")  # when something changes though the conditions do not
+        self.alarms: tuple[Alarm, ...] = ()
+
+    def look(self, conditions: Iterable[Condition], now_s: float, unix_s: float) -> tuple[Change, ...]:
+        """Take in everything that holds at `now_s` (loop clock). Returns: what has changed."""
+        conditions = tuple(conditions)
+        if conditions == self._last and now_s < self._due_s:
+            return ()
+        self._last = conditions
+        held: dict[tuple[AlarmCause, str], dict[VehicleId | None, Condition]] = {}
+        for condition in conditions:
+            members = held.setdefault((condition.cause, condition.about), {})
+            for name in condition.vehicles or (None,):
+                known = members.get(name)
+                if known is None or _rank(condition) < _rank(known):
+                    members[name] = condition
+        changes: list[Change] = []
+        self._due_s = float("inf")
+        for key in [*self._entries, *(key for key in held if key not in self._entries)]:
+            entry = self._entries.setdefault(key, _Entry(CAUSES[key[0]]))
+            self._follow(entry, held.get(key, {}), now_s)
+            changes += self._write(entry, now_s, unix_s)
+            if not entry.members:
+                del self._entries[key]
+        self._list()
+        return tuple(changes)
+
+    def acknowledge(self, alarm_id: str, by: str, unix_s: float) -> Alarm:
+        """Note who has seen it; an ended one is listed no more. Raises: UnknownError."""
+        for entry in self._entries.values():
+            if entry.alarm is not None and entry.alarm.id == alarm_id:
+                if entry.alarm.acknowledged_by is None:
+                    entry.alarm = _acknowledged(entry.alarm, by, unix_s)
+                    self._list()
+                return entry.alarm
+        for alarm in self._ended:
+            if alarm.id == alarm_id:
+                self._ended.remove(alarm)
+                self._list()
+                return _acknowledged(alarm, by, unix_s)
+        listed = ", ".join(alarm.id for alarm in self.alarms) or "none"
+        raise UnknownError(f"there is no alarm {alarm_id!r}; listed now: {listed}")
+
+    def acknowledge_all(self, by: str, unix_s: float) -> tuple[Alarm, ...]:
+        """Everything that nobody has acknowledged yet, as `acknowledge`."""
+        open_ids = [alarm.id for alarm in self.alarms if alarm.acknowledged_by is None]
+        return tuple(self.acknowledge(alarm_id, by, unix_s) for alarm_id in open_ids)
+
+    def _follow(self, entry: _Entry, held: dict[VehicleId | None, Condition], now_s: float) -> None:
+        """Let members begin and end, each after its time."""
+        for name, condition in held.items():
+            member = entry.members.get(name)
+            if member is None:
+                member = entry.members[name] = _Member(condition, now_s)
+            elif member.gone_since_s is not None and not member.active:
+                member.on_since_s = now_s
+            member.condition, member.gone_since_s = condition, None
+            if not member.active:
+                begins_s = member.on_since_s + entry.row.on_after_s
+                member.active = now_s >= begins_s
+                if not member.active:
+                    self._due_s = min(self._due_s, begins_s)
+        for name in [name for name in entry.members if name not in held]:
+            member = entry.members[name]
+            if member.gone_since_s is None:
+                member.gone_since_s = now_s
+            ends_s = member.gone_since_s + entry.row.off_after_s
+            if not member.active or now_s >= ends_s:
+                del entry.members[name]
+            else:
+                self._due_s = min(self._due_s, ends_s)
+
+    def _write(self, entry: _Entry, now_s: float, unix_s: float) -> list[Change]:
+        """Bring the alarm of an entry up to date."""
+        active = {name: member.condition for name, member in entry.members.items() if member.active}
+        before = entry.alarm
+        if not active:
+            if before is None:
+                return []
+            ended = replace(before, ended_unix_s=unix_s)
+            entry.alarm = None
+            if before.severity in KEPT_UNTIL_ACKNOWLEDGED and before.acknowledged_by is None:
+                self._ended = [*self._ended, ended][-ENDED_MAX:]
+            return [Change(ChangeKind.ENDED, ended)]
+        alarm = _alarm(entry.row, active)
+        if before is None:
+            number = next(self._numbers)
+            alarm = replace(alarm, id=f"{alarm.cause}-{number}", since_unix_s=unix_s, raised_unix_s=unix_s)
+            entry.alarm, entry.written_s = alarm, now_s
+            return [Change(ChangeKind.BEGUN, alarm)]
+        alarm = replace(
+            before,
+            severity=alarm.severity,
+            text=alarm.text,
+            advice=alarm.advice,
+            vehicles=alarm.vehicles,
+            order_id=alarm.order_id,
+        )
+        if alarm == before:
+            return []
+        grown = bool(set(alarm.vehicles) - set(before.vehicles)) or (
+            RANK[alarm.severity] < RANK[before.severity]
+        )
+        if grown:
+            alarm = replace(alarm, raised_unix_s=unix_s, acknowledged_by=None, acknowledged_unix_s=None)
+        elif _only_numbers_differ(alarm, before) and now_s < entry.written_s + NUMBERS_S:
+            self._due_s = min(self._due_s, entry.written_s + NUMBERS_S)
+            return []
+        entry.alarm, entry.written_s = alarm, now_s
+        return [Change(ChangeKind.GROWN, alarm)] if grown else []
+
+    def _list(self) -> None:
+        """What lasts first, then what has ended; the most severe first, and of these the newest."""
+        lasting = [entry.alarm for entry in self._entries.values() if entry.alarm is not None]
+        self.alarms = tuple(
+            sorted(
+                [*lasting, *self._ended],
+                key=lambda alarm: (not alarm.lasts, RANK[alarm.severity], -alarm.raised_unix_s),
+            )
+        )
+
+
+def _rank(condition: Condition) -> int:
+    return RANK[condition.severity or CAUSES[condition.cause].severity]
+
+
+def _acknowledged(alarm: Alarm, by: str, unix_s: float) -> Alarm:
+    return replace(alarm, acknowledged_by=by, acknowledged_unix_s=unix_s)
+
+
+def _only_numbers_differ(one: Alarm, other: Alarm) -> bool:
+    def plain(alarm: Alarm) -> Alarm:
+        return replace(alarm, text=_NUMBER.sub("#", alarm.text), advice=_NUMBER.sub("#", alarm.advice))
+
+    return plain(one) == plain(other)
+
+
+def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
+    """The alarm of these conditions, without id and times."""
+    conditions = list(dict.fromkeys(active.values()))
+    worst = min(conditions, key=_rank)
+    vehicles = tuple(name for name in active if name is not None)
+    whose: dict[str, list[VehicleId]] = {}
+    for name, condition in active.items():
+        whose.setdefault(condition.because, []).extend(() if name is None else (name,))
+    if len(whose) == 1:
+        because = next(iter(whose))
+    else:
+        because = "; ".join(f"{named(names)}: {why}" if names else why for why, names in whose.items())
+    headline = row.headline.format(vehicles=_subject(vehicles), about=worst.about)
+    follows = " ".join(dict.fromkeys(filter(None, (one.consequence for one in conditions))))
+    first = f"{headline}: {because}" if because else headline
+    return Alarm(
+        id="",
+        severity=worst.severity or row.severity,
+        cause=worst.cause,
+        text=f"{first}. {follows}".strip(),
+        advice=worst.advice or row.advice,
+        vehicles=vehicles,
+        since_unix_s=0.0,
+        raised_unix_s=0.0,
+        order_id=next((one.order_id for one in conditions if one.order_id is not None), None),
+    )
+
+
+def named(vehicles: Sequence[VehicleId]) -> str:
+    """With commas; of many the number."""
+    return ", ".join(vehicles) if len(vehicles) <= NAMED_MAX else f"{len(vehicles)} vehicles"
+
+
+def _subject(vehicles: Sequence[VehicleId]) -> str:
+    if len(vehicles) > NAMED_MAX:
+        return named(vehicles)
+    return f"Vehicle{'s' if len(vehicles) > 1 else ''} {named(vehicles)}"

@@ -1,0 +1,136 @@
+"""Every cause of an alarm: how severe it is, how its text begins, and what an operator can do."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+
+class AlarmSeverity(StrEnum):
+    """How soon an operator has to act. The most severe first."""
+
+    EMERGENCY = "emergency"  # people or vehicles may come to harm now: act at once
+    WARNING = "warning"  # a vehicle or the service is not as it must be in flight: act soon
+    CAUTION = "caution"  # a safeguard is missing or a limit is near: be ready to act
+    INFORMATION = "information"  # good to know: nothing to do now
+
+
+class AlarmCause(StrEnum):
+    """What an alarm is about."""
+
+    KILLED = "killed"
+    CONTROL_STOPPED = "control-stopped"
+    TOO_CLOSE = "too-close"
+    VEHICLES_LOST = "vehicles-lost"
+    CRITICAL_BATTERY = "critical-battery"
+    OUTSIDE_FENCE = "outside-fence"
+    VEHICLE_LOST = "vehicle-lost"
+    LOW_BATTERY = "low-battery"
+    BAD_POSITION = "bad-position"
+    WIND = "wind"
+    SERVICE_LATE = "service-late"
+    OUTSIDE_CONTROL = "outside-control"
+    INTERRUPTED = "interrupted"
+    DUPLICATE_SYSTEM_ID = "duplicate-system-id"
+    LINK_FAILED = "link-failed"
+    TARGET_STALE = "target-stale"
+    OBSTACLE_WAITS = "obstacle-waits"
+    POOR_LINK = "poor-link"
+    RECORD_FAILS = "record-fails"
+    SUPERVISOR_GONE = "supervisor-gone"
+    NOT_FLYING = "not-flying"
+    STACKED = "stacked"
+    SERVICE_NOTE = "service-note"
+    REPLAY = "replay"
+
+
+@dataclass(frozen=True, slots=True)
+class CauseRow:
+    """What is the same for every alarm of one cause."""
+
+    severity: AlarmSeverity
+    headline: str  # how the text begins; {vehicles} is "Vehicle d3" or "Vehicles d3, d4", {about} the thing
+    advice: str
+    on_after_s: float = 0.0  # the condition must hold for so long
+    off_after_s: float = 1.0  # and be gone for so long: what comes back sooner is the same alarm
+
+
+E, W, C, I = AlarmSeverity  # noqa: E741 (the letters are the table's)
+
+CAUSES: Final[dict[AlarmCause, CauseRow]] = {
+    AlarmCause.KILLED: CauseRow(
+        E,
+        "{vehicles} killed",
+        "Keep people away from where it may lie. When it was seen on the ground: confirm-down.",
+        off_after_s=0.0,
+    ),
+    AlarmCause.CONTROL_STOPPED: CauseRow(
+        E,
+        "Control stopped",
+        "Vehicles follow their own setpoint-loss failsafe. Restart the service, then take control; if people"
+        " are in danger: gcs kill --direct.",
+        off_after_s=0.0,
+    ),
+    AlarmCause.TOO_CLOSE: CauseRow(
+        E, "{vehicles} too close", "Pause the show. If they do not part, hold or land one of them."
+    ),
+    AlarmCause.VEHICLES_LOST: CauseRow(
+        E, "Too many vehicles lost", "Watch where they come down and keep people away; check radio and power."
+    ),
+    AlarmCause.CRITICAL_BATTERY: CauseRow(
+        E, "{vehicles}: battery critical", "Let it land where it is; keep people away from below."
+    ),
+    AlarmCause.OUTSIDE_FENCE: CauseRow(
+        E, "{vehicles} about to leave the fence", "Land it if it does not turn back."
+    ),
+    AlarmCause.VEHICLE_LOST: CauseRow(
+        W,
+        "{vehicles} lost",
+        "Watch where it flies: it follows its own failsafe. When it was seen on the ground: confirm-down.",
+        off_after_s=0.0,
+    ),
+    AlarmCause.LOW_BATTERY: CauseRow(W, "{vehicles}: battery low", "Let it come home."),
+    AlarmCause.BAD_POSITION: CauseRow(
+        W, "{vehicles}: position not trusted", "Watch it; land it where it is if it drifts."
+    ),
+    AlarmCause.WIND: CauseRow(W, "Too much wind", "Bring the show home if the wind does not drop."),
+    AlarmCause.SERVICE_LATE: CauseRow(
+        W, "Service late", "End other programs on this computer; bring the show home if it stays late."
+    ),
+    AlarmCause.OUTSIDE_CONTROL: CauseRow(
+        W,
+        "{vehicles} outside control",
+        "Ask the pilot. take-control takes it over, in HOLD, when the pilot agrees.",
+        off_after_s=0.0,
+    ),
+    AlarmCause.INTERRUPTED: CauseRow(
+        W, "Service cut off in flight", "take-over or bring-home, where offered.", off_after_s=0.0
+    ),
+    AlarmCause.DUPLICATE_SYSTEM_ID: CauseRow(
+        W, "{vehicles}: two vehicles with one system id", "Switch one of them off, or give it its own id."
+    ),
+    AlarmCause.LINK_FAILED: CauseRow(
+        W, "Link {about} failed", "Check cable, radio and port. The service keeps trying."
+    ),
+    AlarmCause.TARGET_STALE: CauseRow(C, "Live target not renewed", "Check what sends the target."),
+    AlarmCause.OBSTACLE_WAITS: CauseRow(
+        C, "Obstacle of the show does not stand yet", "Keep vehicles clear of it, or pause the show."
+    ),
+    AlarmCause.POOR_LINK: CauseRow(
+        C, "{vehicles}: poor link", "Check antennas and distance; bring it home if it gets worse."
+    ),
+    AlarmCause.RECORD_FAILS: CauseRow(
+        C, "Not recorded", "Free the disk or make it writable: recording goes on by itself.", off_after_s=0.0
+    ),
+    AlarmCause.SUPERVISOR_GONE: CauseRow(
+        C, "Supervisor gone", "Nothing restarts this service: land soon and start it anew.", off_after_s=0.0
+    ),
+    AlarmCause.NOT_FLYING: CauseRow(
+        I, "{vehicles} not flying", "include takes an excluded vehicle into the show again.", off_after_s=0.0
+    ),
+    AlarmCause.STACKED: CauseRow(
+        I, "Vehicles above one another", "A larger radius, or another number of vehicles, avoids it.",
+        off_after_s=0.0,
+    ),
+    AlarmCause.SERVICE_NOTE: CauseRow(I, "Note", "See the service's log.", off_after_s=0.0),
+    AlarmCause.REPLAY: CauseRow(I, "Replay", "Nothing here flies.", off_after_s=0.0),
+}  # fmt: skip

@@ -1,0 +1,59 @@
+import pytest
+from api_fake_service import FakeService
+from api_harness import Api
+
+from gcs.alarms import AlarmCause, Condition
+
+LOST = Condition(
+    AlarmCause.VEHICLE_LOST, "no telemetry for 2.0 s", ("d3",), "Formation closes the gap.", order_id="o7"
+)
+KILLED = Condition(AlarmCause.KILLED, "motors stopped on command by anna", ("d2",))
+NOTE = Condition(AlarmCause.SERVICE_NOTE, "no map")
+
+
+@pytest.fixture
+def api() -> Api:
+    service = FakeService()
+    service.conditions = (NOTE, LOST, KILLED)
+    service.tick()
+    return Api(service)
+
+
+@pytest.mark.parametrize("path", ["/api/v1/fleet", "/api/v1/status", "/api/v1/alarms"])
+def test_alarms_are_listed_the_most_severe_first_with_the_state_of_the_whole(api: Api, path: str) -> None:
+    told = api("GET", path).json()
+    assert told["severity"] == "emergency"
+    assert [alarm["severity"] for alarm in told["alarms"]] == ["emergency", "warning", "information"]
+    lost = told["alarms"][1]
+    assert lost["text"] == "Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap."
+    assert (lost["cause"], lost["vehicles"], lost["order_id"]) == ("vehicle-lost", ["d3"], "o7")
+    assert lost["acknowledged_by"] is lost["ended_unix_time_s"] is None
+
+
+def test_without_alarms_the_state_of_the_whole_is_normal() -> None:
+    assert Api()("GET", "/api/v1/alarms").json() == {"severity": "normal", "alarms": []}
+
+
+def test_an_acknowledged_alarm_says_by_whom_and_stays_while_its_cause_lasts(api: Api) -> None:
+    alarm_id = api("GET", "/api/v1/alarms").json()["alarms"][0]["id"]
+    answer = api("POST", f"/api/v1/alarms/{alarm_id}/acknowledge")
+    assert answer.status_code == 200
+    assert answer.json()["acknowledged_by"] == "local"
+    api.service.tick()
+    listed = api("GET", "/api/v1/alarms").json()
+    assert listed["severity"] == "emergency"
+    assert [alarm["acknowledged_by"] for alarm in listed["alarms"]] == ["local", None, None]
+
+
+def test_all_alarms_are_acknowledged_at_once(api: Api) -> None:
+    answer = api("POST", "/api/v1/alarms/acknowledge")
+    assert len(answer.json()) == 3
+    api.service.tick()
+    assert all(alarm["acknowledged_by"] for alarm in api("GET", "/api/v1/alarms").json()["alarms"])
+    assert api("POST", "/api/v1/alarms/acknowledge").json() == []
+
+
+def test_an_alarm_that_is_not_listed_cannot_be_acknowledged(api: Api) -> None:
+    answer = api("POST", "/api/v1/alarms/vehicle-lost-99/acknowledge")
+    assert answer.status_code == 404
+    assert "killed-" in answer.json()["detail"]
