@@ -10,6 +10,7 @@ type Schemas = components["schemas"];
 type Call<T> = Promise<{ data?: T; error?: unknown; response: Response }>;
 export type ShowCommand = "pause" | "resume" | "stop" | "abort" | "take-over" | "bring-home";
 export type VehicleCommand = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down" | "include";
+export type FleetCommand = "hold" | "join" | "return" | "land" | "take-control";
 export type ReplayChange = { paused?: boolean; speed?: number; position_s?: number };
 export type Box = { x_m: number; y_m: number; half_length_x_m: number; half_length_y_m: number; height_m: number };
 
@@ -19,6 +20,8 @@ export interface Actions {
   start(vehicles: readonly string[] | null, at_unix_time_s: number | null): Promise<boolean>;
   show(command: ShowCommand): Promise<boolean>;
   vehicle(id: string, command: VehicleCommand): Promise<boolean>;
+  /** One command for all of these. */
+  fleet(command: FleetCommand, vehicles: readonly string[]): Promise<boolean>;
   exclude(id: string, reason: string): Promise<boolean>;
   changeFormation(change: { radius_m?: number; height_m?: number }): Promise<boolean>;
   changeOrbit(change: { radius_m?: number; speed_m_s?: number; direction?: Schemas["Direction"] }): Promise<boolean>;
@@ -35,7 +38,8 @@ export interface Actions {
   armKill(vehicles: readonly string[] | null): Promise<boolean>;
   /** Second step. */
   confirmKill(code: string): Promise<boolean>;
-  loadPreflight(): Promise<boolean>;
+  /** For a start of these vehicles; null: of all that are online. */
+  loadPreflight(vehicles?: readonly string[] | null): Promise<boolean>;
   loadOrders(): Promise<boolean>;
   loadShows(): Promise<boolean>;
   checkShow(name: string): Promise<boolean>;
@@ -128,6 +132,18 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     show: (command) => ordered(texts.orders.show[command], api.POST(`/api/v1/show/${command}`)),
     vehicle: (id, command) =>
       ordered(texts.orders.vehicle(texts.vehicle.actions[command], id), api.POST(`/api/v1/vehicles/{vehicle_id}/${command}`, ofVehicle(id))),
+    async fleet(command, vehicles) {
+      const name = texts.orders.fleet(texts.vehicle.actions[command], vehicles);
+      const accepted = await asked(name, api.POST(`/api/v1/fleet/${command}`, { body: { vehicles: [...vehicles] } }), null);
+      if (accepted === null) return false;
+      const parts = Object.entries(accepted.data.vehicles);
+      const reached = parts.filter(([, part]) => part.outcome !== "not-included").map(([id]) => id);
+      const missed = parts.filter(([id, part]) => part.outcome === "not-included" && vehicles.includes(id));
+      dispatch({ kind: "done", text: texts.ordered(texts.orders.fleet(texts.vehicle.actions[command], reached)) });
+      if (missed.length > 0) dispatch({ kind: "refused", text: texts.refused(name, missed.map(([id, part]) => `${id}: ${part.reason}`).join("; ")) });
+      void follow(name, accepted.data);
+      return true;
+    },
     exclude: (id, reason) =>
       ordered(texts.preflight.excludeOne(id), api.POST("/api/v1/vehicles/{vehicle_id}/exclude", { ...ofVehicle(id), body: { reason } })),
     changeFormation: (body) => done(texts.shape.sphere, api.PATCH("/api/v1/formation", { body }), texts.formationChanged),
@@ -169,11 +185,17 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       if (armed !== null) dispatch({ kind: "kill-armed", armed: armed.data });
       return armed !== null;
     },
-    confirmKill: (code) => ordered(texts.flight.kill, api.POST("/api/v1/kill/confirm", { body: { code } })),
-    loadPreflight: () =>
+    async confirmKill(code) {
+      const sent = await asked(texts.flight.kill, api.POST("/api/v1/kill/confirm", { body: { code } }), null);
+      if (sent === null) return false;
+      dispatch({ kind: "grave", text: texts.kill.sent(Object.keys(sent.data.vehicles)) });
+      void follow(texts.flight.kill, sent.data);
+      return true;
+    },
+    loadPreflight: (vehicles = null) =>
       read(
-        api.GET("/api/v1/preflight"),
-        (report) => ({ kind: "preflight", report }),
+        api.GET("/api/v1/preflight", { params: { query: vehicles === null ? {} : { vehicles: [...vehicles] } } }),
+        (report) => ({ kind: "preflight", report, vehicles }),
         (preflightProblem) => ({ kind: "desk", change: { preflightProblem } }),
       ),
     async loadOrders() {
@@ -191,8 +213,13 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       return result.ok;
     },
     checkShow: followCheck,
-    selectShow: (name, hash) =>
-      done(texts.orders.select(name), api.POST("/api/v1/shows/{name}/select", { ...ofShow(name), body: { hash } }), texts.showSelected(name)),
+    async selectShow(name, hash) {
+      const result = await outcome(api.POST("/api/v1/shows/{name}/select", { ...ofShow(name), body: { hash } }));
+      dispatch({ kind: "show-selected", name, hash, problem: result.ok ? "" : result.reason });
+      if (result.ok) dispatch({ kind: "done", text: texts.showSelected(name) });
+      else dispatch({ kind: "refused", text: texts.refused(texts.orders.select(name), result.reason) });
+      return result.ok;
+    },
     deselectShow: () => done(texts.shows.deselect, api.POST("/api/v1/show/deselect"), texts.showDeselected),
     uploadShow(name, yaml) {
       const headers = { "Content-Type": "application/yaml" };

@@ -5,6 +5,7 @@ import "./styles/desk.css";
 import "./styles/controls.css";
 import "./styles/panels.css";
 import "./styles/alarms.css";
+import "./styles/selection.css";
 import "./styles/layout.css";
 
 import { render } from "lit-html";
@@ -17,6 +18,7 @@ import { watchLayout } from "./desk/layout";
 import { createReader } from "./desk/reading";
 import { onKey } from "./keyboard";
 import { createScene } from "./scene/index";
+import { phaseColours } from "./scene/palette";
 import { initial, type State } from "./state";
 import { texts } from "./texts";
 import { update, type Message } from "./update";
@@ -84,6 +86,12 @@ const scene = createScene(
   createTiles(token),
 );
 
+/** Remember the look, and give the page the scene's colours of the phases. */
+function dress(night: boolean): void {
+  localStorage.setItem(LOOK, night ? "night" : "day");
+  for (const [phase, colour] of Object.entries(phaseColours(night))) document.documentElement.style.setProperty(`--phase-${phase}`, colour);
+}
+
 const signs = createSigns(document, (isBlocked) => byHand({ kind: "sound-blocked", isBlocked }));
 
 /** A tab that is hidden is drawn no more, but its title, its icon and its sound still tell of alarms. */
@@ -101,7 +109,7 @@ function onFrame(now_ms: number): void {
   }
   if (state !== shown && (isUrgent || now_ms - shown_ms >= DESK_MS)) {
     document.documentElement.dataset["look"] = state.view.night ? "night" : "day";
-    if (state.view.night !== shown?.view.night) localStorage.setItem(LOOK, state.view.night ? "night" : "day");
+    if (state.view.night !== shown?.view.night) dress(state.view.night);
     if (state.attention.soundOn !== shown?.attention.soundOn) localStorage.setItem(SOUND, state.attention.soundOn ? "on" : "off");
     signs.show(state);
     render(desk(state, actions), place);

@@ -139,7 +139,8 @@ export type Ghost =
 
 export interface Toast {
   id: number;
-  kind: "done" | "refused";
+  /** grave: done, and nothing to be glad of. */
+  kind: "done" | "grave" | "refused";
   text: string;
   until_ms: number;
 }

@@ -1,5 +1,11 @@
 // Every text that the page shows. English; another language is another file like this one.
 
+const ACTION_WORDS: Readonly<Record<string, string>> = {
+  start: "Start", pause: "Pause", resume: "Resume", stop: "Return home", abort: "Land now", kill: "Kill",
+  "take-over": "Take control", "bring-home": "Bring home", "take-control": "Take control", "confirm-down": "Confirm on ground",
+  hold: "Hold", join: "Join", return: "Return home", land: "Land", exclude: "Exclude", include: "Include",
+};
+
 export const texts = {
   title: "Formation ground station",
   connecting: "Connecting to the service",
@@ -61,6 +67,8 @@ export const texts = {
     separation: "Min. separation",
     floor: "limit",
     airborne: "In the air",
+    unknown: (count: number): string => `${count} unknown`,
+    uncontrolled: (count: number): string => `${count} airborne, not under control`,
     center: "Centre height",
     tick: "Control",
     toNight: "Night look",
@@ -123,7 +131,16 @@ export const texts = {
     soundBlocked: "Alarm sound waits: the browser plays it after a press",
   },
   selection: {
+    title: "Selection",
     selectAll: (count: number): string => `Select all ${count}`,
+    selectShown: (count: number): string => `Select ${count}`,
+    count: (count: number): string => `${count} ${count === 1 ? "vehicle" : "vehicles"} selected`,
+    none: "No vehicle is selected.",
+    commands: "Commands to the selection",
+    commandTo: (command: string, count: number): string => `${command}: ${count} selected ${count === 1 ? "vehicle" : "vehicles"}`,
+    open: "Details",
+    clear: "Clear selection",
+    deselect: (id: string): string => `Remove ${id} from the selection`,
   },
   notices: {
     title: "Notices",
@@ -142,14 +159,15 @@ export const texts = {
     more: (count: number): string => `${count} more`,
     less: "Fewer",
   },
-  interrupted: {
-    title: "A flight was cut off",
-    when: (time: string, show: string): string => `The record ends at ${time}, the show was ${show}.`,
-    takeOver: "Take over",
-    takeOverWhat: "into the formation, which stands until resume",
+  recovery: {
+    title: "Flight interrupted",
+    flying: (count: number): string => `${count} airborne, not under control`,
+    when: (time: string, show: string): string => `Control was interrupted at ${time}; the show was ${show}.`,
+    takeOver: "Take control: back into the formation, paused",
+    takeOverWhat: "The formation stands until Resume.",
     bringHome: "Bring home",
-    bringHomeWhat: "hold, then home to where they took off",
-    not: (action: string): string => `${action} is not offered now.`,
+    bringHomeWhat: "Take control, hold, then fly home and land.",
+    not: (action: string): string => `${action}: not offered now.`,
   },
   flight: {
     title: "Flight",
@@ -164,6 +182,7 @@ export const texts = {
     notOperate: "Your token is for emergencies only: pause, return, land, kill.",
     noRights: "Your access rights are not known yet.",
     noData: "No fresh data.",
+    airborne: (count: number): string => `Unavailable: ${count} airborne`,
     notNow: (show: string): string => `Unavailable while ${show}`,
     fails: (count: number): string => `Preflight: ${count} ${count === 1 ? "issue" : "issues"}`,
     decides: "State not known: the service decides.",
@@ -212,6 +231,8 @@ export const texts = {
     fails: (count: number): string => `Take-off is blocked: ${count} ${count === 1 ? "issue" : "issues"}`,
     look: "Show issues",
     unknown: "Preflight has not been checked yet",
+    failsNow: (count: number): string => `${count} ${count === 1 ? "issue" : "issues"} now; preflight is checked again when the start is due`,
+    nobody: "Take-off is blocked: no vehicle can fly",
   },
   kill: {
     title: "Kill: stops motors, also in the air",
@@ -230,6 +251,7 @@ export const texts = {
     left: (text: string): string => `${text} left`,
     over: "The code has expired. Arm again.",
     disarm: "Disarm",
+    sent: (vehicles: readonly string[]): string => `Kill sent to ${vehicles.join(", ")}`,
   },
   ghost: {
     target: (x: string, y: string): string => `Target to x ${x}, y ${y}`,
@@ -325,6 +347,8 @@ export const texts = {
     good: "good to fly",
     bad: (count: number): string => `${count} ${count === 1 ? "problem" : "problems"}`,
     unchecked: "not checked",
+    notSelectable: "cannot be selected",
+    refusedBecause: (why: string): string => `The service refused to select it: ${why}`,
     line: (line: number, cue: string | null): string => (cue ? `line ${line}, ${cue}` : `line ${line}`),
     open: "Details",
     figures: {
@@ -467,6 +491,8 @@ export const texts = {
     orders: "Commands",
     none: "No events yet.",
     noOrders: "No commands yet.",
+    /** A command's name as the service writes it, in the page's words. */
+    action: (name: string): string => ACTION_WORDS[name] ?? name,
     by: (who: string): string => `by ${who}`,
     refused: "Refused",
     outcomes: { pending: "under way", done: "done", failed: "failed", "not-included": "not included" } as Record<string, string>,
@@ -502,6 +528,7 @@ export const texts = {
       "bring-home": "Bring home",
     },
     vehicle: (action: string, id: string): string => `${action} ${id}`,
+    fleet: (action: string, ids: readonly string[]): string => (ids.length <= 6 ? `${action} ${ids.join(", ")}` : `${action} ${ids.length} vehicles`),
     upload: (name: string): string => `Upload ${name}`,
     check: (name: string): string => `Check ${name}`,
     select: (name: string): string => `Select ${name}`,

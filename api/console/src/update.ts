@@ -17,11 +17,11 @@ export type Message =
   | { kind: "frame"; frame: Frame }
   | { kind: "order"; order: Order }
   | { kind: "orders"; orders: readonly Order[] }
-  | { kind: "preflight"; report: PreflightReport | null }
+  | { kind: "preflight"; report: PreflightReport | null; vehicles?: readonly string[] | null }
   | { kind: "shows"; shows: readonly StoredShow[] }
   | { kind: "check"; check: ShowCheck | null }
   | { kind: "certificate"; certificate: CertificateReport | null }
-  | { kind: "done" | "refused"; text: string }
+  | { kind: "done" | "grave" | "refused"; text: string }
   | { kind: "toast-gone"; id: number }
   | { kind: "view"; change: Partial<Omit<View, keyof Selection>> }
   | { kind: "select"; choice: Choice }
@@ -57,6 +57,7 @@ function updateShared(state: State, message: Message): State {
     case "certificate":
       return { ...state, certificate: message.certificate };
     case "done":
+    case "grave":
     case "refused":
       return withToast(state, message.kind, message.text);
     case "toast-gone":
@@ -77,6 +78,7 @@ function updateShared(state: State, message: Message): State {
     case "layout":
     case "draft":
     case "undo":
+    case "show-selected":
     case "sound":
     case "sound-blocked":
     case "fold-alarms":
@@ -106,7 +108,7 @@ function onStatus(state: State, status: Status): State {
   const view = kept === state.view ? state.view : { ...state.view, ...kept };
   const isAnother = state.status !== null && state.status.began_unix_time_s !== status.began_unix_time_s;
   if (!isAnother) return { ...state, status, view };
-  const desk = { ...state.desk, shows: null, checks: {} };
+  const desk = { ...state.desk, shows: null, checks: {}, showsRefused: {} };
   return { ...state, status, view, desk, frame: null, previous: null, preflight: null, kill: null, orders: [], history: initialHistory() };
 }
 

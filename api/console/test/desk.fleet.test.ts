@@ -4,7 +4,7 @@ import { parseQuery, toggled } from "../src/desk/query";
 import { sorted, windowed, type Row } from "../src/desk/rows";
 
 const row = (id: string, change: Partial<Row> = {}): Row => ({
-  index: 0, id, phase: "formation", mode: "offboard", height_m: 20, battery: 0.8, age_s: 0.1, link: 0.99, fix: "3D", fix_m: 0.4,
+  index: 0, id, phase: "formation", mode: "offboard", height_m: 20, battery: 0.8, age_s: 0.1, link: 0.99, fixIsBad: false, fix: "3D", fix_m: 0.4,
   nearest_m: 8, armed: true, ready: false, restrained: false, restrainedBy: "", ...change,
 });
 const ids = (rows: readonly Row[]): string[] => rows.map((each) => each.id);

@@ -2,14 +2,17 @@ import { describe, expect, it } from "vitest";
 
 import { doomed } from "../src/desk/kill";
 import { whyNot, whyNotOnGround, whyNotShape, whyNotShow, whyNotVehicle } from "../src/desk/rights";
+import { lastOrder, whyNotSelection } from "../src/desk/group";
+import { refusal } from "../src/desk/shows";
 import { startOrder } from "../src/desk/start";
+import { showReason } from "../src/desk/topbar";
 import { typedNumbers } from "../src/desk/shape";
 import { initial, type Right, type State } from "../src/state";
 import { texts } from "../src/texts";
 import { update, type Message } from "../src/update";
 import { position_s } from "../src/replay/bar";
 import { frame, type Vehicle } from "./frames";
-import { status } from "./statuses";
+import { GROUNDED, order, status } from "./statuses";
 
 const FLEET: readonly Vehicle[] = [{ phase: "formation", battery: 0.9 }, { phase: "offline" }, { phase: "hold", battery: 0.2, flags: 4 }];
 
@@ -60,6 +63,22 @@ describe("who may press what", () => {
     expect(whyNot(after([{ kind: "access", access: null }], flying()), "abort")).toBe(texts.flight.noRights);
   });
 
+  it("keeps pause, return and land whenever anything is airborne, in whatever phase, and start out of reach", () => {
+    for (const phase of ["idle", "landed", "uncontrolled", "aborting"] as const) {
+      const state = flying(undefined, { show: { ...status().show, phase, possible: ["start"] } });
+      expect(["pause", "stop", "abort"].map((action) => whyNotShow(state, action as "pause"))).toEqual(["", "", ""]);
+      expect(whyNotShow(state, "start")).toBe("Unavailable: 2 airborne");
+    }
+    const down = flying(undefined, { show: { ...status().show, phase: "idle", possible: ["start"] }, counts: GROUNDED });
+    expect([whyNotShow(down, "start"), whyNotShow(down, "stop")]).toEqual(["", "Unavailable while idle"]);
+  });
+
+  it("says how many fly without this station's control, whatever the reason's words are", () => {
+    const counts = { ...status().counts, airborne: 14, controlled: 0, uncontrolled: 14 };
+    const state = flying(undefined, { show: { ...status().show, phase: "uncontrolled", reason: "long words" }, counts });
+    expect(showReason(state)).toBe("14 airborne, not under control");
+  });
+
   it("leaves to a selected show what it decides, also while it is paused; a live cue takes the target", () => {
     const selected = {
       name: "parade", hash: "ab", cue: "stand", cues: ["stand"], clock_s: 1, duration_s: 9, runs: false, target_is_live: false,
@@ -75,7 +94,8 @@ describe("who may press what", () => {
 
   it("settles on the ground what belongs there", () => {
     expect(whyNotOnGround(flying())).toContain(texts.phases.running);
-    expect(whyNotOnGround(flying(undefined, { show: { ...status().show, phase: "landed" } }))).toBe("");
+    expect(whyNotOnGround(flying(undefined, { show: { ...status().show, phase: "landed" }, counts: GROUNDED }))).toBe("");
+    expect(whyNotOnGround(flying(undefined, { show: { ...status().show, phase: "landed" } }))).toContain("2 airborne");
   });
 });
 
@@ -142,6 +162,52 @@ describe("what is typed", () => {
     expect(after([{ kind: "status", status: status({ obstacles: [box] }) }], editing).desk.editing).toBe("tower");
     const gone = after([{ kind: "status", status: status({ obstacles: [] }) }], editing);
     expect([gone.desk.editing, gone.desk.drafts]).toEqual([null, {}]);
+  });
+});
+
+describe("commands to the selection", () => {
+  const selecting = (...ids: string[]): State => after([{ kind: "select", choice: { how: "only", ids } }], flying());
+
+  it("are refused without a selection, and where they can reach none of it", () => {
+    expect(whyNotSelection(flying(), "hold")).toBe(texts.selection.none);
+    expect(whyNotSelection(selecting("d2"), "hold")).toContain("offline");
+    expect(whyNotSelection(selecting("d1", "d2"), "hold")).toBe("");
+    expect(whyNotSelection(selecting("d10"), "join")).toBe("");
+    expect(whyNotSelection(selecting("d1", "d2"), "take-control")).toBe("Unavailable while formation, offline");
+  });
+
+  it("show what became of each vehicle: the newest command that named it", () => {
+    const part = { outcome: "done", reason: "" } as const;
+    const state = after(
+      [
+        { kind: "order", order: { ...order("o1"), action: "hold", vehicles: { d1: part, d2: part } } },
+        { kind: "order", order: { ...order("o2"), action: "join", vehicles: { d2: part } } },
+      ],
+      selecting("d1", "d2"),
+    );
+    expect(["d1", "d2", "d10"].map((id) => lastOrder(state, id)?.action)).toEqual(["hold", "join", undefined]);
+  });
+});
+
+describe("a show whose Select was refused", () => {
+  const check = (hash: string) => ({ name: "parade", state: "done", good: true, hash, problems: [], figures: null, reason: "" }) as never;
+  const refused = after(
+    [
+      { kind: "check", check: check("a1") },
+      { kind: "show-selected", name: "parade", hash: "a1", problem: "takeoff_stagger_s is 1, the service's is 0.3" },
+    ],
+    flying(),
+  );
+
+  it("is no longer called good, and says why, also when the same file is checked again", () => {
+    expect(refusal(refused, "parade")).toContain("takeoff_stagger_s");
+    expect(refusal(after([{ kind: "check", check: check("a1") }], refused), "parade")).toContain("takeoff_stagger_s");
+    expect(refusal(refused, "other")).toBe("");
+  });
+
+  it("is good again once it was selected, or has changed", () => {
+    expect(refusal(after([{ kind: "show-selected", name: "parade", hash: "a1", problem: "" }], refused), "parade")).toBe("");
+    expect(refusal(after([{ kind: "check", check: check("b2") }], refused), "parade")).toBe("");
   });
 });
 

@@ -5,8 +5,11 @@ import { command, type Press } from "../src/desk/keys";
 import { columns } from "../src/desk/plots";
 import { failures, preflightNow, troubles } from "../src/desk/preflight";
 import { playing, segments } from "../src/desk/timeline";
-import { initial, type PreflightReport } from "../src/state";
-import { status } from "./statuses";
+import { byReason, whyNotStart } from "../src/desk/start";
+import { initial, type PreflightReport, type State } from "../src/state";
+import { texts } from "../src/texts";
+import { frame } from "./frames";
+import { GROUNDED, status } from "./statuses";
 
 const press = (key: string, change: Partial<Press> = {}): Press => ({
   key, shift: false, other: false, typing: false, onControl: false, ...change,
@@ -63,7 +66,7 @@ describe("preflight", () => {
   });
 
   it("tells of now alone: not in the air, and not for ever", () => {
-    const show = (phase: "idle" | "running") => ({ ...initial(0), status: status({ show: { ...status().show, phase } }) });
+    const show = (phase: "idle" | "running") => ({ ...initial(0), status: status({ show: { ...status().show, phase }, counts: phase === "idle" ? GROUNDED : status().counts }) });
     const read = (phase: "idle" | "running", age_ms: number) => {
       const state = show(phase);
       return { ...state, page_ms: 50_000, preflight: report({}), desk: { ...state.desk, preflightRead_ms: 50_000 - age_ms } };
@@ -78,6 +81,49 @@ describe("preflight", () => {
     const found = report({ d1: [check("battery")], d2: [check("battery"), check("place", { state: "unknown" })] }, ["d2"]);
     expect(failures(found)).toBe(1);
     expect(troubles(found)).toHaveLength(1);
+  });
+});
+
+describe("take off", () => {
+  /** On the ground with a report that was read just now. */
+  const ready = (found: PreflightReport | null, drafts: Record<string, string> = {}, desk: object = {}): State => {
+    const state = initial(0);
+    const show = { ...status().show, phase: "idle" as const, possible: ["start" as const] };
+    return {
+      ...state, page_ms: 1000, access: { who: "anna", rights: new Set(["watch", "operate", "emergency"]) },
+      connection: { kind: "live", since_ms: 0, reason: "" }, frame: frame({ vehicles: [{ phase: "standby" }] }, 900),
+      status: status({ show, counts: GROUNDED }), preflight: found, desk: { ...state.desk, drafts, preflightRead_ms: 900, ...desk },
+    };
+  };
+  const good = { ...report({ d1: [check("battery", { state: "pass" })] }), passes: true };
+
+  it("may be pressed when preflight passes, and not before it was read", () => {
+    expect(whyNotStart(ready(good))).toBe("");
+    expect(whyNotStart(ready(null))).toBe(texts.start.unknown);
+  });
+
+  it("may not be pressed while preflight fails, nor with no vehicle that flies", () => {
+    expect(whyNotStart(ready(report({ d1: [check("battery")], d2: [check("clock")] })))).toBe("Take-off is blocked: 2 issues");
+    expect(whyNotStart(ready({ ...good, passes: true, vehicles: [] }))).toBe(texts.start.nobody);
+    const out = report({ d1: [check("battery")] }, ["d1"]);
+    expect(whyNotStart(ready(out))).toBe(texts.start.nobody);
+  });
+
+  it("goes by the report for the vehicles that are named, not by the fleet's", () => {
+    const named = { startNamed: true };
+    expect(whyNotStart(ready(good, { "start-names": "d1 d2" }, named))).toBe(texts.start.unknown);
+    expect(whyNotStart(ready(good, { "start-names": "d1 d2" }, { ...named, preflightFor: "d1 d2" }))).toBe("");
+  });
+
+  it("by the clock is not blocked by what may be mended until then", () => {
+    expect(whyNotStart(ready(report({ d1: [check("battery")] }), { "start-time": "23:59" }, { startAt: true }))).toBe("");
+  });
+
+  it("tells the same reason of many once", () => {
+    expect(byReason({ d1: "offline", d2: "excluded", d3: "offline" })).toEqual([
+      { reason: "offline", vehicles: ["d1", "d3"] },
+      { reason: "excluded", vehicles: ["d2"] },
+    ]);
   });
 });
 

@@ -24,6 +24,9 @@ export function status(change: Partial<Status> = {}): Status {
   };
 }
 
+/** Nothing flies. */
+export const GROUNDED: Status["counts"] = { airborne: 0, controlled: 0, uncontrolled: 0, unknown: 0, on_ground: 2, offline: 0 };
+
 export const order = (id: string, outcome: Order["outcome"] = "pending"): Order => ({
   id, action: "pause", by: "local", accepted_unix_time_s: 1, outcome, vehicles: {},
 });

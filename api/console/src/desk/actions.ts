@@ -1,6 +1,6 @@
 /** What a person does at the desk: of the page alone, or handed on to the service. The views know nothing else. */
 
-import { type Actions, type Box, type ReplayChange, type ShowCommand, type VehicleCommand } from "../actions";
+import { type Actions, type Box, type FleetCommand, type ReplayChange, type ShowCommand, type VehicleCommand } from "../actions";
 import type { Choice, Selection } from "../selection";
 import type { State, View } from "../state";
 import { texts } from "../texts";
@@ -44,6 +44,8 @@ export interface DeskActions
   show(command: ShowCommand): void;
   start(): void;
   vehicle(id: string, command: VehicleCommand): void;
+  /** To every selected vehicle, as one command. */
+  fleet(command: FleetCommand): void;
   exclude(id: string): void;
   include(id: string): void;
   apply(group: Group): void;
@@ -217,6 +219,7 @@ export function createDeskActions(
       }
     },
     vehicle: (id, command) => void service.vehicle(id, command),
+    fleet: (command) => void service.fleet(command, state().view.selection),
     exclude: (id) => void excluded(id),
     async include(id) {
       if (await service.vehicle(id, "include")) await service.loadPreflight();

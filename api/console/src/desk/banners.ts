@@ -1,13 +1,12 @@
-/** What nobody may overlook: old data, notices, what the service does by itself, a flight that was cut off. */
+/** What nobody may overlook: old data, notices, and answers. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import type { State } from "../state";
+import type { State, Toast } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { button } from "./controls";
 import { clockTime, seconds } from "./format";
-import { icon } from "./icons";
-import { whyNot } from "./rights";
+import { icon, type IconName } from "./icons";
 import { life } from "./topbar";
 
 const NOTICES_SHOWN = 2;
@@ -80,40 +79,14 @@ export function notices(state: State, actions: DeskActions): TemplateResult | ty
   </section>`;
 }
 
-export function interrupted(state: State, actions: DeskActions): TemplateResult | typeof nothing {
-  const cut = state.status?.interrupted;
-  if (!cut) return nothing;
-  const offer = (name: "take-over" | "bring-home", label: string, what: string, id: string): TemplateResult =>
-    html`<div class="offer">
-      ${button(actions, {
-        id,
-        label,
-        kind: "primary",
-        icon: name === "bring-home" ? "home" : "resume",
-        why: whyNot(state, name) || (cut.offers.includes(name) ? "" : texts.interrupted.not(label)),
-        press: () => actions.show(name),
-      })}<small>${what}</small>
-    </div>`;
-  return html`<section class="interrupted" role="alert" aria-label=${texts.interrupted.title} data-testid="interrupted">
-    <h2>${icon("warning")} ${texts.interrupted.title}</h2>
-    <p>${texts.interrupted.when(clockTime(cut.unix_time_s), texts.phases[cut.show])}</p>
-    <ul class="plain">
-      ${Object.entries(cut.vehicles).map(([id, one]) => html`<li><strong>${id}</strong> ${one.text}</li>`)}
-      ${cut.problems.map((text) => html`<li class="problem">${text}</li>`)}
-    </ul>
-    <div class="offers">
-      ${offer("take-over", texts.interrupted.takeOver, texts.interrupted.takeOverWhat, "take-over")}
-      ${offer("bring-home", texts.interrupted.bringHome, texts.interrupted.bringHomeWhat, "bring-home")}
-    </div>
-  </section>`;
-}
+const TOAST_ICON: Record<Toast["kind"], IconName> = { done: "check", grave: "kill", refused: "cross" };
 
 /** Answers to what was ordered; those that were refused stay longer, and in the events. */
 export function toasts(state: State, actions: DeskActions): TemplateResult {
   return html`<section class="toasts" aria-label=${texts.toasts.title} aria-live="assertive" data-testid="toasts">
     ${state.toasts.map(
       (each) => html`<div class="toast ${each.kind}" data-testid="toast-${each.kind}">
-        ${icon(each.kind === "done" ? "check" : "cross")}
+        ${icon(TOAST_ICON[each.kind])}
         <span>${each.text}</span>
         ${button(actions, {
           id: "toast-dismiss",

@@ -17,7 +17,7 @@ const OUTCOME_ICON: Record<Order["outcome"], IconName> = {
   "not-included": "offline",
 };
 
-function outcome(value: Order["outcome"]): TemplateResult {
+export function outcome(value: Order["outcome"]): TemplateResult {
   return html`<span class="outcome outcome-${value}">${icon(OUTCOME_ICON[value])}${t.outcomes[value]}</span>`;
 }
 
@@ -40,7 +40,7 @@ function order(state: State, actions: DeskActions, one: Order): TemplateResult {
       @click=${() => actions.set({ openOrder: open ? null : one.id })}
     >
       <time>${clockTime(one.accepted_unix_time_s)}</time>
-      <strong>${one.action}</strong>
+      <strong>${t.action(one.action)}</strong>
       <span class="dim">${t.by(one.by)}, ${sum(one)}</span>
       <span class="spring"></span>
       ${outcome(one.outcome)}

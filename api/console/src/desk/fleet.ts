@@ -8,6 +8,7 @@ import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { button } from "./controls";
 import { fixed, percentOnly } from "./format";
+import { selectionBar } from "./group";
 import { icon, PHASE_ICON } from "./icons";
 import { place } from "./place";
 import { hasTerm, toggled } from "./query";
@@ -95,7 +96,7 @@ function rowView(state: State, actions: DeskActions, row: Row, position: number)
     <td class="number col-nearest">${fixed(row.nearest_m)}</td>
     <td class="number col-battery ${low ? "low" : ""}">${low ? icon("warning") : nothing}${percentOnly(row.battery)}</td>
     <td class="number col-age age">${fixed(row.age_s)}</td>
-    <td class="number col-fix">${row.fix} ${fixed(row.fix_m)}</td>
+    <td class="number col-fix ${row.fixIsBad ? "low" : ""}">${row.fixIsBad ? icon("warning") : nothing}${row.fix} ${fixed(row.fix_m)}</td>
     <td class="number col-link">${percentOnly(row.link)}</td>
     <td class="number col-height">${fixed(row.height_m)}</td>
     <td class="col-mode">${row.mode}</td>
@@ -205,6 +206,13 @@ export function fleet(state: State, actions: DeskActions): TemplateResult {
         ${texts.fleet.count(desk.table.order.length, status?.vehicles.length ?? 0)}
       </span>
       ${button(actions, {
+        id: "filter-select",
+        label: texts.selection.selectShown(desk.table.order.length),
+        kind: "quiet",
+        why: desk.table.order.length > 0 ? "" : texts.fleet.nobody,
+        press: () => actions.choose({ how: "only", ids: rowIds(actions.now()) }),
+      })}
+      ${button(actions, {
         id: "filter-clear",
         label: texts.fleet.clear,
         kind: "quiet",
@@ -212,6 +220,6 @@ export function fleet(state: State, actions: DeskActions): TemplateResult {
       })}
     </div>
     ${desk.table.problem ? html`<p class="problem" role="alert" data-testid="filter-problem">${desk.table.problem}</p>` : nothing}
-    ${chips(state, actions)} ${status && frame ? table(state, actions, status, frame) : nothing}
+    ${chips(state, actions)} ${status && frame ? table(state, actions, status, frame) : nothing} ${selectionBar(state, actions)}
   </div>`;
 }

@@ -23,6 +23,13 @@ export function preflightNow(state: State): PreflightReport | null {
   return isNew && whyNotOnGround(state) === "" ? state.preflight : null;
 }
 
+/** The report for a start of these vehicles (null: of every one that is online); null: there is none that tells of now. Pure. */
+export function preflightOf(state: State, vehicles: readonly string[] | null): PreflightReport | null {
+  return state.desk.preflightFor === reportKey(vehicles) ? preflightNow(state) : null;
+}
+
+export const reportKey = (vehicles: readonly string[] | null): string => vehicles?.join(" ") ?? "";
+
 /** How many checks keep the fleet on the ground; those of who does not fly do not. */
 export function failures(report: PreflightReport): number {
   const failing = (checks: readonly Check[]): number => checks.filter((each) => each.state !== "pass").length;
@@ -85,6 +92,16 @@ function whoView(actions: DeskActions, trouble: Trouble): TemplateResult {
           : nothing} `,
     )}
     ${more > 0 ? t.moreVehicles(more) : nothing}
+    ${trouble.vehicles.length > 1
+      ? html`<button
+          type="button"
+          class="link"
+          data-testid="select-problem"
+          @click=${() => actions.choose({ how: "only", ids: trouble.vehicles.map((each) => each.id) })}
+        >
+          ${texts.selection.selectAll(trouble.vehicles.length)}
+        </button>`
+      : nothing}
   </p>`;
 }
 

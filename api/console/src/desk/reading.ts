@@ -1,6 +1,7 @@
 /** What the stream does not say is asked for while somebody looks at it: preflight, orders, show files. */
 
 import type { Actions } from "../actions";
+import { startOrder } from "./start";
 import { shownPanels } from "./layout";
 import { whyNotOnGround } from "./rights";
 import { fresh, type State } from "../state";
@@ -29,7 +30,9 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
     const onGround = whyNotOnGround(state) === "";
     if (onGround && page_ms - asked_ms.preflight >= (isLooking ? PREFLIGHT_MS : PREFLIGHT_UNSEEN_MS)) {
       asked_ms.preflight = page_ms;
-      ask("preflight", service.loadPreflight);
+      const order = desk.sheet === "start" ? startOrder(state) : null;
+      const vehicles = order === null || typeof order === "string" ? null : order.vehicles;
+      ask("preflight", () => service.loadPreflight(vehicles));
     }
     const ordersOpen = (right === "events" && desk.eventList === "orders") || right === "vehicle";
     if (ordersOpen && page_ms - asked_ms.orders >= ORDERS_MS) {

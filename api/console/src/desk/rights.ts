@@ -7,7 +7,7 @@ export type VehicleAction = "hold" | "join" | "return" | "land" | "take-control"
 export const VEHICLE_ACTIONS: readonly VehicleAction[] = ["hold", "join", "return", "land", "take-control", "confirm-down"];
 
 /** From which phases the service takes an order to one vehicle: gcs/lifecycle.py. It has the last word. */
-const FROM: Record<VehicleAction, readonly Phase[]> = {
+export const FROM: Record<VehicleAction, readonly Phase[]> = {
   hold: ["formation", "return", "landing"],
   join: ["hold"],
   return: ["hold", "formation", "landing"],
@@ -34,10 +34,20 @@ export function whyNotAcknowledge(state: State): string {
   return whyNot(state, "acknowledge");
 }
 
+const BRINGING_DOWN: readonly ShowAction[] = ["pause", "stop", "abort"];
+
+/** Vehicles in the air, whoever controls them. */
+export function airborne(state: State): number {
+  return state.status?.counts.airborne ?? 0;
+}
+
 export function whyNotShow(state: State, action: ShowAction): string {
   const why = whyNot(state, action);
   if (why !== "" || state.status === null || !fresh(state)) return why;
   const { possible, phase } = state.status.show;
+  const flying = airborne(state);
+  if (flying > 0 && BRINGING_DOWN.includes(action)) return "";
+  if (flying > 0 && action === "start") return texts.flight.airborne(flying);
   return possible.includes(action) ? "" : texts.flight.notNow(texts.phases[phase]);
 }
 
@@ -52,7 +62,9 @@ const ON_THE_GROUND: readonly string[] = ["idle", "countdown", "landed"];
 /** What is settled before a start and not in the air. */
 export function whyNotOnGround(state: State): string {
   const phase = state.status?.show.phase;
-  return phase === undefined || ON_THE_GROUND.includes(phase) ? "" : texts.flight.notNow(texts.phases[phase]);
+  if (phase === undefined) return "";
+  if (!ON_THE_GROUND.includes(phase)) return texts.flight.notNow(texts.phases[phase]);
+  return airborne(state) > 0 ? texts.flight.airborne(airborne(state)) : "";
 }
 
 /** Formation, orbit and target belong to a written show as long as it is selected; a live cue takes the target. */

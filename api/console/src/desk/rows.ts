@@ -14,6 +14,7 @@ export interface Row {
   age_s: number; // of the position
   link: number; // share of positions that arrive
   fix: string; // GPS_FIX_TYPE in words
+  fixIsBad: boolean; // known, and without a height: preflight fails on it
   fix_m: number; // how far off the position may be
   nearest_m: number; // distance to the nearest other one in the air
   armed: boolean;
@@ -29,8 +30,9 @@ export interface Sort {
   descending: boolean;
 }
 
-export const STALE_S = 1.0;
 /** A position older than this is shown as old. */
+export const STALE_S = 1.0;
+const FIX_3D = 3; // GPS_FIX_TYPE
 
 export function rowOf(status: Status, frame: Frame, nearest_m: ArrayLike<number>, index: number): Row {
   const vehicle = status.vehicles[index]!;
@@ -45,6 +47,7 @@ export function rowOf(status: Status, frame: Frame, nearest_m: ArrayLike<number>
     age_s: frame.position_age_s[index]!,
     link: frame.link_quality[index]!,
     fix: vehicle.fix_type === null ? "" : (texts.fixes[vehicle.fix_type] ?? String(vehicle.fix_type)),
+    fixIsBad: vehicle.fix_type !== null && vehicle.fix_type < FIX_3D,
     fix_m: frame.uncertainty_m[index]!,
     nearest_m: nearest_m[index] ?? NaN,
     armed: (flags & 1) !== 0,

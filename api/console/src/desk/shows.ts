@@ -53,13 +53,20 @@ function problems(check: ShowCheck): TemplateResult | typeof nothing {
   </ul>`;
 }
 
-function verdict(check: ShowCheck | undefined): TemplateResult {
+/** Why the service would not select this show as it was checked last; "" where it has not refused it. Pure. */
+export function refusal(state: State, name: string): string {
+  const refused = state.desk.showsRefused[name];
+  return refused !== undefined && state.desk.checks[name]?.hash === refused.hash ? refused.problem : "";
+}
+
+function verdict(check: ShowCheck | undefined, refused: string): TemplateResult {
   if (!check) return html`<span class="verdict">${icon("question")}${t.unchecked}</span>`;
   if (check.state !== "done") {
     return html`<span class="verdict ${check.state === "failed" ? "bad" : ""}">
       ${icon(check.state === "failed" ? "cross" : "events")}${t.states[check.state]} ${check.reason}
     </span>`;
   }
+  if (check.good && refused) return html`<span class="verdict bad">${icon("cross")}${t.notSelectable}</span>`;
   return check.good
     ? html`<span class="verdict good">${icon("check")}${t.good}</span>`
     : html`<span class="verdict bad">${icon("cross")}${t.bad(check.problems.length)}</span>`;
@@ -71,6 +78,7 @@ function one(state: State, actions: DeskActions, file: StoredShow): TemplateResu
   const selected = state.status?.show.selected?.name === file.name;
   const why = whyNot(state, "shows");
   const whyNotNow = why || whyNotOnGround(state);
+  const refused = selected ? "" : refusal(state, file.name);
   const open = openShow === file.name;
   const removing = sure === `show:${file.name}`;
   const named = (label: string): string => `${label} ${file.name}`;
@@ -80,7 +88,7 @@ function one(state: State, actions: DeskActions, file: StoredShow): TemplateResu
       <h3>${file.name}</h3>
       ${selected ? html`<span class="tag accent">${icon("check")}${t.selected}</span>` : nothing}
       <span class="spring"></span>
-      <span data-testid="show-verdict-${file.name}">${verdict(check)}</span>
+      <span data-testid="show-verdict-${file.name}">${verdict(check, refused)}</span>
     </header>
     <div class="buttons">
       ${button(actions, { id: `show-check-${file.name}`, label: t.check, name: named(t.check), why, press: () => actions.checkShow(file.name) })}
@@ -90,7 +98,7 @@ function one(state: State, actions: DeskActions, file: StoredShow): TemplateResu
             id: `show-select-${file.name}`,
             label: t.select,
             name: named(t.select),
-            kind: check?.good ? "primary" : "normal",
+            kind: check?.good && !refused ? "primary" : "normal",
             why: whyNotNow || (check?.good && check.hash ? "" : t.unchecked),
             press: () => actions.selectShow(file.name, check?.hash ?? ""),
           })}
@@ -113,6 +121,7 @@ function one(state: State, actions: DeskActions, file: StoredShow): TemplateResu
         press: () => (removing ? actions.removeShow(file.name) : actions.set({ sure: `show:${file.name}` })),
       })}
     </div>
+    ${refused ? html`<p class="problem" data-testid="show-refused-${file.name}">${t.refusedBecause(refused)}</p>` : nothing}
     ${check?.state === "done" ? problems(check) : nothing} ${open && check?.figures ? figures(check.figures) : nothing}
   </li>`;
 }

@@ -7,7 +7,7 @@ import type { DeskActions } from "./actions";
 import { button, choices, textField } from "./controls";
 import { clockTime, nextClockTime } from "./format";
 import { icon } from "./icons";
-import { failures, preflightNow } from "./preflight";
+import { failures, preflightOf } from "./preflight";
 import { whyNotShow } from "./rights";
 
 const t = texts.start;
@@ -34,20 +34,54 @@ export function names(text: string): string[] {
   return [...new Set(text.split(/[\s,;]+/).filter((each) => each !== ""))];
 }
 
+/** Why pressing "Take off" would do nothing; "" where it may be pressed. A start by the clock is checked when it is due. Pure. */
+export function whyNotStart(state: State): string {
+  const order = startOrder(state);
+  const why = whyNotShow(state, "start") || (typeof order === "string" ? order : "");
+  if (why !== "" || typeof order === "string" || order.at_unix_time_s !== null) return why;
+  const report = preflightOf(state, order.vehicles);
+  if (report === null) return state.desk.preflightProblem || t.unknown;
+  if (!report.vehicles.some((each) => each.flies)) return t.nobody;
+  return report.passes ? "" : t.fails(failures(report));
+}
+
+/** The same reason of many vehicles is told once: "d1, d2: offline". In the order in which they come. Pure. */
+export function byReason(reasons: Readonly<Record<string, string>>): { reason: string; vehicles: string[] }[] {
+  const groups = new Map<string, string[]>();
+  for (const [id, reason] of Object.entries(reasons)) groups.set(reason, [...(groups.get(reason) ?? []), id]);
+  return [...groups].map(([reason, vehicles]) => ({ reason, vehicles }));
+}
+
+const NAMED_MAX = 8;
+
+function named(vehicles: readonly string[]): string {
+  if (vehicles.length <= NAMED_MAX) return vehicles.join(", ");
+  return `${vehicles.slice(0, NAMED_MAX).join(", ")} ${texts.preflight.moreVehicles(vehicles.length - NAMED_MAX)}`;
+}
+
 function readiness(state: State, actions: DeskActions): TemplateResult {
-  const report = preflightNow(state);
-  if (report === null) return html`<p class="verdict">${icon("question")} ${t.unknown}</p>`;
+  const order = startOrder(state);
+  const report = preflightOf(state, typeof order === "string" ? null : order.vehicles);
+  if (report === null) return html`<p class="verdict" data-testid="start-preflight">${icon("question")} ${state.desk.preflightProblem || t.unknown}</p>`;
   const flying = report.vehicles.filter((each) => each.flies).length;
-  const staying = Object.entries(report.not_flying);
-  return html`<p class="verdict ${report.passes ? "good" : "bad"}" data-testid="start-preflight">
-      ${icon(report.passes ? "check" : "cross")} <strong>${report.passes ? t.passes : t.fails(failures(report))}</strong>
-      <span>${t.flies(flying)}</span>
-      ${report.passes
+  const passes = report.passes && flying > 0;
+  const byClock = typeof order !== "string" && order.at_unix_time_s !== null;
+  const verdict = flying === 0 ? t.nobody : passes ? t.passes : byClock ? t.failsNow(failures(report)) : t.fails(failures(report));
+  const staying = byReason(report.not_flying);
+  return html`<p class="verdict ${passes ? "good" : "bad"}" data-testid="start-preflight">
+      ${icon(passes ? "check" : "cross")} <strong>${verdict}</strong>
+      ${passes ? html`<span>${t.flies(flying)}</span>` : nothing}
+      ${passes
         ? nothing
         : button(actions, { id: "start-look", label: t.look, kind: "quiet", press: () => actions.openPanel("preflight") })}
     </p>
     ${staying.length
-      ? html`<p class="dim">${t.stays}: ${staying.map(([id, why], i) => html`${i ? ", " : ""}<b>${id}</b> (${why})`)}</p>`
+      ? html`<div class="dim" data-testid="start-staying">
+          <p>${t.stays}:</p>
+          <ul class="plain">
+            ${staying.map(({ reason, vehicles }) => html`<li><b>${named(vehicles)}</b>: ${reason}</li>`)}
+          </ul>
+        </div>`
       : nothing}`;
 }
 
@@ -93,7 +127,7 @@ export function start(state: State, actions: DeskActions): TemplateResult {
         kind: "primary",
         icon: "takeoff",
         focus: true,
-        why: whyNotShow(state, "start") || wrong,
+        why: whyNotStart(state),
         press: () => actions.start(),
       })}
       ${button(actions, { id: "start-cancel", label: texts.shell.cancel, press: () => actions.sheet(null) })}

@@ -39,9 +39,11 @@ export interface DeskState {
   table: Table;
   shows: readonly StoredShow[] | null;
   checks: Readonly<Record<string, ShowCheck>>;
+  showsRefused: Readonly<Record<string, { hash: string; problem: string }>>; // shows whose Select was refused, as checked then
   showsProblem: string;
   openShow: string | null;
   preflightRead_ms: number; // the page's clock; NaN: not yet
+  preflightFor: string; // the vehicles it was asked for, with spaces between; empty: all that are online
   preflightProblem: string;
   allChecks: boolean; // also those that pass
   sure: string; // what waits for a second press: "obstacle:tower", "show:parade"
@@ -80,9 +82,11 @@ export function initialDesk(): DeskState {
     table: { order: [], nearest_m: new Float64Array(0), phases: {}, problem: "", made_ms: -Infinity },
     shows: null,
     checks: {},
+    showsRefused: {},
     showsProblem: "",
     openShow: null,
     preflightRead_ms: NaN,
+    preflightFor: "",
     preflightProblem: "",
     allChecks: false,
     sure: "",

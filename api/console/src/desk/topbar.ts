@@ -62,15 +62,23 @@ function showState(state: State): TemplateResult {
     ${icon(SHOW_ICON[phase])}
     <span class="show-words">
       <strong data-testid="show-phase">${known}</strong>
-      <small data-testid="show-reason">${show?.selected?.name ?? ""}${show?.selected && show.reason ? ": " : ""}${show?.reason ?? ""}</small>
+      <small data-testid="show-reason">${showReason(state)}</small>
     </span>
   </div>`;
+}
+
+/** What the phase is about. Of an uncontrolled fleet the number counts more than the words. */
+export function showReason(state: State): string {
+  const { show, counts } = state.status ?? {};
+  if (show === undefined) return "";
+  if (show.phase === "uncontrolled" && counts) return texts.bar.uncontrolled(counts.uncontrolled);
+  return [show.selected?.name ?? "", show.reason].filter((each) => each !== "").join(": ");
 }
 
 function gauges(state: State): TemplateResult {
   const { frame, status } = state;
   const countdown_s = frame?.countdown_s ?? NaN;
-  const airborne = frame ? inTheAir(frame.phase) : NaN;
+  const counts = status?.counts;
   const floor_m = status?.separation.horizontal_m;
   return html`<div class="gauges">
     ${Number.isFinite(countdown_s)
@@ -79,7 +87,11 @@ function gauges(state: State): TemplateResult {
           <span class="gauge-value value">${minutes(Math.ceil(countdown_s))}</span>
         </div>`
       : nothing}
-    ${gauge(texts.bar.airborne, frame ? `${airborne}/${frame.n}` : "–", "airborne")}
+    <div class="gauge" data-testid="airborne">
+      <span class="gauge-name">${texts.bar.airborne}</span>
+      <span class="gauge-value value">${counts ? `${counts.airborne}/${status.vehicles.length}` : "–"}</span>
+      ${counts && counts.unknown > 0 ? html`<span class="gauge-unknown value" data-testid="unknown">${texts.bar.unknown(counts.unknown)}</span>` : nothing}
+    </div>
     ${gauge(
       texts.bar.separation,
       withUnit(frame?.minimumSeparation_m, "m"),
@@ -88,13 +100,6 @@ function gauges(state: State): TemplateResult {
     )}
     ${gauge(texts.bar.center, withUnit(frame?.center_m?.[2], "m"), "center-height")}
   </div>`;
-}
-
-/** The service answers for these, or knows that somebody flies: take-off to landing, lost, pilot. */
-function inTheAir(phases: Uint8Array): number {
-  let count = 0;
-  for (const phase of phases) if (phase >= 2 && phase <= 8) count++;
-  return count;
 }
 
 function who(state: State): TemplateResult {

@@ -4,6 +4,7 @@ import { nearest_m } from "../formation";
 import { PHASES, type State } from "../state";
 import type { Message } from "../update";
 import { withLayout, type Layout } from "./layout";
+import { reportKey } from "./preflight";
 import { parseQuery } from "./query";
 import { rowOf, sorted } from "./rows";
 import { REFUSALS_KEPT, type DeskState, type Table } from "./state";
@@ -12,7 +13,9 @@ export type DeskMessage =
   | { kind: "desk"; change: Partial<DeskState> }
   | { kind: "layout"; layout: Layout }
   | { kind: "draft"; field: string; text: string }
-  | { kind: "undo"; prefix: string };
+  | { kind: "undo"; prefix: string }
+  /** The service's answer to Select; `problem` is why it refused, empty when it did not. */
+  | { kind: "show-selected"; name: string; hash: string; problem: string };
 
 /** The table is put in order at most so often: rows that jump cannot be pressed. */
 const TABLE_MS = 1000;
@@ -43,8 +46,10 @@ export function updateDesk(state: State, message: Message): State {
       return changed(state, { shows: message.shows, showsProblem: "" });
     case "check":
       return message.check === null ? state : changed(state, { checks: { ...state.desk.checks, [message.check.name]: message.check } });
+    case "show-selected":
+      return changed(state, { showsRefused: withRefusal(state.desk.showsRefused, message) });
     case "preflight":
-      return changed(state, { preflightRead_ms: state.page_ms, preflightProblem: "" });
+      return changed(state, { preflightRead_ms: state.page_ms, preflightProblem: "", preflightFor: reportKey(message.vehicles ?? null) });
     case "kill-armed":
     case "kill-over":
       return changed(state, { holding_ms: null, drafts: without(state.desk.drafts, "kill-") });
@@ -61,6 +66,13 @@ function changed(state: State, change: Partial<DeskState>): State {
 
 function without(drafts: DeskState["drafts"], prefix: string): DeskState["drafts"] {
   return Object.fromEntries(Object.entries(drafts).filter(([field]) => !field.startsWith(prefix)));
+}
+
+function withRefusal(
+  refused: DeskState["showsRefused"], { name, hash, problem }: { name: string; hash: string; problem: string },
+): DeskState["showsRefused"] {
+  const { [name]: _before, ...others } = refused;
+  return problem === "" ? others : { ...others, [name]: { hash, problem } };
 }
 
 /** What is open and is gone is closed. */

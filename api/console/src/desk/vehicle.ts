@@ -6,6 +6,7 @@ import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { button } from "./controls";
 import { fixed, percent, seconds, UNKNOWN, withUnit } from "./format";
+import { group, lastOrder } from "./group";
 import { icon, PHASE_ICON, type IconName } from "./icons";
 import { VEHICLE_ACTIONS, whyNotVehicle, type VehicleAction } from "./rights";
 import { isStale, rowOf, type Row } from "./rows";
@@ -36,7 +37,7 @@ function facts(state: State, row: Row): TemplateResult {
   const speed = Math.hypot(frame.vx_m_s[i]!, frame.vy_m_s[i]!);
   const asked = Math.hypot(frame.setpoint_x_m_s[i]!, frame.setpoint_y_m_s[i]!);
   const isCommanded = (frame.flags[i]! & FLAG.commanded) !== 0;
-  const last = state.orders.find((order) => row.id in order.vehicles);
+  const last = lastOrder(state, row.id);
   const part = last?.vehicles[row.id];
   const moving = (sideways: number, up: number): string =>
     Number.isFinite(sideways) ? `${fixed(sideways)}, ${fixed(up)} m/s` : UNKNOWN;
@@ -58,7 +59,7 @@ function facts(state: State, row: Row): TemplateResult {
     ${pair("landed", t.landed[frame.landed[i]!] ?? UNKNOWN)}
     ${pair("ready", row.ready ? t.yes : t.no)}
     ${pair("link", `${vehicle.link}, ${vehicle.system_id}`)}
-    ${pair("orders", last ? `${last.action}, ${texts.events.outcomes[part!.outcome] ?? part!.outcome} ${part!.reason}` : UNKNOWN)}
+    ${pair("orders", last ? `${texts.events.action(last.action)}, ${texts.events.outcomes[part!.outcome] ?? part!.outcome} ${part!.reason}` : UNKNOWN)}
   </dl>`;
 }
 
@@ -84,6 +85,7 @@ function orders(state: State, actions: DeskActions, row: Row): TemplateResult {
 export function vehicle(state: State, actions: DeskActions): TemplateResult {
   const { status, frame } = state;
   const id = state.view.selected;
+  if (state.view.selection.length > 1) return group(state, actions);
   if (id === null) return html`<p class="empty">${t.none}</p>`;
   const index = indexOf(state, id);
   if (!status || !frame || index < 0 || index >= frame.n) return html`<p class="empty">${t.gone(id)}</p>`;

@@ -107,3 +107,10 @@ export const DAY: Palette = {
     killed: rgb("#7a1f17"),
   },
 };
+
+/** The colours of the phases for the page around the scene, as CSS writes them. */
+export function phaseColours(night: boolean): Record<Phase, string> {
+  const { phase } = night ? NIGHT : DAY;
+  const css = ([red, green, blue]: Rgb): string => `rgb(${[red, green, blue].map((each) => Math.round(255 * each)).join(" ")})`;
+  return Object.fromEntries(Object.entries(phase).map(([name, colour]) => [name, css(colour)])) as Record<Phase, string>;
+}

@@ -1,0 +1,43 @@
+// The way back after a stall or a restart of the service: vehicles fly, and no command of this station reaches them yet.
+
+import { html, nothing, type TemplateResult } from "lit-html";
+
+import type { DeskActions } from "../desk/actions";
+import { button } from "../desk/controls";
+import { clockTime } from "../desk/format";
+import { icon } from "../desk/icons";
+import { whyNot } from "../desk/rights";
+import { byReason } from "../desk/start";
+import type { State } from "../state";
+import { texts } from "../texts";
+
+const t = texts.recovery;
+
+type Offer = "take-over" | "bring-home";
+
+export function recovery(state: State, actions: DeskActions): TemplateResult | typeof nothing {
+  const cut = state.status?.interrupted;
+  if (!cut) return nothing;
+  const flying = state.status?.counts.uncontrolled ?? 0;
+  const offer = (name: Offer, label: string, what: string): TemplateResult =>
+    html`<div class="offer">
+      ${button(actions, {
+        id: name,
+        label,
+        kind: "primary",
+        icon: name === "bring-home" ? "home" : "resume",
+        why: whyNot(state, name) || (cut.offers.includes(name) ? "" : t.not(label)),
+        press: () => actions.show(name),
+      })}<small>${what}</small>
+    </div>`;
+  const vehicles = byReason(Object.fromEntries(Object.entries(cut.vehicles).map(([id, one]) => [id, one.text])));
+  return html`<section class="interrupted" role="alert" aria-label=${t.title} data-testid="interrupted">
+    <h2>${icon("warning")} ${flying > 0 ? t.flying(flying) : t.title}</h2>
+    <p>${t.when(clockTime(cut.unix_time_s), texts.phases[cut.show])}</p>
+    <div class="offers">${offer("take-over", t.takeOver, t.takeOverWhat)} ${offer("bring-home", t.bringHome, t.bringHomeWhat)}</div>
+    <ul class="plain">
+      ${vehicles.map(({ reason, vehicles: ids }) => html`<li><strong>${ids.join(", ")}</strong>: ${reason}</li>`)}
+      ${cut.problems.map((text) => html`<li class="problem">${text}</li>`)}
+    </ul>
+  </section>`;
+}
