@@ -67,6 +67,11 @@ class Director:
         if self._homecoming is not None:
             self._homecoming.give_up()
 
+    @property
+    def home_left_s(self) -> float | None:
+        """Until the last collective return is over, by its plan; None: there is none."""
+        return None if self._homecoming is None else self._homecoming.left_s
+
     # once a tick
 
     def watch(self) -> None:

@@ -51,6 +51,13 @@ class Homecoming:
         """Whether they have set out."""
         return self._pace is not None
 
+    @property
+    def left_s(self) -> float | None:
+        """Until the plan has the last of them down, if nothing holds them back; None: no plan yet."""
+        if self._pace is None:
+            return None
+        return max(float(self._pace.ways.down_s.max()) - self._pace.time_s, 0.0)
+
     def give_up(self) -> None:
         """Look for no better plan."""
         self._enough = True

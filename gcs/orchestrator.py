@@ -21,6 +21,7 @@ from gcs.control import Tick, tick, warm_up
 from gcs.director import Director
 from gcs.errands import Errands
 from gcs.errors import RefusedError
+from gcs.estimating import Estimating
 from gcs.flight import Flight
 from gcs.frames import ShowFrame
 from gcs.happenings import Happening, Happenings, heard
@@ -123,6 +124,7 @@ class Orchestrator:
         self._shares = Shares(links)
         self._failed_links: dict[str, str] = {}
         self._alarms = AlarmMonitor(self._flight, unix_s, self._book.newest)
+        self._estimating = Estimating(self._flight)
         self._view = Latest(self._promised_view(self._decide())())
 
     # the loop
@@ -164,6 +166,7 @@ class Orchestrator:
             self._clock.note(began_s, loop.time() - began_s, began_s - due_s, missed)
             if self._heart is not None and self._control_alive:
                 self._heart.beat()
+            self._estimating.refresh(len(director.waiting), director.home_left_s)
             self._view.promise(self._promised_view(result))
             self._note(result)
             self._flight.wake()
@@ -264,6 +267,7 @@ class Orchestrator:
             link_quality=flight.link_quality.share,
             setpoints_sent=sum(link.setpoints_sent for link in flight.links),
             problems=self._problems,
+            estimates=self._estimating.newest,
             unix_time_s=self._unix_s(),
             performance=flight.performance,
             waits=self._stage.waits,

@@ -9,6 +9,7 @@ from gcs.alarms import Alarm
 from gcs.bounds import bounds
 from gcs.checks import listed
 from gcs.control import Tick
+from gcs.estimates import Estimates
 from gcs.flight import Flight
 from gcs.interrupted import Interrupted
 from gcs.lifecycle import ShowPhase, not_ours
@@ -52,6 +53,7 @@ def fleet_view(
     not_flying: Mapping[VehicleId, str] = MappingProxyType({}),
     interrupted: Interrupted | None = None,
     alarms: Sequence[Alarm] = (),
+    estimates: Estimates | None = None,
 ) -> FleetView:
     """Put one tick's state together. Of `flight` only what no order changes is asked, and its vehicles.
 
@@ -90,6 +92,7 @@ def fleet_view(
         selected=None if performance is None else performance.view(fleet.time_s),
         start_unix_time_s=start_unix_s,
         interrupted=interrupted,
+        estimates=estimates,
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         reactions=tuple(reactions),
         alarms=tuple(alarms),

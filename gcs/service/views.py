@@ -8,6 +8,7 @@ from typing import Any
 from gcs.alarms import Alarm
 from gcs.counts import Counts
 from gcs.errors import Problem
+from gcs.estimates import Estimates
 from gcs.interrupted import Interrupted
 from gcs.lifecycle import ShowPhase
 from gcs.plan import Plan
@@ -159,6 +160,7 @@ class FleetView:
     reactions: tuple[Reaction, ...] = ()  # those whose causes last, the most severe first
     interrupted: Interrupted | None = None  # a flight that was cut off, and is not settled
     playback: Playback | None = None  # None: this is no replay
+    estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay
 
     @cached_property
     def counts(self) -> Counts:

@@ -1,0 +1,106 @@
+"""Energy and time that the service foretells, against what then happened."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from virtual_show import Moment, Show, Track, fly, show_config
+
+from gcs.estimates import Estimates
+from gcs.lifecycle import ShowPhase
+from gcs.plan import Orbit
+from gcs.service import ShowAction
+
+ENDURANCE_S = 600.0
+BELOW = 0.2
+"""Threshold of the low-battery failsafe, as by default."""
+
+SPARE_S, SPARE_SHARE = 4.0, 0.15
+"""What an estimate may be off by: the greater of both."""
+
+
+class Flight(NamedTuple):
+    track: Track
+    assembled_s: float
+    stop_s: float
+    landed_s: float
+
+
+async def out_and_home(show: Show) -> Flight:
+    await show.standby()
+    show.service.command_show(ShowAction.START)
+    await show.reach(ShowPhase.RUNNING, 200.0)
+    assembled_s = show.now_s
+    show.service.set_orbit(Orbit(radius_m=6.0, speed_m_s=2.0))
+    await show.wait(60.0)
+    stop_s = show.now_s
+    show.service.command_show(ShowAction.STOP)
+    await show.reach(ShowPhase.LANDED, 200.0)
+    landed_s = show.now_s
+    await show.wait(3.0)
+    return Flight(show.track, assembled_s, stop_s, landed_s)
+
+
+@pytest.fixture(scope="module", params=[4, 12])
+def flight(request: pytest.FixtureRequest) -> Flight:
+    count: int = request.param
+    formation = {"radius_m": 6.0, "height_m": 14.0} if count == 4 else {"radius_m": 10.0, "height_m": 20.0}
+    return fly(out_and_home, show_config(count, formation=formation), endurance_s=ENDURANCE_S)
+
+
+def told(moment: Moment) -> Estimates:
+    assert moment.view.estimates is not None
+    return moment.view.estimates
+
+
+def allowed(true_s: float) -> float:
+    return max(SPARE_S, SPARE_SHARE * true_s)
+
+
+def test_the_time_until_the_formation_stands_is_what_it_takes(flight: Flight) -> None:
+    forming = [
+        (moment.time_s, told(moment).assembled_s)
+        for moment in flight.track.between(0.0, flight.assembled_s - 0.2).moments
+        if moment.view.show in {ShowPhase.ARMING, ShowPhase.ASSEMBLING}
+    ]
+    known = [(flight.assembled_s - time_s, found_s) for time_s, found_s in forming if found_s is not None]
+    assert len(known) > 0.8 * len(forming)  # a second passes until the first
+    assert max(abs(found_s - true_s) - allowed(true_s) for true_s, found_s in known) < 1.0  # once a second
+
+
+def test_the_time_home_is_what_it_takes_before_the_return_and_during_it(flight: Flight) -> None:
+    at_stop = told(flight.track.between(0.0, flight.stop_s).moments[-1]).home_s
+    took_s = flight.landed_s - flight.stop_s
+    assert at_stop is not None
+    assert abs(at_stop - took_s) < allowed(took_s)
+    left = [
+        (flight.landed_s - moment.time_s, told(moment).home_s)
+        for moment in flight.track.between(flight.stop_s + 4.0, flight.landed_s - 0.2).moments
+    ]
+    assert all(found_s is not None for _, found_s in left)
+    off_s = [abs((found_s or 0.0) - true_s) - allowed(true_s) for true_s, found_s in left]
+    assert max(off_s) < 1.0  # once a second
+
+
+def test_what_is_not_known_or_not_going_on_is_not_told(flight: Flight) -> None:
+    for moment in flight.track.moments:
+        estimates, show = told(moment), moment.view.show
+        if show in {ShowPhase.RUNNING, ShowPhase.RETURNING, ShowPhase.LANDED} and moment.time_s % 1.0 > 0.5:
+            assert estimates.assembled_s is None or moment.time_s < flight.assembled_s + 1.1
+        if moment.time_s < 5.0 or moment.time_s > flight.landed_s + 1.1:
+            assert estimates.home_s is None
+            assert np.isnan(estimates.low_s).all()
+    early = told(flight.track.between(0.0, flight.assembled_s - 10.0).moments[-1])
+    assert np.isnan(early.empty_s).all()  # less than three percent were used
+
+
+def test_the_batteries_last_as_long_as_they_last(flight: Flight) -> None:
+    moment = flight.track.between(0.0, flight.stop_s).moments[-1]
+    estimates, remaining = told(moment), moment.view.rows.battery_remaining
+    assert estimates.battery_least == pytest.approx(remaining.min())
+    assert estimates.battery_median == pytest.approx(np.median(remaining))
+    assert estimates.battery_least_row is not None
+    assert remaining[estimates.battery_least_row] == remaining.min()
+    np.testing.assert_allclose(estimates.low_s, ENDURANCE_S * (remaining - BELOW), atol=15.0)
+    np.testing.assert_allclose(estimates.empty_s, ENDURANCE_S * remaining, atol=15.0)
+    assert estimates.low_row == int(np.argmin(estimates.low_s))
