@@ -48,7 +48,8 @@ class Feed:
         """The status of the newest state."""
         view, happenings = self._service.view.value, self._service.happenings()
         told = (self._began_unix_s, self._revision, self._problem(), self._access, self._ground)
-        return convert_status.status(view, self._service.frame, happenings, *told)
+        why = self._service.shows.why_not_kept
+        return convert_status.status(view, self._service.frame, happenings, *told, why)
 
     def frame(self) -> bytes:
         """The newest state."""

@@ -22,9 +22,13 @@ def status(
     revision: int,
     problem: str,
     access: str,
-    ground: GroundMap | None = None,
+    ground: GroundMap | None,
+    shows_refused: str,
 ) -> wire_stream.Status:
-    """What changes seldom; `problem` is `health_problem`'s answer, `access` the door's text."""
+    """What changes seldom.
+
+    `problem` is `health_problem`'s answer, `access` the door's text, `shows_refused` the shows' `why_not_kept`.
+    """
     plan, selected = view.plan, view.selected
     return wire_stream.Status(
         revision=revision,
@@ -38,6 +42,7 @@ def status(
             wire_stream.CueTime(cue=cue, at_s=at_s)
             for cue, at_s in (() if selected is None else selected.timeline)
         ],
+        shows_refused=shows_refused,
         origin=convert.origin(frame),
         map=None if ground is None else _map(ground),
         formation=convert.formation(plan.formation, view),

@@ -116,6 +116,9 @@ class Status(Outward):
     show: Show
     counts: Counts
     timeline: list[CueTime] = Field(description="Of the selected show, loops written out.")
+    shows_refused: str = Field(
+        description="Why show files cannot be uploaded to this service, empty when they can."
+    )
     origin: Origin
     map: Map | None = Field(description="null: none is configured.")
     formation: Formation

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from gcs.apart import answered
 from gcs.errors import ConfigError, GcsError, InvalidError, Problem, RefusedError, UnknownError
@@ -46,6 +46,9 @@ class _Checked:
     show: Show | None = None
 
 
+NOT_KEPT: Final = "this service keeps no shows: name a folder in its configuration, shows.folder"
+
+
 class Repertoire:
     """The shows of one folder. A `gcs.service.Shows`."""
 
@@ -67,6 +70,11 @@ class Repertoire:
             self._failed(name, "the service has ended")
 
     # files
+
+    @property
+    def why_not_kept(self) -> str:
+        """Empty where a folder is configured."""
+        return NOT_KEPT if self._folder is None else ""
 
     async def listed(self) -> list[StoredShow]:
         """All of them, by name."""
@@ -101,9 +109,7 @@ class Repertoire:
     def _place(self, name: str) -> Path:
         _check_name(name)
         if self._folder is None:
-            raise RefusedError(
-                "this service keeps no shows: name a folder in its configuration, shows.folder"
-            )
+            raise RefusedError(NOT_KEPT)
         return self._folder / f"{name}.yaml"
 
     def _listed(self) -> list[StoredShow]:

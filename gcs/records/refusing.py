@@ -30,6 +30,11 @@ class NoShows:
         """`path` of the record."""
         self._why = f"this is a replay of {path}: it keeps no shows"
 
+    @property
+    def why_not_kept(self) -> str:
+        """Always."""
+        return self._why
+
     async def listed(self) -> list[StoredShow]:
         """None."""
         return []

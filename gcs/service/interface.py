@@ -22,6 +22,11 @@ class Shows(Protocol):
     Raises: InvalidError, RefusedError, UnknownError; then nothing has changed.
     """
 
+    @property
+    def why_not_kept(self) -> str:
+        """Why no file can be uploaded here; empty when one can."""
+        ...
+
     async def listed(self) -> list[StoredShow]:
         """All of them, by name."""
         ...

@@ -229,8 +229,10 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     removeShow: (name) => done(texts.orders.remove(name), api.DELETE("/api/v1/shows/{name}", ofShow(name)), texts.showRemoved(name)),
     seek: (cue) => done(texts.orders.seek(cue), api.POST("/api/v1/show/seek", { body: { cue } }), texts.showSought(cue)),
     acknowledge: async (alarm) => {
-      const post = api.POST as unknown as (path: string, given?: object) => Call<unknown>; // until the schema has it
-      const call = alarm === null ? post("/api/v1/alarms/acknowledge") : post("/api/v1/alarms/{alarm_id}/acknowledge", { params: { path: { alarm_id: alarm } } });
+      const call: Call<unknown> =
+        alarm === null
+          ? api.POST("/api/v1/alarms/acknowledge")
+          : api.POST("/api/v1/alarms/{alarm_id}/acknowledge", { params: { path: { alarm_id: alarm } } });
       return (await asked(texts.alarms.acknowledge, call, null)) !== null;
     },
     /** What follows is seen: nothing has to be said. */

@@ -142,23 +142,6 @@ export const texts = {
     clear: "Clear selection",
     deselect: (id: string): string => `Remove ${id} from the selection`,
   },
-  notices: {
-    title: "Notices",
-    reacting: (action: string): string => `Service: ${action}`,
-    actions: {
-      ignore: "ignores",
-      "re-form": "closes the gap",
-      "hold-target": "holds the target",
-      hold: "holds",
-      pause: "pauses",
-      return: "brings home",
-      land: "lands",
-    } as Record<string, string>,
-    ordered: "ordered",
-    notOrdered: "nothing ordered for it",
-    more: (count: number): string => `${count} more`,
-    less: "Fewer",
-  },
   recovery: {
     title: "Flight interrupted",
     flying: (count: number): string => `${count} airborne, not under control`,
@@ -335,7 +318,8 @@ export const texts = {
   },
   shows: {
     title: "Shows",
-    none: "There is no show file yet.",
+    none: "No show files.",
+    noUploads: (why: string): string => `Upload is not possible: ${why}.`,
     upload: "Upload a show file…",
     check: "Check",
     select: "Select",

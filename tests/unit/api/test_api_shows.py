@@ -206,3 +206,12 @@ def test_a_yaml_bomb_is_a_problem_with_line_and_column_and_a_short_answer(api: A
     assert problem["text"].startswith("column 8: &a0: anchors are not allowed")
     assert len(answer.content) < 1000
     assert api("POST", f"{PATH}/select", json={"hash": SHOW.digest}).status_code == 409
+
+
+def test_the_status_says_why_no_show_can_be_uploaded(api: Api) -> None:
+    assert api("GET", "/api/v1/status").json()["shows_refused"] == ""
+    nowhere = Api(FakeService())
+    reason = nowhere("GET", "/api/v1/status").json()["shows_refused"]
+    assert "shows.folder" in reason
+    refused = nowhere("PUT", PATH, content=LIGHTHOUSE.encode())
+    assert (refused.status_code, refused.json()["detail"]) == (409, reason)

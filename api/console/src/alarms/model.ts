@@ -1,29 +1,14 @@
 // Alarms as the service lists them: in which order they are shown, and how severe the whole is. Pure.
 
 import type { Status } from "../state";
+import type { components } from "../wire/schema";
 
-export const SEVERITIES = ["emergency", "warning", "caution", "information"] as const;
-export type Severity = (typeof SEVERITIES)[number];
+export const SEVERITIES = ["emergency", "warning", "caution", "information"] as const satisfies readonly Severity[];
+export type Severity = components["schemas"]["AlarmSeverity"];
 /** Of the whole; normal: no alarm lasts. */
 export type Overall = Severity | "normal";
 
-export interface Alarm {
-  id: string;
-  severity: Severity;
-  cause: string;
-  /** The cause first, its consequence after. */
-  text: string;
-  advice: string;
-  vehicles: readonly string[];
-  since_unix_time_s: number;
-  /** When it began, or last concerned one vehicle more or became more severe. */
-  raised_unix_time_s: number;
-  /** Its cause is over and nobody has acknowledged it; null: its cause lasts. */
-  ended_unix_time_s: number | null;
-  acknowledged_by: string | null;
-  acknowledged_unix_time_s: number | null;
-  order_id: string | null;
-}
+export type Alarm = components["schemas"]["Alarm"];
 
 /** Never folded away, however many there are. */
 export const ALWAYS_SHOWN: ReadonlySet<Severity> = new Set(["emergency", "warning"]);
@@ -65,5 +50,5 @@ export function raised(before: readonly Alarm[], now: readonly Alarm[]): Alarm[]
 }
 
 export function alarmsOf(status: Status | null): readonly Alarm[] {
-  return (status as { alarms?: readonly Alarm[] } | null)?.alarms ?? [];
+  return status?.alarms ?? [];
 }

@@ -1,15 +1,13 @@
-/** What nobody may overlook: old data, notices, and answers. */
+/** What nobody may overlook: old data, and answers to what was ordered. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { State, Toast } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { button } from "./controls";
-import { clockTime, seconds } from "./format";
+import { seconds } from "./format";
 import { icon, type IconName } from "./icons";
 import { life } from "./topbar";
-
-const NOTICES_SHOWN = 2;
 
 /** Across the page, while what is shown is not how it is now. */
 export function banner(state: State): TemplateResult | typeof nothing {
@@ -35,48 +33,6 @@ export function banner(state: State): TemplateResult | typeof nothing {
     <strong>${text}</strong>
     <span>${hints.join(" ")}</span>
   </div>`;
-}
-
-function reactions(state: State): TemplateResult[] {
-  return (state.status?.reactions ?? []).map(
-    (each) => html`<li class="notice reaction" data-testid="reaction">
-      ${icon("warning")}
-      <span>
-        <strong>${texts.notices.reacting(texts.notices.actions[each.action] ?? each.action)}</strong>
-        ${each.cause}: ${each.reason}${each.vehicles.length ? ` (${each.vehicles.join(", ")})` : ""}
-        <small>
-          ${clockTime(each.since_unix_time_s)},
-          ${each.order_id ? `${texts.notices.ordered}: ${each.order_id}` : texts.notices.notOrdered}
-        </small>
-      </span>
-    </li>`,
-  );
-}
-
-export function notices(state: State, actions: DeskActions): TemplateResult | typeof nothing {
-  const all = [
-    ...reactions(state),
-    ...(state.status?.notices ?? []).map(
-      (text) => html`<li class="notice" data-testid="notice">${icon("info")}<span>${text}</span></li>`,
-    ),
-  ];
-  if (all.length === 0) return nothing;
-  const open = state.desk.allNotices;
-  const shown = open ? all : all.slice(0, NOTICES_SHOWN);
-  return html`<section class="notices" aria-label=${texts.notices.title} data-testid="notices">
-    <ul>
-      ${shown}
-    </ul>
-    ${all.length > NOTICES_SHOWN
-      ? button(actions, {
-          id: "notices-more",
-          label: open ? texts.notices.less : texts.notices.more(all.length - NOTICES_SHOWN),
-          kind: "quiet",
-          expanded: open,
-          press: () => actions.set({ allNotices: !open }),
-        })
-      : nothing}
-  </section>`;
 }
 
 const TOAST_ICON: Record<Toast["kind"], IconName> = { done: "check", grave: "kill", refused: "cross" };

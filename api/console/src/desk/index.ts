@@ -8,7 +8,7 @@ import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { alarms, announcer } from "../alarms/panel";
 import { recovery } from "../alarms/recovery";
-import { banner, notices, toasts } from "./banners";
+import { banner, toasts } from "./banners";
 import { camera } from "./camera";
 import { button } from "./controls";
 import { events } from "./events";
@@ -141,7 +141,7 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
   return html`<div class=${names.filter(Boolean).join(" ")} data-testid="desk" data-life=${now} data-layout=${layout}>
     ${topbar(state, actions)}
     ${banner(state)}
-    <div class="alarms" data-region="alarms">${recovery(state, actions)} ${alarms(state, actions)} ${notices(state, actions)}</div>
+    <div class="alarms" data-region="alarms">${recovery(state, actions)} ${alarms(state, actions)}</div>
     <div class="rails">
       ${rail(state, actions, "left", LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)}
     </div>

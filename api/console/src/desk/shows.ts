@@ -129,6 +129,7 @@ function one(state: State, actions: DeskActions, file: StoredShow): TemplateResu
 export function shows(state: State, actions: DeskActions): TemplateResult {
   const all = state.desk.shows ?? [];
   const why = whyNot(state, "shows");
+  const noUploads = state.status?.shows_refused ?? "";
   const chosen = (event: Event): void => {
     const input = event.target as HTMLInputElement;
     const file = input.files?.[0];
@@ -142,10 +143,12 @@ export function shows(state: State, actions: DeskActions): TemplateResult {
           ${all.map((file) => one(state, actions, file))}
         </ul>`
       : html`<p class="empty">${t.none}</p>`}
-    <label class="button upload ${why ? "denied" : ""}" title=${why || nothing}>
+    ${noUploads
+      ? html`<p class="hint" data-testid="show-no-upload">${t.noUploads(noUploads)}</p>`
+      : html`<label class="button upload ${why ? "denied" : ""}" title=${why || nothing}>
       ${icon("up")}<span>${t.upload}</span>
       <input type="file" accept=".yaml,.yml" data-testid="show-upload" aria-label=${t.upload} ?disabled=${why !== ""} @change=${chosen} />
-    </label>
-    ${why ? html`<p class="hint">${why}</p>` : nothing}
+        </label>`}
+    ${why && !noUploads ? html`<p class="hint">${why}</p>` : nothing}
   </div>`;
 }

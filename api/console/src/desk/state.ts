@@ -56,7 +56,6 @@ export interface DeskState {
   openOrder: string | null;
   eventList: "orders" | "lines" | "refused";
   refusals: readonly Refusal[]; // newest first
-  allNotices: boolean;
   certificateProblem: string;
   certificateReading: boolean;
 }
@@ -99,7 +98,6 @@ export function initialDesk(): DeskState {
     openOrder: null,
     eventList: "lines",
     refusals: [],
-    allNotices: false,
     certificateProblem: "",
     certificateReading: false,
   };

@@ -2559,6 +2559,11 @@ export interface components {
             /** @description The worst of the alarms whose cause lasts. */
             severity: components["schemas"]["OverallSeverity"];
             show: components["schemas"]["Show"];
+            /**
+             * Shows Refused
+             * @description Why show files cannot be uploaded to this service, empty when they can.
+             */
+            shows_refused: string;
             /** @description Where it was at `time_s`. */
             target: components["schemas"]["Target"];
             /**
