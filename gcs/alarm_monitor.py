@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from gcs.alarms import (
     Alarm,
@@ -18,6 +17,7 @@ from gcs.alarms import (
     AlarmSeverity,
     Change,
     ChangeKind,
+    ClosePairs,
     Condition,
     Limit,
     beyond,
@@ -28,7 +28,7 @@ from gcs.interrupted import Interrupted
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.reactions import Action, Cause
 from gcs.service import WHO, OrderRecord, Reaction
-from gcs.state import Mask, VehicleId
+from gcs.state import VehicleId
 
 log = logging.getLogger(__name__)
 
@@ -39,12 +39,6 @@ BEFORE_ASSEMBLING: Final = frozenset({ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, 
 
 POOR_LINK: Final = Limit(on=0.7, off=0.85)
 """Share of the positions asked for that arrive."""
-
-TOO_CLOSE: Final = Limit(on=1.0, off=1.05)
-"""Distance over the floor, in the metric in which the floor is a sphere."""
-
-FAR_TOO_CLOSE: Final = Limit(on=0.9, off=0.95)
-"""Below it two may touch."""
 
 LEVEL: Final = {
     AlarmSeverity.EMERGENCY: logging.ERROR,
@@ -114,8 +108,7 @@ class AlarmMonitor:
         self._book = AlarmBook()
         self._due_s = -np.inf
         self._poor = np.zeros(len(flight.vehicles), np.bool_)
-        self._close: frozenset[tuple[int, int]] = frozenset()
-        self._far_too_close: frozenset[tuple[int, int]] = frozenset()
+        self._pairs = ClosePairs()
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
@@ -199,38 +192,15 @@ class AlarmMonitor:
         return next((order for order in kills if vehicle_id in order.outcomes), None)
 
     def _of_distances(self, tick: Tick) -> Iterator[Condition]:
-        """Pairs inside the floor, each until it is clearly outside again."""
-        floor = tick.floor
-        reach_m = TOO_CLOSE.off * max(floor.horizontal_m, floor.vertical_m)
-        if not self._close and not tick.minimum_separation_m < reach_m:
+        """Pairs inside the floor."""
+        floor, pairs = tick.floor, self._pairs
+        if not pairs.any and not tick.minimum_separation_m < pairs.reach_m(floor):
             return
-        known = np.flatnonzero(np.isfinite(tick.position_m).all(axis=1))
-        scaled_m = tick.position_m[known] * floor.scale
-        pairs = known[
-            cKDTree(scaled_m).query_pairs(TOO_CLOSE.off * floor.horizontal_m, output_type="ndarray")
-        ]
-        low: Mask = np.asarray(-tick.position_m[:, 2] < floor.pad_height_m)
-        first, second = pairs.T
-        counts = (tick.airborne[first] | tick.airborne[second]) & ~(low[first] & low[second])
-        pairs = pairs[counts]
-        apart_m = np.linalg.norm(tick.position_m[pairs[:, 0]] - tick.position_m[pairs[:, 1]], axis=1)
-        offset_m = (tick.position_m[pairs[:, 0]] - tick.position_m[pairs[:, 1]]) * floor.scale
-        share = np.linalg.norm(offset_m, axis=1) / floor.horizontal_m
-        keys = [(int(one), int(other)) for one, other in pairs.tolist()]
-        was_close = np.array([key in self._close for key in keys], np.bool_)
-        was_far_too_close = np.array([key in self._far_too_close for key in keys], np.bool_)
-        close = beyond(was_close, share, TOO_CLOSE)
-        far_too_close = beyond(was_far_too_close, share, FAR_TOO_CLOSE)
-        self._close = frozenset(key for key, is_close in zip(keys, close, strict=True) if is_close)
-        self._far_too_close = frozenset(key for key, is_so in zip(keys, far_too_close, strict=True) if is_so)
         ids = self._flight.fleet.ids
-        least = f"at least {floor.horizontal_m:g} m sideways, {floor.vertical_m:g} m up and down"
-        for index in np.argsort(share).tolist():
-            if close[index]:
-                one, other = keys[index]
-                severity = AlarmSeverity.EMERGENCY if far_too_close[index] else AlarmSeverity.WARNING
-                because = f"{apart_m[index]:.1f} m apart, {least}"
-                yield Condition(AlarmCause.TOO_CLOSE, because, (ids[one], ids[other]), severity=severity)
+        least = f"at least {floor.horizontal_m:g} m sideways or {floor.vertical_m:g} m up and down"
+        for pair in pairs.look(tick.position_m, tick.airborne, floor):
+            names = ids[pair.rows[0]], ids[pair.rows[1]]
+            yield Condition(AlarmCause.TOO_CLOSE, f"{pair.apart_m:.1f} m apart, {least}", names)
 
     def _of_links(self, findings: Findings) -> Iterator[Condition]:
         flight = self._flight

@@ -77,7 +77,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         E, "Too many vehicles lost", "Watch where they come down and keep people away; check radio and power."
     ),
     AlarmCause.CRITICAL_BATTERY: CauseRow(
-        E, "{vehicles}: battery critical", "Let it land where it is; keep people away from below."
+        E, "{vehicles} critically low on battery", "Let it land where it is; keep people away from below."
     ),
     AlarmCause.OUTSIDE_FENCE: CauseRow(
         E, "{vehicles} about to leave the fence", "Land it if it does not turn back."
@@ -88,9 +88,9 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Watch where it flies: it follows its own failsafe. When it was seen on the ground: confirm-down.",
         off_after_s=0.0,
     ),
-    AlarmCause.LOW_BATTERY: CauseRow(W, "{vehicles}: battery low", "Let it come home."),
+    AlarmCause.LOW_BATTERY: CauseRow(W, "{vehicles} low on battery", "Let it come home."),
     AlarmCause.BAD_POSITION: CauseRow(
-        W, "{vehicles}: position not trusted", "Watch it; land it where it is if it drifts."
+        W, "{vehicles} without a trusted position", "Watch it; land it where it is if it drifts."
     ),
     AlarmCause.WIND: CauseRow(W, "Too much wind", "Bring the show home if the wind does not drop."),
     AlarmCause.SERVICE_LATE: CauseRow(
@@ -106,7 +106,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         W, "Service cut off in flight", "take-over or bring-home, where offered.", off_after_s=0.0
     ),
     AlarmCause.DUPLICATE_SYSTEM_ID: CauseRow(
-        W, "{vehicles}: two vehicles with one system id", "Switch one of them off, or give it its own id."
+        W, "System id used twice", "Switch one of them off, or give it its own id."
     ),
     AlarmCause.LINK_FAILED: CauseRow(
         W, "Link {about} failed", "Check cable, radio and port. The service keeps trying."
@@ -116,7 +116,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         C, "Obstacle of the show does not stand yet", "Keep vehicles clear of it, or pause the show."
     ),
     AlarmCause.POOR_LINK: CauseRow(
-        C, "{vehicles}: poor link", "Check antennas and distance; bring it home if it gets worse."
+        C, "{vehicles} with a poor link", "Check antennas and distance; bring it home if it gets worse.", 8.0
     ),
     AlarmCause.RECORD_FAILS: CauseRow(
         C, "Not recorded", "Free the disk or make it writable: recording goes on by itself.", off_after_s=0.0

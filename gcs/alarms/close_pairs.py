@@ -1,0 +1,65 @@
+"""Pairs of vehicles inside the floor, steady against noise: each until it is clearly outside again."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from gcs.alarms.limits import Limit, beyond
+from gcs.safety.separation import Floor
+from gcs.state import Array, Mask
+
+CLOSE: Final = Limit(on=1.0, off=1.05)
+"""Distance over the floor, in the metric in which the floor is a sphere."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClosePair:
+    """Two rows of FleetState."""
+
+    rows: tuple[int, int]
+    apart_m: float  # true distance
+
+
+class ClosePairs:
+    """Remembers which pairs were too close."""
+
+    def __init__(self) -> None:
+        """None was."""
+        self._close: frozenset[tuple[int, int]] = frozenset()
+
+    @property
+    def any(self) -> bool:
+        """Whether any is."""
+        return bool(self._close)
+
+    @staticmethod
+    def reach_m(floor: Floor) -> float:
+        """Without a pair nearer than that, and none before, there is nothing to look for."""
+        return CLOSE.off * max(floor.horizontal_m, floor.vertical_m)
+
+    def look(self, position_m: Array, airborne: Mask, floor: Floor) -> tuple[ClosePair, ...]:
+        """All pairs that count and are too close, the nearest first.
+
+        Args:
+            position_m: (n, 3) show frame, NaN where not known.
+            airborne: (n,) of a pair at least one must be; with both below the pad height none counts.
+            floor: what nobody else may be inside of.
+        """
+        known = np.flatnonzero(np.isfinite(position_m).all(axis=1))
+        scaled_m = position_m[known] * floor.scale
+        near = cKDTree(scaled_m).query_pairs(CLOSE.off * floor.horizontal_m, output_type="ndarray")
+        first, second = known[near].T
+        is_low: Mask = np.asarray(-position_m[:, 2] < floor.pad_height_m)
+        counts = (airborne[first] | airborne[second]) & ~(is_low[first] & is_low[second])
+        first, second = first[counts], second[counts]
+        offset_m = position_m[first] - position_m[second]
+        share = np.linalg.norm(offset_m * floor.scale, axis=1) / floor.horizontal_m
+        rows = list(zip(first.tolist(), second.tolist(), strict=True))
+        was_close = np.array([pair in self._close for pair in rows], np.bool_)
+        close = beyond(was_close, share, CLOSE)
+        self._close = frozenset(pair for pair, is_close in zip(rows, close, strict=True) if is_close)
+        apart_m = np.linalg.norm(offset_m, axis=1)
+        nearest_first = np.argsort(share).tolist()
+        return tuple(ClosePair(rows[at], float(apart_m[at])) for at in nearest_first if close[at])

@@ -1,0 +1,236 @@
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs.alarms import (
+    CAUSES,
+    Alarm,
+    AlarmBook,
+    AlarmCause,
+    AlarmSeverity,
+    ChangeKind,
+    ClosePairs,
+    Condition,
+    Limit,
+    OverallSeverity,
+    beyond,
+    overall,
+)
+from gcs.errors import UnknownError
+from gcs.safety.separation import Floor
+
+UNIX_S = 1.7e9
+OPERATIONS = Path(__file__).parents[3] / "docs" / "operations.md"
+
+
+def lost(*vehicles: str, seconds: float = 2.0) -> Condition:
+    because = f"no telemetry for {seconds:.1f} s"
+    return Condition(AlarmCause.VEHICLE_LOST, because, vehicles, "Formation closes the gap.")
+
+
+def killed(*vehicles: str) -> Condition:
+    return Condition(AlarmCause.KILLED, "motors stopped on command by anna", vehicles)
+
+
+def low(*vehicles: str, share: float = 0.15) -> Condition:
+    return Condition(AlarmCause.LOW_BATTERY, f"battery at {share:.0%}, below 20%", vehicles)
+
+
+NOTE = Condition(AlarmCause.SERVICE_NOTE, "no map")
+
+
+class Story:
+    """A book, and a clock that looks every 0.2 s."""
+
+    def __init__(self) -> None:
+        self.book = AlarmBook()
+        self.now_s = 100.0
+        self.told: list[tuple[ChangeKind, AlarmCause]] = []
+
+    def holds(self, *conditions: Condition, for_s: float = 0.2) -> tuple[Alarm, ...]:
+        """These for so long. Returns: the alarms then."""
+        for _ in range(max(1, round(for_s / 0.2))):
+            changes = self.book.look(conditions, self.now_s, UNIX_S + self.now_s)
+            self.told += [(change.kind, change.alarm.cause) for change in changes]
+            self.now_s += 0.2
+        return self.book.alarms
+
+    def count(self, kind: ChangeKind) -> int:
+        return sum(each is kind for each, _ in self.told)
+
+
+@pytest.fixture
+def story() -> Story:
+    return Story()
+
+
+def causes(alarms: Iterable[Alarm]) -> list[str]:
+    return [alarm.cause.value for alarm in alarms]
+
+
+def test_an_alarm_says_the_cause_first_and_its_consequence_after(story: Story) -> None:
+    (alarm,) = story.holds(lost("d3"))
+    assert alarm.text == "Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap."
+    assert alarm.vehicles == ("d3",)
+    assert "confirm-down" in alarm.advice
+
+
+def test_vehicles_with_one_cause_are_one_alarm(story: Story) -> None:
+    (alarm,) = story.holds(lost("d3"), lost("d7"), lost("d1", seconds=3.5))
+    assert alarm.vehicles == ("d3", "d7", "d1")
+    assert alarm.text == (
+        "Vehicles d3, d7, d1 lost: d3, d7: no telemetry for 2.0 s; d1: no telemetry for 3.5 s."
+        " Formation closes the gap."
+    )
+
+
+def test_of_many_vehicles_the_text_has_the_number_and_the_alarm_all_names(story: Story) -> None:
+    names = tuple(f"d{number}" for number in range(1, 301))
+    (alarm,) = story.holds(lost(*names))
+    assert alarm.text.startswith("300 vehicles lost: no telemetry")
+    assert alarm.vehicles == names
+
+
+def test_the_most_severe_come_first_and_of_these_the_newest(story: Story) -> None:
+    story.holds(low("d1"))
+    story.holds(low("d1"), NOTE)
+    story.holds(low("d1"), NOTE, lost("d2"))
+    alarms = story.holds(low("d1"), NOTE, lost("d2"), killed("d3"))
+    assert causes(alarms) == ["killed", "vehicle-lost", "low-battery", "service-note"]
+
+
+def test_the_state_of_the_whole_is_the_worst_that_lasts(story: Story) -> None:
+    assert overall(story.holds()) is OverallSeverity.NORMAL
+    assert overall(story.holds(NOTE, killed("d3"))) is OverallSeverity.EMERGENCY
+    after = story.holds(NOTE)
+    assert causes(after) == ["service-note", "killed"]  # ended, and nobody has acknowledged it
+    assert overall(after) is OverallSeverity.INFORMATION
+
+
+def test_an_acknowledged_alarm_stays_while_its_cause_lasts_and_vanishes_with_it(story: Story) -> None:
+    (alarm,) = story.holds(lost("d3"))
+    story.book.acknowledge(alarm.id, "anna", UNIX_S)
+    (alarm,) = story.holds(lost("d3"), for_s=60.0)
+    assert alarm.acknowledged_by == "anna"
+    assert story.holds() == ()
+    assert story.count(ChangeKind.ENDED) == 1
+
+
+def test_whoever_acknowledged_first_stays_named(story: Story) -> None:
+    (alarm,) = story.holds(lost("d3"))
+    story.book.acknowledge(alarm.id, "anna", UNIX_S)
+    assert story.book.acknowledge(alarm.id, "ben", UNIX_S + 9.0).acknowledged_by == "anna"
+    assert story.book.acknowledge_all("ben", UNIX_S) == ()
+
+
+@pytest.mark.parametrize(
+    ("condition", "stays"),
+    [(killed("d3"), True), (lost("d3"), True), (NOTE, False)],
+    ids=["emergency", "warning", "information"],
+)
+def test_what_ended_unseen_stays_listed_where_it_was_severe(
+    story: Story, condition: Condition, stays: bool
+) -> None:
+    story.holds(condition)
+    after = story.holds(for_s=3.0)
+    assert len(after) == stays
+    if stays:
+        assert after[0].ended_unix_s is not None
+        story.book.acknowledge(after[0].id, "anna", UNIX_S)
+        assert story.book.alarms == ()
+
+
+def test_a_further_vehicle_raises_an_acknowledged_alarm_again(story: Story) -> None:
+    (first,) = story.holds(lost("d3"))
+    story.book.acknowledge(first.id, "anna", UNIX_S)
+    (alarm,) = story.holds(lost("d3"), lost("d4"))
+    assert alarm.id == first.id
+    assert alarm.acknowledged_by is None
+    assert alarm.since_unix_s == first.since_unix_s < alarm.raised_unix_s
+    assert story.count(ChangeKind.GROWN) == 1
+
+
+def test_a_cause_that_grows_more_severe_raises_its_alarm_again(story: Story) -> None:
+    excluded = Condition(AlarmCause.NOT_FLYING, "excluded by anna", ("d2",))
+    left = Condition(AlarmCause.NOT_FLYING, "battery", ("d2",), severity=AlarmSeverity.CAUTION)
+    (first,) = story.holds(excluded)
+    story.book.acknowledge(first.id, "anna", UNIX_S)
+    (alarm,) = story.holds(left)
+    assert (alarm.id, alarm.severity, alarm.acknowledged_by) == (first.id, AlarmSeverity.CAUTION, None)
+
+
+def test_a_cause_that_comes_back_at_once_is_the_same_alarm(story: Story) -> None:
+    (first,) = story.holds(low("d1"))
+    story.holds(for_s=0.6)
+    (alarm,) = story.holds(low("d1"))
+    assert alarm.id == first.id
+    assert story.count(ChangeKind.BEGUN) == 1
+    story.holds(for_s=3.0)
+    assert story.holds(low("d1"))[0].id != first.id
+
+
+def test_numbers_alone_change_a_text_every_few_seconds_only(story: Story) -> None:
+    texts = {story.holds(low("d1", share=0.19 - step * 0.001))[0].text for step in range(50)}  # 10 s
+    assert len(texts) == 2
+    assert story.told == [(ChangeKind.BEGUN, AlarmCause.LOW_BATTERY)]
+
+
+def test_a_text_whose_words_change_changes_at_once(story: Story) -> None:
+    story.holds(Condition(AlarmCause.VEHICLE_LOST, "no telemetry for 2.0 s", ("d3",)))
+    (alarm,) = story.holds(lost("d3"))
+    assert alarm.text.endswith("Formation closes the gap.")
+    assert story.count(ChangeKind.GROWN) == 0
+
+
+def test_a_cause_with_a_delay_must_hold_for_so_long(story: Story) -> None:
+    weak = Condition(AlarmCause.POOR_LINK, "40% of its positions arrive", ("d1",))
+    delay_s = CAUSES[AlarmCause.POOR_LINK].on_after_s
+    assert delay_s > 1.0
+    assert story.holds(weak, for_s=delay_s - 0.4) == ()
+    story.holds()
+    assert story.holds(weak, for_s=delay_s - 0.4) == ()
+    assert story.holds(weak, for_s=0.8) != ()
+
+
+def test_an_unknown_alarm_is_refused_with_those_that_are_listed(story: Story) -> None:
+    (alarm,) = story.holds(lost("d3"))
+    with pytest.raises(UnknownError, match=alarm.id):
+        story.book.acknowledge("lost-9", "anna", UNIX_S)
+
+
+def test_a_value_between_the_thresholds_stays_what_it_was() -> None:
+    limit = Limit(on=0.7, off=0.85)
+    values = np.array([0.69, 0.84, 0.84, 0.86, np.nan])
+    before = np.array([False, True, False, True, True])
+    assert beyond(before, values, limit).tolist() == [True, True, False, False, False]
+
+
+def test_a_pair_at_the_floor_is_one_pair_until_it_is_clearly_outside() -> None:
+    floor, pairs = Floor(horizontal_m=3.0), ClosePairs()
+    airborne = np.array([True, True])
+
+    def rows(apart_m: float, height_m: float = 20.0) -> list[tuple[int, int]]:
+        place_m = np.array([[0.0, 0.0, -height_m], [apart_m, 0.0, -height_m]])
+        return [pair.rows for pair in pairs.look(place_m, airborne, floor)]
+
+    seen = [rows(apart_m) for apart_m in (3.01, 2.99, 3.01, 2.99, 3.1, 3.2, 3.01)]
+    assert seen == [[], [(0, 1)], [(0, 1)], [(0, 1)], [(0, 1)], [], []]
+    assert rows(1.0, height_m=1.0) == []  # on their pads
+
+
+def test_a_pair_that_is_nowhere_is_not_close() -> None:
+    place_m = np.array([[0.0, 0.0, -20.0], [np.nan, np.nan, np.nan]])
+    assert ClosePairs().look(place_m, np.array([True, True]), Floor()) == ()
+
+
+def test_every_cause_is_in_the_table_of_the_operations_manual() -> None:
+    told = re.findall(r"^\| `([a-z-]+)` \| (\w+) \|", OPERATIONS.read_text(), re.MULTILINE)
+    assert dict(told) == {cause.value: row.severity.value for cause, row in CAUSES.items()}
+
+
+def test_every_cause_says_what_an_operator_can_do() -> None:
+    assert set(CAUSES) == set(AlarmCause)
+    assert all(row.advice.endswith(".") and not row.headline.endswith(".") for row in CAUSES.values())
