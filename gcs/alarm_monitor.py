@@ -17,11 +17,11 @@ from gcs.alarms import (
     AlarmSeverity,
     Change,
     ChangeKind,
-    ClosePairs,
     Condition,
     Limit,
     beyond,
 )
+from gcs.close_pairs import ClosePairs
 from gcs.control import Tick
 from gcs.flight import FLIES, Flight
 from gcs.interrupted import Interrupted

@@ -2,13 +2,14 @@
 
 import logging
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import count
 from typing import Final
 
+from gcs.event_words import words
 from gcs.state import VehicleId
 
 KEPT: Final = 100
@@ -46,21 +47,6 @@ def details(record: logging.LogRecord) -> dict[str, object]:
     return {key: value for key, value in vars(record).items() if key not in _PLAIN}
 
 
-def told(event: str, said: Mapping[str, object]) -> str:
-    """An event of the log in words."""
-    phase = said.get("phase")
-    if event in {"vehicle_phase", "show_phase"}:
-        what = f"{phase}" if event == "vehicle_phase" else f"show {phase}"
-        return f"{what}: {said.get('reason', '')}"
-    words = [f"{name.replace('_', ' ')} {value}" for name, value in said.items() if name not in _WHY]
-    why = [str(said[name]) for name in _WHY if name in said]
-    parts = (event.replace("_", " "), ", ".join(words), "; ".join(why))
-    return ": ".join(filter(None, parts))
-
-
-_WHY: Final = ("reason", "cause")
-
-
 def severity(level: str) -> Severity:
     """Of a level of the log, by its name."""
     return {"info": Severity.INFO, "warning": Severity.WARNING}.get(level, Severity.ERROR)
@@ -76,7 +62,7 @@ class Happenings(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Keep one."""
-        text = told(record.getMessage(), details(record))
+        text = words(record.getMessage(), details(record))
         how = severity(record.levelname.lower())
         self._kept.append(Happening(next(self._numbers), record.created, how, text, vehicle_of(record)))
 

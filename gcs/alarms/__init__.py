@@ -10,7 +10,6 @@ A source says every so often which `Condition`s hold; the `AlarmBook` makes `Ala
 
 from gcs.alarms.book import AlarmBook, Change, ChangeKind
 from gcs.alarms.causes import CAUSES, AlarmCause, AlarmSeverity, CauseRow
-from gcs.alarms.close_pairs import ClosePairs
 from gcs.alarms.limits import Limit, beyond
 from gcs.alarms.model import RANK, Alarm, Condition, OverallSeverity, overall
 
@@ -24,7 +23,6 @@ __all__ = [
     "CauseRow",
     "Change",
     "ChangeKind",
-    "ClosePairs",
     "Condition",
     "Limit",
     "OverallSeverity",

@@ -9,7 +9,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from gcs.errors import GcsError
-from gcs.happenings import KEPT, Happening, severity, told
+from gcs.event_words import words
+from gcs.happenings import KEPT, Happening, severity
 from gcs.records.interruption import PAD
 from gcs.records.known import AUDIT, rows
 from gcs.state import Array, VehicleId
@@ -43,9 +44,9 @@ class Past:
                 pad_m = np.array(detail["pad_m"], dtype=np.float64)
                 self._pads.setdefault(vehicle, []).append((unix_s, pad_m))
                 continue
-            words = "what is wanted was changed" if event == PLAN else told(event, detail)
+            text = "the plan was changed" if event == PLAN else words(event, detail)
             number = len(self._happened) + 1
-            self._happened.append(Happening(number, unix_s, severity(level), words, vehicle))
+            self._happened.append(Happening(number, unix_s, severity(level), text, vehicle))
         self._times_s = [each.unix_time_s for each in self._happened]
 
     @staticmethod

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Final, Self
 
 from gcs.checks import Exclusion
+from gcs.event_words import plain
 from gcs.happenings import details, heard, vehicle_of
 from gcs.interrupted import Interruption
 from gcs.links import Link
@@ -106,7 +107,7 @@ class _Heard(logging.Handler):
         level, event = record.levelname.lower(), record.getMessage()
         self._audit.event(record.created, level, event, name, said)
         if self._flight is not None:
-            told = " ".join(f"{key}={value}" for key, value in said.items())
+            told = " ".join(f"{key}={plain(value)}" for key, value in said.items())
             self._flight.put(Said(record.created, level, event, f"{name or ''} {told}".strip()))
 
 

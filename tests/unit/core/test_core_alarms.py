@@ -12,13 +12,13 @@ from gcs.alarms import (
     AlarmCause,
     AlarmSeverity,
     ChangeKind,
-    ClosePairs,
     Condition,
     Limit,
     OverallSeverity,
     beyond,
     overall,
 )
+from gcs.close_pairs import ClosePairs
 from gcs.errors import UnknownError
 from gcs.safety.separation import Floor
 

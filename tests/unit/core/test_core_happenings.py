@@ -2,7 +2,7 @@
 
 import logging
 
-from gcs.happenings import KEPT, Happenings, Severity, heard, told
+from gcs.happenings import KEPT, Happenings, Severity, heard
 
 
 def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:
@@ -19,7 +19,7 @@ def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:
     assert (first.number, first.severity, first.vehicle) == (1, Severity.INFO, "d1")
     assert first.text == "formation: offboard accepted"
     assert (second.severity, second.vehicle) == (Severity.ERROR, None)
-    assert second.text == "link failed: link a: no route"
+    assert second.text == "link a failed, and is opened again: no route"
     assert (logger.level, list(logger.handlers)) == before
 
 
@@ -31,11 +31,3 @@ def test_no_more_are_kept_than_a_page_shows() -> None:
     newest = happenings.newest()
     assert [each.number for each in newest] == list(range(8, KEPT + 8))
     assert newest[-1].vehicle == f"d{KEPT + 6}"
-
-
-def test_events_without_words_of_their_own_are_still_readable() -> None:
-    assert told("parameters_read", {}) == "parameters read"
-    assert told("show_phase", {"was": "arming", "phase": "running", "reason": "all stand"}) == (
-        "show running: all stand"
-    )
-    assert told("show_selected", {"show": "tour", "hash": "ab"}) == "show selected: show tour, hash ab"

@@ -34,7 +34,7 @@ def test_what_had_happened_by_then_of_that_session_alone(tmp_path: Path) -> None
     assert past.until(19.9) == ()
     (first,) = past.until(20.0)
     assert (first.text, first.vehicle, first.severity) == ("s2: silent", "d1", Severity.WARNING)
-    assert [each.text for each in past.until(35.0)] == ["s2: silent", "what is wanted was changed"]
+    assert [each.text for each in past.until(35.0)] == ["s2: silent", "the plan was changed"]
     assert [each.number for each in past.until(35.0)] == [1, 2]
 
 

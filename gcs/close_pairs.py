@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gcs.alarms.limits import Limit, beyond
+from gcs.alarms import Limit, beyond
 from gcs.safety.separation import Floor
 from gcs.state import Array, Mask
 

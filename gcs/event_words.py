@@ -1,0 +1,107 @@
+"""Events of the service's log in plain words. Pure."""
+
+import re
+from collections.abc import Iterable, Mapping
+from enum import Enum
+from typing import Final
+
+WORDS: Final[Mapping[str, str]] = {
+    "access_denied": "access denied to {who} from {address}: {method} {path} [({count} times)]: {reason}",
+    "access_off": "access is off on {host}: {means}",
+    "access_without_tls": "access without TLS on {host}: set {mend}",
+    "alarm": "{severity}: {text}",
+    "alarm_acknowledged": "acknowledged by {by}: {text}",
+    "alarm_over": "over: {text}",
+    "api_failed": "API on {listener} failed, and is started again: {cause}",
+    "audit_failed": "the audit is not recorded: {cause}",
+    "audit_goes_on": "the audit is recorded again in {file}",
+    "cannot_connect": "link {link} cannot connect to {address}: {cause}",
+    "columns_overlap": "vehicles above one another: {reason}",
+    "connected": "link {link} connected to {address}",
+    "connection_lost": "link {link} lost the connection to {address}: {cause}",
+    "cue": "cue {cue} of show {name}",
+    "duplicate_system_id": "system id {system_id} is used twice on link {link}: {cause}",
+    "excluded": "taken out of the show by {by}: {reason}",
+    "flight_data_failed": "flight data are not recorded in {folder}: {cause}",
+    "flight_data_go_on": "flight data are recorded again in {file}",
+    "found_interrupted": "session {of_session} was cut off while the show was {was}[: {mismatches}]",
+    "included": "taken into the show again by {by}",
+    "interruption_over": "the flight of session {of_session} that was cut off is settled",
+    "key_file_open": "the key file {file} can be read by others: {mend}",
+    "kill": "motors stopped on command",
+    "land_refused": "LAND was refused, and is sent again: {reason}",
+    "link_failed": "link {link} failed, and is opened again: {cause}",
+    "map_missing": "no map: {cause}",
+    "mavsdk": "MAVSDK: {said}",
+    "no_progress": "no progress in phase {phase}",
+    "offboard_refused": "OFFBOARD was refused, its autopilot lands it: {reason}",
+    "order_failed": "command failed: {reason}",
+    "parameters_read": "parameters read",
+    "position_reset": "{reason}",
+    "reaction": "{action}[ of {vehicles}] by the service: {cause} ({reason})",
+    "reaction_over": "over: {cause}",
+    "record_unread": "the record of the last session cannot be read: {cause}",
+    "recording": "telemetry is recorded in {file}",
+    "recording_failed": "telemetry is not recorded in {folder}: {cause}",
+    "recording_goes_on": "telemetry is recorded again in {file}",
+    "send_failed": "link {link} could not send[ to {address}]: {cause}",
+    "show_check_failed": "the check of show {show} failed: {reason}",
+    "show_phase": "show {phase}[: {reason}]",
+    "show_selected": "show {show} selected",
+    "signature_refused": "signature refused of system id {system_id} at {address} on link {link}: {cause}",
+    "signing_time_not_kept": "the time of MAVLink signing is not kept: {cause}",
+    "stranger_ignored": "system id {system_id} at {address} on link {link} is not configured: ignored",
+    "supervisor_gone": "nothing restarts this service any more: {cause}",
+    "takeoff_failed": "take-off failed: {reason}",
+    "token_file_open": "the token file {file} can be read by others: {mend}",
+    "tokens_not_read_again": "the token file cannot be read, the old tokens stay valid: {cause}",
+    "tokens_read_again": "tokens read again: {names}",
+    "vehicle_heard": "system id {system_id} received at {address} on link {link}",
+    "vehicle_mode": "mode {mode}",
+    "vehicle_moved": "system id {system_id} on link {link} is now at {address}",
+    "vehicle_not_met": "MAVSDK does not find system id {system_id}: {cause}",
+    "vehicle_phase": "{phase}[: {reason}]",
+    "vehicles_met": "MAVSDK found system ids {system_ids} on link {link}",
+}
+"""What each event says; a part in brackets is left out when nothing is known for it. The vehicle that it
+concerns is shown beside it.
+"""
+
+_FIELD: Final = re.compile(r"\{(\w+)\}")
+_OPTIONAL: Final = re.compile(r"\[([^\]]*)\]")
+
+_WHY: Final = ("reason", "cause")
+
+
+def words(event: str, said: Mapping[str, object]) -> str:
+    """An event with what its line of the log says besides."""
+    known = {name: text for name, value in said.items() if (text := plain(value))}
+    form = WORDS.get(event)
+    if form is not None:
+        form = _OPTIONAL.sub(lambda part: part[1] if _fields(part[1]) <= known.keys() else "", form)
+        if _fields(form) <= known.keys():
+            return _FIELD.sub(lambda field: known[field[1]], form)
+    rest = [f"{name.replace('_', ' ')} {text}" for name, text in known.items() if name not in _WHY]
+    why = [known[name] for name in _WHY if name in known]
+    return ": ".join(filter(None, (event.replace("_", " "), ", ".join(rest), "; ".join(why))))
+
+
+def plain(value: object) -> str:
+    """A value as a person would write it; empty where there is none."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, Mapping):
+        return ", ".join(f"{plain(name)} {plain(part)}" for name, part in value.items())
+    if isinstance(value, Iterable) and not isinstance(value, str | bytes):
+        return ", ".join(plain(part) for part in value)
+    return str(value)
+
+
+def _fields(form: str) -> set[str]:
+    return set(_FIELD.findall(form))
