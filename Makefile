@@ -116,6 +116,6 @@ api/console/node_modules/ready: .venv-node/ready api/console/package.json api/co
 	@touch $@
 
 api/console/dist/index.html: api/console/node_modules/ready $(shell find api/console/src -type f) \
-  api/console/index.html api/console/vite.config.ts api/console/compress.ts
+  api/console/index.html api/console/docs.html api/console/vite.config.ts api/console/compress.ts
 	$(NPM) run --silent build -- --logLevel warn
 	@touch $@

@@ -41,9 +41,8 @@ def is_built(folder: Path) -> bool:
     """Whether the page is there, and newer than everything that it is made of."""
     page = folder / "dist" / "index.html"
     made_of = [path for path in (folder / "src").rglob("*") if path.is_file()]
-    made_of += [
-        folder / name for name in ("index.html", "package-lock.json", "vite.config.ts", "compress.ts")
-    ]
+    names = ("index.html", "docs.html", "package-lock.json", "vite.config.ts", "compress.ts")
+    made_of += [folder / name for name in names]
     return page.is_file() and page.stat().st_mtime >= max(path.stat().st_mtime for path in made_of)
 
 

@@ -4,6 +4,7 @@ from fastapi import APIRouter
 
 from api import convert_alarms
 from api.desk import DeskDep
+from api.names import AlarmId
 from api.problem_docs import COMMAND, NO_BODY, TOKEN, errors
 from api.wire_alarms import Alarm, AlarmList
 
@@ -33,6 +34,6 @@ async def acknowledge_all_alarms(desk: DeskDep) -> list[Alarm]:
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def acknowledge_alarm(alarm_id: str, desk: DeskDep) -> Alarm:
+async def acknowledge_alarm(alarm_id: AlarmId, desk: DeskDep) -> Alarm:
     """It stays listed while its cause lasts, with who has seen it and when. Who was first stays named."""
     return convert_alarms.alarm(desk.service.acknowledge_alarm(alarm_id))

@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from http import HTTPStatus
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.routing import Match, Route
 
 from api import (
     alarm_routes,
@@ -31,9 +30,12 @@ from api.audit import Audited
 from api.desk import Desk
 from api.door import Door
 from api.guard import Guard
+from api.methods import Methods, allowed
 from api.problems import echo, error_response, from_pydantic, invalid_response
+from api.security_headers import SecurityHeaders
 from gcs.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
 from gcs.maps import GroundMap
+from gcs.quoting import cut
 from gcs.service import Service
 
 STATUS: Final[dict[type[GcsError], HTTPStatus]] = {
@@ -75,28 +77,24 @@ def create_app(
         ground: the map that the page draws; None: a grid alone.
     """
     door = door or Door()
-    app = routed()
+    app = routed(asks_for_tokens=door.asks_for_tokens)
     app.include_router(page.routes(console, None if ground is None else ground.origin))
+    app.include_router(docs.routes(console))
     app.state.desk = Desk(service, door, ground)
+    app.add_middleware(Methods, routes=lambda: app.routes)
     app.add_middleware(Guard, names=host_names, door=door)
-    app.add_middleware(Audited, audit=service.audit)  # the last added is the outermost
+    app.add_middleware(Audited, audit=service.audit)
+    app.add_middleware(SecurityHeaders)  # the last added is the outermost
     _install(app)
     return app
 
 
-def routed() -> FastAPI:
-    """Every route, and what OpenAPI says of it, without a service: nothing of it can be called."""
-    app = FastAPI(
-        title="Formation ground station",
-        version="1",
-        description=DESCRIPTION,
-        docs_url=None,  # the framework's page loads its scripts from the internet, which a field may not have
-        redoc_url=None,
-        redirect_slashes=False,
-        generate_unique_id_function=lambda route: route.name,
-        responses=problem_docs.errors(401, 403, 429, 500),
-    )
-    app.include_router(docs.router)
+def routed(*, asks_for_tokens: bool = True) -> FastAPI:
+    """Every route, and what OpenAPI says of it, without a service: nothing of it can be called.
+
+    `asks_for_tokens`: whether OpenAPI demands a token, where a call needs one.
+    """
+    app = _Described(asks_for_tokens)
     app.include_router(routes.health)
     app.include_router(metrics.router)
     app.include_router(routes.api, prefix="/api/v1")
@@ -109,6 +107,37 @@ def routed() -> FastAPI:
     app.include_router(map_routes.router, prefix="/api/v1")
     app.include_router(stream.router, prefix="/api/v1")
     return app
+
+
+class _Described(FastAPI):
+    """The app as it describes itself: a token is demanded only where the service demands one."""
+
+    def __init__(self, asks_for_tokens: bool) -> None:
+        super().__init__(
+            title="Formation ground station",
+            version="1",
+            description=DESCRIPTION,
+            servers=[{"url": "/", "description": "The service that answers with this document."}],
+            docs_url=None,  # the framework's page loads its scripts from the internet, which a field may lack
+            redoc_url=None,
+            redirect_slashes=False,
+            generate_unique_id_function=lambda route: route.name,
+            responses=problem_docs.errors(401, 403, 429, 500, 503),
+        )
+        self._asks_for_tokens = asks_for_tokens
+
+    def openapi(self) -> dict[str, Any]:
+        """The document, made once."""
+        if self.openapi_schema is None:
+            document = super().openapi()
+            if not self._asks_for_tokens:
+                document.get("components", {}).pop("securitySchemes", None)
+                for operation in (
+                    each for methods in document["paths"].values() for each in methods.values()
+                ):
+                    operation.pop("security", None)
+            self.openapi_schema = document
+        return self.openapi_schema
 
 
 async def _on_gcs_error(_request: Request, error: Exception) -> Response:
@@ -131,26 +160,18 @@ async def _on_validation_error(_request: Request, error: Exception) -> Response:
 async def _on_http_error(request: Request, error: Exception) -> Response:
     if not isinstance(error, HTTPException):
         raise error
+    path, names = cut(request.url.path), ""
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:  # the framework names those of one route alone
+        names = ", ".join(allowed(request.app.routes, request.scope))
     details = {
-        HTTPStatus.NOT_FOUND: f"there is no {request.url.path} here; /docs lists what there is",
-        HTTPStatus.METHOD_NOT_ALLOWED: f"{request.method} is not possible on {request.url.path}",
+        HTTPStatus.NOT_FOUND: f"there is no {path} here; /docs lists what there is",
+        HTTPStatus.METHOD_NOT_ALLOWED: f"{cut(request.method)} is not possible on {path}: {names} are",
     }
     response = error_response(error.status_code, details.get(HTTPStatus(error.status_code), error.detail))
     response.headers.update(error.headers or {})
-    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
-        response.headers["Allow"] = ", ".join(sorted(_methods(request)))
+    if names:
+        response.headers["Allow"] = names
     return response
-
-
-def _methods(request: Request) -> set[str]:
-    """All that is possible where a request went: the framework names those of one route alone."""
-    routes = (route for route in request.app.routes if isinstance(route, Route))
-    return {
-        method
-        for route in routes
-        if route.matches(request.scope)[0] is not Match.NONE
-        for method in route.methods or ()
-    }
 
 
 async def _on_bug(_request: Request, _error: Exception) -> Response:

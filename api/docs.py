@@ -1,14 +1,33 @@
-"""The page at /docs: every operation, to read and to try, from one file and without the internet."""
+"""The API at `/docs`: Swagger UI over `/openapi.json`, built with the console (decision 0026)."""
 
-from importlib.resources import files
+from pathlib import Path
+from typing import Final
 
 from fastapi import APIRouter
-from starlette.responses import HTMLResponse
+from starlette.requests import Request
+from starlette.responses import Response
 
-router = APIRouter()
+from api import page
+from api.problems import error_response
+
+HEADERS: Final = {
+    **page.HEADERS,
+    "Content-Security-Policy": f"{page.HEADERS['Content-Security-Policy']}; img-src 'self' data:",
+    "Cache-Control": "no-cache",
+}
+"""The console's, and the pictures that Swagger UI's own style sheet holds as data."""
 
 
-@router.get("/docs", include_in_schema=False)
-async def docs() -> HTMLResponse:
-    """A page that shows /openapi.json."""
-    return HTMLResponse(files("api").joinpath("docs.html").read_text(encoding="utf-8"))
+def routes(folder: Path = page.DIST) -> APIRouter:
+    """The page that was built into `folder`; it asks for nothing but its assets and `/openapi.json`."""
+    router = APIRouter(include_in_schema=False)
+
+    @router.get("/docs")
+    async def docs(request: Request) -> Response:
+        """Every operation, to read and to try."""
+        index = folder / "docs.html"
+        if not index.is_file():
+            return error_response(503, page.NOT_BUILT)
+        return page.answer(index, request, HEADERS)
+
+    return router

@@ -34,7 +34,7 @@ PROBES: Final = frozenset({"/healthz", "/readyz"})
 restarted while vehicles fly. An answer costs no more than a refusal.
 """
 
-READING: Final = frozenset({"GET", "HEAD", "WEBSOCKET"})
+READING: Final = frozenset({"GET", "HEAD", "OPTIONS", "WEBSOCKET"})
 
 EMERGENCIES: Final = frozenset(
     {
@@ -141,6 +141,11 @@ class Door:
         self._untold = 0
         self.denied = 0
         self.shed = 0
+
+    @property
+    def asks_for_tokens(self) -> bool:
+        """Whether a caller needs one."""
+        return self._tokens is not None
 
     @property
     def text(self) -> str:

@@ -18,8 +18,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from api.audit import WHO_KEY
-from api.door import Call, Door, Refusal, Visitor, is_emergency
-from api.problems import error_response
+from api.door import Call, Door, Refusal, Visitor, is_emergency, needed
+from api.problems import error_response, invalid_response
+from api.strict_json import find_problem
+from gcs.quoting import cut
 from gcs.service import WHO
 
 BODY_MAX_BYTES: Final = 64 * 1024
@@ -47,7 +49,7 @@ class Guard:
             return
         call, visitor = _call(scope), self._door.visitor(Headers(scope=scope))
         scope[WHO_KEY] = visitor.name
-        foreign = self._foreign(call.headers)
+        foreign = self._foreign(call)
         refusal = Refusal(403, foreign) if foreign else self._door.refusal(visitor, call)
         if refusal is not None:
             self._door.turned_away(visitor, call, refusal)
@@ -76,16 +78,28 @@ class Guard:
             detail = f"the body is larger than {BODY_MAX_BYTES} bytes"
             await error_response(413, detail)(scope, receive, send)
             return
+        headers = Headers(scope=scope)
+        coding = headers.get("content-encoding", "identity").strip().lower()
+        if coding not in ("", "identity"):
+            detail = f"Content-Encoding: {cut(coding)} is not accepted; send the body uncompressed"
+            await error_response(415, detail)(scope, receive, send)
+            return
+        problem = find_problem(headers, body)
+        if problem is not None:
+            await invalid_response([problem])(scope, receive, send)
+            return
         await self._app(scope, _replay(body, receive), send)
 
-    def _foreign(self, headers: Headers) -> str:
+    def _foreign(self, call: Call) -> str:
         """Why this request is not ours to answer; empty when it is."""
-        host = headers.get("host", "")
+        host = call.headers.get("host", "")
         if not self._is_ours(host):
-            return f"this service is not called {host!r}: use its IP address"
-        origin = headers.get("origin")
+            return f"host name {cut(host)!r} is not accepted; use the service's IP address"
+        origin = call.headers.get("origin")
         if origin is not None and origin.lower().partition("://")[2] != host.lower():
-            return f"a web page of {origin!r} may not command this service"
+            return f"a web page of {cut(origin)!r} may not command this service"
+        if _is_embedded(call):
+            return "a web page of another site may not use this service; open it in a window of its own"
         return ""
 
     def _is_ours(self, host: str) -> bool:
@@ -113,6 +127,20 @@ class EmergencyLane:
         else:
             refusal = Refusal(404, "this port answers emergency calls alone; everything else is at the other")
             await _turn_away(refusal, scope, receive, send)
+
+
+def _is_embedded(call: Call) -> bool:
+    """Whether a page of another site asks, for a picture, a frame or whatever needs no `Origin`.
+
+    Such a request is refused before it is counted: it must not use up the calls of the operator's own page.
+    A link that leads here from elsewhere is followed: that is a person who opens the console.
+    """
+    if call.headers.get("sec-fetch-site", "none") in {"none", "same-origin"}:
+        return False
+    is_link = (
+        call.headers.get("sec-fetch-mode") == "navigate" and call.headers.get("sec-fetch-dest") == "document"
+    )
+    return not (is_link and call.method == "GET" and needed(call.method, call.path) is None)
 
 
 def _call(scope: Scope) -> Call:

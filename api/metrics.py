@@ -18,6 +18,7 @@ from prometheus_client.exposition import CONTENT_TYPE_PLAIN_1_0_0, generate_late
 from starlette.responses import Response
 
 from api.desk import DeskDep
+from api.problem_docs import TOKEN
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.reactions import Cause
 from gcs.rows import VehicleView
@@ -150,6 +151,7 @@ def _histogram(name: str, text: str, seen: Histogram) -> Metric:
     "/metrics",
     tags=["health"],
     summary="For Prometheus",
+    dependencies=TOKEN,
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )

@@ -12,9 +12,10 @@ from typing import Final
 from fastapi import APIRouter
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, Response
 
 from api.encodings import chosen, is_known, is_twin
+from api.problems import error_response
 
 DIST: Final = Path(__file__).parent / "console" / "dist"
 
@@ -32,7 +33,7 @@ HEADERS: Final = {
 
 FOR_EVER: Final = "public, max-age=31536000, immutable"
 
-NOT_BUILT: Final = "The console is not built here: run make console, or install the wheel, which brings it.\n"
+NOT_BUILT: Final = "The console is not built here: run make console, or install the wheel, which brings it"
 
 
 def is_public(path: str) -> bool:
@@ -61,8 +62,8 @@ def routes(folder: Path = DIST, asked: str | None = None) -> APIRouter:
         """The console; asked for anew each time, since it names the assets of its own version."""
         index = folder / "index.html"
         if not index.is_file():
-            return PlainTextResponse(NOT_BUILT, 503, headers={"Cache-Control": "no-store"})
-        return _answer(index, request, {**sent, "Cache-Control": "no-cache"})
+            return error_response(503, NOT_BUILT)
+        return answer(index, request, {**sent, "Cache-Control": "no-cache"})
 
     @router.api_route("/assets/{name}", methods=["GET", "HEAD"])
     async def asset(name: str, request: Request) -> Response:
@@ -70,21 +71,21 @@ def routes(folder: Path = DIST, asked: str | None = None) -> APIRouter:
         found = folder / "assets" / name
         if ASSET.fullmatch(f"/assets/{name}") is None or is_twin(name) or not found.is_file():
             raise HTTPException(404)
-        return _answer(found, request, {**sent, "Cache-Control": FOR_EVER})
+        return answer(found, request, {**sent, "Cache-Control": FOR_EVER})
 
     return router
 
 
-def _answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response:
-    """The file, in the form that this caller accepts; nothing of it where the caller has it already."""
+def answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response:
+    """A file, in the form that this caller accepts; nothing of it where the caller has it already."""
     form = chosen(file, request.headers.get("accept-encoding"))
     if form is None:
-        refused = (
-            f"{request.url.path} is sent as br, gzip or identity, and Accept-Encoding refuses all of them.\n"
+        detail = (
+            f"{request.url.path} is sent as br, gzip or identity, and Accept-Encoding refuses all of them"
         )
-        return PlainTextResponse(
-            refused, 406, headers={"Vary": "Accept-Encoding", "Cache-Control": "no-store"}
-        )
+        response = error_response(406, detail)
+        response.headers["Vary"] = "Accept-Encoding"
+        return response
     told = {**headers, **form.headers}
     if is_known(told["ETag"], request.headers.get("if-none-match")):
         told.pop("Content-Encoding", None)

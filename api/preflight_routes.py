@@ -7,6 +7,7 @@ from fastapi import APIRouter, Query, Response
 
 from api import convert, wire, wire_preflight
 from api.desk import DeskDep
+from api.names import VehicleId
 from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs import checks
 
@@ -69,7 +70,7 @@ async def get_preflight(desk: DeskDep, vehicles: Named = None) -> wire_preflight
     responses=COMMAND | errors(404),
 )
 async def exclude_vehicle(
-    vehicle_id: str, desk: DeskDep, response: Response, body: wire_preflight.ExcludeBody | None = None
+    vehicle_id: VehicleId, desk: DeskDep, response: Response, body: wire_preflight.ExcludeBody | None = None
 ) -> wire.Order:
     """On the ground: no start takes it along until it is included again. An order, with who gave it."""
     reason = "" if body is None else body.reason
@@ -86,7 +87,7 @@ async def exclude_vehicle(
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def include_vehicle(vehicle_id: str, desk: DeskDep, response: Response) -> wire.Order:
+async def include_vehicle(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> wire.Order:
     """On the ground: it has to pass every check, as everybody else."""
     record = desk.service.include(vehicle_id)
     response.headers["Location"] = f"/api/v1/orders/{record.id}"

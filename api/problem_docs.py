@@ -17,10 +17,11 @@ MEANING: Final = {
     408: "The body did not come in time.",
     409: "Proper, but not now; `detail` says why and what to do.",
     413: "The body is too large.",
+    415: "The body is compressed (`Content-Encoding`), which is not accepted.",
     429: "Too many calls; `Retry-After` says when to come again.",
     422: "Bad input; `problems` names each field, its value and what is allowed.",
     500: "A bug of this service.",
-    503: "Control is not alive; `detail` says why.",
+    503: "Control is not alive, or too many connections are open; `detail` says why.",
 }
 
 
@@ -39,5 +40,5 @@ async def _no_body(request: Request) -> None:
 TOKEN: Final = [Depends(HTTPBearer(auto_error=False, description="See `gcs token create`."))]
 NO_BODY: Final = [Depends(_no_body)]
 READ: Final = errors(422)
-WRITE: Final = errors(400, 408, 413, 422)
+WRITE: Final = errors(400, 408, 413, 415, 422)
 COMMAND: Final = WRITE | errors(409, 503)

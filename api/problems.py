@@ -4,12 +4,29 @@ import json
 from collections.abc import Sequence
 from http import HTTPStatus
 from math import isfinite, isnan
-from typing import Any
+from typing import Any, Final
 
 from starlette.responses import Response
 
 from api import wire
+from api.security_headers import HEADERS
 from gcs.quoting import cut, quoted
+
+ERROR_HEADERS: Final = {**HEADERS, "Cache-Control": "no-store"}
+
+DETAIL_MAX: Final = 4000
+"""Characters of one error's text, however many fields are wrong."""
+
+KINDS: Final = {
+    "bool_type": "true or false",
+    "dict_type": "a JSON object",
+    "list_type": "a list",
+    "model_attributes_type": "a JSON object",
+    "model_type": "a JSON object",
+    "none_required": "null",
+    "tuple_type": "a list",
+}
+"""What is allowed, in JSON's words where pydantic has Python's."""
 
 
 def echo(value: object) -> str | int | float | bool | None:
@@ -20,19 +37,33 @@ def echo(value: object) -> str | int | float | bool | None:
         return value
     if isinstance(value, int) and value.bit_length() < 54:  # exact in every reader of JSON
         return value
-    return cut(value) if isinstance(value, str) else quoted(value)
+    return cut(_text(value))
+
+
+def _text(value: object) -> str:
+    """A value as a sender of JSON would write it; text as it is."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bytes):
+        return value.decode(errors="replace")
+    if value is None or isinstance(value, bool | int | float | dict | list):
+        return json.dumps(value, ensure_ascii=False, default=quoted)
+    return quoted(value)
 
 
 def error_response(status: int, detail: str, problems: Sequence[wire.Problem] = ()) -> Response:
     """An error in its one shape. Plain ASCII, so that no text from outside can break it."""
-    body = {"detail": detail, "problems": [problem.model_dump() for problem in problems]}
+    body = {
+        "detail": detail if len(detail) <= DETAIL_MAX else detail[:DETAIL_MAX] + "…",
+        "problems": [problem.model_dump() for problem in problems],
+    }
     text = json.dumps(body, allow_nan=False, ensure_ascii=True)
-    return Response(text, status_code=status, media_type="application/json")
+    return Response(text, status_code=status, media_type="application/json", headers=ERROR_HEADERS)
 
 
 def invalid_response(problems: Sequence[wire.Problem]) -> Response:
     """Fields that are wrong: 422."""
-    detail = "; ".join(f"{problem.field} = {problem.value}: {problem.allowed}" for problem in problems)
+    detail = "; ".join(f"{problem.field} = {_text(problem.value)}: {problem.allowed}" for problem in problems)
     return error_response(HTTPStatus.UNPROCESSABLE_ENTITY, detail, problems)
 
 
@@ -43,7 +74,7 @@ def from_pydantic(error: dict[str, Any]) -> wire.Problem:
     if len(path) > 1 and path[0] in wire.TARGET_FRAMES:  # which of two forms was meant: no field
         path = path[1:]
     field = ".".join(path) or "body"
-    allowed = error["msg"].removeprefix("Input should be ")
+    allowed = KINDS.get(kind) or error["msg"].removeprefix("Input should be ")
     if kind == "json_invalid":
         field, value, allowed = "body", None, f"JSON; at character {path[0]}: {error['ctx']['error']}"
     elif kind == "missing":
@@ -52,9 +83,4 @@ def from_pydantic(error: dict[str, Any]) -> wire.Problem:
         allowed = "not a field of this request"
     elif field == "body" and not isinstance(value, dict):
         allowed = "a JSON object, sent as Content-Type: application/json"
-    return wire.Problem(field=_short(field), value=echo(value), allowed=allowed)
-
-
-def _short(name: str) -> str:
-    """A name from outside, short."""
-    return cut(name)
+    return wire.Problem(field=cut(field), value=echo(value), allowed=allowed)

@@ -11,6 +11,7 @@ from starlette.requests import HTTPConnection
 
 from api import convert, wire
 from api.desk import Desk, DeskDep
+from api.names import ObstacleId, OrderId, VehicleId
 from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from api.wire_stream import Access, Status
 from gcs.errors import InvalidError, UnknownError
@@ -75,7 +76,7 @@ async def list_vehicles(desk: DeskDep) -> list[wire.Vehicle]:
 
 
 @api.get("/vehicles/{vehicle_id}", tags=["fleet"], summary="One vehicle", responses=READ | errors(404))
-async def get_vehicle(vehicle_id: str, desk: DeskDep) -> wire.Vehicle:
+async def get_vehicle(vehicle_id: VehicleId, desk: DeskDep) -> wire.Vehicle:
     """One vehicle, as the service believes it to be."""
     for each in desk.view.vehicles:
         if each.id == vehicle_id:
@@ -107,7 +108,7 @@ def _accepted(response: Response, order: wire.Order) -> wire.Order:
 
 
 def _vehicle_command(action: VehicleAction) -> Callable[..., Awaitable[wire.Order]]:
-    async def command(vehicle_id: str, desk: DeskDep, response: Response) -> wire.Order:
+    async def command(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> wire.Order:
         return _accepted(response, convert.order(desk.service.command_vehicle(vehicle_id, action)))
 
     return command
@@ -247,7 +248,7 @@ async def list_orders(desk: DeskDep) -> list[wire.Order]:
 
 
 @api.get("/orders/{order_id}", tags=["show"], summary="An order's outcome", responses=READ | errors(404))
-async def get_order(order_id: str, desk: DeskDep) -> wire.Order:
+async def get_order(order_id: OrderId, desk: DeskDep) -> wire.Order:
     """How far an accepted order has got, vehicle by vehicle."""
     return convert.order(desk.service.order(order_id))
 
@@ -334,7 +335,7 @@ async def list_obstacles(desk: DeskDep) -> list[wire.Obstacle]:
 
 
 @api.get("/obstacles/{obstacle_id}", tags=["obstacles"], summary="One obstacle", responses=READ | errors(404))
-async def get_obstacle(obstacle_id: str, desk: DeskDep) -> wire.Obstacle:
+async def get_obstacle(obstacle_id: ObstacleId, desk: DeskDep) -> wire.Obstacle:
     """One box."""
     return convert.obstacle(_box(desk, obstacle_id), desk.now_s())
 
@@ -361,7 +362,7 @@ async def add_obstacle(body: wire.ObstaclePost, desk: DeskDep, response: Respons
     summary="Move or resize an obstacle",
     responses=COMMAND | errors(404),
 )
-async def change_obstacle(obstacle_id: str, body: wire.ObstaclePut, desk: DeskDep) -> wire.Obstacle:
+async def change_obstacle(obstacle_id: ObstacleId, body: wire.ObstaclePut, desk: DeskDep) -> wire.Obstacle:
     """Replace the box of this id. Refused when it would stand on a vehicle or too close ahead of one."""
     if body.id and body.id != obstacle_id:
         raise InvalidError("id", body.id, f"{obstacle_id!r}, as in the path, or absent")
@@ -382,7 +383,7 @@ async def change_obstacle(obstacle_id: str, body: wire.ObstaclePut, desk: DeskDe
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def remove_obstacle(obstacle_id: str, desk: DeskDep) -> None:
+async def remove_obstacle(obstacle_id: ObstacleId, desk: DeskDep) -> None:
     """Forget a box."""
     desk.service.remove_obstacle(obstacle_id)
     left = tuple(box for box in desk.plan.obstacles if box.id != obstacle_id)

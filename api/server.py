@@ -14,9 +14,8 @@ from typing import Any, Final
 
 import uvicorn
 from starlette.types import ASGIApp
-from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from websockets.http11 import Request
 
+from api.protocols import CONNECTIONS_MAX, Http, Viewer, bound_log
 from gcs.access import TlsSettings
 from gcs.errors import ConfigError, LinkError
 
@@ -29,9 +28,6 @@ SHUTDOWN_S: Final = 2
 SEND_BUFFER_BYTES: Final = 64 * 1024
 """Of the kernel, per connection: what a slow viewer has not read yet is old, so little of it is kept."""
 
-CONNECTIONS_MAX: Final = 256
-"""Of each listener; one more is answered 503 and closed."""
-
 SILENT_S: Final = 10.0
 CROWDED_S: Final = 0.5
 """A connection that asks nothing for so long, or sends half a request, is cut: it holds another's place.
@@ -43,24 +39,6 @@ BACKLOG: Final = 64
 
 STALLED_MS: Final = 20_000
 """A connection whose peer takes nothing for so long is cut."""
-
-
-class _Viewer(WebSocketsSansIOProtocol):
-    """A WebSocket that keeps nothing but what is on its way, and says when all of it has left.
-
-    What is sent next is then the newest at that time, not what waited.
-    """
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Pause whoever sends as long as anything is left."""
-        super().connection_made(transport)
-        self.transport.set_write_buffer_limits(high=0)
-
-    def handle_connect(self, event: Request) -> None:
-        """Let the app know how to wait for that."""
-        super().handle_connect(event)
-        if self.handshake_initiated and not self.handshake_complete:
-            self.scope["state"]["drained"] = self.writable.wait
 
 
 class _Server(uvicorn.Server):
@@ -128,6 +106,7 @@ async def serve(
     """
     _check_tls(tls)
     listener = await _listen(host, port)
+    bound_log()
     config = uvicorn.Config(
         app,
         log_config=None,
@@ -135,11 +114,11 @@ async def serve(
         lifespan="off",
         proxy_headers=False,
         server_header=False,
-        ws=_Viewer,
+        http=Http,
+        ws=Viewer,
         ws_max_size=4096,  # viewers have nothing to say
         ws_per_message_deflate=False,  # compression would take time from the control loop beside us
         timeout_graceful_shutdown=SHUTDOWN_S,
-        limit_concurrency=CONNECTIONS_MAX,
         backlog=BACKLOG,
         ssl_certfile=None if tls is None else tls.certificate_file,
         ssl_keyfile=None if tls is None else str(tls.key_file),

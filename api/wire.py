@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from api.names import VehicleName
 from api.wire_alarms import Alarm
 from api.wire_interrupted import Interrupted
 from api.wire_reactions import Reaction
@@ -195,9 +196,9 @@ class StartBody(Inward):
 
     model_config = ConfigDict(json_schema_extra=without_defaults)
 
-    vehicles: Annotated[list[str], Field(min_length=1, max_length=10_000, examples=[["d1", "d2"]])] = Field(
-        default=ABSENT, description="Absent: every vehicle that is online."
-    )
+    vehicles: Annotated[
+        list[VehicleName], Field(min_length=1, max_length=10_000, examples=[["d1", "d2"]])
+    ] = Field(default=ABSENT, description="Absent: every vehicle that is online.")
     show_hash: Annotated[str, Field(pattern=HASH_PATTERN, examples=[HASH_EXAMPLE])] = Field(
         default=ABSENT, description="Of the selected show, as its check tells it. Absent: none is selected."
     )

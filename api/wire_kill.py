@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
+from api.names import VehicleName
 from api.wire import ABSENT, Inward, Outward, without_defaults
 
 CODE_PATTERN = r"^[0-9a-f]{6}$"
@@ -17,7 +18,7 @@ class KillBody(Inward):
 
     model_config = ConfigDict(json_schema_extra=without_defaults)
 
-    vehicles: Annotated[list[str], Field(min_length=1, max_length=10_000, examples=[["d1"]])] = Field(
+    vehicles: Annotated[list[VehicleName], Field(min_length=1, max_length=10_000, examples=[["d1"]])] = Field(
         default=ABSENT, description="Absent: all that are not offline."
     )
 

@@ -19,7 +19,8 @@ from websockets.asyncio.client import ClientConnection, connect
 
 from api.app import create_app
 from api.desk import VIEWERS_MAX
-from api.server import CONNECTIONS_MAX, serve
+from api.protocols import CONNECTIONS_MAX
+from api.server import serve
 from gcs.errors import LinkError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))

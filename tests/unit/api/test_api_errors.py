@@ -1,3 +1,4 @@
+import gzip
 import json
 from typing import Any
 
@@ -8,6 +9,7 @@ from api_harness import Api
 
 from api import wire
 from gcs.errors import LinkError, ShapeError
+from gcs.lifecycle import ShowPhase
 from gcs.service import OrderRecord, ShowAction
 
 JSON = {"Content-Type": "application/json"}
@@ -48,7 +50,7 @@ BAD_VALUES: list[tuple[str, Any, str]] = [
     ('"12"', "12", "a valid number"),
     ("null", None, "a valid number"),
     ("true", True, "a valid number"),
-    ('{"nested": ["garbage"]}', "{'nested': ['garbage']}", "a valid number"),
+    ('{"nested": ["garbage"]}', '{"nested": ["garbage"]}', "a valid number"),
     ("[]", "[]", "a valid number"),
     ("-1e300", -1e300, "greater than"),
     ("1e300", 1e300, "less than or equal to"),
@@ -189,25 +191,87 @@ WITH_BODY = [
 
 @pytest.mark.parametrize(("method", "path"), WITH_BODY)
 @pytest.mark.parametrize(
-    ("text", "status"),
+    ("text", "field"),
     [
-        ("{", 422),
-        ('{"radius_m": }', 422),
-        ("\x00", 422),
-        ("[1, 2]", 422),
-        ('"text"', 422),
-        ("7", 422),
-        ("NaN", 422),
-        ('{"radius_m": ' + "9" * 5000 + "}", 400),
-        ("[" * 60_000, 400),
+        ("{", "body"),
+        ('{"radius_m": }', "body"),
+        ("\x00", "body"),
+        ("[1, 2]", "body"),
+        ('"text"', "body"),
+        ("7", "body"),
+        ("NaN", "body"),
+        ('{"radius_m": ' + "9" * 5000 + "}", "radius_m"),
+        ('{"box": {"sides": [1, ' + "9" * 60_000 + "]}}", "box.sides.1"),
+        ("[" * 60_000, "body"),
+        ('{"a":' * 10_000 + "1" + "}" * 10_000, "body"),
+        ("[]," * 20_000, "body"),
     ],
     ids=lambda text: str(text)[:16],
 )
-def test_a_malformed_body_is_never_a_500(api: Api, method: str, path: str, text: str, status: int) -> None:
-    answer = raw(api, method, path, text)
-    assert answer.status_code == status
-    assert set(answer.json()) == {"detail", "problems"}
-    assert [problem["field"] for problem in answer.json()["problems"]] == (["body"] if status == 422 else [])
+def test_a_malformed_body_is_422_with_the_field(
+    api: Api, method: str, path: str, text: str, field: str
+) -> None:
+    (problem,) = problems(raw(api, method, path, text))
+    assert problem.field == field
+    assert len(str(problem.value)) <= 80
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body", "field", "value"),
+    [
+        ("PATCH", "/formation", '{"radius_m": 12, "radius_m": 40}', "radius_m", 40),
+        ("PUT", "/target", '{"x_m": 1, "y_m": 2, "x_m": 1}', "x_m", 1),
+        ("POST", "/show/start", '{"vehicles": ["d1"], "vehicles": ["d2"]}', "vehicles", '["d2"]'),
+        ("POST", "/kill", '{"vehicles": ["d1"], "vehicles": ["d2"]}', "vehicles", '["d2"]'),
+        ("PATCH", "/yaw", '{"policy": {"a": 1, "b": {"c": 1, "c": true}}}', "policy.b.c", True),
+    ],
+)
+def test_a_name_given_twice_is_refused_and_nothing_changes(
+    api: Api, method: str, path: str, body: str, field: str, value: Any
+) -> None:
+    plan = api.service.plan
+    (problem,) = problems(raw(api, method, path, body))
+    assert (problem.field, problem.value, problem.allowed) == (field, value, "given once, not twice")
+    assert api.service.plan is plan
+    assert api.service.show is ShowPhase.IDLE
+
+
+@pytest.mark.parametrize("coding", ["gzip", "br", "deflate, gzip", "x" * 500])
+def test_a_compressed_body_is_refused(api: Api, coding: str) -> None:
+    headers = {**JSON, "Content-Encoding": coding}
+    answer = api("PATCH", "/api/v1/formation", content=gzip.compress(b'{"radius_m": 12}'), headers=headers)
+    assert answer.status_code == 415
+    body = wire.ErrorBody.model_validate(answer.json())
+    assert body.detail.startswith(f"Content-Encoding: {coding[:70]}")
+    assert len(body.detail) < 200
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body"),
+    [
+        ("PATCH", "/formation", '{"radius_m": null}'),
+        ("PATCH", "/formation", '{"radius_m": true}'),
+        ("PATCH", "/formation", '{"radius_m": {"a": null, "b": [true, false]}}'),
+        ("PATCH", "/formation", "[null, true]"),
+        ("POST", "/obstacles", "{}"),
+        ("POST", "/show/start", '{"vehicles": [null]}'),
+        ("POST", "/show/start", '{"vehicles": {"d1": false}}'),
+        ("POST", "/show/stop", '{"why": null}'),
+    ],
+)
+def test_no_word_of_python_is_answered(api: Api, method: str, path: str, body: str) -> None:
+    answer = raw(api, method, path, body)
+    problems(answer)
+    for word in ("None", "True", "False", "dict", "tuple", "b'", "{'"):
+        assert word not in answer.text
+
+
+def test_a_body_sent_as_another_type_is_echoed_as_text_not_as_bytes(api: Api) -> None:
+    answer = api(
+        "PATCH", "/api/v1/formation", content=b'{"radius_m": 12}', headers={"Content-Type": "text/plain"}
+    )
+    (problem,) = problems(answer)
+    assert problem.value == '{"radius_m": 12}'
 
 
 @pytest.mark.parametrize(("method", "path"), [each for each in WITH_BODY if each[1] != "/show/start"])
@@ -229,7 +293,8 @@ def test_another_content_type_is_refused(api: Api, method: str, path: str, kind:
 
 def test_bytes_that_are_not_utf_8_are_refused(api: Api) -> None:
     answer = api("PATCH", "/api/v1/formation", content=b'{"\xff\xfe": 1}', headers=JSON)
-    assert (answer.status_code, set(answer.json())) == (400, {"detail", "problems"})
+    (problem,) = problems(answer)
+    assert (problem.field, problem.allowed) == ("body", "JSON in UTF-8; byte 2 is not")
 
 
 def test_a_long_wrong_value_is_echoed_short(api: Api) -> None:
@@ -267,6 +332,48 @@ def test_an_unknown_path_or_method_has_the_same_error_shape(
     assert wire.ErrorBody.model_validate(answer.json()).problems == []
     assert path in answer.json()["detail"]
     assert ("allow" in answer.headers) == (status == 405)
+    assert answer.headers.get("allow", "GET") != ""
+
+
+@pytest.mark.parametrize(
+    ("path", "allow"),
+    [
+        ("/", "GET, HEAD, OPTIONS"),
+        ("/healthz", "GET, HEAD, OPTIONS"),
+        ("/openapi.json", "GET, HEAD, OPTIONS"),
+        ("/docs", "GET, HEAD, OPTIONS"),
+        ("/metrics", "GET, HEAD, OPTIONS"),
+        ("/api/v1/fleet", "GET, HEAD, OPTIONS"),
+        ("/api/v1/formation", "GET, HEAD, OPTIONS, PATCH"),
+        ("/api/v1/show/start", "OPTIONS, POST"),
+        ("/api/v1/obstacles", "GET, HEAD, OPTIONS, POST"),
+        ("/api/v1/obstacles/tower", "DELETE, GET, HEAD, OPTIONS, PUT"),
+    ],
+)
+def test_every_path_names_its_methods_and_answers_head_and_options(api: Api, path: str, allow: str) -> None:
+    options = api("OPTIONS", path)
+    assert (options.status_code, options.headers["allow"], options.content) == (204, allow, b"")
+    refused = api("DELETE" if "DELETE" not in allow else "POST", path)
+    assert (refused.status_code, refused.headers["allow"]) == (405, allow)
+    assert allow in refused.json()["detail"]
+    head, get = api("HEAD", path), api("GET", path)
+    if "GET" in allow:
+        assert (head.status_code, head.content) == (get.status_code, b"")
+        assert head.headers["content-type"] == get.headers["content-type"]
+    else:
+        assert (head.status_code, head.headers["allow"]) == (405, allow)
+
+
+def test_options_of_no_path_is_404(api: Api) -> None:
+    assert api("OPTIONS", "/api/v1/nothing").status_code == 404
+
+
+def test_a_long_path_is_told_short(api: Api) -> None:
+    answer = api("GET", "/api/v1/" + "x" * 5000)
+    assert answer.status_code == 404
+    assert len(answer.text) < 300
+    (problem,) = problems(api("GET", "/api/v1/vehicles/" + "x" * 5000))
+    assert (problem.field, len(str(problem.value))) == ("vehicle_id", 80)
 
 
 class BrokenService(FakeService):

@@ -7,8 +7,10 @@ from api_fake_service import FakeService
 from api_harness import Api
 
 from api.app import create_app
+from api.door import Door
 from api.guard import BODY_MAX_BYTES, DRAIN_MAX_BYTES
 from gcs.lifecycle import ShowPhase
+from gcs.service import OrderRecord
 
 
 @pytest.fixture
@@ -45,6 +47,66 @@ def test_a_foreign_web_page_may_not_command(api: Api, origin: str) -> None:
 
 def test_a_page_of_this_service_may_command(api: Api) -> None:
     assert api("POST", "/api/v1/show/start", headers={"Origin": "http://127.0.0.1"}).status_code == 202
+
+
+NO_CORS = {"Sec-Fetch-Mode": "no-cors", "Sec-Fetch-Dest": "image"}
+LINK = {"Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "document"}
+FRAME = {"Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "iframe"}
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_what_a_page_of_another_site_embeds_is_refused_before_it_is_counted(site: str) -> None:
+    clock_s = 0.0
+    door = Door(calls_per_s=1.0, burst=3.0, clock_s=lambda: clock_s, audit=lambda _: None)
+    api = Api()
+    api.app = create_app(api.service, door=door)
+    for headers in (NO_CORS, FRAME) * 20:
+        answer = api("GET", "/api/v1/fleet", headers={"Sec-Fetch-Site": site, **headers})
+        assert (answer.status_code, answer.json()["problems"]) == (403, [])
+    own = {"Sec-Fetch-Site": "same-origin", "Sec-Fetch-Mode": "cors", "Sec-Fetch-Dest": "empty"}
+    assert [api("GET", "/api/v1/fleet", headers=own).status_code for _ in range(4)] == [200, 200, 200, 429]
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "status"),
+    [
+        ("/docs", {"Sec-Fetch-Site": "cross-site", **LINK}, 200),  # somebody followed a link
+        ("/docs", {"Sec-Fetch-Site": "cross-site", **FRAME}, 403),
+        ("/api/v1/fleet", {"Sec-Fetch-Site": "cross-site", **LINK}, 403),
+        ("/api/v1/fleet", {"Sec-Fetch-Site": "none", **LINK}, 200),  # typed into the browser
+    ],
+)
+def test_a_link_from_elsewhere_leads_to_the_pages_alone(
+    api: Api, path: str, headers: dict[str, str], status: int
+) -> None:
+    assert api("GET", path, headers=headers).status_code == status
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("GET", "/api/v1/fleet", 200),
+        ("GET", "/openapi.json", 200),
+        ("GET", "/docs", 200),
+        ("GET", "/metrics", 200),
+        ("GET", "/nothing", 404),
+        ("DELETE", "/api/v1/fleet", 405),
+        ("OPTIONS", "/api/v1/fleet", 204),
+        ("PATCH", "/api/v1/formation", 422),
+        ("POST", "/api/v1/show/stop", 500),
+    ],
+)
+def test_no_answer_can_be_framed_or_guessed(method: str, path: str, status: int) -> None:
+    class Broken(FakeService):
+        def command_show(self, *_: object, **__: object) -> OrderRecord:
+            raise ZeroDivisionError
+
+    answer = Api(Broken())(method, path)
+    assert answer.status_code == status
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["x-frame-options"] == "DENY"
+    assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
+    assert "unsafe" not in answer.headers["content-security-policy"]
 
 
 @pytest.mark.parametrize(

@@ -114,7 +114,7 @@ def test_a_path_with_dots_that_no_browser_sends_is_not_the_page(path: str) -> No
 
 def test_where_the_page_is_not_built_a_sentence_says_how(tmp_path: Path) -> None:
     answer = ask(tmp_path / "dist", "/")
-    assert (answer.status_code, answer.headers["content-type"]) == (503, "text/plain; charset=utf-8")
+    assert (answer.status_code, answer.headers["content-type"]) == (503, "application/json")
     assert "make console" in answer.text
     assert ask(tmp_path / "dist", "/assets/index.js").status_code == 404
 

@@ -2870,6 +2870,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
         };
     };
     list_alarms: {
@@ -2919,6 +2928,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -3011,6 +3029,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -3038,7 +3065,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3121,6 +3148,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -3148,7 +3184,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3206,6 +3242,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -3300,6 +3345,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -3327,7 +3381,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3423,6 +3477,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -3450,7 +3513,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3546,6 +3609,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -3573,7 +3645,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3669,6 +3741,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -3696,7 +3777,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3792,6 +3873,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -3819,7 +3909,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3877,6 +3967,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -3962,6 +4061,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -3989,7 +4097,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4085,6 +4193,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -4112,7 +4229,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4199,6 +4316,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -4226,7 +4352,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4284,6 +4410,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4369,6 +4504,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -4396,7 +4540,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4474,6 +4618,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4570,6 +4723,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -4597,7 +4759,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4689,6 +4851,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -4716,7 +4887,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4774,6 +4945,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4859,6 +5039,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -4886,7 +5075,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4944,6 +5133,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -5020,6 +5218,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -5113,7 +5320,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5189,6 +5396,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -5274,6 +5490,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -5301,7 +5526,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5384,6 +5609,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
         };
     };
     get_show: {
@@ -5433,6 +5667,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -5514,6 +5757,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -5541,7 +5793,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5624,6 +5876,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -5651,7 +5912,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5732,6 +5993,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -5759,7 +6029,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5842,6 +6112,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -5869,7 +6148,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5952,6 +6231,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -5979,7 +6267,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6075,6 +6363,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -6102,7 +6399,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6198,6 +6495,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -6225,7 +6531,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6308,6 +6614,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -6335,7 +6650,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6418,6 +6733,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -6445,7 +6769,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6512,6 +6836,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -6604,6 +6937,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
         };
     };
     put_show_file: {
@@ -6689,6 +7031,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -6716,7 +7067,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6808,6 +7159,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -6835,7 +7195,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6913,6 +7273,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -7005,6 +7374,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -7032,7 +7410,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7130,6 +7508,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -7157,7 +7544,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7222,6 +7609,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
         };
     };
     get_target: {
@@ -7271,6 +7667,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -7356,6 +7761,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -7383,7 +7797,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7441,6 +7855,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -7517,6 +7940,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -7609,6 +8041,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -7636,7 +8077,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7734,6 +8175,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -7761,7 +8211,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7855,6 +8305,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -7882,7 +8341,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7976,6 +8435,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -8003,7 +8471,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8097,6 +8565,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -8124,7 +8601,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8218,6 +8695,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -8245,7 +8731,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8339,6 +8825,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -8366,7 +8861,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8460,6 +8955,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -8487,7 +8991,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8545,6 +9049,15 @@ export interface operations {
             };
             /** @description A bug of this service. */
             500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -8630,6 +9143,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
                 headers: {
@@ -8657,7 +9179,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8722,7 +9244,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8787,6 +9309,15 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
         };
     };
     readyz: {
@@ -8843,7 +9374,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description Control is not alive; `detail` says why. */
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
             503: {
                 headers: {
                     [name: string]: unknown;

@@ -1,0 +1,106 @@
+"""What the server answers by itself, and what it writes into the log, over real TCP."""
+
+import asyncio
+import json
+import logging
+import sys
+from pathlib import Path
+
+import pytest
+import websockets
+from api_station import run, served
+from websockets.asyncio.client import connect
+
+from api import wire
+from api.door import TELL_BURST, TELL_PER_S, Door
+from api.protocols import CONNECTIONS_MAX, LINES_BURST
+from gcs.access import Denied, Role
+from gcs.tokens import Tokens, create_token
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
+
+from api_fake_service import FakeService
+
+UPGRADE = "Host: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+KEY = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+
+
+async def asked(port: int, request: str) -> tuple[int, dict[str, str], bytes]:
+    """Status, headers in small letters and body of what is answered to bytes."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    writer.write(request.encode())
+    answer = await asyncio.wait_for(reader.read(), timeout=30)
+    writer.close()
+    head, _, body = answer.partition(b"\r\n\r\n")
+    lines = head.decode().splitlines()
+    headers = dict(line.lower().split(": ", 1) for line in lines[1:])
+    return int(lines[0].split()[1]), headers, body
+
+
+def check_shape(headers: dict[str, str], body: bytes) -> wire.ErrorBody:
+    assert headers["content-type"] == "application/json"
+    assert headers["x-content-type-options"] == "nosniff"
+    assert "frame-ancestors 'none'" in headers["content-security-policy"]
+    return wire.ErrorBody.model_validate(json.loads(body))
+
+
+@pytest.mark.parametrize(
+    ("request_text", "status"),
+    [
+        ("GET /healthz HTTP/1.1\r\nHost 127.0.0.1\r\n\r\n", 400),
+        ("\x16\x03\x01\x02\r\n\r\n", 400),
+        (f"GET /api/v1/stream HTTP/1.1\r\n{UPGRADE}\r\n", 400),
+        (f"GET /api/v1/nothing HTTP/1.1\r\n{UPGRADE}{KEY}\r\n", 403),
+    ],
+)
+def test_what_is_no_http_and_no_handshake_is_answered_in_the_one_shape(
+    request_text: str, status: int
+) -> None:
+    async def main(_service: FakeService, port: int) -> None:
+        answered, headers, body = await asked(port, request_text)
+        assert answered == status
+        assert check_shape(headers, body).detail
+
+    run(main)
+
+
+def test_one_connection_too_many_is_503_in_the_one_shape_and_hardly_logged(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def main(_service: FakeService, port: int) -> None:
+        held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(CONNECTIONS_MAX)]
+        text = "GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+        for _ in range(50):
+            status, headers, body = await asked(port, text)
+            assert (status, headers["retry-after"], headers["connection"]) == (503, "1", "close")
+            assert str(CONNECTIONS_MAX) in check_shape(headers, body).detail
+        for _, writer in held:
+            writer.close()
+
+    with caplog.at_level(logging.WARNING):
+        run(main)
+    assert 1 <= sum("connections" in line.getMessage() for line in caplog.records) <= LINES_BURST + 2
+
+
+def test_denied_handshakes_write_no_line_of_the_servers_and_few_of_the_audit(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    count = int(TELL_BURST) + 60
+    told: list[Denied] = []
+    file = tmp_path / "tokens.json"
+    create_token(file, "crew", Role.WATCH)
+
+    async def main() -> None:
+        door = Door(Tokens(file), audit=told.append, clock_s=lambda: 0.0)
+        async with asyncio.timeout(60), served(FakeService(), door) as port:
+            for _ in range(count):
+                with pytest.raises(websockets.InvalidStatus) as refused:
+                    await connect(f"ws://127.0.0.1:{port}/api/v1/stream")
+                assert refused.value.response.status_code == 401
+            await asyncio.sleep(1.1)
+
+    with caplog.at_level(logging.INFO):
+        asyncio.run(main())
+    assert [line for line in caplog.records if line.name.startswith("uvicorn") and line.levelno >= 30] == []
+    assert sum(each.count for each in told) == count
+    assert len(told) <= TELL_BURST + TELL_PER_S
