@@ -1,7 +1,7 @@
 """Between the service's types and the wire's, in both directions."""
 
 from dataclasses import asdict, replace
-from math import degrees, hypot, pi, radians
+from math import degrees, hypot, isfinite, pi, radians
 from typing import Final
 
 import numpy as np
@@ -83,8 +83,10 @@ def yaw_rad(heading: float, frame: ShowFrame) -> float:
     return (radians(heading - frame.heading_deg) + pi) % (2 * pi) - pi
 
 
-def vehicle(view: VehicleView, frame: ShowFrame) -> wire.Vehicle:
-    """One vehicle for the wire."""
+def vehicle(
+    view: VehicleView, frame: ShowFrame, low_s: float | None = None, empty_s: float | None = None
+) -> wire.Vehicle:
+    """One vehicle for the wire; how long its battery lasts, None: not known."""
     x_m, y_m, down_m = view.position_m if view.position_m is not None else (None, None, None)
     return wire.Vehicle(
         id=view.id,
@@ -113,8 +115,39 @@ def vehicle(view: VehicleView, frame: ShowFrame) -> wire.Vehicle:
         setpoint=_velocity(view.setpoint_m_s),
         link_quality=view.link_quality,
         restrained_by=view.restrained_by,
+        low_s=low_s,
+        empty_s=empty_s,
         light=view.light,
     )
+
+
+def estimates(view: FleetView) -> wire.Estimates | None:
+    """Energy and time for the wire."""
+    found, ids = view.estimates, view.rows.ids
+    if found is None:
+        return None
+    return wire.Estimates(
+        battery_least=found.battery_least,
+        battery_least_vehicle=None if found.battery_least_row is None else ids[found.battery_least_row],
+        battery_median=found.battery_median,
+        low_s=None if found.low_row is None else float(found.low_s[found.low_row]),
+        low_vehicle=None if found.low_row is None else ids[found.low_row],
+        empty_s=min(filter(isfinite, found.empty_s.tolist()), default=None),
+        assembled_s=found.assembled_s,
+        home_s=found.home_s,
+    )
+
+
+def vehicles(view: FleetView, frame: ShowFrame) -> list[wire.Vehicle]:
+    """All vehicles for the wire."""
+    found = view.estimates
+    if found is None:
+        return [vehicle(each, frame) for each in view.vehicles]
+    columns = [
+        [left_s if isfinite(left_s) else None for left_s in column.tolist()]
+        for column in (found.low_s, found.empty_s)
+    ]
+    return [vehicle(each, frame, *left_s) for each, *left_s in zip(view.vehicles, *columns, strict=True)]
 
 
 def _possible(phase: ShowPhase, action: ShowAction) -> bool:
@@ -289,6 +322,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
         alarms=convert_alarms.alarms(view, problem),
         notices=list(view.notices),
         reactions=[reaction(each) for each in view.reactions],
+        estimates=estimates(view),
         access=access,
         tick=wire.Tick(
             rate_hz=view.tick.rate_hz,
@@ -298,7 +332,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
             duration_p99_ms=view.tick.duration_p99_ms,
             lateness_p99_ms=view.tick.lateness_p99_ms,
         ),
-        vehicles=[vehicle(each, frame) for each in view.vehicles],
+        vehicles=vehicles(view, frame),
     )
 
 

@@ -57,6 +57,7 @@ def status(
         alarms=convert_alarms.alarms(view, problem),
         notices=list(view.notices),
         reactions=[convert.reaction(each) for each in view.reactions],
+        estimates=convert.estimates(view),
         access=access,
         restraints=sorted(set(view.rows.restrained_by) - {""}),
         replay=None if view.playback is None else replay(view.playback),

@@ -10,13 +10,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.estimates import Estimates
 from gcs.frames import ShowFrame
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.rows import VehicleRows
 from gcs.service import FleetView
 from gcs.state import Mode
 
-VERSION: Final = 1
+VERSION: Final = 2
 
 HEADER: Final = np.dtype(
     {
@@ -26,9 +27,10 @@ HEADER: Final = np.dtype(
             *("center_x_m", "center_y_m", "center_height_m", "target_x_m", "target_y_m", "radius_m"),
             *("minimum_separation_m", "rate_hz", "p50_ms", "p99_ms", "lateness_p99_ms"),
             *("clock_s", "countdown_s"),
+            *("battery_least", "battery_median", "assembled_s", "home_s", "battery_least_row"),
         ],
-        "formats": ["u1"] * 4 + ["<u4"] * 3 + ["<f8"] * 2 + ["<u4"] * 3 + ["<f4"] * 13,
-        "offsets": [0, 1, 2, 3, 4, 8, 12, 16, 24, 32, 36, 40, *range(48, 100, 4)],
+        "formats": ["u1"] * 4 + ["<u4"] * 3 + ["<f8"] * 2 + ["<u4"] * 3 + ["<f4"] * 17 + ["<u4"],
+        "offsets": [0, 1, 2, 3, 4, 8, 12, 16, 24, 32, 36, 40, *range(48, 120, 4)],
         "itemsize": 128,
     }
 )
@@ -37,6 +39,7 @@ FLOATS: Final = (
     *("x_m", "y_m", "height_m", "vx_m_s", "vy_m_s", "vup_m_s", "heading_deg"),
     *("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_up_m_s"),
     *("battery", "position_age_s", "heartbeat_age_s", "uncertainty_m", "link_quality"),
+    *("low_s", "empty_s"),
 )
 """Columns of single precision, in their order."""
 
@@ -45,6 +48,9 @@ BYTES: Final = ("phase", "mode", "landed", "flags", "red", "green", "blue")
 
 ARMED, READY, RESTRAINED, COMMANDED, LIT = (1 << bit for bit in range(5))
 """Bits of `flags`."""
+
+NO_ROW: Final = 2**32 - 1
+"""Where a row is told and there is none."""
 
 UPWARDS: Final = np.array([1.0, 1.0, -1.0])
 
@@ -55,7 +61,7 @@ _SHOW: Final = {phase: number for number, phase in enumerate(ShowPhase)}
 
 
 def encode(view: FleetView, frame: ShowFrame, *, revision: int, alive: bool) -> bytes:
-    """One state, `HEADER.itemsize` + 67 bytes a vehicle long.
+    """One state, `HEADER.itemsize` + 75 bytes a vehicle long.
 
     Args:
         view: the state.
@@ -69,7 +75,8 @@ def encode(view: FleetView, frame: ShowFrame, *, revision: int, alive: bool) -> 
     bytes_at = floats_at + 4 * len(FLOATS) * n
     data = bytearray(bytes_at + len(BYTES) * n)
     _fill_header(np.frombuffer(data, HEADER, 1), view, revision=revision, alive=alive)
-    _fill_floats(np.frombuffer(data, "<f4", len(FLOATS) * n, floats_at).reshape(-1, n), rows, frame)
+    table = np.frombuffer(data, "<f4", len(FLOATS) * n, floats_at).reshape(-1, n)
+    _fill_floats(table, rows, frame, view.estimates)
     _fill_bytes(np.frombuffer(data, np.uint8, len(BYTES) * n, bytes_at).reshape(-1, n), rows)
     return bytes(data)
 
@@ -93,14 +100,26 @@ def _fill_header(header: NDArray[np.void], view: FleetView, *, revision: int, al
         *(tick.rate_hz, tick.duration_p50_ms, tick.duration_p99_ms, tick.lateness_p99_ms),
         np.nan if selected is None else selected.clock_s,
         _or_nan(view.countdown_s),
+        *_fleet_estimates(view.estimates),
     )
+
+
+def _fleet_estimates(found: Estimates | None) -> tuple[float, float, float, float, int]:
+    if found is None:
+        return np.nan, np.nan, np.nan, np.nan, NO_ROW
+    known = (found.battery_least, found.battery_median, found.assembled_s, found.home_s)
+    least, median, assembled_s, home_s = map(_or_nan, known)
+    row = found.battery_least_row
+    return least, median, assembled_s, home_s, NO_ROW if row is None else row
 
 
 def _or_nan(value: float | None) -> float:
     return np.nan if value is None else value
 
 
-def _fill_floats(table: NDArray[np.float32], rows: VehicleRows, frame: ShowFrame) -> None:
+def _fill_floats(
+    table: NDArray[np.float32], rows: VehicleRows, frame: ShowFrame, found: Estimates | None
+) -> None:
     table[0:3] = (rows.position_m * UPWARDS).T
     table[3:6] = (rows.velocity_m_s * UPWARDS).T
     table[6] = (np.degrees(rows.yaw_rad) + frame.heading_deg) % 360.0
@@ -110,6 +129,8 @@ def _fill_floats(table: NDArray[np.float32], rows: VehicleRows, frame: ShowFrame
     table[12] = rows.heartbeat_age_s
     table[13] = rows.uncertainty_m
     table[14] = rows.link_quality
+    table[15] = np.nan if found is None else found.low_s
+    table[16] = np.nan if found is None else found.empty_s
     table[6][table[6] == 360.0] = 0.0  # a hair below it is rounded up
     table += 0.0  # no -0
     table[~np.isfinite(table)] = np.nan

@@ -72,15 +72,15 @@ async def get_access(connection: HTTPConnection, desk: DeskDep) -> Access:
 @api.get("/vehicles", tags=["fleet"], summary="Every vehicle")
 async def list_vehicles(desk: DeskDep) -> list[wire.Vehicle]:
     """All configured vehicles, heard or not."""
-    return [convert.vehicle(each, desk.frame) for each in desk.view.vehicles]
+    return convert.vehicles(desk.view, desk.frame)
 
 
 @api.get("/vehicles/{vehicle_id}", tags=["fleet"], summary="One vehicle", responses=READ | errors(404))
 async def get_vehicle(vehicle_id: VehicleId, desk: DeskDep) -> wire.Vehicle:
     """One vehicle, as the service believes it to be."""
-    for each in desk.view.vehicles:
+    for each in convert.vehicles(desk.view, desk.frame):
         if each.id == vehicle_id:
-            return convert.vehicle(each, desk.frame)
+            return each
     known = ", ".join(each.id for each in desk.view.vehicles)
     raise UnknownError(f"there is no vehicle {vehicle_id!r}; there are {known}")
 

@@ -301,6 +301,10 @@ class Vehicle(Outward):
     )
     setpoint: VelocityOut | None = Field(description="Sent in the last tick; null: not commanded.")
     restrained_by: str = Field(description="What the safety filter held it back for, empty when it did not.")
+    low_s: Measured = Field(
+        description="Until its battery reaches the low-battery threshold, 0 below it; null: not known yet."
+    )
+    empty_s: Measured = Field(description="Until its battery is empty; null: not known yet.")
     light: str | None = Field(
         description="Colour that the show gives it now; null: it has no part in one.", examples=["#ff8000"]
     )
@@ -315,6 +319,27 @@ class Counts(Outward):
     unknown: int = Field(description="Lost in flight or killed, and not confirmed on the ground.")
     on_ground: int
     offline: int
+
+
+class Estimates(Outward):
+    """Energy and time of the fleet, refreshed once a second. null: not known, or not going on."""
+
+    battery_least: Measured = Field(
+        description="0 to 1, of the vehicles that fly; where none does, of those that report."
+    )
+    battery_least_vehicle: str | None
+    battery_median: Measured
+    low_s: Measured = Field(
+        description=(
+            "Until the first vehicle reaches the low-battery threshold, from what it has used since take-off."
+        )
+    )
+    low_vehicle: str | None = Field(description="That vehicle.")
+    empty_s: Measured = Field(description="Until the first battery is empty.")
+    assembled_s: Measured = Field(description="Until the formation stands, while it is formed.")
+    home_s: Measured = Field(
+        description="Until all have landed at their pads, if the return began now, or until it ends."
+    )
 
 
 class SelectedShow(Outward):
@@ -464,6 +489,7 @@ class Fleet(Outward):
     reactions: list[Reaction] = Field(
         description="What the service does by itself now; the most severe first. Empty in a replay."
     )
+    estimates: Estimates | None = Field(description="null in a replay.")
     access: str = Field(description="Whether tokens are asked for, in words.")
     tick: Tick
     vehicles: list[Vehicle]

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from api.wire import (
     Counts,
+    Estimates,
     Formation,
     Obstacle,
     Orbit,
@@ -135,6 +136,9 @@ class Status(Outward):
     )
     notices: list[str] = Field(description="Replaced by `alarms`; will be removed.")
     reactions: list[Reaction] = Field(description="What the service does by itself now.")
+    estimates: Estimates | None = Field(
+        description="As they were at `time_s`; frames tell what they are now. null in a replay."
+    )
     access: str = Field(description="Whether tokens are asked for, in words.")
     restraints: list[str] = Field(description="What vehicles are held back for now, each once.")
     replay: Replay | None = Field(description="null: this is no replay.")

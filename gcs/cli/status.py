@@ -104,8 +104,32 @@ def _head(fleet: wire.Fleet) -> RenderableType:
         table.add_row(
             "reaction", Text(f"{each.action}{whom}", style="bold red"), escape(f"{each.cause}: {each.reason}")
         )
+    if (energy := _energy(fleet.estimates)) != "":
+        table.add_row("energy", energy, "")
     table.add_row("possible", ", ".join(fleet.show.possible) or "-", f"access {escape(fleet.access)}")
     return table
+
+
+def _energy(found: wire.Estimates | None) -> str:
+    """Batteries and times in one line; what is not known is left out."""
+    if found is None:
+        return ""
+    told = []
+    if found.battery_least is not None:
+        told.append(f"battery least {found.battery_least:.0%} ({found.battery_least_vehicle})")
+    if found.battery_median is not None:
+        told.append(f"median {found.battery_median:.0%}")
+    if found.low_s is not None:
+        told.append(f"low in {_minutes(found.low_s)} ({found.low_vehicle})")
+    if found.assembled_s is not None:
+        told.append(f"assembled in ~{found.assembled_s:.0f} s")
+    if found.home_s is not None:
+        told.append(f"home in ~{found.home_s:.0f} s")
+    return escape(", ".join(told))
+
+
+def _minutes(left_s: float) -> str:
+    return f"~{left_s:.0f} s" if left_s < 90.0 else f"~{left_s / 60.0:.0f} min"
 
 
 def _vehicles(fleet: wire.Fleet) -> RenderableType:

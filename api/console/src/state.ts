@@ -75,6 +75,15 @@ export interface Frame {
   /** The written show's own time. */
   clock_s: number;
   countdown_s: number;
+  /** 0 to 1. */
+  batteryLeast: number;
+  batteryMedian: number;
+  /** Until the formation stands. */
+  assembled_s: number;
+  /** Until all have landed at their pads, if the return began now. */
+  home_s: number;
+  /** Whose battery is the least; beyond all rows: nobody's. */
+  batteryLeastRow: number;
   x_m: Float32Array;
   y_m: Float32Array;
   height_m: Float32Array;
@@ -92,6 +101,9 @@ export interface Frame {
   uncertainty_m: Float32Array;
   /** 0 to 1. */
   link_quality: Float32Array;
+  /** Until the low-battery threshold, and until empty. */
+  low_s: Float32Array;
+  empty_s: Float32Array;
   /** Index in `PHASES`. */
   phase: Uint8Array;
   /** Index in `MODES`. */

@@ -31,9 +31,9 @@ describe("a frame", () => {
   test.each([
     ["nothing", new ArrayBuffer(0), "0 bytes: the header alone has 128"],
     ["half a header", new ArrayBuffer(64), "64 bytes: the header alone has 128"],
-    ["another version", bytes({ version: 2 }), "version 2: this page reads 1; load the page again"],
-    ["too few bytes", bytes({ vehicles: [{}, {}] }).slice(0, 200), "200 bytes: with 2 vehicles it has 262"],
-    ["too many bytes", new Uint8Array([...new Uint8Array(bytes({ vehicles: [{}] })), 0]).buffer, "196 bytes: with 1 vehicles it has 195"],
+    ["another version", bytes({ version: 3 }), "version 3: this page reads 2; load the page again"],
+    ["too few bytes", bytes({ vehicles: [{}, {}] }).slice(0, 200), "200 bytes: with 2 vehicles it has 278"],
+    ["too many bytes", new Uint8Array([...new Uint8Array(bytes({ vehicles: [{}] })), 0]).buffer, "204 bytes: with 1 vehicles it has 203"],
     ["a phase that is none", bytes({ showPhase: 11 }), "show phase 11: there are 11"],
   ])("is refused, and why: %s", (_name, buffer, why) => {
     expect(() => decode(buffer, 0)).toThrowError(FrameError);

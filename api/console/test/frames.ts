@@ -8,6 +8,8 @@ export interface Vehicle {
   y_m?: number;
   height_m?: number;
   battery?: number;
+  low_s?: number;
+  empty_s?: number;
   phase?: Phase;
   flags?: number;
 }
@@ -21,6 +23,11 @@ export interface Written {
   radius_m?: number;
   p99_ms?: number;
   showPhase?: number;
+  batteryLeast?: number;
+  batteryMedian?: number;
+  assembled_s?: number;
+  home_s?: number;
+  batteryLeastRow?: number;
   vehicles?: readonly Vehicle[];
 }
 
@@ -29,7 +36,7 @@ export function bytes(written: Written): ArrayBuffer {
   const n = vehicles.length;
   const buffer = new ArrayBuffer(size(n));
   const view = new DataView(buffer);
-  view.setUint8(0, written.version ?? 1);
+  view.setUint8(0, written.version ?? 2);
   view.setUint8(1, written.controlAlive === false ? 0 : 1);
   view.setUint8(2, written.center_m === undefined ? 0 : 1);
   view.setUint8(3, written.showPhase ?? 5);
@@ -45,11 +52,14 @@ export function bytes(written: Written): ArrayBuffer {
   [1.5, -2.5, written.radius_m ?? 10, 3.25, 20, 1, written.p99_ms ?? 2, 0.5, 42.5, NaN].forEach((value, k) =>
     view.setFloat32(60 + 4 * k, value, true),
   );
+  const { batteryLeast, batteryMedian, assembled_s, home_s, batteryLeastRow } = written;
+  [batteryLeast, batteryMedian, assembled_s, home_s].forEach((value, k) => view.setFloat32(100 + 4 * k, value ?? NaN, true));
+  view.setUint32(116, batteryLeastRow ?? 0xffffffff, true);
   vehicles.forEach((each, i) => {
-    const floats: Record<number, number | undefined> = { 0: each.x_m, 1: each.y_m, 2: each.height_m, 10: each.battery };
-    for (let k = 0; k < 15; k++) view.setFloat32(HEADER_BYTES + 4 * (n * k + i), floats[k] ?? NaN, true);
-    view.setUint8(HEADER_BYTES + 60 * n + i, PHASES.indexOf(each.phase ?? "formation"));
-    view.setUint8(HEADER_BYTES + 63 * n + i, each.flags ?? 0);
+    const floats: Record<number, number | undefined> = { 0: each.x_m, 1: each.y_m, 2: each.height_m, 10: each.battery, 15: each.low_s, 16: each.empty_s };
+    for (let k = 0; k < 17; k++) view.setFloat32(HEADER_BYTES + 4 * (n * k + i), floats[k] ?? NaN, true);
+    view.setUint8(HEADER_BYTES + 68 * n + i, PHASES.indexOf(each.phase ?? "formation"));
+    view.setUint8(HEADER_BYTES + 71 * n + i, each.flags ?? 0);
   });
   return buffer;
 }

@@ -10,7 +10,8 @@ import pytest
 from api_fake_service import FRAME, FakeService
 from numpy.typing import NDArray
 
-from api import frames
+from api import convert, frames
+from gcs.estimates import Estimates
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.service import SelectedShow
 from gcs.state import Mode
@@ -22,9 +23,9 @@ def decoded(data: bytes) -> tuple[Any, dict[str, NDArray[Any]]]:
     """As docs/stream.md says."""
     header = np.frombuffer(data, frames.HEADER, 1)[0]
     n = int(header["n"])
-    assert len(data) == 128 + 67 * n
-    floats = np.frombuffer(data, "<f4", 15 * n, 128).reshape(15, n)
-    small = np.frombuffer(data, np.uint8, 7 * n, 128 + 60 * n).reshape(7, n)
+    assert len(data) == 128 + 75 * n
+    floats = np.frombuffer(data, "<f4", 17 * n, 128).reshape(17, n)
+    small = np.frombuffer(data, np.uint8, 7 * n, 128 + 68 * n).reshape(7, n)
     return header, dict(zip(frames.FLOATS, floats, strict=True)) | dict(zip(frames.BYTES, small, strict=True))
 
 
@@ -40,7 +41,7 @@ def test_a_frame_tells_what_the_fleet_answers() -> None:
     service.tick()
     header, columns = encoded(service, countdown_s=3.5)
     view = service.view.value
-    assert (header["version"], header["control_alive"], header["n"], header["revision"]) == (1, 1, 3, 7)
+    assert (header["version"], header["control_alive"], header["n"], header["revision"]) == (2, 1, 3, 7)
     assert list(ShowPhase)[header["show"]] is ShowPhase.RUNNING
     assert (header["time_s"], header["unix_time_s"]) == (view.time_s, view.unix_time_s)
     assert (header["center_x_m"], header["center_y_m"], header["center_height_m"]) == (1.0, 2.0, 20.0)
@@ -106,3 +107,35 @@ def test_the_document_tells_the_bytes_as_they_are() -> None:
         assert found == sorted(found)
     for kinds in (Phase, Mode, ShowPhase):
         assert ", ".join(f"{number} {kind.value}" for number, kind in enumerate(kinds)) in DOCUMENT
+
+
+def test_estimates_are_told_in_the_header_and_for_each_vehicle() -> None:
+    found = Estimates(
+        low_s=np.array([120.0, np.nan, 90.0]),
+        empty_s=np.array([240.0, np.nan, 180.0]),
+        battery_least=0.375,
+        battery_least_row=2,
+        battery_median=0.5,
+        low_row=2,
+        assembled_s=None,
+        home_s=45.0,
+    )
+    header, columns = encoded(FakeService(), estimates=found)
+    assert (header["battery_least"], header["battery_median"], header["home_s"]) == (0.375, 0.5, 45.0)
+    assert np.isnan(header["assembled_s"])
+    assert header["battery_least_row"] == 2
+    np.testing.assert_array_equal(columns["low_s"], [120.0, np.nan, 90.0])
+    np.testing.assert_array_equal(columns["empty_s"], [240.0, np.nan, 180.0])
+    view = replace(FakeService().view.value, estimates=found)
+    fleet = convert.fleet(view, FRAME, "", "off")
+    assert fleet.estimates is not None
+    assert (fleet.estimates.low_s, fleet.estimates.low_vehicle) == (90.0, "d3")
+    assert (fleet.estimates.empty_s, fleet.estimates.battery_least_vehicle) == (180.0, "d3")
+    assert [each.low_s for each in fleet.vehicles] == [120.0, None, 90.0]
+    unknown = header_of_nothing()
+    assert unknown["battery_least_row"] == frames.NO_ROW
+    assert np.isnan(unknown["battery_least"])
+
+
+def header_of_nothing() -> Any:
+    return encoded(FakeService())[0]

@@ -27,12 +27,12 @@ export function withUnit(value: Maybe, unit: string, digits = 1): string {
 
 /** A share, 0 to 1, as percent; rounded down, so that 19.6 % never reads as 20 %. */
 export function percent(share: Maybe): string {
-  return known(share) ? `${Math.floor(share * 100 + 1e-6)} %` : UNKNOWN;
+  return known(share) ? `${Math.floor(share * 100 + 1e-3)} %` : UNKNOWN;
 }
 
 /** As above, without the sign: where the heading says it. */
 export function percentOnly(share: Maybe): string {
-  return known(share) ? String(Math.floor(share * 100 + 1e-6)) : UNKNOWN;
+  return known(share) ? String(Math.floor(share * 100 + 1e-3)) : UNKNOWN;
 }
 
 /** An age or a time left, as short as it can be read. */

@@ -11,6 +11,7 @@ import { recovery } from "../alarms/recovery";
 import { banner, toasts } from "./banners";
 import { camera } from "./camera";
 import { button } from "./controls";
+import { energy } from "./energy";
 import { events } from "./events";
 import { fleet } from "./fleet";
 import { flight } from "./flight";
@@ -146,7 +147,7 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
       ${rail(state, actions, "left", LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)}
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
-    <div class="room" data-room>${isSmall(layout) ? nothing : camera(state, actions)}</div>
+    <div class="room" data-room><div class="room-low">${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
     <div class="center-low">${sheet(state, actions)} ${ghostBar(state, actions)} ${toasts(state, actions)}</div>
     <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : flight(state, actions)}</footer>
     ${login(state, actions)} ${announcer(state)}

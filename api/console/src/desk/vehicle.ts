@@ -7,6 +7,7 @@ import type { DeskActions } from "./actions";
 import { button } from "./controls";
 import { fixed, percent, seconds, UNKNOWN, withUnit } from "./format";
 import { group, lastOrder } from "./group";
+import { roughly } from "./energy";
 import { icon, PHASE_ICON, type IconName } from "./icons";
 import { VEHICLE_ACTIONS, whyNotVehicle, type VehicleAction } from "./rights";
 import { isStale, rowOf, type Row } from "./rows";
@@ -50,6 +51,7 @@ function facts(state: State, row: Row): TemplateResult {
     ${pair("nearest", withUnit(row.nearest_m, "m"))}
     ${pair("home", place2(vehicle.home?.x_m, vehicle.home?.y_m))}
     ${pair("battery", percent(row.battery))}
+    ${pair("left", left(state, row.id))}
     ${pair("fix", `${row.fix || UNKNOWN}, ${withUnit(row.fix_m, "m")}`)}
     ${pair("age", seconds(row.age_s))}
     ${pair("heartbeat", seconds(frame.heartbeat_age_s[i]))}
@@ -61,6 +63,13 @@ function facts(state: State, row: Row): TemplateResult {
     ${pair("link", `${vehicle.link}, ${vehicle.system_id}`)}
     ${pair("orders", last ? `${texts.events.action(last.action)}, ${texts.events.outcomes[part!.outcome] ?? part!.outcome} ${part!.reason}` : UNKNOWN)}
   </dl>`;
+}
+
+/** How long its battery lasts; a dash while that is not known. */
+function left({ frame, status }: State, id: string): string {
+  const index = status?.vehicles.findIndex((each) => each.id === id) ?? -1;
+  const [low_s, empty_s] = [frame?.low_s[index] ?? NaN, frame?.empty_s[index] ?? NaN];
+  return Number.isFinite(low_s) ? `${roughly(low_s)}, ${roughly(empty_s)}` : UNKNOWN;
 }
 
 function orders(state: State, actions: DeskActions, row: Row): TemplateResult {

@@ -2,9 +2,9 @@
 
 import { SHOW_PHASES, type Frame } from "../state";
 
-export const VERSION = 1;
+export const VERSION = 2;
 export const HEADER_BYTES = 128;
-const FLOATS = 15;
+const FLOATS = 17;
 const BYTES = 7;
 
 /** Bytes of a frame of n vehicles. */
@@ -58,6 +58,11 @@ export function decode(buffer: ArrayBuffer, received_ms: number): Frame {
     interventions: header.getUint32(40, true),
     clock_s: float(92),
     countdown_s: float(96),
+    batteryLeast: float(100),
+    batteryMedian: float(104),
+    assembled_s: float(108),
+    home_s: float(112),
+    batteryLeastRow: header.getUint32(116, true),
     x_m: column(0),
     y_m: column(1),
     height_m: column(2),
@@ -73,6 +78,8 @@ export function decode(buffer: ArrayBuffer, received_ms: number): Frame {
     heartbeat_age_s: column(12),
     uncertainty_m: column(13),
     link_quality: column(14),
+    low_s: column(15),
+    empty_s: column(16),
     phase: bytes(0),
     mode: bytes(1),
     landed: bytes(2),

@@ -1442,6 +1442,46 @@ export interface components {
             problems: components["schemas"]["Problem"][];
         };
         /**
+         * Estimates
+         * @description Energy and time of the fleet, refreshed once a second. null: not known, or not going on.
+         */
+        Estimates: {
+            /**
+             * Assembled S
+             * @description Until the formation stands, while it is formed.
+             */
+            assembled_s: number | null;
+            /**
+             * Battery Least
+             * @description 0 to 1, of the vehicles that fly; where none does, of those that report.
+             */
+            battery_least: number | null;
+            /** Battery Least Vehicle */
+            battery_least_vehicle: string | null;
+            /** Battery Median */
+            battery_median: number | null;
+            /**
+             * Empty S
+             * @description Until the first battery is empty.
+             */
+            empty_s: number | null;
+            /**
+             * Home S
+             * @description Until all have landed at their pads, if the return began now, or until it ends.
+             */
+            home_s: number | null;
+            /**
+             * Low S
+             * @description Until the first vehicle reaches the low-battery threshold, from what it has used since take-off.
+             */
+            low_s: number | null;
+            /**
+             * Low Vehicle
+             * @description That vehicle.
+             */
+            low_vehicle: string | null;
+        };
+        /**
          * ExcludeBody
          * @description Why a vehicle is taken out of the show.
          */
@@ -1496,6 +1536,8 @@ export interface components {
              */
             control_reason: string;
             counts: components["schemas"]["Counts"];
+            /** @description null in a replay. */
+            estimates: components["schemas"]["Estimates"] | null;
             /**
              * Filter Interventions
              * @description Each vehicle in each tick that safety changed, in all.
@@ -2515,6 +2557,8 @@ export interface components {
              */
             control_reason: string;
             counts: components["schemas"]["Counts"];
+            /** @description As they were at `time_s`; frames tell what they are now. null in a replay. */
+            estimates: components["schemas"]["Estimates"] | null;
             /**
              * Events
              * @description The newest 100, the newest last.
@@ -2678,6 +2722,11 @@ export interface components {
              * @description 0 to 1.
              */
             battery_remaining: number | null;
+            /**
+             * Empty S
+             * @description Until its battery is empty; null: not known yet.
+             */
+            empty_s: number | null;
             /** Heading Deg */
             heading_deg: number | null;
             /** Heartbeat Age S */
@@ -2703,6 +2752,11 @@ export interface components {
              * @description Share of the positions asked for that arrive, 0 to 1; null in a replay.
              */
             link_quality: number | null;
+            /**
+             * Low S
+             * @description Until its battery reaches the low-battery threshold, 0 below it; null: not known yet.
+             */
+            low_s: number | null;
             mode: components["schemas"]["Mode"];
             phase: components["schemas"]["Phase"];
             position: components["schemas"]["Position"];
