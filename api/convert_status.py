@@ -27,7 +27,8 @@ def status(
 ) -> wire_stream.Status:
     """What changes seldom.
 
-    `problem` is `health_problem`'s answer, `access` the door's text, `shows_refused` the shows' `why_not_kept`.
+    `problem` is `health_problem`'s answer, `access` the door's text,
+    `shows_refused` the shows' `why_not_kept`.
     """
     plan, selected = view.plan, view.selected
     return wire_stream.Status(
