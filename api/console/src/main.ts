@@ -141,6 +141,7 @@ function fit(): void {
 const roomChanges = new ResizeObserver(fit);
 
 addEventListener("resize", () => shown !== null && fit()); // also for another pixel ratio
+for (const each of ["pointerdown", "pointerup", "keydown"]) addEventListener(each, () => signs.touched());
 addEventListener("keydown", (event) => onKey(event, newest(), actions));
 const read = createReader(service);
 setInterval(() => read(newest()), READ_MS);

@@ -14,6 +14,8 @@ export interface Attention {
   soundOn: boolean;
   /** The browser plays no sound before the page was pressed once. */
   soundBlocked: boolean;
+  /** The page's clock when it began to play. */
+  unblocked_ms: number;
   /** Cautions and information are folded away. */
   isFolded: boolean;
   ring: Ring;
@@ -27,6 +29,7 @@ export function initialAttention(soundOn: boolean): Attention {
   return {
     soundOn,
     soundBlocked: true,
+    unblocked_ms: -Infinity,
     isFolded: false,
     ring: { count: 0, severity: "information" },
     rang_ms: -Infinity,
@@ -81,7 +84,7 @@ function attended(before: State, state: State, message: AttentionMessage | { kin
     case "sound":
       return { ...attention, soundOn: message.on };
     case "sound-blocked":
-      return attention.soundBlocked === message.isBlocked ? attention : { ...attention, soundBlocked: message.isBlocked };
+      return attention.soundBlocked === message.isBlocked ? attention : { ...attention, soundBlocked: message.isBlocked, unblocked_ms: page_ms };
     case "fold-alarms":
       return { ...attention, isFolded: message.isFolded };
     case "status": {

@@ -29,7 +29,7 @@ function vehicles(actions: DeskActions, alarm: Alarm): TemplateResult | typeof n
   if (alarm.vehicles.length === 0) return nothing;
   const named = alarm.vehicles.slice(0, VEHICLES_NAMED);
   const more = alarm.vehicles.length - named.length;
-  return html`<p class="alarm-vehicles">
+  return html`<span class="alarm-vehicles">
     ${named.map((id) => html`<button type="button" class="link" data-testid="alarm-vehicle-${id}" @click=${() => actions.select(id)}>${id}</button> `)}
     ${more > 0 ? texts.preflight.moreVehicles(more) : nothing}
     ${alarm.vehicles.length > 1
@@ -37,7 +37,7 @@ function vehicles(actions: DeskActions, alarm: Alarm): TemplateResult | typeof n
           ${texts.selection.selectAll(alarm.vehicles.length)}
         </button>`
       : nothing}
-  </p>`;
+  </span>`;
 }
 
 function since(state: State, alarm: Alarm): string {
@@ -59,10 +59,9 @@ function one(state: State, actions: DeskActions, alarm: Alarm): TemplateResult {
   >
     ${icon(SEVERITY_ICON[alarm.severity])}
     <div class="alarm-words">
-      <p class="alarm-head"><b>${t.severities[alarm.severity]}</b> <time>${since(state, alarm)}</time></p>
+      <p class="alarm-head"><b>${t.severities[alarm.severity]}</b> <time>${since(state, alarm)}</time> ${vehicles(actions, alarm)}</p>
       <p class="alarm-text">${alarm.text}</p>
       ${alarm.advice ? html`<p class="alarm-advice">${alarm.advice}</p>` : nothing}
-      ${vehicles(actions, alarm)}
       ${isNew
         ? nothing
         : html`<p class="alarm-seen">${icon("check")} ${t.acknowledged(alarm.acknowledged_by!, clockTime(alarm.acknowledged_unix_time_s))}</p>`}
@@ -151,6 +150,13 @@ export function overall(state: State): TemplateResult {
   </button>`;
 }
 
+const UNLOCKING_MS = 1000;
+
+/** The press that made the browser play sound is none that switches it off. */
+function isUnlocking({ attention: { soundBlocked, unblocked_ms }, page_ms }: State): boolean {
+  return soundBlocked || page_ms - unblocked_ms < UNLOCKING_MS;
+}
+
 /** The sound of alarms: on, off, or waiting for a press, since a browser plays nothing before one. */
 export function soundButton(state: State, actions: DeskActions): TemplateResult {
   const { soundOn, soundBlocked } = state.attention;
@@ -161,6 +167,6 @@ export function soundButton(state: State, actions: DeskActions): TemplateResult 
     iconOnly: true,
     kind: "quiet",
     pressed: soundOn,
-    press: () => actions.sound(!(soundOn && !soundBlocked)),
+    press: () => actions.sound(!soundOn || isUnlocking(actions.now())),
   });
 }

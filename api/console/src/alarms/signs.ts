@@ -21,7 +21,6 @@ export interface Signs {
 export function createSigns(page: Document, blocked: (isBlocked: boolean) => void): Signs {
   const sounder = new Sounder(blocked);
   const icon = page.querySelector<HTMLLinkElement>('link[rel="icon"]')!;
-  let isTouched = false;
   let rung = 0;
   return {
     show({ status, attention }) {
@@ -34,8 +33,6 @@ export function createSigns(page: Document, blocked: (isBlocked: boolean) => voi
       rung = attention.ring.count;
     },
     touched() {
-      if (isTouched) return;
-      isTouched = true;
       sounder.unlock();
     },
   };

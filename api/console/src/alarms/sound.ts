@@ -29,6 +29,7 @@ export class Sounder {
 
   /** Ask the browser for sound: it is given only after somebody has pressed something on the page. */
   unlock(): void {
+    if (this.#context?.state === "running") return;
     if (this.#context === null) {
       this.#context = new AudioContext();
       this.#context.addEventListener("statechange", () => this.#tell());

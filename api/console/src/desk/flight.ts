@@ -48,7 +48,7 @@ export function flight(state: State, actions: DeskActions): TemplateResult {
       const what = why || (fresh(state) ? (warning(state, action) || texts.flight.what[action]) : texts.flight.decides);
       return html`<button
         type="button"
-        class="big big-${action}"
+        class="big big-${action} ${why === "" && warning(state, action) ? "warned" : ""}"
         data-testid=${action}
         aria-disabled=${why === "" ? nothing : "true"}
         aria-expanded=${opens ? String(sheet === action) : nothing}

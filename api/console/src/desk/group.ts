@@ -43,14 +43,14 @@ export function lastOrder(state: State, id: string): Order | undefined {
   return state.orders.find((each) => id in each.vehicles);
 }
 
-function commands(state: State, actions: DeskActions): TemplateResult {
+function commands(state: State, actions: DeskActions, hasIcons: boolean): TemplateResult {
   return html`<div class="group-commands" role="group" aria-label=${t.commands}>
     ${FLEET_COMMANDS.map((command) =>
       button(actions, {
         id: `selection-${command}`,
         label: texts.vehicle.actions[command],
         name: t.commandTo(texts.vehicle.actions[command], state.view.selection.length),
-        icon: COMMAND_ICON[command],
+        ...(hasIcons ? { icon: COMMAND_ICON[command] } : {}),
         why: whyNotSelection(state, command),
         press: () => actions.fleet(command),
       }),
@@ -61,16 +61,16 @@ function commands(state: State, actions: DeskActions): TemplateResult {
 function head(state: State, actions: DeskActions): TemplateResult {
   return html`<header>
     <strong data-testid="selection-count">${t.count(state.view.selection.length)}</strong>
+    <button type="button" class="link" data-testid="selection-open" @click=${() => actions.openPanel("vehicle")}>${t.open}</button>
     <span class="spring"></span>
-    ${button(actions, { id: "selection-open", label: t.open, kind: "quiet", press: () => actions.openPanel("vehicle") })}
-    ${button(actions, { id: "selection-clear", label: t.clear, kind: "quiet", press: () => actions.choose({ how: "only", ids: [] }) })}
+    <button type="button" class="link" data-testid="selection-clear" @click=${() => actions.choose({ how: "only", ids: [] })}>${t.clear}</button>
   </header>`;
 }
 
 /** Below the table, as long as something is selected. */
 export function selectionBar(state: State, actions: DeskActions): TemplateResult | typeof nothing {
   if (state.view.selection.length === 0) return nothing;
-  return html`<section class="selection-bar" aria-label=${t.title} data-testid="selection">${head(state, actions)} ${commands(state, actions)}</section>`;
+  return html`<section class="selection-bar" aria-label=${t.title} data-testid="selection">${head(state, actions)} ${commands(state, actions, false)}</section>`;
 }
 
 function line(state: State, actions: DeskActions, id: string): TemplateResult {
@@ -106,7 +106,7 @@ export function group(state: State, actions: DeskActions): TemplateResult {
       <span class="spring"></span>
       ${button(actions, { id: "group-clear", label: t.clear, kind: "quiet", press: () => actions.choose({ how: "only", ids: [] }) })}
     </header>
-    ${commands(state, actions)}
+    ${commands(state, actions, true)}
     <ul class="plain">
       ${selection.map((id) => line(state, actions, id))}
     </ul>
