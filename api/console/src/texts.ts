@@ -312,6 +312,9 @@ export const texts = {
     include: "Include",
     includeOne: (id: string): string => `Include ${id}`,
     reason: "Why (goes into the record)",
+    passing: "Passed",
+    passingWhat: (vehicles: number, checks: number): string =>
+      `${vehicles} ${vehicles === 1 ? "vehicle" : "vehicles"}, ${checks} ${checks === 1 ? "check" : "checks"} of the fleet`,
     shown: "Show what passes",
     hidden: "Hide what passes",
     again: "Refresh",

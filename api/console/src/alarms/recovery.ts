@@ -15,10 +15,10 @@ const t = texts.recovery;
 
 type Offer = "take-over" | "bring-home";
 
-export function recovery(state: State, actions: DeskActions): TemplateResult | typeof nothing {
+/** The commands that lead back. They stand with the flight commands, where they are on screen at any size. */
+export function offers(state: State, actions: DeskActions): TemplateResult | typeof nothing {
   const cut = state.status?.interrupted;
   if (!cut) return nothing;
-  const flying = state.status?.counts.uncontrolled ?? 0;
   const offer = (name: Offer, label: string, what: string): TemplateResult =>
     html`<div class="offer">
       ${button(actions, {
@@ -30,11 +30,20 @@ export function recovery(state: State, actions: DeskActions): TemplateResult | t
         press: () => actions.show(name),
       })}<small>${what}</small>
     </div>`;
+  return html`<section class="offers" aria-label=${t.title}>
+    ${offer("take-over", t.takeOver, t.takeOverWhat)} ${offer("bring-home", t.bringHome, t.bringHomeWhat)}
+  </section>`;
+}
+
+/** What happened, and what each vehicle does now. */
+export function recovery(state: State): TemplateResult | typeof nothing {
+  const cut = state.status?.interrupted;
+  if (!cut) return nothing;
+  const flying = state.status?.counts.uncontrolled ?? 0;
   const vehicles = byReason(Object.fromEntries(Object.entries(cut.vehicles).map(([id, one]) => [id, one.text])));
   return html`<section class="interrupted" role="alert" aria-label=${t.title} data-testid="interrupted">
     <h2>${icon("warning")} ${flying > 0 ? t.flying(flying) : t.title}</h2>
     <p>${t.when(clockTime(cut.unix_time_s), texts.phases[cut.show])}</p>
-    <div class="offers">${offer("take-over", t.takeOver, t.takeOverWhat)} ${offer("bring-home", t.bringHome, t.bringHomeWhat)}</div>
     <ul class="plain">
       ${vehicles.map(({ reason, vehicles: ids }) => html`<li><strong>${ids.join(", ")}</strong>: ${reason}</li>`)}
       ${cut.problems.map((text) => html`<li class="problem">${text}</li>`)}

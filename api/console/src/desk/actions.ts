@@ -5,7 +5,7 @@ import type { Choice, Selection } from "../selection";
 import type { State, View } from "../state";
 import { texts } from "../texts";
 import type { Message } from "../update";
-import { shownPanels } from "./layout";
+import { DEAD_IN_REPLAY, isSmall, shownPanels } from "./layout";
 import { NEW_OBSTACLE } from "./obstacles";
 import type { Sort } from "./rows";
 import { typedNumbers, whyNotGroup, type Group } from "./shape";
@@ -87,8 +87,11 @@ export function createDeskActions(
   let holding = 0;
 
   function openPanel(name: PanelName): void {
-    if (LEFT.includes(name)) set({ left: name as LeftPanel, front: "left" });
-    else set({ right: name as RightPanel, front: "right" });
+    const { desk, status } = state();
+    if (status?.replay && DEAD_IN_REPLAY.has(name)) return;
+    const sheet = isSmall(desk.layout) && desk.sheet === "start" ? null : desk.sheet; // it hides the panel
+    if (LEFT.includes(name)) set({ left: name as LeftPanel, front: "left", sheet });
+    else set({ right: name as RightPanel, front: "right", sheet });
   }
 
   function releaseKill(): void {

@@ -7,7 +7,7 @@ import type { State } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { alarms, announcer } from "../alarms/panel";
-import { recovery } from "../alarms/recovery";
+import { offers, recovery } from "../alarms/recovery";
 import { banner, toasts } from "./banners";
 import { camera } from "./camera";
 import { button } from "./controls";
@@ -20,7 +20,7 @@ import { help } from "./help";
 import { icon, type IconName } from "./icons";
 import { PANEL_KEYS } from "./keys";
 import { kill } from "./kill";
-import { isSmall, shownPanels } from "./layout";
+import { DEAD_IN_REPLAY, isSmall, shownPanels } from "./layout";
 import { login } from "./login";
 import { obstacles } from "./obstacles";
 import { plots } from "./plots";
@@ -142,14 +142,14 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
   return html`<div class=${names.filter(Boolean).join(" ")} data-testid="desk" data-life=${now} data-layout=${layout}>
     ${topbar(state, actions)}
     ${banner(state)}
-    <div class="alarms" data-region="alarms">${recovery(state, actions)} ${alarms(state, actions)}</div>
+    <div class="alarms" data-region="alarms">${recovery(state)} ${alarms(state, actions)}</div>
     <div class="rails">
-      ${rail(state, actions, "left", LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)}
+      ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)}
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
     <div class="room" data-room><div class="room-low">${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
     <div class="center-low">${sheet(state, actions)} ${ghostBar(state, actions)} ${toasts(state, actions)}</div>
-    <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : flight(state, actions)}</footer>
+    <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
     ${login(state, actions)} ${announcer(state)}
   </div>`;
 }

@@ -34,6 +34,9 @@ export function isSmall(layout: Layout): boolean {
   return layout === "sheet" || layout === "side";
 }
 
+/** Panels that ask the service for what a record does not hold. */
+export const DEAD_IN_REPLAY: ReadonlySet<string> = new Set<LeftPanel>(["preflight", "shows"]);
+
 export interface ShownPanels {
   left: LeftPanel | null;
   right: RightPanel | null;

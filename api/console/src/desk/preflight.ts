@@ -1,6 +1,7 @@
 /** Preflight as a list of what to do: the same trouble of many is told once, with whom it concerns. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
+import { guard } from "lit-html/directives/guard.js";
 import type { PreflightReport, State } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
@@ -156,27 +157,42 @@ function vehicle(state: State, actions: DeskActions, one: Vehicle): TemplateResu
   </section>`;
 }
 
-/** Who has to be mended first, then who stays down, then the others. */
-function rank(one: Vehicle): number {
-  if (!one.flies) return 1;
-  return one.passes ? 2 : 0;
-}
-
 const VEHICLES_MAX = 60;
 
-function report(state: State, actions: DeskActions, found: PreflightReport): TemplateResult {
+function vehicleList(state: State, actions: DeskActions, list: readonly Vehicle[]): TemplateResult {
+  return html`${list.slice(0, VEHICLES_MAX).map((one) => vehicle(state, actions, one))}
+  ${list.length > VEHICLES_MAX ? html`<p class="dim">${t.moreVehicles(list.length - VEHICLES_MAX)}</p>` : nothing}`;
+}
+
+/** What passes is one line, until somebody wants to see it: a start is prepared by what does not. */
+function passing(state: State, actions: DeskActions, vehicles: readonly Vehicle[], checks: readonly Check[]): TemplateResult {
   const { allChecks } = state.desk;
-  const isDown = whyNotOnGround(state) === "";
+  return html`<section class="preflight-passing" data-testid="preflight-passing">
+    <h3>${t.passing}</h3>
+    <p class="verdict good">${icon("check")} <span>${t.passingWhat(vehicles.length, checks.length)}</span></p>
+    ${button(actions, {
+      id: "checks-all",
+      label: allChecks ? t.hidden : t.shown,
+      kind: "quiet",
+      expanded: allChecks,
+      press: () => actions.set({ allChecks: !allChecks }),
+    })}
+    ${allChecks
+      ? html`${vehicleList(state, actions, vehicles)}
+          <ul class="checks">
+            ${checks.map((each) => checkView(each))}
+          </ul>`
+      : nothing}
+  </section>`;
+}
+
+function details(state: State, actions: DeskActions, found: PreflightReport): TemplateResult {
   const failing = found.fleet.filter((each) => each.state !== "pass");
-  const passing = found.fleet.filter((each) => each.state === "pass");
-  const vehicles = [...found.vehicles].sort((a, b) => rank(a) - rank(b));
   const list = troubles(found);
-  return html`<div class="verdict ${found.passes ? "good" : "bad"}" role="status" data-testid="preflight-verdict">
-      ${icon(found.passes ? "check" : "cross")}
-      <strong>${found.passes ? t.passes : t.fails(failures(found))}</strong>
-      <small>${isDown ? "" : `${t.before}; `}${t.read(seconds((state.page_ms - state.desk.preflightRead_ms) / 1000))}</small>
-    </div>
-    ${failing.length || list.length
+  const isGood = (one: Vehicle): boolean => one.flies && one.checks.every((each) => each.state === "pass");
+  const rest = found.vehicles.filter((one) => !isGood(one));
+  const open = [...rest.filter((one) => one.flies), ...rest.filter((one) => !one.flies)];
+  return html`${failing.length || list.length
       ? html`<section data-testid="preflight-todo">
           <h3>${t.todo}</h3>
           <ul class="checks">
@@ -184,17 +200,13 @@ function report(state: State, actions: DeskActions, found: PreflightReport): Tem
           </ul>
         </section>`
       : nothing}
-    <section>
-      <h3>${t.vehicles}</h3>
-      ${vehicles.slice(0, VEHICLES_MAX).map((one) => vehicle(state, actions, one))}
-      ${vehicles.length > VEHICLES_MAX ? html`<p class="dim">${t.moreVehicles(vehicles.length - VEHICLES_MAX)}</p>` : nothing}
-    </section>
-    <section>
-      <h3>${t.fleet}</h3>
-      <ul class="checks">
-        ${passing.map((each) => checkView(each))}
-      </ul>
-    </section>
+    ${open.length
+      ? html`<section data-testid="preflight-open">
+          <h3>${t.vehicles}</h3>
+          ${vehicleList(state, actions, open)}
+        </section>`
+      : nothing}
+    ${passing(state, actions, found.vehicles.filter(isGood), found.fleet.filter((each) => each.state === "pass"))}
     ${found.not_checked.length
       ? html`<section>
           <h3>${t.notChecked}</h3>
@@ -202,14 +214,20 @@ function report(state: State, actions: DeskActions, found: PreflightReport): Tem
             ${found.not_checked.map((text) => html`<li>${text}</li>`)}
           </ul>
         </section>`
-      : nothing}
-    ${button(actions, {
-      id: "checks-all",
-      label: allChecks ? t.hidden : t.shown,
-      kind: "quiet",
-      pressed: allChecks,
-      press: () => actions.set({ allChecks: !allChecks }),
-    })}`;
+      : nothing}`;
+}
+
+/** With 200 vehicles the list is long: it is made anew when something in it has changed, and not ten times a second. */
+function report(state: State, actions: DeskActions, found: PreflightReport): TemplateResult {
+  const { allChecks, excluding: who, drafts } = state.desk;
+  const onGround = whyNotOnGround(state);
+  const shown = [found, allChecks, who, drafts["exclude-reason"], onGround, whyNot(state, "exclude"), whyNot(state, "include")];
+  return html`<div class="verdict ${found.passes ? "good" : "bad"}" role="status" data-testid="preflight-verdict">
+      ${icon(found.passes ? "check" : "cross")}
+      <strong>${found.passes ? t.passes : t.fails(failures(found))}</strong>
+      <small>${onGround === "" ? "" : `${t.before}; `}${t.read(seconds((state.page_ms - state.desk.preflightRead_ms) / 1000))}</small>
+    </div>
+    ${guard(shown, () => details(state, actions, found))}`;
 }
 
 export function preflight(state: State, actions: DeskActions): TemplateResult {

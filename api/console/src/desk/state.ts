@@ -42,6 +42,7 @@ export interface DeskState {
   showsRefused: Readonly<Record<string, { hash: string; problem: string }>>; // shows whose Select was refused, as checked then
   showsProblem: string;
   openShow: string | null;
+  wasDown: boolean; // with the newest status: a start could be prepared
   preflightRead_ms: number; // the page's clock; NaN: not yet
   preflightFor: string; // the vehicles it was asked for, with spaces between; empty: all that are online
   preflightProblem: string;
@@ -84,6 +85,7 @@ export function initialDesk(): DeskState {
     showsRefused: {},
     showsProblem: "",
     openShow: null,
+    wasDown: true,
     preflightRead_ms: NaN,
     preflightFor: "",
     preflightProblem: "",

@@ -8,6 +8,7 @@ import { reportKey } from "./preflight";
 import { parseQuery } from "./query";
 import { rowOf, sorted } from "./rows";
 import { REFUSALS_KEPT, type DeskState, type Table } from "./state";
+import { steppedBack, steppedForward } from "./stepping";
 
 export type DeskMessage =
   | { kind: "desk"; change: Partial<DeskState> }
@@ -26,6 +27,7 @@ export function updateDesk(state: State, message: Message): State {
     case "desk": {
       const opensKill = message.change.sheet === "kill" && state.desk.sheet !== "kill";
       const next = changed(state, opensKill ? { ...message.change, killNamed: new Set(state.view.selection) } : message.change);
+      if (message.change.sheet === "start" && state.desk.sheet !== "start") return changed(next, steppedForward(next));
       return "filter" in message.change || "sort" in message.change ? withTable(next) : next;
     }
     case "layout":
@@ -35,7 +37,7 @@ export function updateDesk(state: State, message: Message): State {
     case "undo":
       return changed(state, { drafts: without(state.desk.drafts, message.prefix) });
     case "status":
-      return state.desk.table.order.length === 0 ? withTable(state) : settled(state);
+      return settled(state.desk.table.order.length === 0 ? withTable(state) : state);
     case "frame":
       return message.frame.received_ms - state.desk.table.made_ms >= TABLE_MS ? withTable(state) : state;
     case "refused": {
@@ -48,8 +50,10 @@ export function updateDesk(state: State, message: Message): State {
       return message.check === null ? state : changed(state, { checks: { ...state.desk.checks, [message.check.name]: message.check } });
     case "show-selected":
       return changed(state, { showsRefused: withRefusal(state.desk.showsRefused, message) });
-    case "preflight":
-      return changed(state, { preflightRead_ms: state.page_ms, preflightProblem: "", preflightFor: reportKey(message.vehicles ?? null) });
+    case "preflight": {
+      const read = changed(state, { preflightRead_ms: state.page_ms, preflightProblem: "", preflightFor: reportKey(message.vehicles ?? null) });
+      return changed(read, steppedForward(read));
+    }
     case "kill-armed":
     case "kill-over":
       return changed(state, { holding_ms: null, drafts: without(state.desk.drafts, "kill-") });
@@ -75,8 +79,9 @@ function withRefusal(
   return problem === "" ? others : { ...others, [name]: { hash, problem } };
 }
 
-/** What is open and is gone is closed. */
-function settled(state: State): State {
+/** What is open and is gone, or has no use any more, is closed. */
+function settled(before: State): State {
+  const state = changed(before, steppedBack(before));
   const { editing, drafts } = state.desk;
   const isGone = editing !== null && editing !== "" && !state.status?.obstacles.some((each) => each.id === editing);
   return isGone ? changed(state, { editing: null, drafts: without(drafts, "obstacle") }) : state;

@@ -1,0 +1,44 @@
+import { describe, expect, it } from "vitest";
+
+import { initial, type PreflightReport, type ShowPhase, type State } from "../src/state";
+import { update, type Message } from "../src/update";
+import { frame } from "./frames";
+import { status } from "./statuses";
+
+const report = (passes: boolean): PreflightReport => ({
+  passes, unix_time_s: 0, show: null, show_hash: null, fleet: [], not_flying: {}, not_checked: [], vehicles: [],
+});
+
+const phase = (name: ShowPhase, change: Parameters<typeof status>[0] = {}): Message =>
+  ({ kind: "status", status: status({ ...change, show: { ...status().show, phase: name } }) });
+
+function after(messages: readonly Message[], state: State = initial(0)): State {
+  return messages.reduce(update, state);
+}
+
+const onGround = (): State => after([phase("idle"), { kind: "frame", frame: frame({}, 100) }, { kind: "tick", now_ms: 100 }]);
+
+describe("the preflight panel", () => {
+  it("makes room at take-off, and may be opened in flight", () => {
+    const state = after([phase("arming")], onGround());
+    expect(state.desk.left).toBeNull();
+    const opened = after([{ kind: "desk", change: { left: "preflight" } }, phase("running")], state);
+    expect(opened.desk.left).toBe("preflight");
+  });
+
+  it("leaves another panel as it is at take-off", () => {
+    expect(after([{ kind: "desk", change: { left: "shape" } }, phase("arming")], onGround()).desk.left).toBe("shape");
+  });
+
+  it("opens when preflight fails while a start is prepared, and not when it passes", () => {
+    const starting = after([{ kind: "desk", change: { left: null, sheet: "start" } }], onGround());
+    expect(after([{ kind: "preflight", report: report(true) }], starting).desk.left).toBeNull();
+    expect(after([{ kind: "preflight", report: report(false) }], starting).desk.left).toBe("preflight");
+    expect(after([{ kind: "preflight", report: report(false) }, { kind: "desk", change: { left: null } }], onGround()).desk.left).toBeNull();
+  });
+
+  it("does not open in a replay", () => {
+    const replay = { file: "f", began_unix_time_s: 0, duration_s: 9, position_s: 0, speed: 1, paused: false, ended: false };
+    expect(after([phase("idle", { replay } as Parameters<typeof status>[0])]).desk.left).toBeNull();
+  });
+});
