@@ -23,6 +23,7 @@ from gcs.alarms import (
 )
 from gcs.close_pairs import ClosePairs
 from gcs.control import Tick
+from gcs.failsafe_cause import FailsafeCause
 from gcs.flight import FLIES, Flight
 from gcs.interrupted import Interrupted
 from gcs.lifecycle import Phase, ShowPhase
@@ -53,13 +54,16 @@ OF_REACTION: Final = {
     Cause.BAD_POSITION: AlarmCause.BAD_POSITION,
     Cause.FENCE: AlarmCause.OUTSIDE_FENCE,
     Cause.WIND: AlarmCause.WIND,
+    Cause.LINKS_LATE: AlarmCause.LINKS_LATE,
     Cause.VEHICLES_LOST: AlarmCause.VEHICLES_LOST,
     Cause.TARGET_STALE: AlarmCause.TARGET_STALE,
     Cause.SERVICE_LATE: AlarmCause.SERVICE_LATE,
 }
 """Lost vehicles are seen by their phase; what follows from it is the reaction's."""
 
-OF_THE_SHOW: Final = frozenset({Cause.WIND, Cause.VEHICLES_LOST, Cause.TARGET_STALE, Cause.SERVICE_LATE})
+OF_THE_SHOW: Final = frozenset(
+    {Cause.WIND, Cause.LINKS_LATE, Cause.VEHICLES_LOST, Cause.TARGET_STALE, Cause.SERVICE_LATE}
+)
 
 SHOW_FOLLOWS: Final = {
     Action.RE_FORM: "Formation closes the gap.",
@@ -169,6 +173,19 @@ class AlarmMonitor:
                     consequence,
                     order_id=order_id,
                 )
+            elif vehicle.phase is Phase.PILOT and vehicle.cause not in {None, FailsafeCause.UNKNOWN}:
+                because, _, advice = vehicle.reason.partition(". ")
+                severity = (
+                    AlarmSeverity.EMERGENCY if vehicle.cause is FailsafeCause.CRITICAL_BATTERY else None
+                )
+                yield Condition(
+                    AlarmCause.OWN_FAILSAFE,
+                    because,
+                    (vehicle.id,),
+                    "The service sends nothing to it.",
+                    advice=advice,
+                    severity=AlarmSeverity.EMERGENCY if critical else None,
+                )
             elif vehicle.phase is Phase.PILOT:
                 yield Condition(
                     AlarmCause.OUTSIDE_CONTROL,
@@ -209,6 +226,8 @@ class AlarmMonitor:
         for link in flight.links:
             for vehicle_id, why in link.conflicts.items():
                 yield Condition(AlarmCause.DUPLICATE_SYSTEM_ID, why, (vehicle_id,))
+        for vehicle_id, lacks in flight.without_heartbeat.items():
+            yield Condition(AlarmCause.NO_HEARTBEAT, lacks, (vehicle_id,), "It is flown on.")
         share = flight.link_quality.share
         self._poor = beyond(self._poor, share, POOR_LINK)
         if self._poor.any():

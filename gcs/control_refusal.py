@@ -1,7 +1,6 @@
 """Whose control this station does not take in the air, and why. Pure questions about one vehicle."""
 
-import numpy as np
-
+from gcs.failsafe_cause import control_refusal
 from gcs.flight import Flight
 from gcs.state import Mode
 from gcs.vehicle import Vehicle
@@ -11,24 +10,14 @@ A_PERSON_FLIES = frozenset({Mode.POSITION, Mode.OTHER})
 
 
 def why_never(flight: Flight, vehicle: Vehicle) -> str:
-    """Why not even a command that names the vehicle takes control of it; empty when one may.
-
-    Taking control stops whatever its autopilot does: below the critical level of the battery that is landing.
-    """
-    level = flight.config.reactions.low_battery.critical_below
-    telemetry, at = flight.telemetry[vehicle.id]
-    battery = float(telemetry.battery_remaining[at])
-    if np.isfinite(battery) and battery < level:
-        return (
-            f"its battery is at {battery:.0%}, below the critical level of {level:.0%}:"
-            " leave it to its autopilot, which lands it"
-        )
-    return ""
+    """Why not even a command that names the vehicle takes control of it; empty when one may."""
+    return control_refusal(vehicle.id, flight.facts(vehicle))
 
 
 def why_not_unasked(flight: Flight, vehicle: Vehicle) -> str:
     """Why a command to all vehicles leaves this one out, which a command that names it may reach."""
-    mode = flight.mode(vehicle)
-    if mode in A_PERSON_FLIES:
-        return f"a pilot flies it, in mode {mode}: take-control {vehicle.id} names it, when the pilot agrees"
+    facts = flight.facts(vehicle)
+    if facts.mode in A_PERSON_FLIES and not facts.in_failsafe:
+        agreed = f"take-control {vehicle.id} names it, when the pilot agrees"
+        return f"a pilot flies it, in mode {facts.mode}: {agreed}"
     return why_never(flight, vehicle)

@@ -1,12 +1,14 @@
 """What is done with the whole fleet on an order, and what follows by itself."""
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from typing import Final
 
 from gcs.checks import PreflightReport
 from gcs.clearance import Clearance
 from gcs.errands import Errands
-from gcs.errors import InvalidError, RefusedError
+from gcs.errors import InvalidError, OrderError, RefusedError
 from gcs.flight import Flight
 from gcs.homecoming import Homecoming
 from gcs.inspection import Inspection
@@ -25,6 +27,11 @@ from gcs.timing import TickClock
 from gcs.vehicle import Vehicle
 from gcs.vehicle_orders import VehicleOrders
 from gcs.watch import Watch
+
+log = logging.getLogger(__name__)
+
+REJOINED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING, ShowPhase.PAUSED})
+"""Phases of the show in which a vehicle that is back joins the formation by itself."""
 
 STOPS_WITHIN_S = 0.8
 """On pause, everybody's place is where their velocity takes them in this time."""
@@ -79,12 +86,17 @@ class Director:
         self._watch.look()
 
     async def _come_back(self, vehicle: Vehicle) -> None:
-        """From LOST through HOLD; and on, where everybody was ordered home or down meanwhile.
+        """Through HOLD, and on with what the others do: into the formation, home, or down.
 
-        That order stands for who was lost, also when all the others are down and the show is over.
+        It was lost, or holds because its link lost setpoints. An order to come home or down stands for it,
+        also when all the others are down and the show is over. It joins by itself only where it was in
+        formation.
         """
-        flight = self._flight
-        await self._errands.hold(vehicle)
+        flight, rejoins = self._flight, vehicle.rejoins
+        if vehicle.phase is Phase.PILOT:
+            await self._errands.take_control(vehicle)
+        else:
+            await self._errands.hold(vehicle)
         if flight.show is ShowPhase.LANDED and flight.came_down_by is not None:
             reason = f"{vehicle.id}, which was lost, is back, and comes down as was ordered"
             goes_on = ShowEvent.STOP if flight.came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
@@ -95,6 +107,18 @@ class Director:
             await self._errands.come_home(vehicle)
         elif show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
             await self._errands.descend(landing_places_m(flight, [vehicle])[vehicle.id])(vehicle)
+        elif rejoins and show in REJOINED:
+            await self._rejoin(vehicle)
+
+    async def _rejoin(self, vehicle: Vehicle) -> None:
+        """Back into the formation that it was lost from, if that still has room for it."""
+        try:
+            self._vehicle_orders.check_room([vehicle])
+            await self._errands.join(vehicle)
+        except (OrderError, RefusedError) as error:
+            vehicle.reason = f"back, and holds: {error}"
+            raise
+        log.info("rejoined", extra={"vehicle": vehicle.id})
 
     def advance(self) -> None:
         """Let the show go on: all up, assembled, all down."""

@@ -15,15 +15,19 @@ import numpy as np
 from gcs.accuracy import uncertainty_m
 from gcs.checks import Exclusion
 from gcs.config import Config
-from gcs.control import Memory, Task, Tasks
+from gcs.control import ControlSettings, Memory, Task, Tasks
 from gcs.errors import UnknownError
+from gcs.failsafe_cause import TEXTS_COUNT_S, VehicleFacts
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.landing import STOP_S, swept_segments_m
+from gcs.late_links import LATE_S, fleet_delay_s, for_late_links
 from gcs.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.link_delay import LinkDelay
 from gcs.link_quality import LinkQuality
 from gcs.links import Link, Order, ParameterValue
 from gcs.performance import Performance
 from gcs.plan import Plan
+from gcs.setpoint_gaps import SetpointGaps
 from gcs.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
 from gcs.vehicle import SHOW_FLIES, Vehicle
@@ -87,6 +91,7 @@ class Columns:
     """What the newest telemetry says of all vehicles, rows as in FleetState."""
 
     beat_s: Array  # (n,) arrival of the newest heartbeat
+    life_s: Array  # (n,) of anything
     position_s: Array  # (n,) and position
     mode: Sequence[Mode]
     armed: Sequence[bool]
@@ -137,6 +142,10 @@ class Flight:
         looks_hz = config.tick_rate_hz
         asked_hz = [min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet]
         self.link_quality = LinkQuality(np.array(asked_hz))
+        self.link_delay = LinkDelay(len(self.vehicles))
+        self._slowed: tuple[ControlSettings, float, ControlSettings] | None = None  # see `control_now`
+        self.without_heartbeat: dict[VehicleId, str] = {}  # in the air with positions: since when, in words
+        self.setpoint_gaps = SetpointGaps(len(self.vehicles))
         self._ticked = asyncio.Event()
         self.fleet = self.hear(now_s)
 
@@ -148,6 +157,7 @@ class Flight:
         self._widen(now_s)
         arrival_s = np.concatenate([part.position_time_s for part in parts])[self._order]
         self.link_quality.note(arrival_s, now_s)
+        self.link_delay.note(self.in_rows([part.clock_base_s for part in parts]), now_s)
         return self.fleet
 
     def _widen(self, now_s: float) -> None:
@@ -161,6 +171,18 @@ class Flight:
             self.config.positioning,
         )
         self.traits = replace(self.traits, uncertainty_m=wide_m)
+
+    @property
+    def control_now(self) -> ControlSettings:
+        """What this tick is set to: `control`, slower and wider while links are late."""
+        late_s = self.link_delay.late_s
+        if late_s.max(initial=0.0) < LATE_S:
+            return self.control
+        flying = np.array([vehicle.phase in AIRBORNE for vehicle in self.vehicles.values()], dtype=np.bool_)
+        delay_s = fleet_delay_s(late_s, flying)
+        if self._slowed is None or self._slowed[0] is not self.control or self._slowed[1] != delay_s:
+            self._slowed = self.control, delay_s, for_late_links(self.control, delay_s)
+        return self._slowed[2]
 
     @property
     def reset_time_s(self) -> Array:
@@ -189,6 +211,7 @@ class Flight:
         parts = self.telemetry.parts
         return Columns(
             self.in_rows([part.heartbeat_time_s for part in parts]),
+            self.in_rows([part.life_time_s for part in parts]),
             self.in_rows([part.position_time_s for part in parts]),
             self.ordered([part.mode for part in parts]),
             self.ordered([part.armed for part in parts]),
@@ -223,6 +246,21 @@ class Flight:
         """As its newest heartbeat says."""
         telemetry, at = self.telemetry[vehicle.id]
         return telemetry.mode[at]
+
+    def facts(self, vehicle: Vehicle) -> VehicleFacts:
+        """All that tells why it flies as it does: see `gcs.failsafe_cause`."""
+        (telemetry, at), now_s = self.telemetry[vehicle.id], self.fleet.time_s
+        return VehicleFacts(
+            mode=telemetry.mode[at],
+            in_failsafe=telemetry.in_failsafe[at],
+            battery_remaining=float(telemetry.battery_remaining[at]),
+            battery_critical_below=self.config.reactions.low_battery.critical_below,
+            texts=[said.text for said in telemetry.texts[at] if now_s - said.time_s <= TEXTS_COUNT_S],
+            setpoint_gap_s=self.setpoint_gaps.longest_s(vehicle.row, now_s),
+            setpoint_loss_s=self.config.operation.setpoint_loss_s,
+            setpoint_loss_action=self.config.operation.setpoint_loss_action,
+            position_age_s=float(self.fleet.age_s[vehicle.row]),
+        )
 
     @property
     def known(self) -> set[VehicleId]:

@@ -105,13 +105,19 @@ def advance(phase: Phase, event: Event) -> Phase:
         ) from None
 
 
-def not_ours(phases: Iterable[tuple[str, Phase]]) -> list[str]:
-    """Who is in the air, or may be, and is not commanded; in words. From (vehicle, phase) of everybody."""
+def not_ours(vehicles: Iterable[tuple[str, Phase, str]]) -> list[str]:
+    """Who is in the air, or may be, and is not commanded; in words. From (id, phase, reason) of all vehicles.
+
+    A reason that names its vehicle says itself what it does, and what to do about it.
+    """
     named: dict[Phase, list[str]] = {phase: [] for phase in NOT_COMMANDED}
-    for vehicle, phase in phases:
-        if phase in named:
+    explained = []
+    for vehicle, phase, reason in vehicles:
+        if phase is Phase.PILOT and reason.startswith(f"{vehicle} "):
+            explained.append(reason)
+        elif phase in named:
             named[phase].append(vehicle)
-    return [f"{', '.join(ids)}: {NOT_COMMANDED[phase]}" for phase, ids in named.items() if ids]
+    return [*explained, *(f"{', '.join(ids)}: {NOT_COMMANDED[phase]}" for phase, ids in named.items() if ids)]
 
 
 class ShowPhase(StrEnum):

@@ -13,6 +13,8 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Protocol
 
+import numpy as np
+
 from gcs.alarm_monitor import AlarmMonitor, Findings
 from gcs.alarms import Alarm
 from gcs.checks import PreflightReport
@@ -179,6 +181,7 @@ class Orchestrator:
         self._stage.lead()
         result = self._decide()
         flight.memory = result.memory
+        flight.setpoint_gaps.note(~np.isnan(result.memory.wanted_m_s[:, 0]), now_s)
         for link, share in zip(flight.links, self._shares.of(result.setpoints), strict=True):
             link.send(share)
         # What follows can wait for the next tick: setpoints cannot.
@@ -204,7 +207,8 @@ class Orchestrator:
 
     def _decide(self) -> Tick:
         flight = self._flight
-        return tick(flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, flight.control)
+        control = flight.control_now
+        return tick(flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, control)
 
     @property
     def _control_alive(self) -> bool:
@@ -219,6 +223,7 @@ class Orchestrator:
         watched = "" if self._heart is None else self._heart.problem
         return [
             *reactions,
+            *(f"{name}: {lacks}" for name, lacks in self._flight.without_heartbeat.items()),
             *filter(None, columns),
             *(problem for link in self._flight.links for problem in link.problems),
             *recorded,

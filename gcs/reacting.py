@@ -97,6 +97,7 @@ class Reacting:
         self._acted: dict[tuple[Cause, int], int] = {}
         self._ordered: dict[tuple[Cause, Action], str] = {}
         self._sent: dict[int, int] = {}  # severity of what was ordered of a vehicle that is on its errand
+        self._held: dict[tuple[Cause, Action], bool] = {}
         self._lost_before: set[str] = set()
         self._looked_s = -np.inf
         self._paused_since_s: float | None = None
@@ -105,16 +106,16 @@ class Reacting:
     def look(self) -> None:
         """Once a tick."""
         seen = self._seen()
-        known, on, too_windy = look(seen, self._known, self._settings)
+        known, on, weather = look(seen, self._known, self._settings)
         self._known = known
         now_s = seen.time_s
         self._mind_pause(now_s)
-        calm = is_calm(on, known, seen, self._settings, too_windy=too_windy)
+        calm = is_calm(on, known, seen, self._settings, weather)
         if calm and not self.active and now_s - self._looked_s < EVERYBODY_LOOKED_AT_S:
             return
         self._looked_s = now_s
         roles = self._roles(now_s)
-        self._known, wishes = advance(on, roles, seen, known, self._settings, too_windy=too_windy)
+        self._known, wishes = advance(on, roles, seen, known, self._settings, weather)
         if not wishes and not self.active:
             return
         self._react(wishes)
@@ -124,7 +125,7 @@ class Reacting:
         flight = self._flight
         fleet, parts = flight.fleet, flight.telemetry.parts
         position_s = flight.in_rows([part.position_time_s for part in parts])
-        beat_s = flight.in_rows([part.heartbeat_time_s for part in parts])
+        life_s = flight.in_rows([part.life_time_s for part in parts])
         return Seen(
             fleet.time_s,
             fleet.position_m,
@@ -134,11 +135,13 @@ class Reacting:
             flight.in_rows([part.horizontal_accuracy_m for part in parts]),
             flight.in_rows([part.vertical_accuracy_m for part in parts]),
             np.isinf(fleet.age_s) & (fleet.time_s - position_s <= flight.control.telemetry_age_max_s),
-            fleet.time_s - np.minimum(position_s, beat_s) > flight.config.operation.silence_s,
+            fleet.time_s - np.minimum(position_s, life_s) > flight.config.operation.silence_s,
             flight.reset_time_s,
             flight.control.safety.fence,
             self._stage.target_age_s,
             self._clock.late_s,
+            flight.link_delay.late_s,
+            flight.link_quality.share,
         )
 
     def _roles(self, now_s: float) -> Roles:
@@ -247,7 +250,8 @@ class Reacting:
         for wish in wishes:
             before, named = began.get((wish.cause.value, wish.action.value)), self._named(wish)
             reason = wish.reason
-            if before is not None and before.vehicles == named:
+            same = before is not None and before.vehicles == named
+            if before is not None and same and self._held.get((wish.cause, wish.action)) == wish.holds:
                 reason = before.reason  # its numbers may change in every tick
             active.append(
                 Reaction(
@@ -260,6 +264,7 @@ class Reacting:
                     self._ordered.get((wish.cause, wish.action)),
                 )
             )
+        self._held = {(wish.cause, wish.action): wish.holds for wish in wishes}
         self.active = tuple(active)
 
 

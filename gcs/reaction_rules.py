@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.reactions import SEVERITY, Action, Cause, ReactionSettings
+from gcs.reactions import SEVERITY, Action, Cause, LinksLate, ReactionSettings
 from gcs.safety.walls import Fence
 from gcs.state import Array, Mask
 
@@ -25,7 +25,13 @@ OF_VEHICLES: Final = (
     Cause.FENCE,
 )
 
-OF_THE_SHOW: Final = (Cause.WIND, Cause.VEHICLES_LOST, Cause.TARGET_STALE, Cause.SERVICE_LATE)
+OF_THE_SHOW: Final = (
+    Cause.WIND,
+    Cause.VEHICLES_LOST,
+    Cause.TARGET_STALE,
+    Cause.SERVICE_LATE,
+    Cause.LINKS_LATE,
+)
 
 AT_ONCE_S = 0.3
 """Who has no position to believe is not commanded, and its autopilot notices that within a second."""
@@ -54,6 +60,8 @@ class Seen:
     fence: Fence
     target_age_s: float  # since a live target was told; NaN: there is none
     late_s: float  # by which the newest tick was late
+    link_late_s: Array  # (n,) by which telemetry arrives later than it could
+    link_share: Array  # (n,) of the positions asked for that arrive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +98,10 @@ class Latch:
         """Whether nothing holds, nor is active: a tick in which nothing holds would change nothing."""
         return bool(np.isnan(self.on_since_s).all() and np.isnan(self.since_s).all())
 
+    def holds(self, now_s: float, for_s: Array) -> Mask:
+        """(k, m) what holds now, and has for as long as it must: only that grows more severe."""
+        return np.asarray(now_s - self.on_since_s >= for_s)  # False for NaN
+
     def next(self, on: Mask, now_s: float, for_s: Array, clear_s: float) -> "Latch":
         """After a tick in which `on` (k, m) held; `for_s` (k, 1) says how long each must."""
         on_since_s = np.where(on, np.fmin(self.on_since_s, now_s), np.nan)
@@ -109,7 +121,7 @@ class Known:
     late_s: float  # averaged
     jumps_s: Array  # (j, n) the last jumps of each position, oldest first
     vehicles: Latch  # (7, n)
-    show: Latch  # (4, 1)
+    show: Latch  # (5, 1)
 
     @staticmethod
     def nothing(count: int, now_s: float, settings: ReactionSettings) -> "Known":
@@ -117,6 +129,14 @@ class Known:
         jumps_s = np.full((settings.bad_position.jumps, count), -np.inf)
         vehicles, show = Latch.idle(len(OF_VEHICLES), count), Latch.idle(len(OF_THE_SHOW), 1)
         return Known(now_s, np.zeros((count, 2)), 0.0, jumps_s, vehicles, show)
+
+
+@dataclass(frozen=True, slots=True)
+class Weather:
+    """What befalls the fleet as a whole."""
+
+    windy: bool = False  # most fly otherwise than they are told, over links that are on time
+    late: bool = False  # their links are late
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +149,7 @@ class Wish:
     rows: tuple[int, ...]  # whom it concerns; empty: nobody in particular
     whole_show: bool  # whether the action is the show's
     reason: str
+    holds: bool = True  # the cause holds now; False: it was over some moments ago
 
     @property
     def severity(self) -> int:
@@ -136,11 +157,11 @@ class Wish:
         return SEVERITY[self.action]
 
 
-def look(seen: Seen, known: Known, settings: ReactionSettings) -> tuple[Known, Mask, bool]:
+def look(seen: Seen, known: Known, settings: ReactionSettings) -> tuple[Known, Mask, Weather]:
     """What happens to whom, as far as telemetry alone tells it; cheap, once a tick.
 
     Returns: averages brought up to date; (7, n) what would befall whoever flies (see OF_VEHICLES); and
-    whether the wind is too strong.
+    what befalls the fleet as a whole.
     """
     dt_s = max(seen.time_s - known.time_s, 0.0)
     share = min(1.0, dt_s / SMOOTH_S)
@@ -157,9 +178,20 @@ def look(seen: Seen, known: Known, settings: ReactionSettings) -> tuple[Known, M
         jumps_s = np.where(jumped, np.vstack([jumps_s[1:], seen.reset_time_s]), jumps_s)
     wind = settings.wind
     strays = np.hypot(error_m_s[:, 0], error_m_s[:, 1]) > wind.speed_error_m_s
+    poor = commanded & _poor_links(seen, settings.links_late)
     too_windy = bool(strays.any() and strays.sum() >= wind.share * commanded.sum())
+    # Who is told late flies otherwise than told: that is wind only where links are on time.
+    by_links = 2 * (strays & poor).sum() > strays.sum()
+    many_poor = bool(poor.any() and poor.sum() >= settings.links_late.share * commanded.sum())
+    weather = Weather(windy=too_windy and not by_links, late=many_poor or (too_windy and bool(by_links)))
     averages = replace(known, time_s=seen.time_s, error_m_s=error_m_s, late_s=late_s, jumps_s=jumps_s)
-    return averages, _conditions(seen, jumps_s, commanded, settings), too_windy
+    return averages, _conditions(seen, jumps_s, commanded, settings), weather
+
+
+def _poor_links(seen: Seen, settings: LinksLate) -> Mask:
+    """(n,) whose telemetry arrives late, or hardly."""
+    poor: Mask = (seen.link_late_s > settings.late_s) | (seen.link_share < settings.arrive_min)
+    return poor
 
 
 def _conditions(seen: Seen, jumps_s: Array, commanded: Mask, settings: ReactionSettings) -> Mask:
@@ -184,15 +216,15 @@ def _beyond_m(seen: Seen, within_s: float) -> tuple[Array, Array]:
     return np.maximum(away_m, -soon_m[:, 2] - seen.fence.height_max_m), seen.fence.height_min_m + soon_m[:, 2]
 
 
-def is_calm(on: Mask, known: Known, seen: Seen, settings: ReactionSettings, *, too_windy: bool) -> bool:
+def is_calm(on: Mask, known: Known, seen: Seen, settings: ReactionSettings, weather: Weather) -> bool:
     """Whether nothing happens, nor did: then `advance` would say so, too."""
-    happens = bool(on.any()) or too_windy or known.late_s > settings.service_late.late_s
+    happens = bool(on.any()) or weather.windy or weather.late or known.late_s > settings.service_late.late_s
     stale = seen.target_age_s > settings.target_stale.after_s  # False for NaN
     return known.vehicles.is_idle and known.show.is_idle and not (happens or stale)
 
 
 def advance(
-    on: Mask, roles: Roles, seen: Seen, known: Known, settings: ReactionSettings, *, too_windy: bool
+    on: Mask, roles: Roles, seen: Seen, known: Known, settings: ReactionSettings, weather: Weather
 ) -> tuple[Known, tuple[Wish, ...]]:
     """Which reactions are wanted now.
 
@@ -202,7 +234,7 @@ def advance(
         seen: this tick's.
         known: of `look`.
         settings: thresholds and actions.
-        too_windy: of `look`.
+        weather: of `look`.
 
     Returns: for the next tick; and every reaction whose cause lasts, the most severe first.
     """
@@ -222,28 +254,33 @@ def advance(
     many = settings.vehicles_lost
     shows = np.array(
         [
-            [too_windy and flies.any()],
+            [weather.windy and flies.any()],
             [lost >= many.count and lost >= many.share * all_count and flies.any()],
             [seen.target_age_s > settings.target_stale.after_s and flies.any()],
             [known.late_s > settings.service_late.late_s and flies.any()],
+            [weather.late and flies.any()],
         ]
     )
-    show_for_s = np.array([[settings.wind.for_s], [0.0], [0.0], [settings.service_late.for_s]])
+    for_each_s = settings.wind.for_s, 0.0, 0.0, settings.service_late.for_s, settings.links_late.for_s
+    show_for_s = np.array(for_each_s)[:, None]
     show = known.show.next(shows, now_s, show_for_s, settings.clear_s)
     if not flies.any():
         show = Latch.idle(len(OF_THE_SHOW), 1)
     after = replace(known, vehicles=vehicles, show=show)
     if not (vehicles.active.any() or show.active.any()):
         return after, ()
+    losses = f"{lost} of {all_count} are lost"
     wishes = [
-        *_of_vehicles(vehicles, seen, after, settings),
-        *_of_the_show(show, seen, after, roles, settings, f"{lost} of {all_count} are lost"),
+        *_of_vehicles(vehicles, vehicles.holds(now_s, for_s[:, None]), seen, after, settings),
+        *_of_the_show(show, show.holds(now_s, show_for_s), seen, after, roles, settings, losses),
     ]
     wanted = [wish for wish in wishes if wish.action is not Action.IGNORE]
     return after, tuple(sorted(wanted, key=lambda wish: -wish.severity))
 
 
-def _of_vehicles(latch: Latch, seen: Seen, known: Known, settings: ReactionSettings) -> list[Wish]:
+def _of_vehicles(
+    latch: Latch, holds: Mask, seen: Seen, known: Known, settings: ReactionSettings
+) -> list[Wish]:
     """One for each cause and action, with the vehicles concerned."""
     battery, position = settings.low_battery, settings.bad_position
     critical = latch.active[CRITICAL]
@@ -262,7 +299,8 @@ def _of_vehicles(latch: Latch, seen: Seen, known: Known, settings: ReactionSetti
         first, later = active, np.zeros_like(active)
         action = then = _ACTION_OF[kind](settings)
         if kind in {POOR, SUDDEN} and position.then_land_after_s is not None:
-            later = active & (seen.time_s - latch.since_s[kind] >= position.then_land_after_s)
+            waited = seen.time_s - latch.since_s[kind] >= position.then_land_after_s
+            later = active & waited & holds[kind]
             first, then = active & ~later, Action.LAND
         for does, rows in ((action, first), (then, later)):
             if rows.any():
@@ -305,7 +343,7 @@ def _poor(seen: Seen, rows: Mask, settings: ReactionSettings) -> str:
 
 
 def _of_the_show(
-    latch: Latch, seen: Seen, known: Known, roles: Roles, settings: ReactionSettings, losses: str
+    latch: Latch, holds: Mask, seen: Seen, known: Known, roles: Roles, settings: ReactionSettings, losses: str
 ) -> list[Wish]:
     """One for each cause."""
     wind, late = settings.wind, settings.service_late
@@ -317,6 +355,11 @@ def _of_the_show(
             wind.action,
             wind.then_return_after_s,
             f"{strays} fly up to {error_m_s.max(initial=0.0):.1f} m/s otherwise than they are told",
+        ),
+        Cause.LINKS_LATE: (
+            settings.links_late.action,
+            settings.links_late.then_return_after_s,
+            _late_links(seen, roles, settings.links_late),
         ),
         Cause.VEHICLES_LOST: (settings.vehicles_lost.action, None, losses),
         Cause.TARGET_STALE: (
@@ -334,9 +377,27 @@ def _of_the_show(
     for kind in np.flatnonzero(latch.active[:, 0]).tolist():
         cause, since_s = OF_THE_SHOW[kind], float(latch.since_s[kind, 0])
         name, then_after_s, reason = cases[cause]
+        now_holds = bool(holds[kind, 0])
+        if not now_holds:
+            over_s = seen.time_s - float(latch.last_on_s[kind, 0])
+            reason = f"over for {over_s:.0f} s: {reason}" if over_s >= 1.0 else f"over just now: {reason}"
         action = Action(name)
         waited_s = min(seen.time_s - since_s, roles.paused_s)
-        if action is Action.PAUSE and then_after_s is not None and waited_s >= then_after_s:
+        did_not_help = then_after_s is not None and waited_s >= then_after_s and now_holds
+        if action is Action.PAUSE and did_not_help:
             action, reason = Action.RETURN, f"{reason}; a pause of {then_after_s:g} s did not help"
-        wishes.append(Wish(cause, action, since_s, rows.get(cause, ()), True, reason))
+        wishes.append(Wish(cause, action, since_s, rows.get(cause, ()), True, reason, now_holds))
     return wishes
+
+
+def _late_links(seen: Seen, roles: Roles, settings: LinksLate) -> str:
+    """How late, and how little, telemetry arrives of those who fly."""
+    flying = np.flatnonzero(roles.flying)
+    poor = int(_poor_links(seen, settings)[flying].sum())
+    if not len(flying):
+        return "no vehicle flies"
+    late_s, share = seen.link_late_s[flying], seen.link_share[flying]
+    return (
+        f"telemetry of {poor} of {len(flying)} arrives {late_s.mean():.2f} s late, at most"
+        f" {settings.late_s:g} s; {share.mean():.0%} of it arrives, at least {settings.arrive_min:.0%}"
+    )

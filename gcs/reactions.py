@@ -22,6 +22,7 @@ class Cause(StrEnum):
     BAD_POSITION = "bad position"
     FENCE = "fence ahead"
     WIND = "too much wind"
+    LINKS_LATE = "links late"
     VEHICLES_LOST = "too many vehicles lost"
     TARGET_STALE = "target stale"
     SERVICE_LATE = "service late"
@@ -107,6 +108,17 @@ class TooMuchWind(Settings):
     for_s: NotNegative = 5.0
 
 
+class LinksLate(Settings):
+    """Telemetry of many arrives late, or little of it arrives: they cannot fly as they are told."""
+
+    action: Literal["ignore", "pause", "return", "land"] = "pause"
+    then_return_after_s: Positive | None = None  # a way home over late links is no safer than standing
+    late_s: Positive = 0.2  # on average, compared with the soonest that telemetry ever arrived
+    arrive_min: Share = 0.5  # of the positions asked for
+    share: Share = 0.5  # of those under control
+    for_s: NotNegative = 3.0
+
+
 class VehiclesLost(Settings):
     """So many are lost, or killed, that the show is none any more: both numbers must be reached."""
 
@@ -139,6 +151,7 @@ class ReactionSettings(Settings):
     bad_position: BadPosition = BadPosition()
     fence: FenceAhead = FenceAhead()
     wind: TooMuchWind = TooMuchWind()
+    links_late: LinksLate = LinksLate()
     vehicles_lost: VehiclesLost = VehiclesLost()
     target_stale: TargetStale = TargetStale()
     service_late: ServiceLate = ServiceLate()

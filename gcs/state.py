@@ -55,6 +55,15 @@ def freeze(array: Array | Bits, shape: tuple[int, ...], what: str) -> None:
     array.setflags(write=False)
 
 
+@dataclass(frozen=True, slots=True)
+class StatusText:
+    """What an autopilot said in words."""
+
+    time_s: float  # of its arrival
+    severity: int  # MAV_SEVERITY: 0 emergency to 7 debug
+    text: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Telemetry:
     """What one link last heard from each of its vehicles. Owns its arrays.
@@ -66,6 +75,7 @@ class Telemetry:
     ids: tuple[VehicleId, ...]
     position_time_s: Array  # (n,) arrival of the newest global position
     heartbeat_time_s: Array  # (n,) arrival of the newest heartbeat
+    life_time_s: Array  # (n,) arrival of anything from its autopilot: every message is a sign of life
     latitude_deg: Array  # (n,) WGS84, NaN before the first
     longitude_deg: Array  # (n,)
     altitude_amsl_m: Array  # (n,)
@@ -74,6 +84,7 @@ class Telemetry:
     battery_remaining: Array  # (n,) 0 to 1, NaN when unknown
     armed: tuple[bool, ...]  # from the heartbeat
     mode: tuple[Mode, ...]  # from the heartbeat
+    in_failsafe: tuple[bool, ...]  # from the heartbeat: the autopilot itself intervenes
     landed: tuple[Landed, ...]
     ready: tuple[bool, ...]  # the autopilot says that it can be armed
     horizontal_accuracy_m: Array  # (n,) as its receiver reports, one sigma; NaN unknown, inf without a fix
@@ -83,6 +94,7 @@ class Telemetry:
     fix_type: Array  # (n,) GPS_FIX_TYPE of its receiver, 3 and more with a height; NaN unknown
     sick_sensors: Bits  # (n,) of MAV_SYS_STATUS_SENSOR, those it flies by and calls unhealthy; -1 unknown
     clock_base_s: Array  # (n,) what its own clock (Unix time) showed when the loop's was 0; NaN unknown
+    texts: tuple[tuple[StatusText, ...], ...]  # (n,) its last few status texts, the oldest first
 
     def __post_init__(self) -> None:
         n = len(self.ids)
@@ -90,6 +102,7 @@ class Telemetry:
         for name in (
             "position_time_s",
             "heartbeat_time_s",
+            "life_time_s",
             "latitude_deg",
             "longitude_deg",
             "altitude_amsl_m",
@@ -102,7 +115,16 @@ class Telemetry:
             "clock_base_s",
         ):
             freeze(getattr(self, name), (n,), name)
-        for name in ("armed", "mode", "landed", "ready", "boots", "position_resets"):
+        for name in (
+            "armed",
+            "mode",
+            "in_failsafe",
+            "landed",
+            "ready",
+            "boots",
+            "position_resets",
+            "texts",
+        ):
             if len(getattr(self, name)) != n:
                 raise ShapeError(f"{name}: {len(getattr(self, name))} values for {n} vehicles")
 

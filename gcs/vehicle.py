@@ -1,11 +1,14 @@
 """One vehicle as the service runs it: its phase, what it may do, and what its telemetry says of it."""
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf
+from typing import TypeAlias
 
 from gcs.control import Task
 from gcs.errors import RefusedError
+from gcs.failsafe_cause import FailsafeCause
 from gcs.lifecycle import AIRBORNE, FLOWN, Event, Phase, ShowPhase, advance
 from gcs.state import Array, Landed, Mode, VehicleId
 
@@ -14,14 +17,29 @@ log = logging.getLogger(__name__)
 SHOW_FLIES = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 
 
+Explanation: TypeAlias = tuple[FailsafeCause, str]
+"""Why a vehicle is in a mode that nobody here commanded: the cause, and the text for the operator."""
+
+
+_VAGUE = {FailsafeCause.UNKNOWN, FailsafeCause.OTHER, FailsafeCause.SETPOINT_LOSS, None}
+"""Causes that what comes later may replace: STATUSTEXTs and battery states arrive when they will."""
+
+
+def _unexplained() -> Explanation:
+    return FailsafeCause.UNKNOWN, "in a mode that this station did not command: a pilot, or its autopilot"
+
+
 @dataclass(frozen=True, slots=True)
 class Heard:
     """What the telemetry says of one vehicle at one tick."""
 
-    age_s: float  # of the older of heartbeat and position; a heartbeat may lack for a while
+    age_s: float  # of the oldest of its signs of life; a heartbeat may lack for a while
     mode: Mode
     armed: bool
     landed: Landed
+    in_failsafe: bool = False  # its autopilot says that it intervenes
+    lacks: str = ""  # which of its signs lacks, and since when, in words
+    explain: Callable[[], Explanation] = _unexplained  # why its mode is another one than was commanded
 
 
 @dataclass(slots=True, eq=False)
@@ -44,6 +62,9 @@ class Vehicle:
     handed_over: bool = False  # in LANDING, the autopilot's own LAND touches down
     pilots: bool = False  # a person's (or its failsafe's) until handed back, silent or not
     try_again_s: float = 0.0  # when what the service does by itself may be tried again
+    cause: FailsafeCause | None = None  # while PILOT: why it is in a mode that nobody here commanded
+    rejoins: bool = False  # it was in formation when it was lost, and nothing was commanded since
+    _explained: tuple[Mode, bool] | None = None
     modes: frozenset[Mode] = field(default_factory=frozenset)  # those that an order of ours explains
 
     @property
@@ -55,7 +76,10 @@ class Vehicle:
         """Advance the phase, and log the change. Raises: RefusedError when the table does not allow it."""
         before, self.phase = self.phase, advance(self.phase, event)
         self.reason = reason
-        self.pilots = self.phase is Phase.PILOT or (self.pilots and self.phase in {Phase.LOST, Phase.KILLED})
+        if self.phase is not Phase.PILOT:
+            self.cause = None
+        self.rejoins = self.phase in {Phase.LOST, Phase.PILOT} and (self.rejoins or before is Phase.FORMATION)
+        self._mind_pilot()
         if self.phase not in FLOWN:
             self.goal_m = None
         self.engaging = False
@@ -65,6 +89,27 @@ class Vehicle:
             "vehicle_phase",
             extra={"vehicle": self.id, "was": before.value, "phase": self.phase.value, "reason": reason},
         )
+
+    def _mind_pilot(self) -> None:
+        """Whether it is to be left to a person: not where its link lost setpoints, and it just holds."""
+        if self.phase is Phase.PILOT:
+            self.pilots = self.cause is not FailsafeCause.SETPOINT_LOSS
+        elif self.phase not in {Phase.LOST, Phase.KILLED}:
+            self.pilots = False
+
+    def explain(self, explanation: Explanation, mode: Mode, *, in_failsafe: bool) -> None:
+        """While PILOT: keep what explains its mode. A mode once explained keeps its cause: texts expire."""
+        cause, text = explanation
+        changed = (mode, in_failsafe) != self._explained
+        if not changed and (
+            cause is self.cause or self.cause not in _VAGUE or cause is FailsafeCause.UNKNOWN
+        ):
+            return
+        if self.cause is not cause:
+            told = {"vehicle": self.id, "cause": cause.value, "reason": text}
+            log.warning("outside_control", extra=told)
+        self.cause, self.reason, self._explained = cause, text, (mode, in_failsafe)
+        self._mind_pilot()
 
     def freeze(self, position_m: Array, until_s: float, reason: str) -> None:
         """Have it stand where it now says that it is; nothing else of what it does changes."""
@@ -113,7 +158,7 @@ class Vehicle:
 
     def _noticed(self, heard: Heard, silence_s: float, *, lost_holds: bool) -> tuple[Event, str] | None:
         if not heard.age_s <= silence_s:
-            return self._silent(heard.age_s)
+            return self._silent(heard)
         if self.phase in AIRBORNE | {Phase.PILOT}:
             return self._heard_in_flight(heard)
         if self.phase is Phase.LOST:
@@ -130,17 +175,18 @@ class Vehicle:
             return Event.HEARD_IN_AIR, "took off, and not by our order"
         return None
 
-    def _silent(self, age_s: float) -> tuple[Event, str] | None:
-        if self.phase in AIRBORNE | {Phase.PILOT}:
-            return Event.SILENT, f"silent for {age_s:.1f} s in the air"
-        return (Event.SILENT, f"silent for {age_s:.1f} s") if self.phase is Phase.STANDBY else None
+    def _silent(self, heard: Heard) -> tuple[Event, str] | None:
+        if self.phase in AIRBORNE | {Phase.PILOT, Phase.STANDBY}:
+            return Event.SILENT, heard.lacks or f"no telemetry for {heard.age_s:.1f} s"
+        return None
 
     def _heard_in_flight(self, heard: Heard) -> tuple[Event, str] | None:
         if not heard.armed:
             return Event.TOUCHED_DOWN, "on the ground, motors off"
         if self.phase in AIRBORNE and heard.mode not in self.modes:
-            why = "was ordered by nobody here: a pilot, or the autopilot's own failsafe"
-            return Event.TAKEN_OVER, f"mode {heard.mode} {why}"
+            self.cause, text = heard.explain()
+            self._explained = heard.mode, heard.in_failsafe
+            return Event.TAKEN_OVER, text
         return None
 
     def _heard_again(self, heard: Heard, *, lost_holds: bool) -> tuple[Event, str] | None:
@@ -150,7 +196,9 @@ class Vehicle:
         if self.pilots:
             return Event.TAKEN_OVER, "heard again; it had been taken over, and nobody has handed it back"
         if heard.mode not in (self.modes | {Mode.HOLD} if lost_holds else self.modes):
-            return Event.TAKEN_OVER, f"heard again in mode {heard.mode}, which nobody here ordered"
+            self.cause, text = heard.explain()
+            self._explained = heard.mode, heard.in_failsafe
+            return Event.TAKEN_OVER, f"heard again: {text}"
         return None
 
 

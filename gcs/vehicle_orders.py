@@ -49,7 +49,7 @@ class VehicleOrders:
             self._book.close(record.id, vehicle.id, Outcome.DONE)
             return self._book.get(record.id)
         if action is VehicleAction.JOIN:
-            self._check_room([vehicle])
+            self.check_room([vehicle])
         errands: dict[VehicleAction, Errand] = {
             VehicleAction.HOLD: self._errands.hold,
             VehicleAction.JOIN: self._errands.join,
@@ -93,7 +93,7 @@ class VehicleOrders:
             reasons = "; ".join(left_out.values()) or "no vehicle is airborne"
             raise RefusedError(f"{action} reaches no vehicle: {reasons}")
         if action is VehicleAction.JOIN:
-            self._check_room(chosen)
+            self.check_room(chosen)
         if action in {VehicleAction.JOIN, VehicleAction.TAKE_CONTROL}:
             errand = self._errands.join if action is VehicleAction.JOIN else self._errands.take_control
             record = self._book.open(action, [vehicle.id for vehicle in chosen], left_out)
@@ -146,7 +146,7 @@ class VehicleOrders:
             self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
         return record
 
-    def _check_room(self, joining: Sequence[Vehicle]) -> None:
+    def check_room(self, joining: Sequence[Vehicle]) -> None:
         """Raises: RefusedError when the sphere is too small for these as well."""
         flight = self._flight
         others = [other for other in flight.airborne if other not in joining]

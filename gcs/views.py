@@ -84,7 +84,7 @@ def fleet_view(
         interventions=interventions,
         notices=(
             *cut_off,
-            *not_ours((vehicle.id, vehicle.phase) for vehicle in flight.vehicles.values()),
+            *not_ours((vehicle.id, vehicle.phase, vehicle.reason) for vehicle in flight.vehicles.values()),
             *grounded(not_flying),
             *waits,
             *problems,

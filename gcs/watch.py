@@ -1,19 +1,21 @@
 """What the telemetry changes, and what then follows without an order."""
 
+import logging
+from functools import partial
+
 import numpy as np
 
 from gcs.errand_tasks import Errand
 from gcs.errands import Errands
+from gcs.failsafe_cause import cause_of, described, lost_on_the_way
 from gcs.flight import Columns, Flight
 from gcs.inspection import Inspection
-from gcs.lifecycle import FLOWN, Event, Phase
+from gcs.lifecycle import AIRBORNE, FLOWN, Event, Phase
+from gcs.signs_of_life import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking
 from gcs.state import Array, Mask, Mode
-from gcs.vehicle import Heard, Vehicle
+from gcs.vehicle import Explanation, Heard, Vehicle
 
-BEATS_MAY_LACK_S = 1.5
-"""Heartbeats come once a second, positions many times: one that is lost makes nobody silent. Who has been
-silent is heard again with a fresh heartbeat only: an old one does not tell whether a pilot has taken over.
-"""
+log = logging.getLogger(__name__)
 
 TRY_AGAIN_S = 5.0
 """Between two attempts at something that the service does by itself."""
@@ -38,9 +40,10 @@ class Watch:
         for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
             self._mind_reset(flight.at_row(row))
         known: Mask = np.asarray(np.isfinite(flight.fleet.position_m).all(axis=1))
-        age_s: Array = now_s - np.minimum(heard_of.beat_s, heard_of.position_s)
+        age_s: Array = now_s - np.minimum(np.minimum(heard_of.beat_s, heard_of.position_s), heard_of.life_s)
         fresh: Mask = np.asarray(age_s <= silence_s)
         flight.note_seen(fresh & known)
+        self._forget_heartbeats(fresh)
         # A thousand vehicles are looked at in every tick: while nothing changes, all at once.
         vehicles = flight.vehicles.values()
         expected = [vehicle.phase for vehicle in vehicles], [vehicle.modes for vehicle in vehicles]
@@ -61,21 +64,36 @@ class Watch:
 
     def _look_at(self, vehicle: Vehicle, heard_of: Columns, *, is_known: bool) -> None:
         """Let the telemetry of one vehicle change its phase."""
-        flight, row = self._flight, vehicle.row
+        flight, row, now_s = self._flight, vehicle.row, self._flight.fleet.time_s
         silence_s = flight.config.operation.silence_s
-        beats_may_lack_s = 0.0 if vehicle.phase in {Phase.OFFLINE, Phase.LOST} else BEATS_MAY_LACK_S
-        beat_s = float(heard_of.beat_s[row]) + beats_may_lack_s
-        age_s = flight.fleet.time_s - min(beat_s, float(heard_of.position_s[row]))
+        position_s, beat_s, life_s = (
+            float(column[row]) for column in (heard_of.position_s, heard_of.beat_s, heard_of.life_s)
+        )
+        age_s = now_s - min(life_s, position_s, beat_s + _beats_may_lack_s(vehicle.phase))
         if age_s <= silence_s and is_known:  # though a heartbeat lacks
             flight.note_seen(row)
-        heard = Heard(age_s, heard_of.mode[row], heard_of.armed[row], heard_of.landed[row])
+        lacks = lacking(now_s, life_s, beat_s, position_s, silence_s)
+        in_failsafe = flight.facts(vehicle).in_failsafe if vehicle.phase is Phase.PILOT else False
+        heard = Heard(
+            age_s,
+            heard_of.mode[row],
+            heard_of.armed[row],
+            heard_of.landed[row],
+            in_failsafe,
+            lacks,
+            partial(self._explained, vehicle),
+        )
         lost_holds = flight.config.operation.setpoint_loss_action == "hold"
         if vehicle.observe(heard, silence_s, lost_holds=lost_holds):
             if vehicle.phase in {Phase.LOST, Phase.PILOT}:
                 self._errands.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
+            return
+        self._note_heartbeats(vehicle, lacks)
+        if vehicle.phase is Phase.PILOT:
+            self._mind_failsafe(vehicle, beat_is_fresh=now_s - beat_s <= silence_s)
         elif self._errands.running(vehicle):
             return
-        elif vehicle.phase is Phase.OFFLINE and flight.fleet.time_s - beat_s <= silence_s:
+        elif vehicle.phase is Phase.OFFLINE and now_s - beat_s <= silence_s:
             vehicle.reason = "heard, but it has no position yet"
         elif vehicle.phase is Phase.LOST and age_s <= silence_s and heard.mode is not Mode.LAND:
             self._by_itself(vehicle, self._come_back)
@@ -83,6 +101,40 @@ class Watch:
             self._by_itself(vehicle, self._errands.rest)
         elif vehicle.phase in FLOWN and not vehicle.handed_over and heard.mode is Mode.HOLD:
             vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
+
+    def _explained(self, vehicle: Vehicle) -> Explanation:
+        """Why it is in a mode that nobody here commanded."""
+        facts = self._flight.facts(vehicle)
+        cause = cause_of(facts)
+        return cause, described(vehicle.id, cause, facts)
+
+    def _mind_failsafe(self, vehicle: Vehicle, *, beat_is_fresh: bool) -> None:
+        """Keep the explanation true, and fly on one that holds only because its link lost setpoints."""
+        facts = self._flight.facts(vehicle)
+        cause = cause_of(facts)
+        vehicle.explain(
+            (cause, described(vehicle.id, cause, facts)), facts.mode, in_failsafe=facts.in_failsafe
+        )
+        idle = beat_is_fresh and not self._errands.running(vehicle)
+        if idle and lost_on_the_way(vehicle.cause, facts):
+            self._by_itself(vehicle, self._come_back)
+
+    def _note_heartbeats(self, vehicle: Vehicle, lacks: str) -> None:
+        """Keep whose heartbeats lack in the air, though positions come."""
+        known = self._flight.without_heartbeat
+        if lacks and vehicle.phase in AIRBORNE and vehicle.id not in known:
+            known[vehicle.id] = lacks
+            log.warning("heartbeats_lack", extra={"vehicle": vehicle.id, "reason": lacks})
+
+    def _forget_heartbeats(self, fresh: Mask) -> None:
+        known = self._flight.without_heartbeat
+        for name in list(known):
+            vehicle = self._flight.vehicles[name]
+            if fresh[vehicle.row] or vehicle.phase not in AIRBORNE:
+                del known[name]
+                log.info(
+                    "heartbeats_again" if fresh[vehicle.row] else "heartbeats_over", extra={"vehicle": name}
+                )
 
     def _mind_reset(self, vehicle: Vehicle) -> None:
         """A position that jumped may be wrong now, or have been wrong before: stand still, with more room."""
@@ -100,3 +152,13 @@ class Watch:
         if self._flight.fleet.time_s >= vehicle.try_again_s:
             vehicle.try_again_s = self._flight.fleet.time_s + TRY_AGAIN_S
             self._errands.start(vehicle, errand, lambda _outcome, _reason: None)
+
+
+def _beats_may_lack_s(phase: Phase) -> float:
+    """What a heartbeat may be older by than `operation.silence_s`.
+
+    Nothing for who was lost: an old heartbeat does not tell whether a pilot has taken over meanwhile.
+    """
+    if phase in {Phase.OFFLINE, Phase.LOST}:
+        return 0.0
+    return BEATS_MAY_LACK_S if phase is Phase.STANDBY else BEATS_LACK_MAX_S

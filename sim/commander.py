@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 CRITICAL, INFO = 2, 6  # MAV_SEVERITY
 IMPATIENT_S = 0.25  # how long OFFBOARD lives without setpoints where the quirk of item 13 is off
 OVERRIDE_AUTO, OVERRIDE_OFFBOARD = 1, 2  # bits of COM_RC_OVERRIDE
-BATTERY_TEXTS = {battery.LOW: "Low", battery.CRITICAL: "Critical", battery.EMERGENCY: "Dangerously low"}
+BATTERY_TEXTS = {
+    battery.LOW: "Low battery",
+    battery.CRITICAL: "Critical battery",
+    battery.EMERGENCY: "Emergency battery level",
+}
 BATTERY_ACTIONS = {
     (2, battery.CRITICAL): Mode.LAND,
     (2, battery.EMERGENCY): Mode.LAND,
@@ -206,21 +210,22 @@ class Commander:
         mode = STATION_LOSS_MODE.get(int(self._parameters["NAV_DLL_ACT"]))
         if self.mode is Mode.LAND or (self.mode is Mode.RETURN and mode is Mode.HOLD):
             return
+        self._say(INFO, "GCS connection lost")
         self._say(CRITICAL, "Failsafe activated")
         if mode is None:
             self.stop("Disarmed by failsafe")
         else:
-            self.intend(mode)
+            self._intervene(mode)
 
     def weaken(self, charge: int) -> None:
         """COM_LOW_BAT_ACT, once per worsening: 2 lands at critical; 3 returns then, lands at emergency."""
         self._state.charge[self._row] = charge
-        self._say(CRITICAL, f"{BATTERY_TEXTS[charge]} battery level")
+        self._say(CRITICAL, BATTERY_TEXTS[charge])
         action = int(self._parameters["COM_LOW_BAT_ACT"])
         mode = BATTERY_ACTIONS.get((action, charge))
         if mode is not None and self.mode is not Mode.LAND:
             self._say(CRITICAL, "Failsafe activated")
-            self.intend(mode)
+            self._intervene(mode)
 
     def lift_off(self) -> None:
         """The take-off is detected."""
@@ -240,7 +245,7 @@ class Commander:
     def stop(self, text: str) -> None:
         """Disarm; the mode falls back to the last one that may be armed in (item 7)."""
         state, row = self._state, self._row
-        state.armed[row] = state.failsafe[row] = False
+        state.armed[row] = state.failsafe[row] = state.intervenes[row] = False
         state.climb_since_s[row] = math.inf
         self._say(INFO, text)
         reverts = self._quirks.mode_reverts
@@ -250,11 +255,16 @@ class Commander:
     def intend(self, mode: Mode) -> None:
         """Fly that mode from now on, whoever wanted it."""
         state, row = self._state, self._row
-        state.failsafe[row] = False
+        state.failsafe[row] = state.intervenes[row] = False
         state.intended[row] = state.mode[row] = mode.number
         if mode not in PREVENTS_ARMING:
             state.after_disarming[row] = mode.number
         self._changed()
+
+    def _intervene(self, mode: Mode) -> None:
+        """Fly that mode by a failsafe of its own; the heartbeat says so until another mode is wanted."""
+        self.intend(mode)
+        self._state.intervenes[self._row] = True
 
     def _say(self, severity: int, text: str) -> None:
         self._tell(severity, text + "\t")  # PX4 ends its texts so

@@ -44,7 +44,7 @@ def heartbeat(s: Snapshot) -> Fields:
     base_mode[unfed] &= ~GUIDED  # nothing is controlled before the first setpoint: recorded as 1, later 17
     status = np.where(s.can_arm, STANDBY, 0)
     status[armed] = ACTIVE
-    status[state.failsafe[rows]] = CRITICAL
+    status[armed & (state.failsafe[rows] | state.intervenes[rows])] = CRITICAL
     return {
         "type": QUADROTOR,
         "autopilot": PX4,

@@ -67,7 +67,8 @@ class State:
         self.armed = _no(count)
         self.landed = ~_no(count)
         self.flown = _no(count)  # since it was armed
-        self.failsafe = _no(count)
+        self.failsafe = _no(count)  # for want of setpoints
+        self.intervenes = _no(count)  # any other failsafe of its own flies it
         self.piloted = _no(count)  # somebody has the sticks
         self.setpoint_seen = _no(count)
         self.setpoint_s = np.full(count, -np.inf)

@@ -27,14 +27,18 @@ class AlarmCause(StrEnum):
     LOW_BATTERY = "low-battery"
     BAD_POSITION = "bad-position"
     WIND = "wind"
+    LINKS_LATE = "links-late"
     SERVICE_LATE = "service-late"
+    OWN_FAILSAFE = "own-failsafe"
     OUTSIDE_CONTROL = "outside-control"
+    PARAMETER_CHANGED = "parameter-changed"
     INTERRUPTED = "interrupted"
     DUPLICATE_SYSTEM_ID = "duplicate-system-id"
     LINK_FAILED = "link-failed"
     TARGET_STALE = "target-stale"
     OBSTACLE_WAITS = "obstacle-waits"
     POOR_LINK = "poor-link"
+    NO_HEARTBEAT = "no-heartbeat"
     RECORD_FAILS = "record-fails"
     SUPERVISOR_GONE = "supervisor-gone"
     NOT_FLYING = "not-flying"
@@ -96,6 +100,15 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.SERVICE_LATE: CauseRow(
         W, "Service late", "End other programs on this computer; bring the show home if it stays late."
     ),
+    AlarmCause.LINKS_LATE: CauseRow(
+        W, "Links late", "Check radios, antennas and what loads the network; bring the show home if it lasts."
+    ),
+    AlarmCause.OWN_FAILSAFE: CauseRow(
+        W, "{vehicles} flown by an own failsafe", "Leave it to its autopilot.", off_after_s=0.0
+    ),
+    AlarmCause.PARAMETER_CHANGED: CauseRow(
+        W, "{vehicles}: parameter changed", "Set it back; preflight fails until it is right.", off_after_s=0.0
+    ),
     AlarmCause.OUTSIDE_CONTROL: CauseRow(
         W,
         "{vehicles} outside control",
@@ -117,6 +130,12 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     ),
     AlarmCause.POOR_LINK: CauseRow(
         C, "{vehicles} with a poor link", "Check antennas and distance; bring it home if it gets worse.", 8.0
+    ),
+    AlarmCause.NO_HEARTBEAT: CauseRow(
+        C,
+        "{vehicles} without heartbeat",
+        "Its mode is not known: a pilot may have it. Watch it; check antennas and distance.",
+        off_after_s=0.0,
     ),
     AlarmCause.RECORD_FAILS: CauseRow(
         C, "Not recorded", "Free the disk or make it writable: recording goes on by itself.", off_after_s=0.0

@@ -35,10 +35,11 @@ from gcs.links.mavlink_frames import (
     unix_time_s,
 )
 from gcs.links.roster import SILENT_AFTER_S
-from gcs.state import Landed, Mode
+from gcs.state import Landed, Mode, StatusText
 
 _AUTOPILOT_COMPONENT = 1
 _TEXT_CHUNKS_MAX = 8
+_TEXTS_KEPT: Final = 6
 _CLOCKS: Final = frozenset({ATTITUDE, LOCAL_POSITION_NED})
 """Not asked for, but sent by an autopilot that has just restarted, seconds before its first position."""
 
@@ -52,7 +53,8 @@ class Heard:
     Attributes:
         time_s: arrival of any frame; `heartbeat_time_s` and `position_time_s` of their own, -inf before.
         motion: of the newest position.
-        armed, mode: from the autopilot's heartbeat, which alone is believed.
+        life_time_s: arrival of any frame of the autopilot: every one is a sign of life.
+        armed, mode, in_failsafe: from the autopilot's heartbeat, which alone is believed.
         prearm_ok: SYS_STATUS says that the autopilot's own checks before arming pass.
         sick_sensors: and which sensors are enabled and unhealthy; -1 before.
         accuracy, fix_type: of the newest GPS_RAW_INT.
@@ -62,6 +64,7 @@ class Heard:
         boots: how often the boot clock has jumped back: a reboot, or a simulator that was paused.
         position_resets: how often the estimator's reset counter (ODOMETRY) has changed.
         text, text_time_s: the newest status text, and its arrival.
+        texts: the newest few, the oldest first.
         lives: how often it was met: at first, after a restart, after a silence. It may have forgotten what it
             was asked for.
         counts: how many messages of each kind the autopilot has sent.
@@ -70,11 +73,13 @@ class Heard:
 
     def __init__(self) -> None:
         self.time_s = -inf
+        self.life_time_s = -inf
         self.heartbeat_time_s = -inf
         self.position_time_s = -inf
         self.motion = Motion(nan, nan, nan, nan, nan, nan, nan)
         self.armed = False
         self.mode = Mode.UNKNOWN
+        self.in_failsafe = False
         self.prearm_ok = False
         self.sick_sensors = -1
         self.accuracy = Accuracy(nan, nan)
@@ -86,6 +91,7 @@ class Heard:
         self.position_resets = 0
         self.text = ""
         self.text_time_s = -inf
+        self.texts: tuple[StatusText, ...] = ()
         self.lives = 0
         self.counts: Counter[int] = Counter()
         self.news = asyncio.Event()
@@ -98,6 +104,7 @@ class Heard:
         self.time_s = time_s
         if frame.component_id != _AUTOPILOT_COMPONENT:
             return
+        self.life_time_s = time_s
         message_id = frame.message_id
         self.counts[message_id] += 1
         if message_id == GLOBAL_POSITION_INT:
@@ -145,7 +152,7 @@ class Heard:
             return
         self.lives += not time_s - self.heartbeat_time_s <= SILENT_AFTER_S
         self.heartbeat_time_s = time_s
-        self.armed, self.mode = said.armed, said.mode
+        self.armed, self.mode, self.in_failsafe = said.armed, said.mode, said.in_failsafe
         fired, self.news = self.news, asyncio.Event()
         fired.set()
 
@@ -155,5 +162,7 @@ class Heard:
         self._chunks = [*self._chunks, chunk][-_TEXT_CHUNKS_MAX:] if follows else [chunk]
         self.text = b"".join(part.text for part in self._chunks).decode(errors="replace").strip()
         self.text_time_s = time_s
+        earlier = self.texts[:-1] if follows else self.texts
+        self.texts = (*earlier, StatusText(time_s, chunk.severity, self.text))[-_TEXTS_KEPT:]
         if chunk.last:
             self._chunks = []

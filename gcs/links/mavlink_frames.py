@@ -62,6 +62,9 @@ _SIGNATURE_LENGTH: Final = 13
 _MAV_AUTOPILOT_PX4: Final = 12
 _CUSTOM_MODE_ENABLED: Final = 0x01
 _ARMED: Final = 0x80
+FAILSAFE_STATES: Final = (5, 6)
+"""MAV_STATE_CRITICAL and _EMERGENCY: PX4 says so while a failsafe of its own acts, never while a pilot flies.
+"""
 _LANDED_STATES: Final = frozenset(state.value for state in Landed)
 _BATTERY_REMAINING_AT: Final = 35
 _FIX_TYPE_AT: Final = 28  # in GPS_RAW_INT
@@ -114,6 +117,7 @@ class Heartbeat(NamedTuple):
     autopilot: bool
     armed: bool
     mode: Mode
+    in_failsafe: bool  # armed, and a failsafe of its own acts
 
 
 class Accuracy(NamedTuple):
@@ -333,10 +337,11 @@ def motion(frame: Frame) -> Motion:
 
 def heartbeat(frame: Frame) -> Heartbeat:
     """Read a HEARTBEAT; the mode of anything but PX4 is OTHER."""
-    custom_mode, _, autopilot, base_mode = unpack_from("<IBBB", _padded(frame))
+    custom_mode, _, autopilot, base_mode, status = unpack_from("<IBBBB", _padded(frame))
     known = autopilot == _MAV_AUTOPILOT_PX4 and base_mode & _CUSTOM_MODE_ENABLED
     mode = px4_mode(custom_mode) if known else Mode.OTHER
-    return Heartbeat(autopilot == _MAV_AUTOPILOT_PX4, bool(base_mode & _ARMED), mode)
+    is_px4, armed = autopilot == _MAV_AUTOPILOT_PX4, bool(base_mode & _ARMED)
+    return Heartbeat(is_px4, armed, mode, armed and status in FAILSAFE_STATES)
 
 
 def boot_time_ms(frame: Frame) -> int:

@@ -182,6 +182,7 @@ class MavsdkLink(LinkFacts):
             ids=self._ids,
             position_time_s=position_time_s,
             heartbeat_time_s=np.array([heard.heartbeat_time_s for heard in self._heard]),
+            life_time_s=np.array([heard.life_time_s for heard in self._heard]),
             latitude_deg=motion[:, 0].copy(),
             longitude_deg=motion[:, 1].copy(),
             altitude_amsl_m=motion[:, 2].copy(),
@@ -190,6 +191,7 @@ class MavsdkLink(LinkFacts):
             battery_remaining=np.array([heard.battery_remaining for heard in self._heard]),
             armed=tuple(heard.armed for heard in self._heard),
             mode=tuple(heard.mode for heard in self._heard),
+            in_failsafe=tuple(heard.in_failsafe for heard in self._heard),
             landed=tuple(heard.landed for heard in self._heard),
             ready=tuple(
                 healthy and heard.prearm_ok for healthy, heard in zip(self._healthy, self._heard, strict=True)
@@ -201,6 +203,7 @@ class MavsdkLink(LinkFacts):
             fix_type=np.array([heard.fix_type for heard in self._heard]),
             sick_sensors=np.array([heard.sick_sensors for heard in self._heard], np.int64),
             clock_base_s=np.array([heard.clock_base_s for heard in self._heard]),
+            texts=tuple(heard.texts for heard in self._heard),
         )
 
     def _look(self) -> None:
@@ -290,7 +293,9 @@ class MavsdkLink(LinkFacts):
         return self._workers.hand(vehicle_id, vehicle, self._wire.heard[self._vehicles[vehicle_id]])
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
-        return now_s - self._wire.heard[system_id].heartbeat_time_s <= SILENT_AFTER_S
+        """Whether it shows a sign of life, and has told a mode before."""
+        heard = self._wire.heard[system_id]
+        return now_s - heard.life_time_s <= SILENT_AFTER_S and heard.mode is not Mode.UNKNOWN
 
     def _is_met(self, system_id: int) -> bool:
         return system_id in self._met

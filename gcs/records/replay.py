@@ -201,7 +201,7 @@ class Replay(Refusing):
             interventions=0,
             notices=(
                 self._notice(flown, ended=ended),
-                *not_ours(zip(rows.ids, rows.phases, strict=True)),
+                *not_ours(zip(rows.ids, rows.phases, rows.reasons, strict=True)),
                 *problems,
             ),
             selected=None

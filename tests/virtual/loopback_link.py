@@ -18,13 +18,15 @@ from pymavlink.dialects.v20 import common
 from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.links import Order, ParameterValue, Verb, rates
-from gcs.links.mavlink_frames import kill_frame, split
+from gcs.links.mavlink_frames import HEARTBEAT, kill_frame, split
 from gcs.links.roster import Address
 from gcs.links.settings import StreamSettings
 from gcs.state import Array, Setpoints, Telemetry, VehicleId
 from sim.autopilot import Autopilot
+from sim.faults import Channel
 from sim.fleet import STEP_S, Fleet
 from sim.modes import Mode as PilotMode
+from sim.trouble import Origin, Trouble
 
 STATION = (245, 190)
 VELOCITY_AND_YAW = 0x9C7
@@ -64,6 +66,7 @@ class LoopbackLink:
         sent, orders: what left for each vehicle, oldest first.
         failures: `run` raises the first of them, at once or while it runs, and forgets it.
         runs: how often `run` was called.
+        trouble: links that it has broken lose and delay what passes; None: all are sound.
         addresses, conflicts, problems: what the properties of the same names say.
     """
 
@@ -90,6 +93,7 @@ class LoopbackLink:
         self._setpoint_s = dict.fromkeys(vehicles, -inf)
         self._deaf: set[VehicleId] = set()  # nothing reaches it
         self._mute: set[VehicleId] = set()  # nothing comes from it
+        self.beatless: set[VehicleId] = set()  # its heartbeats do not
         self.sent: dict[VehicleId, list[SentSetpoint]] = {vehicle_id: [] for vehicle_id in vehicles}
         self.orders: dict[VehicleId, list[SentOrder]] = {vehicle_id: [] for vehicle_id in vehicles}
         self.failures: list[LinkError] = []
@@ -100,6 +104,7 @@ class LoopbackLink:
         self.conflicts: dict[VehicleId, str] = {}
         self.addresses: dict[VehicleId, Address] = {}
         self.problems: tuple[str, ...] = ()
+        self.trouble: Trouble | None = None  # whose broken links bytes go through
 
     # the link
 
@@ -146,6 +151,7 @@ class LoopbackLink:
             ids=self.ids,
             position_time_s=np.array([heard.position_time_s for heard in ears]),
             heartbeat_time_s=np.array([heard.heartbeat_time_s for heard in ears]),
+            life_time_s=np.array([heard.life_time_s for heard in ears]),
             latitude_deg=motion[:, 0].copy(),
             longitude_deg=motion[:, 1].copy(),
             altitude_amsl_m=motion[:, 2].copy(),
@@ -154,6 +160,7 @@ class LoopbackLink:
             battery_remaining=np.array([heard.battery_remaining for heard in ears]),
             armed=tuple(heard.armed for heard in ears),
             mode=tuple(heard.mode for heard in ears),
+            in_failsafe=tuple(heard.in_failsafe for heard in ears),
             landed=tuple(heard.landed for heard in ears),
             ready=tuple(heard.prearm_ok for heard in ears),
             horizontal_accuracy_m=np.array([heard.accuracy.horizontal_m for heard in ears]),
@@ -163,6 +170,7 @@ class LoopbackLink:
             fix_type=np.array([heard.fix_type for heard in ears]),
             sick_sensors=np.array([heard.sick_sensors for heard in ears], np.int64),
             clock_base_s=np.array([heard.clock_base_s for heard in ears]),
+            texts=tuple(heard.texts for heard in ears),
         )
 
     def send(self, setpoints: Setpoints) -> None:
@@ -334,21 +342,38 @@ class LoopbackLink:
         raise OrderError(failure(order, heard, began_s))
 
     def _deliver(self) -> None:
-        self._fleet.ears.hear(
-            [
-                (self._row[self._system_ids[vehicle_id]], frame)  # every vehicle is a circle of its own
-                for vehicle_id, frame in self._uplink
-                if vehicle_id not in self._deaf
-            ]
-        )
+        """Every vehicle is a circle of its own; what is sent on a broken link goes through its faults."""
+        now_s, arrived = asyncio.get_running_loop().time(), []
+        for vehicle_id, frame in self._uplink:
+            row = self._row[self._system_ids[vehicle_id]]
+            channel = self._broken().get(row)
+            if vehicle_id in self._deaf:
+                continue
+            if channel is None:
+                arrived.append((row, frame))
+            else:
+                channel.into.put(frame, None, now_s)  # type: ignore[arg-type]  # nobody asks where it came from
+        for row, channel in self._broken().items():
+            arrived += [(row, frame) for frame, _ in channel.into.take(now_s)]
+        self._fleet.ears.hear(arrived)
         self._uplink.clear()
+
+    def _broken(self) -> Mapping[int, Channel[Origin]]:
+        return {} if self.trouble is None else self.trouble.broken
 
     def _listen(self, now_s: float) -> None:
         said = self._fleet.take_frames()
         for vehicle_id, heard in self._ears.items():
-            for data in said.get(self._row[self._system_ids[vehicle_id]], ()):
+            row = self._row[self._system_ids[vehicle_id]]
+            arrived, channel = said.get(row, []), self._broken().get(row)
+            if channel is not None:
+                if arrived:
+                    channel.out.put(b"".join(arrived), None, now_s)
+                arrived = [data for data, _ in channel.out.take(now_s)]
+            for data in arrived:
                 for frame in () if vehicle_id in self._mute else split(data).frames:
-                    heard.take(frame, now_s)
+                    if frame.message_id != HEARTBEAT or vehicle_id not in self.beatless:
+                        heard.take(frame, now_s)
 
 
 def system_ids(ids: Collection[VehicleId]) -> dict[VehicleId, int]:

@@ -32,6 +32,7 @@ class HeardFlight(Flight):
                     ids=IDS,
                     position_time_s=np.full(4, self.time_s),
                     heartbeat_time_s=np.full(4, self.time_s),
+                    life_time_s=np.full(4, self.time_s),
                     latitude_deg=latitude,
                     longitude_deg=longitude,
                     altitude_amsl_m=altitude,
@@ -40,6 +41,7 @@ class HeardFlight(Flight):
                     battery_remaining=np.ones(4),
                     armed=(True,) * 4,
                     mode=(Mode.OFFBOARD,) * 4,
+                    in_failsafe=(False,) * 4,
                     landed=(Landed.IN_AIR,) * 4,
                     ready=(True,) * 4,
                     horizontal_accuracy_m=np.full(4, np.nan),
@@ -49,6 +51,7 @@ class HeardFlight(Flight):
                     fix_type=np.full(4, 3.0),
                     sick_sensors=np.zeros(4, np.int64),
                     clock_base_s=np.zeros(4),
+                    texts=((),) * 4,
                 )
             ],
             self.time_s,

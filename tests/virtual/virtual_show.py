@@ -166,7 +166,7 @@ class Show:
         self.fleet = fleet
         self.link = link
         self.service = service
-        self._trouble = Trouble(fleet)
+        self._trouble = link.trouble = Trouble(fleet)
         self._moments: list[Moment] = []
 
     @property

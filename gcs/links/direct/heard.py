@@ -17,6 +17,7 @@ from gcs.links.mavlink_frames import (
     ATTITUDE,
     BATTERY_STATUS,
     EXTENDED_SYS_STATE,
+    FAILSAFE_STATES,
     FIX_3D,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
@@ -35,7 +36,7 @@ from gcs.links.mavlink_frames import (
     px4_mode,
 )
 from gcs.links.roster import SILENT_AFTER_S
-from gcs.state import Array, Landed, Mask, Mode, Telemetry, VehicleId
+from gcs.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
 
 Value = TypeVar("Value")
 
@@ -73,8 +74,8 @@ class FleetHeard:
     """Newest known of n vehicles, rows as on the link. Arrays are replaced row by row as frames come.
 
     Attributes:
-        heartbeat_time_s, position_time_s: (n,) of arrival, -inf before.
-        armed: (n,) as the autopilot's heartbeat says, which alone is believed.
+        heartbeat_time_s, position_time_s, life_time_s: (n,) of arrival, -inf before; of anything, the last.
+        armed, in_failsafe: (n,) as the autopilot's heartbeat says, which alone is believed.
         landed: (n,) of `Landed`.
         prearm_ok: (n,) the autopilot's own checks before arming pass.
         lives: (n,) how often it was met: at first, after a restart, after a silence.
@@ -86,6 +87,7 @@ class FleetHeard:
     def __init__(self, ids: Sequence[VehicleId]) -> None:
         n = len(ids)
         self.heartbeat_time_s, self.position_time_s = np.full(n, -np.inf), np.full(n, -np.inf)
+        self.life_time_s, self.in_failsafe = np.full(n, -np.inf), np.zeros(n, np.bool_)
         self.armed, self.prearm_ok = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         self.lives = np.zeros(n, np.int64)
         self.boots, self.position_resets = np.zeros(n, np.int64), np.zeros(n, np.int64)
@@ -102,9 +104,11 @@ class FleetHeard:
         self._yaw_deg = np.full(n, np.nan)
         self._battery = np.full(n, np.nan)
         self._texts = tuple(Heard() for _ in ids)
+        self._texts_told: tuple[tuple[StatusText, ...], ...] = ((),) * n
         self._waiting: dict[int, asyncio.Event] = {}
         self._modes: dict[int, Mode] = {_UNKNOWN: Mode.UNKNOWN, _OTHER: Mode.OTHER}
         self._armed_told, self._ready_told = _Told(bool), _Told(bool)
+        self._failsafe_told = _Told(bool)
         self._boots_told, self._resets_told = _Told(int), _Told(int)
         self._modes_told, self._landed_told = _Told(self._mode_of), _Told(_LANDED.__getitem__)
         self._readers: MappingProxyType[int, Callable[[Whole, Records, Array], None]] = MappingProxyType(
@@ -132,16 +136,20 @@ class FleetHeard:
             time_s: (k,) of arrival.
         """
         autopilots = frames[:, COMPONENT] == _AUTOPILOT_COMPONENT
+        self.life_time_s[rows[autopilots]] = time_s[autopilots]  # in order of arrival: the newest stays
         message = np.where(autopilots, frames[:, MESSAGE], -1)
         for message_id, read in self._readers.items():
             mine = np.flatnonzero(message == message_id)
             if len(mine):
                 read(rows[mine], decode(message_id, data, frames[mine]), time_s[mine])
-        for at in np.flatnonzero(message == STATUSTEXT).tolist():
+        texts = np.flatnonzero(message == STATUSTEXT).tolist()
+        for at in texts:
             place, length = int(frames[at, PAYLOAD]), int(frames[at, LENGTH])
             payload = data[place : place + length].tobytes()
             frame = Frame(STATUSTEXT, 0, _AUTOPILOT_COMPONENT, payload, b"")
             self._texts[rows[at]].take(frame, float(time_s[at]))
+        if texts:
+            self._texts_told = tuple(heard.texts for heard in self._texts)
 
     def mode(self, row: int) -> Mode:
         """As its newest heartbeat says."""
@@ -178,6 +186,7 @@ class FleetHeard:
             ids=self._ids,
             position_time_s=np.where(unmet, -np.inf, self.position_time_s),
             heartbeat_time_s=self.heartbeat_time_s.copy(),
+            life_time_s=self.life_time_s.copy(),
             latitude_deg=np.where(unmet, np.nan, self._place[:, 0]),
             longitude_deg=np.where(unmet, np.nan, self._place[:, 1]),
             altitude_amsl_m=np.where(unmet, np.nan, self._place[:, 2]),
@@ -186,6 +195,7 @@ class FleetHeard:
             battery_remaining=self._battery.copy(),
             armed=self._armed_told.of(self.armed),
             mode=self._modes_told.of(self._mode),
+            in_failsafe=self._failsafe_told.of(self.in_failsafe),
             landed=self._landed_told.of(self.landed),
             ready=self._ready_told.of(ready),
             horizontal_accuracy_m=self._accuracy_m[:, 0].copy(),
@@ -195,6 +205,7 @@ class FleetHeard:
             fix_type=self._fix_type.copy(),
             sick_sensors=self._sick_sensors.copy(),
             clock_base_s=self._clock_base_s.copy(),
+            texts=self._texts_told,
         )
 
     def _mode_of(self, custom_mode: int) -> Mode:
@@ -237,6 +248,7 @@ class FleetHeard:
         self.lives[met] += 1
         self.heartbeat_time_s[rows] = time_s
         self.armed[rows] = (base & _ARMED) != 0
+        self.in_failsafe[rows] = self.armed[rows] & np.isin(said["system_status"], FAILSAFE_STATES)
         self._mode[rows] = np.where(base & _CUSTOM, said["custom_mode"].astype(np.int64), _OTHER)
         if self._waiting:
             for row in rows.tolist():

@@ -281,7 +281,9 @@ class UdpLink(LinkFacts, ABC):
         return order
 
     def _connected(self, now_s: float) -> Mask:
-        connected: Mask = now_s - self._heard.heartbeat_time_s <= SILENT_AFTER_S
+        """(n,) who shows a sign of life, and has told a mode before."""
+        alive: Mask = now_s - self._heard.life_time_s <= SILENT_AFTER_S
+        connected: Mask = alive & np.isfinite(self._heard.heartbeat_time_s)
         return connected
 
     def _tell(self, message_id: int, messages: codec.Records, rows: Whole) -> None:

@@ -34,6 +34,7 @@ class SilentLink:
             ids=self.ids,
             position_time_s=np.full(n, -np.inf),
             heartbeat_time_s=np.full(n, -np.inf),
+            life_time_s=np.full(n, -np.inf),
             latitude_deg=np.full(n, np.nan),
             longitude_deg=np.full(n, np.nan),
             altitude_amsl_m=np.full(n, np.nan),
@@ -42,6 +43,7 @@ class SilentLink:
             battery_remaining=np.full(n, np.nan),
             armed=(False,) * n,
             mode=(Mode.UNKNOWN,) * n,
+            in_failsafe=(False,) * n,
             landed=(Landed.UNKNOWN,) * n,
             ready=(False,) * n,
             horizontal_accuracy_m=np.full(n, np.nan),
@@ -51,6 +53,7 @@ class SilentLink:
             fix_type=np.full(n, np.nan),
             sick_sensors=np.full(n, -1),
             clock_base_s=np.full(n, np.nan),
+            texts=((),) * n,
         )
 
     def send(self, setpoints: Setpoints) -> None:

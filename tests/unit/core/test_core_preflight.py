@@ -24,6 +24,7 @@ GOOD = Telemetry(
     ids=IDS,
     position_time_s=np.zeros(3),
     heartbeat_time_s=np.zeros(3),
+    life_time_s=np.zeros(3),
     latitude_deg=np.zeros(3),
     longitude_deg=np.zeros(3),
     altitude_amsl_m=np.zeros(3),
@@ -32,6 +33,7 @@ GOOD = Telemetry(
     battery_remaining=np.ones(3),
     armed=(False,) * 3,
     mode=(Mode.HOLD,) * 3,
+    in_failsafe=(False,) * 3,
     landed=(Landed.ON_GROUND,) * 3,
     ready=(True,) * 3,
     horizontal_accuracy_m=np.full(3, 0.9),
@@ -41,6 +43,7 @@ GOOD = Telemetry(
     fix_type=np.full(3, 3.0),
     sick_sensors=np.zeros(3, np.int64),
     clock_base_s=np.zeros(3),
+    texts=((),) * 3,
 )
 LINE_M = (0.0, 4.0, 8.0)
 

@@ -23,6 +23,7 @@ def telemetry(ids: tuple[str, ...], *, heard_s: float, altitude_amsl_m: float = 
         ids=ids,
         position_time_s=np.full(n, heard_s),
         heartbeat_time_s=np.full(n, heard_s),
+        life_time_s=np.full(n, heard_s),
         latitude_deg=np.full(n, 47.0),
         longitude_deg=np.full(n, 8.0),
         altitude_amsl_m=np.full(n, altitude_amsl_m),
@@ -31,6 +32,7 @@ def telemetry(ids: tuple[str, ...], *, heard_s: float, altitude_amsl_m: float = 
         battery_remaining=np.ones(n),
         armed=(True,) * n,
         mode=(Mode.OFFBOARD,) * n,
+        in_failsafe=(False,) * n,
         landed=(Landed.IN_AIR,) * n,
         ready=(True,) * n,
         horizontal_accuracy_m=np.full(n, np.nan),
@@ -40,6 +42,7 @@ def telemetry(ids: tuple[str, ...], *, heard_s: float, altitude_amsl_m: float = 
         fix_type=np.full(n, 3.0),
         sick_sensors=np.zeros(n, np.int64),
         clock_base_s=np.zeros(n),
+        texts=((),) * n,
     )
 
 

@@ -39,6 +39,7 @@ class Heard:
                     ids=("a",),
                     position_time_s=np.array([self.time_s]),
                     heartbeat_time_s=np.array([self.time_s]),
+                    life_time_s=np.array([self.time_s]),
                     latitude_deg=latitude,
                     longitude_deg=longitude,
                     altitude_amsl_m=altitude,
@@ -47,6 +48,7 @@ class Heard:
                     battery_remaining=np.ones(1),
                     armed=(armed,),
                     mode=(Mode.OFFBOARD,),
+                    in_failsafe=(False,),
                     landed=(Landed.IN_AIR if armed else Landed.ON_GROUND,),
                     ready=(True,),
                     horizontal_accuracy_m=np.full(1, np.nan),
@@ -56,6 +58,7 @@ class Heard:
                     fix_type=np.full(1, 3.0),
                     sick_sensors=np.zeros(1, np.int64),
                     clock_base_s=np.zeros(1),
+                    texts=((),) * 1,
                 )
             ],
             self.time_s,

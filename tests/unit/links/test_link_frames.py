@@ -33,8 +33,10 @@ def only(data: bytes) -> Frame:
     return frame
 
 
-def beat(base_mode: int = 1, custom_mode: int = 4 << 16 | 3 << 24, autopilot: int = 12) -> Any:
-    return dialect.MAVLink_heartbeat_message(2, autopilot, base_mode, custom_mode, 4, 3)
+def beat(
+    base_mode: int = 1, custom_mode: int = 4 << 16 | 3 << 24, autopilot: int = 12, system_status: int = 4
+) -> Any:
+    return dialect.MAVLink_heartbeat_message(2, autopilot, base_mode, custom_mode, system_status, 3)
 
 
 def setpoint(target: int) -> Any:
@@ -153,15 +155,26 @@ def test_px4s_modes_have_our_names(main: int, sub: int, mode: Mode) -> None:
 
 
 def test_a_heartbeat_tells_arming_mode_and_whether_it_is_an_autopilots() -> None:
-    assert heartbeat(only(framed(beat(base_mode=0x81)))) == (True, True, Mode.HOLD)
-    assert heartbeat(only(framed(beat(base_mode=0x01)))) == (True, False, Mode.HOLD)
-    assert heartbeat(only(framed(beat(base_mode=0x80)))) == (True, True, Mode.OTHER)
-    assert heartbeat(only(framed(beat(autopilot=8)))) == (False, False, Mode.OTHER)
+    assert heartbeat(only(framed(beat(base_mode=0x81)))) == (True, True, Mode.HOLD, False)
+    assert heartbeat(only(framed(beat(base_mode=0x01)))) == (True, False, Mode.HOLD, False)
+    assert heartbeat(only(framed(beat(base_mode=0x80)))) == (True, True, Mode.OTHER, False)
+    assert heartbeat(only(framed(beat(autopilot=8)))) == (False, False, Mode.OTHER, False)
+
+
+@pytest.mark.parametrize(
+    ("state", "armed", "in_failsafe"), [(4, 0x81, False), (5, 0x81, True), (6, 0x81, True)]
+)
+def test_a_heartbeat_tells_whether_its_autopilot_itself_intervenes(
+    state: int, armed: int, in_failsafe: bool
+) -> None:
+    frame = only(framed(beat(base_mode=armed, system_status=state)))
+    assert heartbeat(frame).in_failsafe is in_failsafe
+    assert not heartbeat(only(framed(beat(base_mode=0x01, system_status=state)))).in_failsafe
 
 
 def test_a_heartbeat_may_lack_its_trailing_zeros() -> None:
     frame = only(framed(beat(), version_1=True))
-    assert heartbeat(frame._replace(payload=b"")) == (False, False, Mode.OTHER)
+    assert heartbeat(frame._replace(payload=b"")) == (False, False, Mode.OTHER, False)
 
 
 @pytest.mark.parametrize("health", [0, 0x10000000, 0xFFFFFFFF, 0xEFFFFFFF])

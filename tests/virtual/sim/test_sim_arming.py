@@ -207,7 +207,5 @@ def test_a_critical_battery_returns_and_an_empty_one_lands() -> None:
     bench.until(lambda: bench.mode == (4, 5), 40.0)
     assert bench.last("SYS_STATUS").battery_remaining in {6, 7}
     bench.until(lambda: bench.mode == LAND, 10.0)
-    assert {"Low battery level", "Critical battery level", "Dangerously low battery level"} <= set(
-        bench.texts
-    )
+    assert {"Low battery", "Critical battery", "Emergency battery level"} <= set(bench.texts)
     assert bench.last("EXTENDED_SYS_STATE").landed_state != IN_AIR

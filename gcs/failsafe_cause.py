@@ -1,0 +1,198 @@
+"""Why a vehicle flies in a mode that this station did not command: which failsafe of its autopilot. Pure.
+
+PX4 v1.16 says in STATUSTEXT only that a failsafe was activated (its events carry the cause, and MAVLink's
+dialects do not decode them). So the cause follows from several signs together: the heartbeat's system_status
+(CRITICAL while PX4 itself intervenes, never while a pilot flies), the mode, the battery, the status texts of
+the last seconds, and the longest gap between the setpoints that left lately. Decision 0024.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from math import isnan
+from typing import Final
+
+from gcs.state import Mode, VehicleId
+
+LOW_BELOW, CRITICAL_BELOW = 0.15, 0.07
+"""PX4's BAT_LOW_THR and BAT_CRIT_THR, as they are by default."""
+
+ROUNDING: Final = 0.01
+"""Autopilots report whole percents, rounded up."""
+
+TEXTS_COUNT_S: Final = 15.0
+"""A status text explains a change of mode for so long: PX4 holds for COM_FAIL_ACT_T (5 s) before it acts."""
+
+
+class FailsafeCause(StrEnum):
+    """Why a vehicle is in a mode that nobody here commanded."""
+
+    LOW_BATTERY = "low-battery"
+    CRITICAL_BATTERY = "critical-battery"
+    SETPOINT_LOSS = "setpoint-loss"
+    DATA_LINK_LOSS = "data-link-loss"
+    GEOFENCE = "geofence"
+    POSITION_LOSS = "position-loss"
+    RC_LOSS = "rc-loss"
+    OTHER = "other"  # the autopilot's own failsafe, and nothing tells which
+    UNKNOWN = "unknown"  # a pilot, another ground station, or the autopilot
+
+
+BATTERY: Final = frozenset({FailsafeCause.LOW_BATTERY, FailsafeCause.CRITICAL_BATTERY})
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleFacts:
+    """What is known of one vehicle at one moment. NaN: not known."""
+
+    mode: Mode
+    in_failsafe: bool  # its heartbeat's system_status is CRITICAL or EMERGENCY
+    battery_remaining: float  # 0 to 1
+    battery_critical_below: float  # `reactions.low_battery.critical_below`
+    texts: Sequence[str]  # its status texts of the last TEXTS_COUNT_S, the oldest first
+    setpoint_gap_s: float  # the longest time without a setpoint to it in the last seconds
+    setpoint_loss_s: float  # COM_OF_LOSS_T as configured
+    setpoint_loss_action: str  # COM_OBL_RC_ACT as configured, see `gcs.config.OperationSettings`
+    position_age_s: float  # inf: none to believe
+
+
+_TEXTS: Final = (
+    (
+        FailsafeCause.CRITICAL_BATTERY,
+        re.compile(r"(critical|emergency|dangerous\w*)\b.*\bbattery"),
+    ),
+    (FailsafeCause.CRITICAL_BATTERY, re.compile(r"battery \d+ (missing|disconnected)")),
+    (FailsafeCause.LOW_BATTERY, re.compile(r"low battery|remaining flight time low")),
+    (FailsafeCause.GEOFENCE, re.compile(r"geofence")),
+    (
+        FailsafeCause.POSITION_LOSS,
+        re.compile(
+            r"(position|velocity|navigation|attitude|gps|gnss|ekf|estimat\w*)\b.*"
+            r"(lost|loss|invalid|fail|unreliable|jam|spoof|timeout)|\bno (valid )?((local|global) )?position",
+        ),
+    ),
+    (
+        FailsafeCause.DATA_LINK_LOSS,
+        re.compile(r"(gcs|data ?link|ground (control )?station).*\blost"),
+    ),
+    (
+        FailsafeCause.RC_LOSS,
+        re.compile(r"(\brc\b|manual control|radio control).*\b(lost|loss)"),
+    ),
+)
+"""Words of PX4's texts in lower case, the most telling cause first. They count only beside a failsafe, or a
+battery's beside a landing: PX4 warns of batteries and positions long before it acts.
+"""
+
+_REFUSALS: Final = re.compile(r"denied|not available|preflight fail|landing at current position")
+"""Texts that answer a command: they explain no failsafe."""
+
+_SETPOINT_LOSS_MODES: Final = {
+    "hold": frozenset({Mode.HOLD}),
+    "land": frozenset({Mode.LAND}),
+    "return": frozenset({Mode.RETURN}),
+    "descend": frozenset({Mode.POSITION, Mode.OTHER}),  # POSCTL, or what is left without a position
+}
+
+
+def cause_of(facts: VehicleFacts) -> FailsafeCause:
+    """Which failsafe has a vehicle in a mode that this station did not command."""
+    told = {
+        cause
+        for text in facts.texts
+        if not _REFUSALS.search(text.lower())
+        for cause, words in _TEXTS
+        if words.search(text.lower())
+    }
+    comes_down = facts.mode in {Mode.LAND, Mode.RETURN}
+    battery = _battery(facts, told)
+    if battery is not None and (facts.in_failsafe or (comes_down and told & BATTERY)):
+        return battery
+    if not facts.in_failsafe:
+        return FailsafeCause.UNKNOWN
+    for cause, _ in _TEXTS:
+        if cause in told and cause not in BATTERY:
+            return cause
+    if not facts.position_age_s <= facts.setpoint_loss_s + 1.0 and facts.mode in {Mode.LAND, Mode.OTHER}:
+        return FailsafeCause.POSITION_LOSS
+    return FailsafeCause.SETPOINT_LOSS if _fits(facts) else FailsafeCause.OTHER
+
+
+def _battery(facts: VehicleFacts, told: set[FailsafeCause]) -> FailsafeCause | None:
+    """What the battery is in a state for."""
+    left = facts.battery_remaining
+    if FailsafeCause.CRITICAL_BATTERY in told or left <= CRITICAL_BELOW + ROUNDING:  # False for NaN
+        return FailsafeCause.CRITICAL_BATTERY
+    if FailsafeCause.LOW_BATTERY in told or left <= LOW_BELOW + ROUNDING:
+        return FailsafeCause.LOW_BATTERY
+    return None
+
+
+def _fits(facts: VehicleFacts) -> bool:
+    return facts.mode in _SETPOINT_LOSS_MODES.get(facts.setpoint_loss_action, frozenset())
+
+
+_DOES: Final = {Mode.HOLD: "holds", Mode.LAND: "lands", Mode.RETURN: "returns", Mode.POSITION: "descends"}
+
+_ADVICE: Final = {
+    FailsafeCause.POSITION_LOSS: "It cannot be steered without a position: leave it, keep clear of it.",
+}
+
+
+def described(vehicle_id: VehicleId, cause: FailsafeCause, facts: VehicleFacts) -> str:
+    """What an operator reads: what the vehicle does, why, and what to do about it."""
+    if cause is FailsafeCause.UNKNOWN:
+        return (
+            f"{vehicle_id} is in mode {facts.mode}, which this station did not command: a pilot,"
+            " another station, or its autopilot. Take control when the pilot agrees."
+        )
+    does = _DOES.get(facts.mode, f"is in mode {facts.mode}")
+    whose = "a failsafe of its own" if cause is FailsafeCause.OTHER else f"its own {cause} failsafe"
+    level = f", battery {facts.battery_remaining:.0%}" if cause in BATTERY and _is_known(facts) else ""
+    advice = _ADVICE.get(cause, "Take control to fly it again.")
+    if cause in BATTERY:
+        advice = "Leave it." if _comes_down(facts) else "Take control, and land it."
+    if cause is FailsafeCause.SETPOINT_LOSS:
+        level = f": {_setpoints(facts)}"
+    return f"{vehicle_id} {does} by {whose}{level}. {advice}"
+
+
+def _setpoints(facts: VehicleFacts) -> str:
+    """Whose fault a loss of setpoints was."""
+    if facts.setpoint_gap_s >= facts.setpoint_loss_s:  # False for NaN
+        return f"this station sent none for {facts.setpoint_gap_s:.1f} s"
+    return "they left, and did not reach it"
+
+
+def lost_on_the_way(cause: FailsafeCause | None, facts: VehicleFacts) -> bool:
+    """Whether it holds because its link lost setpoints, so that nothing speaks against flying it on.
+
+    Not where this station sent none: after a stall the operator decides for the whole fleet.
+    """
+    sent = facts.setpoint_gap_s < facts.setpoint_loss_s  # False for NaN
+    return cause is FailsafeCause.SETPOINT_LOSS and facts.in_failsafe and facts.mode is Mode.HOLD and sent
+
+
+def _is_known(facts: VehicleFacts) -> bool:
+    return not isnan(facts.battery_remaining)
+
+
+def control_refusal(vehicle_id: VehicleId, facts: VehicleFacts) -> str:
+    """Why control of a vehicle in the air may not be taken (into HOLD), and what is safe; empty: it may.
+
+    Only what comes down by itself is left alone. One that hovers on a critical battery may be taken: nothing
+    else brings it down.
+    """
+    if facts.battery_remaining < facts.battery_critical_below and _comes_down(facts):  # False for NaN
+        return (
+            f"{vehicle_id}: battery {facts.battery_remaining:.0%}, critical below"
+            f" {facts.battery_critical_below:.0%}: taking control would stop its landing. Safe instead:"
+            f" leave it to its autopilot, which brings it down; `gcs kill {vehicle_id}` is the last resort"
+        )
+    return ""
+
+
+def _comes_down(facts: VehicleFacts) -> bool:
+    descends = facts.in_failsafe and facts.mode in {Mode.POSITION, Mode.OTHER}
+    return descends or facts.mode in {Mode.LAND, Mode.RETURN}

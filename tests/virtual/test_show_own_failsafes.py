@@ -1,0 +1,97 @@
+"""Autopilots that intervene by themselves: recognised, named, left alone, or flown on."""
+
+from typing import Any
+
+from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+
+from gcs.failsafe_cause import control_refusal
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.links import Verb
+from gcs.service import ShowAction
+
+
+def config(count: int = 4, **sections: Any) -> Any:
+    return show_config(count, operation=HOLDS_WHEN_LOST, **sections)
+
+
+async def three_flat(show: Show) -> dict[str, Any]:
+    await show.start()
+    await show.wait(4.0)
+    began_s = show.now_s
+    for name in ("d1", "d2", "d3"):
+        show.befall(name, "battery", remaining=0.05)
+    await show.until(lambda: all(show.vehicle(name).phase is Phase.PILOT for name in ("d1", "d2", "d3")))
+    await show.wait(0.5)
+    notices, reasons = show.view.notices, [show.vehicle(name).reason for name in ("d1", "d2", "d3")]
+    flight = show.service._flight
+    refusals = [
+        control_refusal(name, flight.facts(flight.vehicles[name])) for name in ("d1", "d2", "d3", "d4")
+    ]
+    await show.until(lambda: all(show.vehicle(name).phase is Phase.STANDBY for name in ("d1", "d2", "d3")))
+    verbs = {
+        name: [each.verb for each in show.link.orders[name] if each.time_s > began_s]
+        for name in ("d1", "d2", "d3")
+    }
+    violations = show.floor_violations()
+    await show.show(ShowAction.STOP)
+    await show.reach(ShowPhase.LANDED)
+    return {
+        "notices": notices,
+        "reasons": reasons,
+        "refusals": refusals,
+        "verbs": verbs,
+        "violations": violations,
+    }
+
+
+def test_three_that_land_on_flat_batteries_are_named_and_left_alone() -> None:
+    found = fly(three_flat, config(), parameters={"COM_LOW_BAT_ACT": 2})
+    assert found["reasons"] == [
+        f"{name} lands by its own critical-battery failsafe, battery 5%. Leave it."
+        for name in ("d1", "d2", "d3")
+    ]
+    assert set(found["reasons"]) <= set(found["notices"])
+    assert not [notice for notice in found["notices"] if "hand-back" in notice or "take-control" in notice]
+    assert all("critical below 10%" in refusal for refusal in found["refusals"][:3])
+    assert found["refusals"][3] == ""
+    assert set(map(tuple, found["verbs"].values())) <= {(), (Verb.OFFBOARD,)}, "nothing stops their landing"
+    assert found["violations"] == 0
+
+
+async def deaf(show: Show, seconds: float) -> tuple[list[Phase], str, list[ShowPhase]]:
+    """Setpoints leave, and do not reach it; it is heard all the while."""
+    await show.start()
+    began_s = show.now_s
+    show.link.silence("d2", down=False)
+    await show.phase("d2", Phase.PILOT)
+    reason = show.vehicle("d2").reason
+    await show.wait(seconds)
+    show.link.restore("d2")
+    await show.phase("d2", Phase.FORMATION, 30.0)
+    track = show.track.between(began_s)
+    return track.phases("d2"), reason, track.show_phases()
+
+
+def test_one_that_holds_since_setpoints_did_not_reach_it_flies_on_by_itself() -> None:
+    phases, reason, shows = fly(lambda show: deaf(show, 8.0), config())
+    assert phases == [Phase.FORMATION, Phase.PILOT, Phase.HOLD, Phase.FORMATION]
+    assert reason.startswith("d2 holds by its own setpoint-loss failsafe: they left, and did not reach it")
+    assert shows == [ShowPhase.RUNNING]
+
+
+async def pilot_after_deaf(show: Show) -> tuple[list[Phase], str]:
+    await show.start()
+    began_s = show.now_s
+    show.link.silence("d2", down=False)
+    await show.phase("d2", Phase.PILOT)
+    show.befall("d2", "pilot", mode="POSITION")
+    await show.wait(3.0)
+    show.link.restore("d2")
+    await show.wait(15.0)
+    return show.track.between(began_s).phases("d2"), show.vehicle("d2").reason
+
+
+def test_one_that_a_pilot_takes_out_of_its_failsafe_stays_the_pilots() -> None:
+    phases, reason = fly(pilot_after_deaf, config())
+    assert phases == [Phase.FORMATION, Phase.PILOT]
+    assert "when the pilot agrees" in reason

@@ -1,0 +1,127 @@
+"""Links that lose and delay: nobody is lost for want of heartbeats, and who was lost comes back by itself."""
+
+from typing import Any, NamedTuple
+
+import pytest
+from virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
+
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.links import Verb
+from gcs.service import ShowAction
+from sim.modes import Mode as PilotMode
+
+COUNT = 20
+
+
+class Poor(NamedTuple):
+    track: Track  # from when the links became poor
+    notices: set[str]
+    phases: dict[str, list[Phase]]
+    joined_by_hand: int
+    violations: int
+
+
+async def poor_links(show: Show, loss: float) -> Poor:
+    """The review's scene: 30 s of loss, 0.3 s of delay, 0.1 s of jitter on every link; then sound ones."""
+    await show.start()
+    began_s = show.now_s
+    for name in show.config.ids:
+        show.befall(name, "loss", share=loss)
+        show.befall(name, "delay", delay_s=0.3, jitter_s=0.1)
+    await show.wait(30.0)
+    for name in show.config.ids:
+        show.befall(name, "none")
+    await show.wait(30.0)
+    track = show.track.between(began_s)
+    notices = {notice for moment in track.moments for notice in moment.view.notices}
+    phases = {name: track.phases(name) for name in show.config.ids}
+    joins = sum(order.action == "join" for order in show.service.orders())
+    if show.view.show is ShowPhase.PAUSED:
+        show.service.command_show(ShowAction.RESUME)
+        await show.wait(5.0)
+    return Poor(track, notices, phases, joins, show.floor_violations())
+
+
+def config(**sections: Any) -> Any:
+    return show_config(
+        COUNT,
+        formation={"radius_m": 18.0, "height_m": 30.0},
+        orbit={"radius_m": 10.0, "speed_m_s": 2.5},
+        operation=HOLDS_WHEN_LOST,
+        **sections,
+    )
+
+
+@pytest.fixture(scope="module")
+def review() -> Poor:
+    return fly(lambda show: poor_links(show, 0.2), config(), grid_columns=5, seed=5)
+
+
+def test_a_fifth_of_all_messages_lost_makes_nobody_lost(review: Poor) -> None:
+    assert {phase for phases in review.phases.values() for phase in phases} == {Phase.FORMATION}
+
+
+def test_late_links_are_no_wind(review: Poor) -> None:
+    assert not [notice for notice in review.notices if "wind" in notice]
+
+
+def test_the_floor_is_kept_over_poor_links(review: Poor) -> None:
+    assert review.violations == 0
+
+
+def test_who_was_lost_over_very_poor_links_flies_in_formation_again_without_an_order() -> None:
+    poor = fly(lambda show: poor_links(show, 0.6), config(), grid_columns=5, seed=5)
+    left = {name for name, phases in poor.phases.items() if set(phases) != {Phase.FORMATION}}
+    assert left, "at such a loss somebody falls out"
+    assert {phases[-1] for phases in poor.phases.values()} == {Phase.FORMATION}
+    assert poor.joined_by_hand == 0
+    assert poor.violations == 0
+
+
+async def without_heartbeats(show: Show, beats_lack_s: float) -> tuple[list[Phase], set[str], float]:
+    """Heartbeats alone are lost, positions come."""
+    await show.start()
+    began_s = show.now_s
+    show.link.beatless.add("d2")
+    await show.wait(beats_lack_s)
+    sent_per_s = show.track.between(began_s).setpoints_per_s("d2")
+    show.link.beatless.clear()
+    await show.wait(20.0)
+    notices = {notice for moment in show.track.between(began_s).moments for notice in moment.view.notices}
+    return show.track.between(began_s).phases("d2"), notices, sent_per_s
+
+
+def test_without_heartbeats_it_is_flown_on_and_the_operator_reads_of_it() -> None:
+    phases, notices, sent_per_s = fly(
+        lambda show: without_heartbeats(show, 6.0), show_config(4, operation=HOLDS_WHEN_LOST)
+    )
+    assert phases == [Phase.FORMATION]
+    assert "d2: no heartbeat for 3.5 s, positions still arrive" in notices
+    assert sent_per_s == pytest.approx(20.0, abs=0.5)
+
+
+def test_without_heartbeats_for_long_it_is_lost_and_comes_back_by_itself() -> None:
+    phases, notices, _ = fly(
+        lambda show: without_heartbeats(show, 14.0), show_config(4, operation=HOLDS_WHEN_LOST)
+    )
+    assert phases == [Phase.FORMATION, Phase.LOST, Phase.HOLD, Phase.FORMATION]
+    assert any("d2" in notice and "lost" in notice for notice in notices)
+
+
+async def taken_while_beatless(show: Show) -> tuple[list[Phase], list[Verb]]:
+    await show.start()
+    show.link.beatless.add("d2")
+    began_s = show.now_s
+    show.link.pilot("d2", PilotMode.HOLD)
+    show.befall("d2", "pilot", mode="POSITION")
+    await show.wait(6.0)
+    show.link.beatless.clear()
+    await show.wait(10.0)
+    orders = [order.verb for order in show.link.orders["d2"] if order.time_s > began_s]
+    return show.track.between(began_s).phases("d2"), orders
+
+
+def test_a_pilot_who_takes_it_while_heartbeats_lack_keeps_it() -> None:
+    phases, orders = fly(taken_while_beatless, show_config(4, operation=HOLDS_WHEN_LOST))
+    assert phases == [Phase.FORMATION, Phase.PILOT]
+    assert orders == []
