@@ -175,9 +175,7 @@ class AlarmMonitor:
                 )
             elif vehicle.phase is Phase.PILOT and vehicle.cause not in {None, FailsafeCause.UNKNOWN}:
                 because, _, advice = vehicle.reason.partition(". ")
-                severity = (
-                    AlarmSeverity.EMERGENCY if vehicle.cause is FailsafeCause.CRITICAL_BATTERY else None
-                )
+                critical = vehicle.cause is FailsafeCause.CRITICAL_BATTERY
                 yield Condition(
                     AlarmCause.OWN_FAILSAFE,
                     because,
