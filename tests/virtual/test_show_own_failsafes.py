@@ -28,8 +28,9 @@ async def three_flat(show: Show) -> dict[str, Any]:
         control_refusal(name, flight.facts(flight.vehicles[name])) for name in ("d1", "d2", "d3", "d4")
     ]
     await show.until(lambda: all(show.vehicle(name).phase is Phase.STANDBY for name in ("d1", "d2", "d3")))
+    landed_s = {name: show.track.between(began_s).since(name, Phase.STANDBY) for name in ("d1", "d2", "d3")}
     verbs = {
-        name: [each.verb for each in show.link.orders[name] if each.time_s > began_s]
+        name: [each.verb for each in show.link.orders[name] if began_s < each.time_s < landed_s[name]]
         for name in ("d1", "d2", "d3")
     }
     violations = show.floor_violations()
