@@ -3,7 +3,7 @@ import { describe, expect, it } from "vitest";
 import { initial, type PreflightReport, type ShowPhase, type State } from "../src/state";
 import { update, type Message } from "../src/update";
 import { frame } from "./frames";
-import { status } from "./statuses";
+import { GROUNDED, status } from "./statuses";
 
 const report = (passes: boolean): PreflightReport => ({
   passes, unix_time_s: 0, show: null, show_hash: null, fleet: [], not_flying: {}, not_checked: [], vehicles: [],
@@ -16,7 +16,7 @@ function after(messages: readonly Message[], state: State = initial(0)): State {
   return messages.reduce(update, state);
 }
 
-const onGround = (): State => after([phase("idle"), { kind: "frame", frame: frame({}, 100) }, { kind: "tick", now_ms: 100 }]);
+const onGround = (): State => after([phase("idle", { counts: GROUNDED }), { kind: "frame", frame: frame({}, 100) }, { kind: "tick", now_ms: 100 }]);
 
 describe("the preflight panel", () => {
   it("makes room at take-off, and may be opened in flight", () => {
