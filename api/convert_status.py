@@ -1,6 +1,7 @@
 """What changes seldom, between the service's types and the wire's."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from gcs.frames import ShowFrame
 from gcs.happenings import Happening
 from gcs.maps import GroundMap
 from gcs.rows import VehicleRows
-from gcs.service import Bounds, Certification, FleetView, Playback
+from gcs.service import Bounds, Certification, FleetView, Playback, ReplayMarks
 from gcs.state import Array
 
 
@@ -77,6 +78,17 @@ def replay(playback: Playback) -> wire_replay.Replay:
         speed=playback.speed,
         paused=playback.paused,
         ended=playback.ended,
+        skips_idle=playback.skips_idle,
+    )
+
+
+def replay_marks(marks: ReplayMarks) -> wire_replay.ReplayMarks:
+    """What a scrubber shows of a record."""
+    return wire_replay.ReplayMarks(
+        phases=[wire_replay.PhaseSpan(**asdict(span)) for span in marks.phases],
+        cues=[wire_replay.CueMark(**asdict(mark)) for mark in marks.cues],
+        events=[wire_replay.EventMark(**asdict(mark)) for mark in marks.events],
+        idle=[wire_replay.IdleSpan(**asdict(span)) for span in marks.idle],
     )
 
 

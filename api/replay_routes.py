@@ -31,6 +31,12 @@ async def change_replay(body: wire_replay.ReplayChange, desk: DeskDep) -> wire_r
     return convert_status.replay(_replaying(desk).change(**body.given()))
 
 
+@router.get("/replay/marks", summary="Phases, cues, events, idle time", responses=READ | errors(409))
+async def get_replay_marks(desk: DeskDep) -> wire_replay.ReplayMarks:
+    """All of the record at once, for a scrubber; it never changes."""
+    return convert_status.replay_marks(_replaying(desk).marks)
+
+
 @router.get("/replay/certificate", summary="What the flight kept and broke", responses=READ | errors(409))
 async def get_certificate(desk: DeskDep) -> wire_replay.Certificate:
     """Answers at once. The first call begins the judgement beside the replay: ask again until it is done."""

@@ -5,6 +5,8 @@ from typing import Annotated, Final
 from pydantic import Field
 
 from api.wire import ABSENT, Change, Measured, Outward
+from gcs.happenings import Severity
+from gcs.lifecycle import ShowPhase
 from gcs.service import CheckState
 
 SPEED_MAX: Final = 100.0
@@ -20,6 +22,9 @@ class ReplayChange(Change):
     position_s: Annotated[float, Field(ge=0, examples=[12.5])] = Field(
         default=ABSENT, description="Since the first recorded state, at most the record's duration."
     )
+    skips_idle: bool = Field(
+        default=ABSENT, description="Jump over time in which nothing flies, while it plays."
+    )
 
 
 class Replay(Outward):
@@ -32,6 +37,48 @@ class Replay(Outward):
     speed: float = Field(description="Times as fast as it was flown.")
     paused: bool
     ended: bool = Field(description="The last recorded state is shown.")
+    skips_idle: bool = Field(description="Time in which nothing flies is jumped over while it plays.")
+
+
+class PhaseSpan(Outward):
+    """The show stands in one phase. Times since the first recorded state."""
+
+    phase: ShowPhase
+    from_s: float
+    until_s: float
+
+
+class CueMark(Outward):
+    """A cue of the written show begins."""
+
+    cue: str
+    at_s: float
+
+
+class EventMark(Outward):
+    """An alarm, or a warning or error of the log."""
+
+    at_s: float
+    severity: Severity
+    is_alarm: bool
+    text: str
+    vehicle: str | None = Field(description="The vehicle concerned; null: none in particular.")
+
+
+class IdleSpan(Outward):
+    """Nothing flies, nor is about to."""
+
+    from_s: float
+    until_s: float
+
+
+class ReplayMarks(Outward):
+    """What a scrubber shows of the whole record; empty where no audit lies beside the flight data."""
+
+    phases: list[PhaseSpan]
+    cues: list[CueMark]
+    events: list[EventMark] = Field(description="At most 500; alarms before others.")
+    idle: list[IdleSpan] = Field(description="Jumped over while `skips_idle` is true.")
 
 
 class CertificateCheck(Outward):

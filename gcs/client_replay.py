@@ -29,11 +29,20 @@ class Playback:
         """How the record is played, and where it is."""
         return self._caller.one(wire_replay.Replay, "GET", PATH)
 
+    def marks(self) -> wire_replay.ReplayMarks:
+        """Phases, cues, events and idle time of the whole record."""
+        return self._caller.one(wire_replay.ReplayMarks, "GET", f"{PATH}/marks")
+
     def change(
-        self, *, paused: bool | None = None, speed: float | None = None, position_s: float | None = None
+        self,
+        *,
+        paused: bool | None = None,
+        speed: float | None = None,
+        position_s: float | None = None,
+        skips_idle: bool | None = None,
     ) -> wire_replay.Replay:
         """Play the record otherwise: what is given changes."""
-        given = {"paused": paused, "speed": speed, "position_s": position_s}
+        given = {"paused": paused, "speed": speed, "position_s": position_s, "skips_idle": skips_idle}
         body = {name: value for name, value in given.items() if value is not None}
         return self._caller.one(wire_replay.Replay, "POST", PATH, body)
 

@@ -2,9 +2,9 @@
 
 import json
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from gcs.event_words import words
 from gcs.happenings import KEPT, Happening, severity
 from gcs.records.interruption import PAD
 from gcs.records.known import AUDIT, rows
+from gcs.records.marks import Event, marks_of
+from gcs.service.replay_marks import ReplayMarks
 from gcs.state import Array, VehicleId
 
 PLAN: Final = "plan"
@@ -22,21 +24,12 @@ EVENTS: Final = (
 )
 
 
-class Event(NamedTuple):
-    """A row of the audit."""
-
-    unix_s: float
-    level: str
-    event: str
-    vehicle: VehicleId | None
-    detail: Mapping[str, Any]
-
-
 class Past:
     """One session's events, in order."""
 
     def __init__(self, events: Sequence[Event]) -> None:
         """Raises: KeyError, TypeError or ValueError for events that are none."""
+        self._events = tuple(events)
         self._happened: list[Happening] = []
         self._pads: dict[VehicleId, list[tuple[float, Array]]] = {}
         for unix_s, level, event, vehicle, detail in events:
@@ -72,6 +65,13 @@ class Past:
         """The last that had happened then, the newest last."""
         end = bisect_right(self._times_s, unix_s)
         return tuple(self._happened[max(end - KEPT, 0) : end])
+
+    def marks(self, began_unix_s: float, duration_s: float) -> ReplayMarks:
+        """What a scrubber shows of it all. Raises: GcsError for events that are none."""
+        try:
+            return marks_of(self._events, began_unix_s, duration_s)
+        except (KeyError, ValueError) as error:
+            raise GcsError(f"the audit's events cannot be read: {error!r}") from None
 
     def home_m(self, vehicle: VehicleId, unix_s: float) -> Array | None:
         """(3,) where it had taken off last, show frame; None: it had not, or nobody wrote it down."""

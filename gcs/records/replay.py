@@ -25,7 +25,16 @@ from gcs.records.plans import plan_of
 from gcs.records.playing import Playhead
 from gcs.records.refusing import Refusing
 from gcs.rows import VehicleRows
-from gcs.service import Certification, FleetView, Histogram, Latest, Playback, SelectedShow, TickView
+from gcs.service import (
+    Certification,
+    FleetView,
+    Histogram,
+    Latest,
+    Playback,
+    ReplayMarks,
+    SelectedShow,
+    TickView,
+)
 from gcs.state import Array, Landed
 
 REPEAT_S: Final = 0.5
@@ -33,6 +42,9 @@ REPEAT_S: Final = 0.5
 
 LATE_S: Final = 0.1
 """States that come later than that are passed over: it is played too fast to show every one."""
+
+DUE_S: Final = 1e-3
+"""Who waits for less than that waits in vain: clocks are no finer."""
 
 PASSED: Final = 100
 """After so many that were passed over somebody else may have the loop."""
@@ -68,6 +80,8 @@ class Replay(Refusing):
         self._past = Past.of(data.path, data.about.session)
         self._certifying = Certifying((data.path, *truths))
         self._head = Playhead(last_s - first.unix_s, speed, self._now_s())
+        self._marks = self._past.marks(self._began_s, self._head.duration_s)
+        self._skips_idle = True
         self._sought = False  # another place is wanted
         self._changed = asyncio.Event()
         self._ended = False
@@ -96,15 +110,26 @@ class Replay(Refusing):
                 if passed % PASSED == 0:
                     await asyncio.sleep(0)
             else:
-                while not (first or self._sought) and (left_s := self._left_s(moment)) > 0.0:
+                while not (first or self._sought) and (left_s := self._left_s(moment)) > DUE_S:
                     await self._wait(min(left_s, REPEAT_S))
                     if self._now_s() - self._shown_s >= REPEAT_S:
                         self._show(self._moment)
                 if not self._sought:
                     self._show(moment)
             first = False
+            self._skip(moment)
             if self._sought:
                 return
+
+    def _skip(self, moment: Moment) -> None:
+        """Where nothing flies, go on to where something does; not while it is paused."""
+        if not self._skips_idle or self._head.paused or self._sought:
+            return
+        at_s = moment.unix_s - self._began_s
+        for span in self._marks.idle:
+            if span.from_s <= at_s < span.until_s:
+                self._head.change(self._now_s(), paused=None, speed=None, position_s=span.until_s)
+                self._sought = True
 
     def _left_s(self, moment: Moment) -> float:
         """Until it is to be shown."""
@@ -140,14 +165,32 @@ class Replay(Refusing):
     def _playback(self, position_s: float, *, ended: bool) -> Playback:
         head = self._head
         return Playback(
-            str(self._data.path), self._began_s, head.duration_s, position_s, head.speed, head.paused, ended
+            str(self._data.path),
+            self._began_s,
+            head.duration_s,
+            position_s,
+            head.speed,
+            head.paused,
+            ended,
+            self._skips_idle,
         )
 
+    @property
+    def marks(self) -> ReplayMarks:
+        """What a scrubber shows of the record."""
+        return self._marks
+
     def change(
-        self, *, paused: bool | None = None, speed: float | None = None, position_s: float | None = None
+        self,
+        *,
+        paused: bool | None = None,
+        speed: float | None = None,
+        position_s: float | None = None,
+        skips_idle: bool | None = None,
     ) -> Playback:
         """Play it otherwise. Raises: InvalidError, RefusedError; then nothing has changed."""
         self._head.change(self._now_s(), paused=paused, speed=speed, position_s=position_s)
+        self._skips_idle = self._skips_idle if skips_idle is None else skips_idle
         self._sought = self._sought or position_s is not None
         self._changed.set()
         if not self._sought:

@@ -7,6 +7,7 @@ a process of its own without a change on their side.
 from gcs.service.interface import Audit, Call, NoAudit, Replaying, Service, Shows
 from gcs.service.latest import Latest
 from gcs.service.orders import WHO, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
+from gcs.service.replay_marks import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
 from gcs.service.views import (
     Bounds,
     Certification,
@@ -28,14 +29,19 @@ __all__ = [
     "Call",
     "Certification",
     "CheckState",
+    "CueMark",
+    "EventMark",
     "FleetView",
     "Histogram",
+    "IdleSpan",
     "Latest",
     "NoAudit",
     "OrderRecord",
     "Outcome",
+    "PhaseSpan",
     "Playback",
     "Reaction",
+    "ReplayMarks",
     "Replaying",
     "SelectedShow",
     "Service",

@@ -12,6 +12,7 @@ from gcs.interrupted import Offer
 from gcs.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.service.latest import Latest
 from gcs.service.orders import OrderRecord, ShowAction, VehicleAction
+from gcs.service.replay_marks import ReplayMarks
 from gcs.service.views import Certification, FleetView, Playback, SelectedShow, ShowCheck, StoredShow
 from gcs.state import VehicleId
 
@@ -97,8 +98,18 @@ class Replaying(Protocol):
         """Now."""
         ...
 
+    @property
+    def marks(self) -> ReplayMarks:
+        """What a scrubber shows of the whole record; it never changes."""
+        ...
+
     def change(
-        self, *, paused: bool | None = None, speed: float | None = None, position_s: float | None = None
+        self,
+        *,
+        paused: bool | None = None,
+        speed: float | None = None,
+        position_s: float | None = None,
+        skips_idle: bool | None = None,
     ) -> Playback:
         """Play it otherwise: what is given changes, at once."""
         ...

@@ -121,6 +121,7 @@ class Playback:
     speed: float  # times as fast as it was flown
     paused: bool
     ended: bool  # the last recorded state is shown
+    skips_idle: bool = False  # time in which nothing flies is jumped over while it plays
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,6 +37,7 @@ from gcs.service import (
     Playback,
     Reaction,
     Replaying,
+    ReplayMarks,
     SelectedShow,
     ShowAction,
     TickView,
@@ -65,18 +66,33 @@ class FakeRecord:
         self._clock_s = clock_s
         self._head = Playhead(60.0, 1.0, clock_s())
         self.certification = Certification(CheckState.RUNNING)
+        self.marks = ReplayMarks()
+        self._skips_idle = True
 
     @property
     def playback(self) -> Playback:
         head = self._head
         position_s = head.position_s(self._clock_s())
         return Playback(
-            "flight.mcap", 1.7e9, head.duration_s, position_s, head.speed, head.paused, ended=False
+            "flight.mcap",
+            1.7e9,
+            head.duration_s,
+            position_s,
+            head.speed,
+            head.paused,
+            ended=False,
+            skips_idle=self._skips_idle,
         )
 
     def change(
-        self, *, paused: bool | None = None, speed: float | None = None, position_s: float | None = None
+        self,
+        *,
+        paused: bool | None = None,
+        speed: float | None = None,
+        position_s: float | None = None,
+        skips_idle: bool | None = None,
     ) -> Playback:
+        self._skips_idle = self._skips_idle if skips_idle is None else skips_idle
         self._head.change(self._clock_s(), paused=paused, speed=speed, position_s=position_s)
         return self.playback
 

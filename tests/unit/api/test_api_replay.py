@@ -6,7 +6,17 @@ import pytest
 from api_fake_service import FakeRecord
 from api_harness import Api
 
-from gcs.service import Certification, CheckState
+from gcs.happenings import Severity
+from gcs.lifecycle import ShowPhase
+from gcs.service import (
+    Certification,
+    CheckState,
+    CueMark,
+    EventMark,
+    IdleSpan,
+    PhaseSpan,
+    ReplayMarks,
+)
 
 
 def playing() -> tuple[Api, FakeRecord]:
@@ -83,3 +93,22 @@ def test_the_certificate_is_told_once_it_is_made() -> None:
     assert (told["state"], told["report"]) == ("done", report)
     record.certification = Certification(CheckState.FAILED, "the disk is gone")
     assert api("GET", "/api/v1/replay/certificate").json()["reason"] == "the disk is gone"
+
+
+def test_the_marks_of_the_record_are_told_and_idle_time_can_be_played() -> None:
+    api, record = playing()
+    record.marks = ReplayMarks(
+        phases=(PhaseSpan(ShowPhase.RUNNING, 0.0, 60.0),),
+        cues=(CueMark("rise", 3.0),),
+        events=(EventMark(5.0, Severity.ERROR, True, "d2 lost", "d2"),),
+        idle=(IdleSpan(20.0, 40.0),),
+    )
+    assert api("GET", "/api/v1/replay/marks").json() == {
+        "phases": [{"phase": "running", "from_s": 0.0, "until_s": 60.0}],
+        "cues": [{"cue": "rise", "at_s": 3.0}],
+        "events": [{"at_s": 5.0, "severity": "error", "is_alarm": True, "text": "d2 lost", "vehicle": "d2"}],
+        "idle": [{"from_s": 20.0, "until_s": 40.0}],
+    }
+    assert api("GET", "/api/v1/replay").json()["skips_idle"] is True
+    assert api("POST", "/api/v1/replay", json={"skips_idle": False}).json()["skips_idle"] is False
+    assert Api()("GET", "/api/v1/replay/marks").status_code == 409

@@ -1,0 +1,90 @@
+"""What a replay's scrubber shows of a record: phases, cues, events, and time in which nothing flies."""
+
+from typing import Any
+
+import pytest
+
+from gcs.happenings import Severity
+from gcs.lifecycle import ShowPhase
+from gcs.records.marks import EVENTS_MAX, KEPT_S, Event, marks_of
+
+BEGAN_S = 1.7e9
+LASTS_S = 600.0
+
+
+def at(time_s: float, event: str, vehicle: str | None = None, level: str = "info", **detail: Any) -> Event:
+    return Event(BEGAN_S + time_s, level, event, vehicle, detail)
+
+
+FLIGHT = [
+    at(-5.0, "session_begins"),
+    at(100.0, "show_phase", was="idle", phase="arming", reason=""),
+    at(102.0, "vehicle_phase", "d1", was="standby", phase="takeoff", reason=""),
+    at(103.0, "vehicle_phase", "d2", was="standby", phase="takeoff", reason=""),
+    at(130.0, "show_phase", was="arming", phase="running", reason=""),
+    at(131.0, "cue", name="parade", hash="ab", cue="rise"),
+    at(150.0, "alarm", level="error", alarm="a1", severity="emergency", cause="vehicle-lost", text="d2 lost"),
+    at(160.0, "setpoint_late", "d2", level="warning", reason="x"),
+    at(170.0, "cue", name="parade", hash="ab", cue="ring"),
+    at(200.0, "show_phase", was="running", phase="returning", reason=""),
+    at(230.0, "vehicle_phase", "d1", was="landing", phase="standby", reason=""),
+    at(231.0, "show_phase", was="returning", phase="landed", reason=""),
+]
+DOWN = at(300.0, "vehicle_phase", "d2", was="lost", phase="offline", reason="")
+
+
+def test_the_phases_follow_one_another_from_the_beginning_to_the_end() -> None:
+    spans = marks_of(FLIGHT, BEGAN_S, LASTS_S).phases
+    assert [(span.phase, span.from_s, span.until_s) for span in spans] == [
+        (ShowPhase.IDLE, 0.0, 100.0),
+        (ShowPhase.ARMING, 100.0, 130.0),
+        (ShowPhase.RUNNING, 130.0, 200.0),
+        (ShowPhase.RETURNING, 200.0, 231.0),
+        (ShowPhase.LANDED, 231.0, LASTS_S),
+    ]
+
+
+def test_cues_alarms_and_warnings_are_marked_and_everyday_lines_are_not() -> None:
+    marks = marks_of(FLIGHT, BEGAN_S, LASTS_S)
+    assert [(mark.cue, mark.at_s) for mark in marks.cues] == [("rise", 131.0), ("ring", 170.0)]
+    assert [(mark.at_s, mark.severity, mark.is_alarm, mark.vehicle) for mark in marks.events] == [
+        (150.0, Severity.ERROR, True, None),
+        (160.0, Severity.WARNING, False, "d2"),
+    ]
+    assert "d2 lost" in marks.events[0].text
+
+
+def test_idle_is_where_nothing_flies_and_a_little_is_left_on_both_sides() -> None:
+    idle = marks_of([*FLIGHT, DOWN], BEGAN_S, LASTS_S).idle
+    assert [(span.from_s, span.until_s) for span in idle] == [
+        (0.0, 100.0 - KEPT_S),
+        (300.0 + KEPT_S, LASTS_S),
+    ]
+
+
+def test_while_a_vehicle_may_be_in_the_air_nothing_is_idle_whatever_the_show_says() -> None:
+    (before,) = marks_of(FLIGHT, BEGAN_S, LASTS_S).idle  # d2 is lost, and nobody has seen it on the ground
+    assert before.until_s < 100.0
+    piloted = at(50.0, "vehicle_phase", "d3", was="pilot", phase="standby", reason="")
+    later = marks_of([*FLIGHT[:1], piloted, *FLIGHT[1:]], BEGAN_S, LASTS_S).idle
+    assert [(span.from_s, span.until_s) for span in later] == [(50.0 + KEPT_S, 100.0 - KEPT_S)]
+
+
+def test_a_short_wait_is_no_idle_time_and_without_phases_none_is_known() -> None:
+    again = at(240.0, "show_phase", was="landed", phase="arming", reason="")
+    assert len(marks_of([*FLIGHT, DOWN, again], BEGAN_S, LASTS_S).idle) == 1
+    assert marks_of([], BEGAN_S, LASTS_S).idle == ()
+    assert marks_of([], BEGAN_S, LASTS_S).phases == ()
+
+
+def test_of_too_many_events_alarms_are_kept() -> None:
+    many = [at(t, "setpoint_late", level="warning", reason="x") for t in range(EVENTS_MAX + 50)]
+    marks = marks_of([*many, *FLIGHT[6:7]], BEGAN_S, 10_000.0)
+    assert len(marks.events) == EVENTS_MAX
+    assert any(mark.is_alarm for mark in marks.events)
+    assert [mark.at_s for mark in marks.events] == sorted(mark.at_s for mark in marks.events)
+
+
+def test_a_phase_that_is_none_is_refused() -> None:
+    with pytest.raises(ValueError, match="dancing"):
+        marks_of([at(1.0, "show_phase", was="idle", phase="dancing")], BEGAN_S, LASTS_S)
