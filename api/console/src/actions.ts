@@ -11,7 +11,7 @@ type Call<T> = Promise<{ data?: T; error?: unknown; response: Response }>;
 export type ShowCommand = "pause" | "resume" | "stop" | "abort" | "take-over" | "bring-home";
 export type VehicleCommand = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down" | "include";
 export type FleetCommand = "hold" | "join" | "return" | "land" | "take-control";
-export type ReplayChange = { paused?: boolean; speed?: number; position_s?: number };
+export type ReplayChange = { paused?: boolean; speed?: number; position_s?: number; skips_idle?: boolean };
 export type Box = { x_m: number; y_m: number; half_length_x_m: number; half_length_y_m: number; height_m: number };
 
 /** Each resolves to whether it was accepted; what was refused has been told by then. */
@@ -51,6 +51,7 @@ export interface Actions {
   /** One alarm; null: all of them. */
   acknowledge(alarm: string | null): Promise<boolean>;
   replay(change: ReplayChange): Promise<boolean>;
+  loadMarks(): Promise<boolean>;
   loadCertificate(): Promise<boolean>;
 }
 
@@ -236,6 +237,12 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       return (await asked(texts.alarms.acknowledge, call, null)) !== null;
     },
     /** What follows is seen: nothing has to be said. */
+    loadMarks: () =>
+      read(
+        api.GET("/api/v1/replay/marks"),
+        (marks) => ({ kind: "marks", marks }),
+        (reason) => ({ kind: "refused", text: texts.refused(texts.replay.title, reason) }),
+      ),
     replay: async (change) => (await asked(texts.replay.title, api.POST("/api/v1/replay", { body: change }), null)) !== null,
     async loadCertificate() {
       for (;;) {

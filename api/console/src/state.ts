@@ -15,6 +15,7 @@ export type Order = Schemas["Order"];
 export type PreflightReport = Schemas["Preflight"];
 export type StoredShow = Schemas["StoredShow"];
 export type ShowCheck = Schemas["ShowCheck"];
+export type ReplayMarks = Schemas["ReplayMarks"];
 export type CertificateReport = Schemas["CertificateReport"];
 export type ShowAction = Schemas["ShowAction"];
 export type ShowPhase = Schemas["ShowPhase"];
@@ -184,6 +185,8 @@ export interface State {
   history: History;
   orders: readonly Order[];
   preflight: PreflightReport | null;
+  /** Phases, cues, events and idle time of the record that is replayed, once they were read. */
+  marks: ReplayMarks | null;
   /** What the record that is replayed kept and broke, once it was judged. */
   certificate: CertificateReport | null;
   toasts: readonly Toast[];
@@ -221,6 +224,7 @@ export function initial(now_ms: number): State {
     history: NO_HISTORY,
     orders: [],
     preflight: null,
+    marks: null,
     certificate: null,
     toasts: [],
     toastsMade: 0,

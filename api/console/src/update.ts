@@ -6,7 +6,7 @@ import { energy, radiusError_m } from "./formation";
 import { choose, remaining, type Choice, type Selection } from "./selection";
 import {
   HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Access, type CertificateReport, type Connection, type Frame, type Ghost, type History, type KillArmed,
-  type Order, type PreflightReport, type ShowCheck, type State, type Status, type StoredShow, type Toast, type View,
+  type Order, type PreflightReport, type ReplayMarks, type ShowCheck, type State, type Status, type StoredShow, type Toast, type View,
 } from "./state";
 
 export type Message =
@@ -20,6 +20,7 @@ export type Message =
   | { kind: "preflight"; report: PreflightReport | null; vehicles?: readonly string[] | null }
   | { kind: "shows"; shows: readonly StoredShow[] }
   | { kind: "check"; check: ShowCheck | null }
+  | { kind: "marks"; marks: ReplayMarks | null }
   | { kind: "certificate"; certificate: CertificateReport | null }
   | { kind: "done" | "grave" | "refused"; text: string }
   | { kind: "toast-gone"; id: number }
@@ -54,6 +55,8 @@ function updateShared(state: State, message: Message): State {
       return { ...state, orders: message.orders };
     case "preflight":
       return { ...state, preflight: message.report };
+    case "marks":
+      return { ...state, marks: message.marks };
     case "certificate":
       return { ...state, certificate: message.certificate };
     case "done":
@@ -109,7 +112,7 @@ function onStatus(state: State, status: Status): State {
   const isAnother = state.status !== null && state.status.began_unix_time_s !== status.began_unix_time_s;
   if (!isAnother) return { ...state, status, view };
   const desk = { ...state.desk, shows: null, checks: {}, showsRefused: {} };
-  return { ...state, status, view, desk, frame: null, previous: null, preflight: null, kill: null, orders: [], history: initialHistory() };
+  return { ...state, status, view, desk, frame: null, previous: null, preflight: null, marks: null, kill: null, orders: [], history: initialHistory() };
 }
 
 function onFrame(state: State, frame: Frame): State {

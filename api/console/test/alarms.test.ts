@@ -99,7 +99,7 @@ describe("the sound", () => {
     const off = after(initial(0), { kind: "sound", on: false }, told(alarm("a", "emergency")), tick(60_000));
     expect(rings(off)).toBe(0);
     expect(rings(after(off, { kind: "sound", on: true }, tick(60_050)))).toBe(1);
-    const replay = { file: "f", began_unix_time_s: 0, duration_s: 9, position_s: 0, speed: 1, paused: false, ended: false };
+    const replay = { file: "f", began_unix_time_s: 0, duration_s: 9, position_s: 0, speed: 1, paused: false, ended: false, skips_idle: true };
     const record: Message = { kind: "status", status: { ...status({ replay }), alarms: [alarm("a", "emergency")] } };
     expect(rings(after(initial(0), record, tick(60_000)))).toBe(0);
   });

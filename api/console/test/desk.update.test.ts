@@ -58,7 +58,7 @@ describe("who may press what", () => {
   });
 
   it("orders nothing in a replay, nor before it is known who asks", () => {
-    const replay = { file: "f", began_unix_time_s: 0, duration_s: 9, position_s: 0, speed: 1, paused: false, ended: false };
+    const replay = { file: "f", began_unix_time_s: 0, duration_s: 9, position_s: 0, speed: 1, paused: false, ended: false, skips_idle: true };
     expect(whyNot(flying(undefined, { replay }), "abort")).toBe(texts.flight.replay);
     expect(whyNot(after([{ kind: "access", access: null }], flying()), "abort")).toBe(texts.flight.noRights);
   });
@@ -249,7 +249,7 @@ describe("the kill", () => {
 
 describe("a replay", () => {
   it("is where its newest frame was recorded", () => {
-    const replay = { file: "f", began_unix_time_s: 1_790_000_000 - 30, duration_s: 60, position_s: 2, speed: 1, paused: false, ended: false };
+    const replay = { file: "f", began_unix_time_s: 1_790_000_000 - 30, duration_s: 60, position_s: 2, speed: 1, paused: false, ended: false, skips_idle: true };
     expect(position_s(flying(undefined, { replay }))).toBeCloseTo(30.25);
     expect(position_s(flying(undefined, { replay: { ...replay, duration_s: 10 } }))).toBe(10);
     expect(position_s(flying())).toBe(0);

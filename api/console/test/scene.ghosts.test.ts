@@ -84,7 +84,7 @@ test("the ghost of an obstacle that is gone is none", () => {
 });
 
 test("who may not operate, and who looks at a replay, drags nothing", () => {
-  const replay = { file: "a", began_unix_time_s: 0, ended: false, speed: 1, paused: false, position_s: 0, duration_s: 9 };
+  const replay = { file: "a", began_unix_time_s: 0, ended: false, skips_idle: true, speed: 1, paused: false, position_s: 0, duration_s: 9 };
   for (const place of [[1.5, -2.5, 0], [8, -6, 12]] as const) {
     expect(gripOn(stateWith({}, ["watch", "emergency"]), place)).toBeNull();
     expect(gripOn(stateWith({ access: null }), place)).toBeNull();

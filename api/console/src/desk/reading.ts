@@ -11,10 +11,11 @@ const PREFLIGHT_UNSEEN_MS = 8000; // for the number beside its name
 const ORDERS_MS = 2000;
 
 /** Call it a few times a second. One question of a kind at a time, so that a slow service is not asked more. */
-export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadShows">): (state: State) => void {
+export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadShows" | "loadMarks">): (state: State) => void {
   const asked_ms = { preflight: -Infinity, orders: -Infinity };
   const busy = new Set<string>();
   let showsFor: string | null = null;
+  let marksFor = NaN;
 
   function ask(what: string, call: () => Promise<unknown>): void {
     if (busy.has(what)) return;
@@ -24,7 +25,12 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
 
   return (state) => {
     const { desk, page_ms, status } = state;
-    if (!fresh(state) || !status || state.access === null || status.replay) return;
+    if (!fresh(state) || !status || state.access === null) return;
+    if (status.replay) {
+      if (marksFor !== status.began_unix_time_s) ask("marks", service.loadMarks);
+      marksFor = status.began_unix_time_s;
+      return;
+    }
     const { left, right } = shownPanels(desk);
     const isLooking = left === "preflight" || desk.sheet === "start";
     const onGround = whyNotOnGround(state) === "";

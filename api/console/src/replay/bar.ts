@@ -4,9 +4,12 @@ import { html, nothing, type TemplateResult } from "lit-html";
 import type { DeskActions } from "../desk/actions";
 import { button, choices } from "../desk/controls";
 import { minutes } from "../desk/format";
+import { icon } from "../desk/icons";
+import { place } from "../desk/place";
 import type { ReplayChange } from "../actions";
 import type { Status, State } from "../state";
 import { texts } from "../texts";
+import { span, ticks } from "./marks";
 
 type Replay = NonNullable<Status["replay"]>;
 
@@ -33,6 +36,36 @@ export function played(replay: Replay): ReplayChange {
   return { paused: !replay.paused };
 }
 
+/** Under the scrubber, to the same scale. */
+function band(state: State, actions: DeskActions, duration_s: number): TemplateResult | typeof nothing {
+  const { marks } = state;
+  if (marks === null || duration_s <= 0) return nothing;
+  if (marks.phases.length === 0) return html`<p class="marks-none dim" data-testid="replay-unmarked">${t.unmarked}</p>`;
+  return html`<div class="marks" data-testid="replay-marks">
+    <div class="marks-phases" aria-hidden="true">
+      ${marks.phases.map((each) => {
+        const name = texts.phases[each.phase];
+        const title = t.phase(name, minutes(each.from_s), minutes(each.until_s));
+        return html`<span class="mark-phase phase-${each.phase}" title=${title} ${place({ ...span(each.from_s, each.until_s, duration_s) })}>${name}</span>`;
+      })}
+      ${marks.idle.map(
+        (each) => html`<span class="mark-idle" title=${t.idle} ${place({ ...span(each.from_s, each.until_s, duration_s) })}></span>`,
+      )}
+    </div>
+    ${ticks(marks, duration_s).map(
+      (each) => html`<button
+        type="button"
+        class="mark mark-${each.kind}"
+        data-testid="mark-${each.kind}"
+        title="${minutes(each.at_s)} ${t.kinds[each.kind]}: ${each.text}"
+        aria-label="${t.goTo(minutes(each.at_s))}: ${t.kinds[each.kind]}: ${each.text}"
+        ${place({ left: each.left })}
+        @click=${() => actions.replay({ position_s: each.at_s })}
+      ></button>`,
+    )}
+  </div>`;
+}
+
 export function replayBar(state: State, actions: DeskActions): TemplateResult | typeof nothing {
   const replay = state.status?.replay;
   if (!replay) return nothing;
@@ -54,7 +87,7 @@ export function replayBar(state: State, actions: DeskActions): TemplateResult | 
     })}
     ${jump("replay-back", "−10 s", t.back, -JUMP_S)} ${jump("replay-on", "+10 s", t.on, JUMP_S)}
     <div class="scrub">
-      <span class="dim" data-testid="replay-file">${replay.file}</span>
+      <span class="scrub-label"><strong data-testid="replay-label">${icon("resume")} ${t.label}</strong> <span class="dim" data-testid="replay-file">${replay.file}</span></span>
       <span class="value" data-testid="replay-position">${where}</span>
       <input
         type="range"
@@ -71,7 +104,15 @@ export function replayBar(state: State, actions: DeskActions): TemplateResult | 
           actions.replay({ position_s: Number((event.target as HTMLInputElement).value) });
         }}
       />
+      ${band(state, actions, replay.duration_s)}
     </div>
+    ${button(actions, {
+      id: "replay-skip-idle",
+      label: t.skipIdle,
+      name: t.skipIdleHint,
+      pressed: replay.skips_idle,
+      press: () => actions.replay({ skips_idle: !replay.skips_idle }),
+    })}
     ${choices("replay-speed", t.speed, speeds.map((value) => ({ value, label: `${value}×` })), speed, (value) =>
       actions.replay({ speed: Number(value) }),
     )}

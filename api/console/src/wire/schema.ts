@@ -448,6 +448,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/replay/marks": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Phases, cues, events, idle time
+         * @description All of the record at once, for a scrubber; it never changes.
+         */
+        get: operations["get_replay_marks"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/show": {
         parameters: {
             query?: never;
@@ -1406,6 +1426,16 @@ export interface components {
             speed_m_s: number | null;
         };
         /**
+         * CueMark
+         * @description A cue of the written show begins.
+         */
+        CueMark: {
+            /** At S */
+            at_s: number;
+            /** Cue */
+            cue: string;
+        };
+        /**
          * CueTime
          * @description A cue as it is played: one in a loop comes several times.
          */
@@ -1480,6 +1510,24 @@ export interface components {
              * @description That vehicle.
              */
             low_vehicle: string | null;
+        };
+        /**
+         * EventMark
+         * @description An alarm, or a warning or error of the log.
+         */
+        EventMark: {
+            /** At S */
+            at_s: number;
+            /** Is Alarm */
+            is_alarm: boolean;
+            severity: components["schemas"]["Severity"];
+            /** Text */
+            text: string;
+            /**
+             * Vehicle
+             * @description The vehicle concerned; null: none in particular.
+             */
+            vehicle: string | null;
         };
         /**
          * ExcludeBody
@@ -1713,6 +1761,16 @@ export interface components {
             x_m: number;
             /** Y M */
             y_m: number;
+        };
+        /**
+         * IdleSpan
+         * @description Nothing flies, nor is about to.
+         */
+        IdleSpan: {
+            /** From S */
+            from_s: number;
+            /** Until S */
+            until_s: number;
         };
         /**
          * Interrupted
@@ -2055,6 +2113,17 @@ export interface components {
          */
         Phase: "offline" | "standby" | "takeoff" | "hold" | "formation" | "return" | "landing" | "lost" | "pilot" | "killed";
         /**
+         * PhaseSpan
+         * @description The show stands in one phase. Times since the first recorded state.
+         */
+        PhaseSpan: {
+            /** From S */
+            from_s: number;
+            phase: components["schemas"]["ShowPhase"];
+            /** Until S */
+            until_s: number;
+        };
+        /**
          * Position
          * @description A place, in both frames as far as known.
          */
@@ -2230,6 +2299,11 @@ export interface components {
              */
             position_s: number;
             /**
+             * Skips Idle
+             * @description Time in which nothing flies is jumped over while it plays.
+             */
+            skips_idle: boolean;
+            /**
              * Speed
              * @description Times as fast as it was flown.
              */
@@ -2249,11 +2323,36 @@ export interface components {
              */
             position_s?: number;
             /**
+             * Skips Idle
+             * @description Jump over time in which nothing flies, while it plays.
+             */
+            skips_idle?: boolean;
+            /**
              * Speed
              * @description Times as fast as it was flown.
              * @example 4
              */
             speed?: number;
+        };
+        /**
+         * ReplayMarks
+         * @description What a scrubber shows of the whole record; empty where no audit lies beside the flight data.
+         */
+        ReplayMarks: {
+            /** Cues */
+            cues: components["schemas"]["CueMark"][];
+            /**
+             * Events
+             * @description At most 500; alarms before others.
+             */
+            events: components["schemas"]["EventMark"][];
+            /**
+             * Idle
+             * @description Jumped over while `skips_idle` is true.
+             */
+            idle: components["schemas"]["IdleSpan"][];
+            /** Phases */
+            phases: components["schemas"]["PhaseSpan"][];
         };
         /**
          * Right
@@ -5607,6 +5706,89 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Certificate"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to come again. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    get_replay_marks: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ReplayMarks"];
                 };
             };
             /** @description No token, or one that is not known. */
