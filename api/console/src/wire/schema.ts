@@ -1201,7 +1201,7 @@ export interface components {
          * @description What a reaction answers.
          * @enum {string}
          */
-        Cause: "vehicle lost" | "low battery" | "critical battery" | "bad position" | "fence ahead" | "too much wind" | "too many vehicles lost" | "target stale" | "service late";
+        Cause: "vehicle lost" | "low battery" | "critical battery" | "bad position" | "fence ahead" | "too much wind" | "links late" | "too many vehicles lost" | "target stale" | "service late";
         /**
          * Center
          * @description The formation's centre as commanded now.
