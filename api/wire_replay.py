@@ -1,6 +1,6 @@
 """JSON names of a replay: how it is played, and the judgement of its record."""
 
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
@@ -85,7 +85,7 @@ class CertificateCheck(Outward):
     """One limit: kept or not, and the worst that was."""
 
     name: str = Field(examples=["greatest height"])
-    limit: Measured
+    limit: Measured = Field(description="That held then: a written show has its own.")
     tolerated: Measured = Field(
         description="Kept up to here: an autopilot's own answer may pass the limit by a little."
     )
@@ -93,7 +93,7 @@ class CertificateCheck(Outward):
     unit: str = Field(description="Of limit, tolerated and worst.", examples=["m"])
     vehicle: str = Field(description="Whose worst it was.")
     at_s: Measured = Field(description="Since the beginning of the record.")
-    kept: bool
+    kept: bool | None = Field(description="null: there was nothing to judge.")
 
 
 class NearestPair(Outward):
@@ -110,7 +110,10 @@ class CertificateReport(Outward):
     """What `gcs certify --json` tells of a record."""
 
     source: str
-    verdict: str = Field(examples=["kept", "broken"])
+    verdict: Literal["kept", "broken", "incomplete"] = Field(
+        description="incomplete: nothing was found broken, but not all of the flight could be judged."
+    )
+    missing: list[str] = Field(description="What could not be judged, and why; with times and bytes.")
     based_on: str = Field(examples=["true positions", "estimated positions"])
     uncertainty: str = Field(description="Of the positions, in words.")
     remarks: list[str] = Field(description="About the file.")

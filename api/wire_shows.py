@@ -113,6 +113,9 @@ class ShowCheck(Outward):
     state: CheckState
     reason: str = Field(description="Why the check itself failed; it says nothing of the show then.")
     hash: str | None
-    good: bool
+    good: bool = Field(description="It can be flown, and by this service as it is set now.")
+    fits_service: bool = Field(
+        description="false: with other settings the service would have none of some of the problems."
+    )
     problems: list[ShowProblem]
     figures: ShowFigures | None = Field(description="null: not flown.")

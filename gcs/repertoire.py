@@ -12,8 +12,8 @@ import logging
 import os
 import re
 import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
@@ -21,8 +21,9 @@ from typing import Any, Final
 from gcs.apart import answered
 from gcs.errors import ConfigError, GcsError, InvalidError, Problem, RefusedError, UnknownError
 from gcs.service import CheckState, ShowCheck, StoredShow
-from gcs.show import Show, Timeline
+from gcs.show import Flaw, Show, Timeline
 from gcs.show.loading import parse
+from gcs.yaml_source import Source
 
 log = logging.getLogger(__name__)
 
@@ -44,6 +45,7 @@ class _Checked:
     told: ShowCheck
     sha256: str | None = None  # of the file that was checked
     show: Show | None = None
+    source: Source | None = None  # of the show
 
 
 NOT_KEPT: Final = "this service keeps no shows: name a folder in its configuration, shows.folder"
@@ -59,6 +61,11 @@ class Repertoire:
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._turn = asyncio.Lock()
         self._writing = asyncio.Lock()
+        self._misfits: Callable[[Show], Sequence[Flaw]] = lambda _: ()
+
+    def judge_by(self, misfits: Callable[[Show], Sequence[Flaw]]) -> None:
+        """Have checks say, too, for what a show that is good would be refused by the service as it is now."""
+        self._misfits = misfits
 
     async def close(self) -> None:
         """End the checks that run."""
@@ -179,7 +186,18 @@ class Repertoire:
         _check_name(name)
         if name not in self._checks:
             raise UnknownError(f"show {name!r} has not been checked since this service began: check it")
-        return self._checks[name].told
+        return self._for_this_service(self._checks[name])
+
+    def _for_this_service(self, checked: _Checked) -> ShowCheck:
+        """With what the service itself would refuse: asked anew each time, for its obstacles change."""
+        if checked.show is None or checked.source is None:
+            return checked.told
+        source = checked.source
+        found = [Problem(source.line(*flaw.loc), None, flaw.text) for flaw in self._misfits(checked.show)]
+        if not found:
+            return checked.told
+        problems = sorted((*checked.told.problems, *found), key=lambda problem: problem.line)
+        return replace(checked.told, good=False, fits_service=False, problems=tuple(problems))
 
     async def _check(self, name: str) -> None:
         async with self._turn:
@@ -209,7 +227,7 @@ class Repertoire:
         Raises: ValueError (pydantic's) when the answer is none.
         """
         self._checks[name] = _told(name, text, answer)
-        return self._checks[name].told
+        return self.checked(name)
 
     def cleared(self, name: str, show_hash: str) -> Timeline:
         """The show, ready to be flown. Reads the file, on the ground.
@@ -268,7 +286,8 @@ def _told(name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
         problems=tuple(Problem(**problem) for problem in answer["problems"]),
         figures=figures if show is not None else None,
     )
-    return _Checked(told, sha256(text).hexdigest(), show)
+    source = None if show is None else Source(text.decode(), name)
+    return _Checked(told, sha256(text).hexdigest(), show, source)
 
 
 async def _checked_apart(name: str, text: bytes) -> dict[str, Any]:

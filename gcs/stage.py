@@ -1,7 +1,7 @@
 """What is done with the selected show on an order, and how it leads the flight, tick by tick."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import nan
 
@@ -14,7 +14,7 @@ from gcs.performance import Performance
 from gcs.plan import MAX_OBSTACLES, Obstacle, Plan, Target
 from gcs.repertoire import Repertoire
 from gcs.service import SelectedShow
-from gcs.show import ShowClock, Timeline
+from gcs.show import Flaw, Show, ShowClock, Timeline
 from gcs.show.fitting import misfits
 from gcs.show.model import control_of
 from gcs.state import VehicleId
@@ -28,6 +28,7 @@ class Stage:
     def __init__(self, flight: Flight, repertoire: Repertoire) -> None:
         self._flight = flight
         self._repertoire = repertoire
+        repertoire.judge_by(self.misfits)
         self._told: Plan = flight.plan  # what is flown without a show
         self.waits: tuple[str, ...] = ()  # why obstacles of the show do not stand yet
         self._held: Target | None = None  # in place of a live one that was not renewed since `_told_s`
@@ -67,29 +68,33 @@ class Stage:
 
     def _fitting(self, name: str, timeline: Timeline) -> Timeline:
         """Raises: RefusedError when it does not fit this service."""
-        flight, config = self._flight, self._flight.config
-        show = timeline.show
-        wrong = misfits(show, config.frame, config.control, config.operation)
-        if show.fleet.vehicles > len(flight.vehicles):
-            wrong.append(f"fleet.vehicles = {show.fleet.vehicles}: the service has {len(flight.vehicles)}")
-        if wrong:
-            raise RefusedError(f"show {name!r} does not fit this service: {'; '.join(wrong)}")
+        _refuse(name, self._own_misfits(timeline.show))
         return timeline
+
+    def misfits(self, show: Show) -> list[Flaw]:
+        """Everything for which a good show would be refused now: limits, fleet, take-off, obstacles."""
+        return [*self._own_misfits(show), *self._clashes(show)]
+
+    def _own_misfits(self, show: Show) -> list[Flaw]:
+        config, count = self._flight.config, len(self._flight.vehicles)
+        return misfits(show, config.frame, config.control, config.operation, count)
+
+    def _clashes(self, show: Show) -> Iterator[Flaw]:
+        """Its obstacles, and those that were told."""
+        own, its = self._told_obstacles, {box.id for cue in show.timeline for box in cue.obstacles.appear}
+        twice = sorted(its & {box.id for box in own})
+        if twice:
+            text = f"it has obstacles of its own called {', '.join(twice)}: remove those that stand"
+            yield Flaw(("timeline",), text)
+        if len(own) + len(its) > MAX_OBSTACLES:
+            text = f"{len(own)} obstacles stand, and its {len(its)}: at most {MAX_OBSTACLES} together"
+            yield Flaw(("timeline",), text)
 
     def _take(self, performance: Performance) -> SelectedShow:
         """Let it lead. Raises: RefusedError when its obstacles and those that were told clash."""
         flight, name = self._flight, performance.name
         show, own = performance.timeline.show, self._told_obstacles
-        twice = sorted(performance.obstacle_ids & {box.id for box in own})
-        if twice:
-            raise RefusedError(
-                f"show {name!r} has obstacles of its own called {', '.join(twice)}: remove them"
-            )
-        if len(own) + len(performance.obstacles) > MAX_OBSTACLES:
-            raise RefusedError(
-                f"{len(own)} obstacles and the {len(performance.obstacles)} of show {name!r}: at most"
-                f" {MAX_OBSTACLES} together"
-            )
+        _refuse(name, [*self._clashes(show)])
         if flight.performance is None:
             self._told = flight.plan
         flight.performance = performance
@@ -285,3 +290,10 @@ class Stage:
         if performance is not None:
             performance.live = target
         flight.plan = replace(flight.plan, target=target)
+
+
+def _refuse(name: str, flaws: Sequence[Flaw]) -> None:
+    """Raises: RefusedError with these, where there are any."""
+    if flaws:
+        told = "; ".join(flaw.text for flaw in flaws)
+        raise RefusedError(f"show {name!r} does not fit this service: {told}")

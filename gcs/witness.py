@@ -1,11 +1,13 @@
 """What a tick leaves for the record. Nothing is worked out here that the tick does not know anyway."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from gcs.control import Tick
 from gcs.flight import Flight
+from gcs.performance import lights
 from gcs.records.moment import Moment
 from gcs.service import TickView
 from gcs.table import tuple3
@@ -26,6 +28,12 @@ def moment_of(
     parts = flight.telemetry.parts
     center = tick.memory.center
     separation_m = tick.minimum_separation_m
+    performance = flight.performance
+    selected = None if performance is None else performance.view(fleet.time_s)
+    colours = None
+    if performance is not None and selected is not None:
+        # the parts are replaced, never changed
+        colours = partial(lights, performance.timeline, performance.parts, fleet.ids, selected.clock_s)
     return Moment(
         unix_time_s=unix_time_s,
         fleet=fleet,
@@ -44,7 +52,7 @@ def moment_of(
         show=flight.show,
         reason=flight.reason,
         plan=flight.plan,
-        selected=None if flight.performance is None else flight.performance.view(fleet.time_s),
+        selected=selected,
         start_unix_time_s=start_unix_time_s,
         center_m=None if center is None else tuple3(center.position_m),
         center_velocity_m_s=None if center is None else tuple3(center.velocity_m_s),
@@ -54,5 +62,7 @@ def moment_of(
         control_alive=control_alive,
         setpoints_sent=sum(link.setpoints_sent for link in flight.links),
         problems=tuple(problems),
-        parts={} if flight.performance is None else flight.performance.parts,
+        parts={} if performance is None else performance.parts,
+        control=flight.control,
+        colours=colours,
     )

@@ -4,13 +4,21 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Final
 
 from gcs import config as configuration
 from gcs.cli.record import session_folder
 from gcs.errors import GcsError
-from gcs.records.certify import Certificate, Standard, certify
+from gcs.records.certify import EXIT_CODES, Certificate, certify
 from gcs.records.flown import FlightData
+from gcs.records.standard import Standard
 from gcs.records.tracks import Tracks, estimated, true
+
+MEANING: Final = {
+    "kept": "all of the flight was judged, and no limit was broken",
+    "broken": "at least one limit was broken",
+    "incomplete": "nothing that could be judged broke a limit, but not all could be judged",
+}
 
 FLIGHT = "flight*.mcap"
 TRUTH = "truth*.jsonl"
@@ -37,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Judge. Returns: 0 when all was kept, 1 when something was broken, 2 when the input is none."""
+    """Judge. Returns: 0 kept, 1 broken, 3 incomplete: not all could be judged; 2 when the input is none."""
     try:
         certificate, source = _judge(arguments)
         report = {"source": source, **certificate.report()}
@@ -52,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"gcs certify: {error}", file=sys.stderr)
         return 2
     print(text if arguments.json else summary(certificate, source))
-    return 0 if certificate.kept else 1
+    return EXIT_CODES[certificate.verdict]
 
 
 def _judge(arguments: argparse.Namespace) -> tuple[Certificate, str]:
@@ -78,7 +86,8 @@ def _judge(arguments: argparse.Namespace) -> tuple[Certificate, str]:
     if tracks is None:
         raise GcsError("--positions estimated: there is no flight.mcap")
     used = truths if wanted == "true" else flights
-    return certify(tracks, standard), ", ".join(str(path) for path in used)
+    judged = certify(tracks, standard, by_it_alone=bool(arguments.config))
+    return judged, ", ".join(str(path) for path in used)
 
 
 def _found(paths: list[Path]) -> tuple[list[Path], list[Path]]:
@@ -118,7 +127,9 @@ def summary(certificate: Certificate, source: str) -> str:
     for check in certificate.checks:
         worst = "nothing to judge" if check.worst is None else f"{check.worst:g}"
         who = f"{check.vehicle} at {check.at_s:g} s" if check.at_s is not None else check.vehicle
-        mark = "kept  " if check.kept else "BROKEN"
+        mark = {True: "kept  ", False: "BROKEN", None: "-     "}[check.kept]
         limit = f"limit {check.limit:g} {check.unit}{check.leeway}"
-        lines.append(f"  {mark}  {check.name:<36} {worst:>10}  {limit}  {who}".rstrip())
+        lines.append(f"  {mark}  {check.name:<36} {worst:>16}  {limit}  {who}".rstrip())
+    lines.append(f"verdict: {certificate.verdict}: {MEANING[certificate.verdict]}")
+    lines += [f"  not judged: {text}" for text in certificate.missing]
     return "\n".join(lines)

@@ -17,10 +17,17 @@ SHOWN_PATHS: Final = 80
 POINTS_MAX: Final = 1500
 """Of a line: more than that nobody sees, and the page grows."""
 
+WORDS: Final = {
+    "kept": "Kept: all was judged, nothing was broken",
+    "broken": "Broken",
+    "incomplete": "Incomplete: not all could be judged",
+}
+
 STYLE: Final = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; }
 body { margin: 2em auto; max-width: 62em; padding: 0 1em; }
 h1 { font-size: 1.4em; } .kept { color: #17692b; } .broken { color: #b3140c; font-weight: 600; }
+.incomplete { color: #8a5a00; font-weight: 600; } .unjudged { color: #666; }
 table { border-collapse: collapse; margin: 1em 0; width: 100%; } th { text-align: left; }
 td, th { border-bottom: 1px solid #ddd; padding: .25em .7em .25em 0; } td.n { text-align: right; }
 svg { width: 100%; height: auto; } .pairs { columns: 2; } p.note { background: #fff4d6; padding: .5em; }
@@ -30,9 +37,9 @@ svg { width: 100%; height: auto; } .pairs { columns: 2; } p.note { background: #
 def page(certificate: Certificate, source: str) -> str:
     """The whole page."""
     tracks = certificate.tracks
-    word = "Kept: nothing was broken" if certificate.kept else "Broken"
-    kind = "kept" if certificate.kept else "broken"
-    notes = "".join(f"<p class=note>{escape(remark)}</p>" for remark in tracks.remarks)
+    kind, word = certificate.verdict, WORDS[certificate.verdict]
+    told = (*tracks.remarks, *(f"Not judged: {text}" for text in certificate.missing))
+    notes = "".join(f"<p class=note>{escape(remark)}</p>" for remark in told)
     return f"""<!DOCTYPE html>
 <html lang="en"><meta charset="utf-8"><title>Flight: {escape(word)}</title><style>{STYLE}</style>
 <h1>Flight of {len(tracks.ids)} vehicles, {certificate.duration_s:.0f} s:
@@ -54,8 +61,8 @@ def _checks(certificate: Certificate) -> str:
     for check in certificate.checks:
         worst = "-" if check.worst is None else f"{check.worst:.4g}"
         when = "" if check.at_s is None else f"{check.at_s:.1f} s"
-        kind = "kept" if check.kept else "broken"
-        word = "nothing to judge" if check.worst is None else kind
+        kind = {True: "kept", False: "broken", None: "unjudged"}[check.kept]
+        word = "nothing to judge" if check.kept is None else kind
         rows.append(
             f"<tr><td>{escape(check.name)}<td class=n>{worst}<td class=n>{check.limit:g}"
             f"<td>{escape(check.unit + check.leeway)}<td>{escape(check.vehicle)}<td class=n>{when}"

@@ -1,17 +1,19 @@
 """What a flight kept and what it broke: separation, fence, limits; from recorded positions alone."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from pydantic import ValidationError
+from numpy.typing import NDArray
 
 from gcs.errors import GcsError
-from gcs.frames import ShowFrame
 from gcs.records.pairs import Pairs, nearest_approaches
+from gcs.records.standard import Standard
 from gcs.records.tracks import Single, Tracks
-from gcs.safety.filter import SafetySettings
+from gcs.safety.filter import Limits
+from gcs.safety.walls import Fence
 from gcs.state import Array, Mask
 
 EXIT_CODES: Final[dict[str, int]] = {"kept": 0, "broken": 1, "incomplete": 3}
@@ -36,39 +38,17 @@ LEEWAY_TOLD: Final = 1.01
 
 
 @dataclass(frozen=True, slots=True)
-class Standard:
-    """What a flight is judged by."""
-
-    frame: ShowFrame
-    safety: SafetySettings
-    acceleration_max_m_s2: float
-
-    @classmethod
-    def of(cls, config: Mapping[str, Any], source: str) -> "Standard":
-        """From a recorded configuration. Raises: GcsError naming `source` and what is wrong."""
-        try:
-            control = config["control"]
-            return cls(
-                ShowFrame(**config["show_frame"]),
-                SafetySettings.model_validate(control["safety"]),
-                float(control["acceleration_max_m_s2"]),
-            )
-        except (KeyError, TypeError, ValueError, ValidationError, GcsError) as error:
-            raise GcsError(f"{source}: its configuration does not say what holds: {error}") from None
-
-
-@dataclass(frozen=True, slots=True)
 class Check:
     """One limit: kept or not, and the worst that was."""
 
     name: str
-    limit: float
+    limit: float  # that held when it was worst
     tolerated: float  # kept up to here: see `TOLERATED`
     worst: float | None  # None: there was nothing to judge
     unit: str
     vehicle: str
     at_s: float | None  # since the beginning
-    kept: bool
+    kept: bool | None  # None: there was nothing to judge
 
     @property
     def leeway(self) -> str:
@@ -81,15 +61,32 @@ class Certificate:
     """The judgement, and what plots are drawn from."""
 
     tracks: Tracks
-    standard: Standard
+    standards: tuple[Standard, ...]  # that held, one after the other
     pairs: Pairs
     least_m: Single  # (k,) least distance of all pairs
     checks: tuple[Check, ...]
 
     @property
-    def kept(self) -> bool:
-        """Whether nothing was broken."""
-        return all(check.kept for check in self.checks)
+    def standard(self) -> Standard:
+        """That held last: plots are drawn for it."""
+        at = self.tracks.held_at
+        return self.standards[-1 if at is None else int(at[-1])]
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Why it is not known that all was kept, in words; empty where it is."""
+        if not self.tracks.airborne.any():
+            return *self.tracks.missing, "nobody was in the air: there was nothing to judge"
+        if all(check.kept is None for check in self.checks):
+            return *self.tracks.missing, "nothing is known of those in the air"
+        return self.tracks.missing
+
+    @property
+    def verdict(self) -> str:
+        """One of `EXIT_CODES`. Kept is what was judged from beginning to end, and broke nothing."""
+        if any(check.kept is False for check in self.checks):
+            return "broken"
+        return "incomplete" if self.missing else "kept"
 
     @property
     def duration_s(self) -> float:
@@ -100,7 +97,8 @@ class Certificate:
         """Everything a program wants to know; JSON."""
         tracks, pairs = self.tracks, self.pairs
         return {
-            "verdict": "kept" if self.kept else "broken",
+            "verdict": self.verdict,
+            "missing": list(self.missing),
             "based_on": tracks.based_on,
             "uncertainty": tracks.uncertainty,
             "remarks": list(tracks.remarks),
@@ -121,23 +119,66 @@ class Certificate:
         }
 
 
-def certify(tracks: Tracks, standard: Standard) -> Certificate:
-    """Judge a flight. Pure."""
-    pairs, least_m = nearest_approaches(tracks, standard.safety.floor)
+def certify(tracks: Tracks, standard: Standard, *, by_it_alone: bool = False) -> Certificate:
+    """Judge a flight. Pure.
+
+    Args:
+        tracks: of it.
+        standard: that holds where no limits were recorded.
+        by_it_alone: whatever was recorded.
+
+    Raises: GcsError when the limits that were recorded are none.
+    """
+    if by_it_alone:
+        count = 1 if tracks.setpoint_m_s is None else len(tracks.setpoint_m_s)
+        tracks = replace(
+            tracks,
+            held=(None,),
+            held_at=np.zeros(len(tracks.time_s), np.intp),
+            setpoint_held_at=np.zeros(count, np.intp),
+        )
+    standards = tuple(standard.under(limits) for limits in tracks.held)
+    pairs, least_m = _approaches(tracks, standards)
     checks = (
         _separation(tracks, pairs),
-        *_fence(tracks, standard.safety),
-        *_speeds(tracks, standard),
-        *_setpoints(tracks, standard.safety),
+        *_fence(tracks, standards),
+        *_speeds(tracks, standards),
+        *_setpoints(tracks, standards),
     )
-    return Certificate(tracks, standard, pairs, least_m, checks)
+    return Certificate(tracks, standards, pairs, least_m, checks)
+
+
+def _approaches(tracks: Tracks, standards: Sequence[Standard]) -> tuple[Pairs, Single]:
+    """The nearest approaches, each judged by the floor that held then."""
+    at = tracks.held_at
+    if at is None or len(standards) == 1:
+        return nearest_approaches(tracks, standards[0].safety.floor)
+    borders = [0, *(np.flatnonzero(np.diff(at)) + 1).tolist(), len(at)]
+    found: Pairs | None = None
+    least_m = np.full(len(at), np.inf, np.float32)
+    for first, end in pairwise(borders):
+        reach = min(end + 1, len(at))  # as far as the next sample: between two they fly straight on
+        part = replace(
+            tracks,
+            time_s=tracks.time_s[first:reach],
+            position_m=tracks.position_m[first:reach],
+            uncertainty_m=tracks.uncertainty_m[first:reach],
+            airborne=tracks.airborne[first:reach],
+        )
+        pairs, near_m = nearest_approaches(part, standards[int(at[first])].safety.floor)
+        least_m[first:reach] = np.minimum(least_m[first:reach], near_m)
+        later = replace(pairs, sample=np.where(pairs.sample < 0, -1, pairs.sample + first).astype(np.int32))
+        found = later if found is None else found.with_nearer(later)
+    if found is None:
+        raise GcsError("there is no flight in it")
+    return found, least_m
 
 
 def _separation(tracks: Tracks, pairs: Pairs) -> Check:
     nearest = pairs.nearest(1)
     name, unit = "separation, as a share of the floor", "of the floor"
     if not nearest:
-        return Check(name, 1.0, 1.0, None, unit, "", None, kept=True)
+        return Check(name, 1.0, 1.0, None, unit, "", None, kept=None)
     i, j = nearest[0]
     at_s = float(tracks.time_s[pairs.sample[i, j]] - tracks.time_s[0])
     ratio = float(pairs.ratio[i, j])
@@ -145,20 +186,35 @@ def _separation(tracks: Tracks, pairs: Pairs) -> Check:
     return Check(name, 1.0, 1.0, round(ratio, 3), unit, both, round(at_s, 2), kept=ratio >= 1.0)
 
 
-def _fence(tracks: Tracks, safety: SafetySettings) -> list[Check]:
-    fence, place_m = safety.fence, tracks.position_m
+def _over_time(
+    standards: Sequence[Standard], at: NDArray[np.intp] | None, count: int, of: Callable[[Standard], float]
+) -> Array:
+    """(k,) a limit at each sample."""
+    each = np.array([of(standard) for standard in standards])
+    return np.full(count, each[0]) if at is None else each[at]
+
+
+def _fence(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
+    place_m = tracks.position_m
     out_m = np.hypot(place_m[..., 0], place_m[..., 1])
+
+    def limit(of: Callable[[Fence], float]) -> Array:
+        at, count = tracks.held_at, len(tracks.time_s)
+        return _over_time(standards, at, count, lambda standard: of(standard.safety.fence))
+
+    farthest_m, highest_m, lowest_m = (
+        limit(lambda fence: fence.distance_max_m),
+        limit(lambda fence: fence.height_max_m),
+        limit(lambda fence: fence.height_min_m),
+    )
     return [
-        _most("greatest distance", fence.distance_max_m, out_m, tracks.airborne, tracks, "m"),
-        _most("greatest height", fence.height_max_m, -place_m[..., 2], tracks.airborne, tracks, "m"),
-        _least(
-            "least height in the formation", fence.height_min_m, -place_m[..., 2], tracks.formed, tracks, "m"
-        ),
+        _most("greatest distance", farthest_m, out_m, tracks.airborne, tracks, "m"),
+        _most("greatest height", highest_m, -place_m[..., 2], tracks.airborne, tracks, "m"),
+        _least("least height in the formation", lowest_m, -place_m[..., 2], tracks.formed, tracks, "m"),
     ]
 
 
-def _speeds(tracks: Tracks, standard: Standard) -> list[Check]:
-    limits = standard.safety.limits
+def _speeds(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
     period_s = float(np.median(np.diff(tracks.time_s))) if len(tracks.time_s) > 1 else SMOOTHED_S
     width = max(1, round(SMOOTHED_S / period_s))
     velocity_m_s = _smoothed(np.asarray(tracks.velocity_m_s, np.float64), width)
@@ -170,16 +226,20 @@ def _speeds(tracks: Tracks, standard: Standard) -> list[Check]:
     flat_m_s = np.hypot(velocity_m_s[..., 0], velocity_m_s[..., 1])
     up_m_s = -velocity_m_s[..., 2]
 
-    def judged(name: str, limit: float, value: Array) -> Check:
-        return _most(name, limit, value, flown, tracks, "m/s", 1.0 + TOLERATED, TOLERATED_M_S)
+    def limit(of: Callable[[Standard], float]) -> Array:
+        return _over_time(standards, tracks.held_at, len(tracks.time_s), of)
+
+    def judged(name: str, of: Callable[[Limits], float], value: Array) -> Check:
+        most = limit(lambda standard: of(standard.safety.limits))
+        return _most(name, most, value, flown, tracks, "m/s", 1.0 + TOLERATED, TOLERATED_M_S)
 
     return [
-        judged("speed sideways", limits.horizontal_m_s, flat_m_s),
-        judged("speed up", limits.up_m_s, up_m_s),
-        judged("speed down", limits.down_m_s, -up_m_s),
+        judged("speed sideways", lambda limits: limits.horizontal_m_s, flat_m_s),
+        judged("speed up", lambda limits: limits.up_m_s, up_m_s),
+        judged("speed down", lambda limits: limits.down_m_s, -up_m_s),
         _most(
             "acceleration",
-            standard.acceleration_max_m_s2,
+            limit(lambda standard: standard.acceleration_max_m_s2),
             acceleration_m_s2,
             _throughout(flown, width),
             tracks,
@@ -190,27 +250,29 @@ def _speeds(tracks: Tracks, standard: Standard) -> list[Check]:
     ]
 
 
-def _setpoints(tracks: Tracks, safety: SafetySettings) -> list[Check]:
+def _setpoints(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
     """What was commanded, tick by tick; where it is known."""
-    wanted_m_s, limits = tracks.setpoint_m_s, safety.limits
+    wanted_m_s = tracks.setpoint_m_s
     if wanted_m_s is None:
         return []
     given: Mask = np.asarray(np.isfinite(wanted_m_s).all(axis=-1))
     flat_m_s, up_m_s = np.hypot(wanted_m_s[..., 0], wanted_m_s[..., 1]), -wanted_m_s[..., 2]
 
-    def judged(name: str, limit: float, value: Single) -> Check:
-        return _most(name, limit, value, given, tracks, "m/s", 1.0 + TOLERATED_SETPOINT, 0.0, timed=False)
+    def judged(name: str, of: Callable[[Limits], float], value: Single) -> Check:
+        at, count = tracks.setpoint_held_at, len(wanted_m_s)
+        most = _over_time(standards, at, count, lambda standard: of(standard.safety.limits))
+        return _most(name, most, value, given, tracks, "m/s", 1.0 + TOLERATED_SETPOINT, 0.0, timed=False)
 
     return [
-        judged("setpoint sideways", limits.horizontal_m_s, flat_m_s),
-        judged("setpoint up", limits.up_m_s, up_m_s),
-        judged("setpoint down", limits.down_m_s, -up_m_s),
+        judged("setpoint sideways", lambda limits: limits.horizontal_m_s, flat_m_s),
+        judged("setpoint up", lambda limits: limits.up_m_s, up_m_s),
+        judged("setpoint down", lambda limits: limits.down_m_s, -up_m_s),
     ]
 
 
 def _most(
     name: str,
-    limit: float,
+    limit: Array,
     value: Array | Single,
     counts: Mask,
     tracks: Tracks,
@@ -220,22 +282,23 @@ def _most(
     *,
     timed: bool = True,
 ) -> Check:
-    """The greatest of (k, n) values, where they count."""
-    seen = np.where(counts & np.isfinite(value), value, -np.inf)
-    at, row = np.unravel_index(int(np.argmax(seen)), seen.shape)
-    worst, tolerated = float(seen[at, row]), limit * factor + beyond
-    if not np.isfinite(worst):
-        return Check(name, limit, tolerated, None, unit, "", None, kept=True)
+    """Of (k, n) values the one that went farthest towards its limit (k,), or beyond, where they count."""
+    tolerated = limit * factor + beyond
+    over = np.where(counts & np.isfinite(value), value - tolerated[:, None], -np.inf)
+    at, row = np.unravel_index(int(np.argmax(over)), over.shape)
+    if not np.isfinite(over[at, row]):
+        return Check(name, float(limit[-1]), float(tolerated[-1]), None, unit, "", None, kept=None)
+    worst, most = float(value[at, row]), float(tolerated[at])
     at_s = round(float(tracks.time_s[at] - tracks.time_s[0]), 2) if timed else None
-    kept = worst <= tolerated
-    return Check(name, limit, round(tolerated, 3), round(worst, 3), unit, tracks.ids[row], at_s, kept=kept)
+    who = tracks.ids[row]
+    return Check(name, float(limit[at]), round(most, 3), round(worst, 3), unit, who, at_s, kept=worst <= most)
 
 
-def _least(name: str, limit: float, value: Single, counts: Mask, tracks: Tracks, unit: str) -> Check:
-    """The least of (k, n) values, where they count."""
+def _least(name: str, limit: Array, value: Single, counts: Mask, tracks: Tracks, unit: str) -> Check:
+    """The same of (k, n) values that are to stay above their limit (k,)."""
     found = _most(name, -limit, -value, counts, tracks, unit)
     worst = None if found.worst is None else -found.worst
-    return Check(name, limit, limit, worst, unit, found.vehicle, found.at_s, kept=found.kept)
+    return replace(found, limit=-found.limit, tolerated=-found.limit, worst=worst)
 
 
 def _smoothed(value: Array, width: int) -> Array:

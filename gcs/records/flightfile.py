@@ -11,6 +11,7 @@ import logging
 import os
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from threading import Event, Lock, Thread
 from time import monotonic
@@ -59,6 +60,7 @@ class FlightFile:
         self._thread: Thread | None = None
         self._problem = ""
         self._file: _OpenFile | None = None
+        self._number = 0
         self.written = 0  # moments
         self.dropped = 0
 
@@ -87,6 +89,9 @@ class FlightFile:
     def put(self, what: Moment | Said) -> None:
         """Have it written. For any thread; takes a microsecond."""
         with self._lock:
+            if isinstance(what, Moment):
+                self._number += 1  # of those that are dropped, too: so a reader knows of them
+                what = replace(what, number=self._number)
             if len(self._waiting) < WAITING_MAX:
                 self._waiting.append(what)
             elif isinstance(what, Moment):
@@ -167,7 +172,15 @@ class _OpenFile:
             self._add("/log", what.unix_s, layout.log_message(*what))
             return
         unix_s, time_s = what.unix_time_s, what.fleet.time_s
-        status = (what.show, what.reason, what.told, what.start_unix_time_s, what.reasons, what.problems)
+        status = (
+            what.show,
+            what.reason,
+            what.told,
+            what.start_unix_time_s,
+            what.reasons,
+            what.problems,
+            what.control,
+        )
         if time_s >= self._status_due_s or status != self._status:
             again_s = STATUS_S if what.selected is None else LED_S
             self._status, self._status_due_s = status, time_s + again_s
@@ -188,6 +201,7 @@ class _OpenFile:
         if monotonic() >= self._flush_due_s:
             self._flush_due_s = monotonic() + CHUNK_S
             self._writer.flush()
+            self._status_due_s = -1.0  # each chunk can be read without those before it
 
     def finish(self) -> None:
         """Write the last chunk and the index. Raises: OSError."""

@@ -1,33 +1,27 @@
-"""Flight data read back: tick by tick, as far as the file is whole."""
+"""Flight data read back: tick by tick, and what of it is lost."""
 
 import json
-import struct
 from base64 import b64decode
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata
-from mcap.stream_reader import MAGIC_SIZE, StreamReader, breakup_chunk
 from numpy.typing import NDArray
-from zstandard import ZstdError
 
 from gcs.errors import GcsError
 from gcs.lifecycle import Phase
 from gcs.records import layout
 from gcs.records.flightfile import CHUNK_S, STATUS_S
+from gcs.records.mcap_recovery import DAMAGED, Damage, messages, opened, records
 from gcs.state import Mode, VehicleId
-
-RECORD_MAX_BYTES: Final = 64 << 20
-_DAMAGED: Final = (McapError, ZstdError, struct.error, ValueError, KeyError, EOFError)
-"""What the reader raises where a file is cut off or damaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +35,19 @@ class About:
     links: tuple[str, ...]
     phases: tuple[Phase, ...]  # by their numbers in the rows
     modes: tuple[Mode, ...]
+    row: np.dtype[np.void]  # of one vehicle
 
     @classmethod
     def read(cls, metadata: Mapping[str, str]) -> Self:
         """Raises: KeyError or ValueError for another version and for nonsense."""
-        if metadata["version"] != str(layout.VERSION):
-            known = f"this program knows {layout.VERSION}"
+        row = layout.ROWS.get(metadata["version"])
+        if row is None:
+            known = f"this program knows {' and '.join(layout.ROWS)}"
             raise ValueError(f"they are of version {metadata['version']}; {known}")
+        told = metadata.get(layout.CHECKSUM)
+        is_first = metadata["version"] == layout.UNCHECKED and told is None
+        if not is_first and told != layout.checksum(metadata):
+            raise ValueError("what it says of itself (configuration, vehicles) is damaged")
         vehicles = json.loads(metadata["vehicles"])
         return cls(
             metadata["session"],
@@ -57,6 +57,7 @@ class About:
             tuple(link for _, _, link in vehicles),
             tuple(Phase(name) for name in json.loads(metadata["phases"])),
             tuple(Mode(name) for name in json.loads(metadata["modes"])),
+            row,
         )
 
 
@@ -81,10 +82,26 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True)
+class Loss:
+    """What could not be read, and when that was."""
+
+    damage: Damage
+    from_s: float | None  # Unix time of the last tick before; None: there is none
+    to_s: float | None  # of the first tick after; None: none follows
+
+    def told(self, began_s: float) -> str:
+        """In words, with times since the record began."""
+        if self.damage.in_index:
+            return f"{self.damage}; nothing that was recorded is lost"
+        begin = "the beginning" if self.from_s is None else f"{self.from_s - began_s:.2f} s"
+        end = "the end" if self.to_s is None else f"{self.to_s - began_s:.2f} s"
+        return f"{self.damage}; lost: from {begin} to {end}"
+
+
+@dataclass(frozen=True, slots=True)
 class Index:
     """Where in a file what lies."""
 
-    topics: Mapping[int, str]
     chunks: tuple[tuple[float, int], ...]  # when each begins (Unix time), and at which byte; in order
 
     def offset(self, from_s: float) -> int:
@@ -100,7 +117,8 @@ class FlightData:
     def __init__(self, path: Path) -> None:
         """Raises: GcsError naming the file, when it cannot be read or is not one of ours."""
         self.path = path
-        self.cut = ""  # after `ticks`: where and why the file ends too early; empty when it is whole
+        self.losses: list[Loss] = []  # after `ticks` or `moments`: of the part that was read
+        self._began_s: float | None = None
         try:
             metadata = self._metadata()
             if metadata is None:
@@ -108,67 +126,78 @@ class FlightData:
             self.about = About.read(metadata)
         except OSError as error:
             raise GcsError(f"{path}: cannot be read: {error.strerror or error}") from None
-        except _DAMAGED as error:
+        except DAMAGED as error:
             raise GcsError(f"{path}: not flight data of this program: {_plain(error)}") from None
+
+    @property
+    def cut(self) -> str:
+        """After `ticks`: what is damaged or missing, in words; empty when the file is whole."""
+        return "; ".join(self.damages)
+
+    @property
+    def damages(self) -> tuple[str, ...]:
+        """After `ticks`: one by one."""
+        return tuple(loss.told(self._began_s or loss.from_s or 0.0) for loss in self.losses)
 
     def _metadata(self) -> Mapping[str, str] | None:
         """What our files begin with; None for a file of somebody else."""
-        for record in self._records():
-            if isinstance(record, Metadata) and record.name == layout.PROFILE:
-                return record.metadata
-            if isinstance(record, Channel | Footer):
-                break
+        with opened(self.path) as data:
+            for found in records(data):
+                if isinstance(found, Damage):
+                    raise McapError(str(found))
+                if isinstance(found.record, Metadata) and found.record.name == layout.PROFILE:
+                    return found.record.metadata
+                if isinstance(found.record, Chunk | Footer):
+                    break
         return None
 
-    def _records(self, offset: int = 0) -> Iterator[McapRecord]:
-        """From a byte of the file on, where a record begins."""
-        with self.path.open("rb") as file:
-            file.seek(offset)
-            begins = offset == 0
-            reader = StreamReader(
-                file, skip_magic=not begins, validate_crcs=True, record_size_limit=RECORD_MAX_BYTES
-            )
-            yield from reader.records
-
     def ticks(self) -> Iterator[Flown]:
-        """Every recorded tick, in order; ends where the file does, which `cut` then tells."""
+        """Every recorded tick, in order, but for those that are damaged: `losses` then names them."""
         for moment in self.moments():
-            try:
-                flown = self.decoded(moment)
-            except _DAMAGED as error:
-                self._cut_at(moment.unix_s, error)
-                return
-            yield flown
+            yield self.decoded(moment)
 
     def moments(self, from_s: float = -inf) -> Iterator[Moment]:
         """Every recorded tick from a time on, undecoded: who shows but few of them is quick."""
-        self.cut = ""
-        topics: dict[int, str] = dict(self.index.topics) if isfinite(from_s) else {}
-        vehicles: bytes | None = None
-        status: bytes | None = None
-        last_s = None
+        self.losses = []
+        waiting: Damage | None = None  # until the next tick is known
+        last_s: float | None = None
         try:
-            for record in self._records(self.index.offset(from_s) if isfinite(from_s) else 0):
-                if isinstance(record, Channel):
-                    topics[record.id] = record.topic
-                if not isinstance(record, Message):
+            for found in self._pieces(self.index.offset(from_s) if isfinite(from_s) else 0):
+                if isinstance(found, Damage):
+                    waiting = found if waiting is None else _together(waiting, found)
                     continue
-                topic = topics[record.channel_id]
-                if topic == "/fleet/vehicles":
-                    vehicles = record.data
-                elif topic == "/fleet/status":
-                    status = record.data
-                elif topic == "/fleet/tick" and vehicles is not None and status is not None:
-                    last_s = record.log_time * 1e-9
-                    if last_s >= from_s:
-                        yield Moment(last_s, vehicles, record.data, status)
-        except _DAMAGED as error:
-            self._cut_at(last_s, error)
+                if waiting is not None:
+                    self.losses.append(Loss(waiting, last_s, found.unix_s))
+                    waiting = None
+                last_s = found.unix_s
+                if self._began_s is None and not isfinite(from_s):
+                    self._began_s = last_s
+                if last_s >= from_s:
+                    yield found
         except OSError as error:
-            self.cut = f"the file could not be read on: {error.strerror or error}"
+            waiting = Damage(0, 0, f"it could not be read on: {error.strerror or error}", is_cut=True)
+        if waiting is not None:
+            self.losses.append(Loss(waiting, last_s, None))
+
+    def _pieces(self, offset: int) -> Iterator[Moment | Damage]:
+        """Ticks and damages. After a damage a tick needs a status of its own: what held may have changed."""
+        newest = _Newest()
+        with opened(self.path) as data:
+            for found in records(data, offset):
+                if isinstance(found, Damage):
+                    newest.forget()
+                    yield found
+                elif isinstance(found.record, Chunk):
+                    try:
+                        inside = messages(found.record)
+                    except DAMAGED as error:
+                        newest.forget()
+                        yield Damage(found.at, found.end, _plain(error))
+                    else:
+                        yield from newest.ticks(inside)
 
     def decoded(self, moment: Moment) -> Flown:
-        """Raises: ValueError or KeyError where it is damaged."""
+        """Raises: ValueError or KeyError where it is not as we write it."""
         return Flown(
             moment.unix_s,
             self._vehicles(moment.vehicles),
@@ -176,25 +205,19 @@ class FlightData:
             json.loads(moment.status),
         )
 
-    def _cut_at(self, last_s: float | None, error: Exception) -> None:
-        after = "before the first tick" if last_s is None else f"after {last_s:.1f} (Unix time)"
-        self.cut = f"the file is cut off or damaged {after}: {_plain(error)}"
-
     @cached_property
     def index(self) -> Index:
         """Where in the file what lies; reads all of it once, without unpacking it."""
-        topics: dict[int, str] = {}
         chunks: list[tuple[float, int]] = []
-        with suppress(*_DAMAGED, OSError), self.path.open("rb") as file:
-            records = StreamReader(file, emit_chunks=True, record_size_limit=RECORD_MAX_BYTES).records
-            offset = MAGIC_SIZE
-            for record in records:
-                if isinstance(record, Chunk):
-                    chunks.append((record.message_start_time * 1e-9, offset))
-                inside = breakup_chunk(record) if isinstance(record, Chunk) and not topics else [record]
-                topics.update({one.id: one.topic for one in inside if isinstance(one, Channel)})
-                offset = file.tell()
-        return Index(topics, tuple(chunks))
+        with suppress(*DAMAGED, OSError), opened(self.path) as data:
+            for found in records(data):
+                if isinstance(found, Damage) or not isinstance(found.record, Chunk):
+                    continue
+                start, end = found.record.message_start_time, found.record.message_end_time
+                in_order = not chunks or start * 1e-9 >= chunks[-1][0]
+                if start <= end and in_order:  # else its times are damaged: they have no checksum
+                    chunks.append((start * 1e-9, found.at))
+        return Index(tuple(chunks))
 
     def last_s(self) -> float | None:
         """When the last tick was that can be read; None where there is none."""
@@ -208,10 +231,40 @@ class FlightData:
 
     def _vehicles(self, data: bytes) -> NDArray[np.void]:
         """Raises: ValueError when it does not fit."""
-        table = np.frombuffer(b64decode(json.loads(data)["data"]), layout.VEHICLE)
+        table = np.frombuffer(b64decode(json.loads(data)["data"]), self.about.row)
         if len(table) != len(self.about.ids):
             raise ValueError(f"{len(table)} vehicles where the file names {len(self.about.ids)}")
         return table
+
+
+class _Newest:
+    """The newest message of each topic that a tick needs."""
+
+    def __init__(self) -> None:
+        self._topics = dict(layout.TOPICS)
+        self._said: dict[str, bytes] = {}
+
+    def forget(self) -> None:
+        """What was said before says nothing of what follows."""
+        self._said.clear()
+
+    def ticks(self, inside: Sequence[McapRecord]) -> Iterator[Moment]:
+        """Those of a chunk of which all is known."""
+        for record in inside:
+            if isinstance(record, Channel):
+                self._topics[record.id] = record.topic
+            elif isinstance(record, Message):
+                topic = self._topics.get(record.channel_id, "")
+                self._said[topic] = record.data
+                if topic == "/fleet/tick" and {"/fleet/vehicles", "/fleet/status"} <= self._said.keys():
+                    vehicles, status = self._said["/fleet/vehicles"], self._said["/fleet/status"]
+                    yield Moment(record.log_time * 1e-9, vehicles, record.data, status)
+
+
+def _together(first: Damage, second: Damage) -> Damage:
+    """Two between which no tick could be read."""
+    in_index = first.in_index and second.in_index
+    return Damage(first.first_byte, second.end_byte, first.why, is_cut=second.is_cut, in_index=in_index)
 
 
 def _plain(error: Exception) -> str:

@@ -12,15 +12,20 @@ from dataclasses import asdict
 from functools import lru_cache
 from math import isfinite
 from typing import Any, Final
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.lifecycle import Phase
 from gcs.records.moment import Moment
-from gcs.state import Array, Mode
+from gcs.records.schemas import SCHEMAS
+from gcs.records.standard import limits_of
+from gcs.state import Array, Mask, Mode
 
-VERSION: Final = 1
+VERSION: Final = 2
+UNCHECKED: Final = "1"  # the version whose metadata had no checksum, and whose vehicles had no light
+CHECKSUM: Final = "crc32"
 PROFILE: Final = "formation-gcs"
 SHOW, MAP = "show", "map"
 
@@ -32,24 +37,32 @@ MODES: Final = tuple(Mode)
 _PHASE_NUMBER: Final = {phase: number for number, phase in enumerate(PHASES)}
 _MODE_NUMBER: Final = {mode: number for number, mode in enumerate(MODES)}
 
-VEHICLE: Final = np.dtype(
-    [
-        *((name, "<f4") for name in ("x", "y", "z")),  # show frame, m
-        *((name, "<f4") for name in ("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s")),
-        *((name, "<f4") for name in ("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s")),  # NaN: none
-        ("yaw_rad", "<f4"),  # from the show's x axis
-        ("position_age_s", "<f4"),
-        ("position_uncertainty_m", "<f4"),
-        ("heartbeat_age_s", "<f4"),
-        ("battery_remaining", "<f4"),
-        ("phase", "u1"),  # numbers of the names in the file's metadata
-        ("mode", "u1"),
-        ("landed", "u1"),  # MAV_LANDED_STATE
-        ("armed", "u1"),
-        ("ready", "u1"),
-    ]
-)
+_FIRST: Final[list[tuple[str, str]]] = [
+    *((name, "<f4") for name in ("x", "y", "z")),  # show frame, m
+    *((name, "<f4") for name in ("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s")),
+    *((name, "<f4") for name in ("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s")),  # NaN: none
+    ("yaw_rad", "<f4"),  # from the show's x axis
+    ("position_age_s", "<f4"),
+    ("position_uncertainty_m", "<f4"),
+    ("heartbeat_age_s", "<f4"),
+    ("battery_remaining", "<f4"),
+    ("phase", "u1"),  # numbers of the names in the file's metadata
+    ("mode", "u1"),
+    ("landed", "u1"),  # MAV_LANDED_STATE
+    ("armed", "u1"),
+    ("ready", "u1"),
+]
+LIGHT: Final = ("red", "green", "blue", "alpha")
+"""Of the light that the show gives a vehicle; alpha 0: it gives none. So named Foxglove draws them."""
+
+VEHICLE: Final = np.dtype([*_FIRST, *((name, "u1") for name in LIGHT)])
 """One vehicle in `/fleet/vehicles`."""
+
+ROWS: Final[dict[str, np.dtype[np.void]]] = {UNCHECKED: np.dtype(_FIRST), str(VERSION): VEHICLE}
+"""The same, by the version of the file."""
+
+TOPICS: Final = dict(enumerate(SCHEMAS, start=1))
+"""By their channels' numbers, in every file: for one whose first chunk is damaged."""
 
 _FLOAT32, _UINT8 = 7, 1  # foxglove.NumericType
 _FIELDS: Final = [
@@ -70,7 +83,7 @@ def about(session: str, config_json: str, vehicles: Mapping[str, tuple[int, str]
         config_json: the whole configuration.
         vehicles: system id and link of each, in the order of the rows.
     """
-    return {
+    said = {
         "version": str(VERSION),
         "session": session,
         "config": config_json,
@@ -78,6 +91,13 @@ def about(session: str, config_json: str, vehicles: Mapping[str, tuple[int, str]
         "phases": json.dumps([phase.value for phase in PHASES]),
         "modes": json.dumps([mode.value for mode in MODES]),
     }
+    return {**said, CHECKSUM: checksum(said)}
+
+
+def checksum(metadata: Mapping[str, str]) -> str:
+    """Of all but itself: MCAP has none for metadata, and a limit with a flipped bit would be judged by."""
+    said = {key: value for key, value in metadata.items() if key != CHECKSUM}
+    return f"{crc32(json.dumps(said, sort_keys=True).encode()):08x}"
 
 
 def nanoseconds(unix_s: float) -> int:
@@ -95,6 +115,7 @@ def packed(moment: Moment) -> NDArray[np.void]:
     """(n,) of VEHICLE."""
     fleet, count = moment.fleet, len(moment.fleet.ids)
     table = np.zeros(count, VEHICLE)
+    colour, lit = moment.lights()
     setpoint_m_s = np.full((count, 3), np.nan)
     if moment.setpoints.ids:
         rows = np.array([_rows(fleet.ids)[name] for name in moment.setpoints.ids])
@@ -107,6 +128,8 @@ def packed(moment: Moment) -> NDArray[np.void]:
         [_PHASE_NUMBER[phase] for phase in moment.phases],
         [_MODE_NUMBER[mode] for mode in moment.modes],
         *(moment.landed, moment.armed, moment.ready),
+        *colour.T,
+        np.where(lit, 255, 0),
     )
     for name, column in zip(VEHICLE.names or (), columns, strict=True):
         table[name] = column
@@ -136,6 +159,7 @@ def tick_message(moment: Moment) -> bytes:
     return as_json(
         {
             "time_s": time_s,
+            "number": moment.number,
             "center_m": moment.center_m,
             "center_velocity_m_s": moment.center_velocity_m_s,
             "radius_m": moment.radius_m,
@@ -160,6 +184,7 @@ def status_message(moment: Moment) -> bytes:
             "start_unix_time_s": moment.start_unix_time_s,
             "reasons": moment.reasons,
             "problems": moment.problems,
+            "limits": None if moment.control is None else limits_of(moment.control),
         }
     )
 
@@ -219,3 +244,12 @@ def setpoints_m_s(table: NDArray[np.void]) -> Array:
     """(n, 3), NaN where none was."""
     names = ("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s")
     return np.stack([table[name] for name in names], axis=-1).astype(np.float64)
+
+
+def lights(table: NDArray[np.void]) -> tuple[NDArray[np.uint8], Mask]:
+    """(n, 3) red, green, blue, and (n,) whether there was a light; none where the file is older than they."""
+    if LIGHT[0] not in (table.dtype.names or ()):
+        return np.zeros((len(table), 3), np.uint8), np.zeros(len(table), np.bool_)
+    colour = np.stack([table[name] for name in LIGHT[:3]], axis=-1)
+    lit: Mask = table[LIGHT[3]] > 0
+    return colour, lit

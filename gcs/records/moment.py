@@ -1,16 +1,24 @@
 """What one tick leaves for the record: what the service believed, wanted and sent."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.control import ControlSettings
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Obstacle, Plan, Yaw
 from gcs.service import SelectedShow, TickView
-from gcs.state import Array, FleetState, Landed, Mode, Setpoints, VehicleId
+from gcs.state import Array, FleetState, Landed, Mask, Mode, Setpoints, VehicleId
 
 Told: TypeAlias = Plan | tuple[str, str, str, tuple[Obstacle, ...], Yaw]
 """A plan, or the name, hash and cue of the show that leads it, with what that leaves to others."""
+
+
+Colours: TypeAlias = Callable[[], tuple[NDArray[np.uint8], Mask]]
+"""Worked out when they are written, on the record's thread: the tick has no use for them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +53,16 @@ class Moment:
     setpoints_sent: int
     problems: tuple[str, ...]  # of the show, links and record, in words
     parts: Mapping[VehicleId, int] = field(default_factory=dict)  # who plays which part in it
+    control: ControlSettings | None = None  # the limits that held: the service's, or the selected show's
+    number: int = 0  # of those given to the record, from 1; 0: not given yet
+    colours: Colours | None = None  # that the show gave; None: there is none
+
+    def lights(self) -> tuple[NDArray[np.uint8], Mask]:
+        """(n, 3) red, green, blue of each vehicle, and (n,) whether it was given a light."""
+        if self.colours is None:
+            count = len(self.fleet.ids)
+            return np.zeros((count, 3), np.uint8), np.zeros(count, np.bool_)
+        return self.colours()
 
     @property
     def told(self) -> Told:

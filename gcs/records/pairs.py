@@ -29,6 +29,16 @@ class Pairs:
         order = np.argsort(ratio, kind="stable")[:count]
         return [(int(first[at]), int(second[at])) for at in order.tolist() if np.isfinite(ratio[at])]
 
+    def with_nearer(self, later: "Pairs") -> "Pairs":
+        """With what was nearer later, pair by pair."""
+        nearer = later.ratio < self.ratio
+        return Pairs(
+            np.minimum(self.distance_m, later.distance_m),
+            np.where(nearer, later.ratio, self.ratio),
+            np.minimum(self.sure_ratio, later.sure_ratio),
+            np.where(nearer, later.sample, self.sample),
+        )
+
 
 def nearest_approaches(tracks: Tracks, floor: Floor) -> tuple[Pairs, Single]:
     """Every pair's least, of those of which one at least flies and that are not both low over their pads.

@@ -17,13 +17,13 @@ from gcs.frames import ShowFrame
 from gcs.happenings import Happening
 from gcs.lifecycle import ShowPhase, not_ours
 from gcs.records import layout
-from gcs.records.certify import Standard
 from gcs.records.certifying import Certifying
 from gcs.records.flown import FlightData, Flown, Moment
 from gcs.records.past import Past
 from gcs.records.plans import plan_of
 from gcs.records.playing import Playhead
 from gcs.records.refusing import Refusing
+from gcs.records.standard import Standard
 from gcs.rows import VehicleRows
 from gcs.service import (
     Certification,
@@ -72,7 +72,7 @@ class Replay(Refusing):
             self._frame = ShowFrame(**data.about.config["show_frame"])
         except (KeyError, TypeError, GcsError) as error:
             raise GcsError(f"{data.path}: its configuration has no show frame: {error}") from None
-        self._bounds = bounds(Standard.of(data.about.config, str(data.path)).safety)
+        self._standard = Standard.of(data.about.config, str(data.path))
         first, last_s = next(data.moments(), None), data.last_s()
         if first is None or last_s is None:
             raise GcsError(f"{data.path}: there is no flight in it. {data.cut}".strip())
@@ -231,7 +231,7 @@ class Replay(Refusing):
             reason=status["reason"],
             rows=rows,
             plan=plan_of(status["plan"], now_s - tick["time_s"]),
-            bounds=self._bounds,
+            bounds=bounds(self._standard.under(status.get("limits")).safety),
             playback=self._playback(flown.unix_s - self._began_s, ended=ended),
             center_m=_triple(tick["center_m"]),
             center_velocity_m_s=_triple(tick["center_velocity_m_s"]),
@@ -271,6 +271,7 @@ class Replay(Refusing):
         about, table, n = self._data.about, flown.vehicles, len(flown.vehicles)
         position_m = layout.positions_m(table)
         latitude_deg, longitude_deg, altitude_m = self._frame.geodetic(position_m)
+        colour, lit = layout.lights(table)
         restrained_by: dict[str, str] = flown.tick["restrained_by"]
 
         def column(name: str) -> Array:
@@ -300,8 +301,8 @@ class Replay(Refusing):
             link_quality=np.full(n, np.nan),
             fix_type=np.full(n, np.nan),
             restrained_by=[restrained_by.get(name, "") for name in about.ids],
-            colour=np.zeros((n, 3), np.uint8),
-            lit=np.zeros(n, np.bool_),
+            colour=colour,
+            lit=lit,
             homes_m=[self._past.home_m(name, flown.unix_s) for name in about.ids],
         )
 

@@ -62,6 +62,7 @@ SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
         "gcs.Tick",
         _object(
             time_s=_NUMBER,
+            number=_WHOLE,
             center_m=_list(_NUMBER),
             center_velocity_m_s=_list(_NUMBER),
             radius_m=_MAYBE,
@@ -90,6 +91,7 @@ SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
             start_unix_time_s=_MAYBE,
             reasons=_list(_TEXT),
             problems=_list(_TEXT),
+            limits={"type": ["object", "null"]},
         ),
     ),
     "/fleet/scene": (

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs.errors import GcsError
 from gcs.frames import ShowFrame
 from gcs.lifecycle import AIRBORNE, FLOWN, Phase
-from gcs.records.flown import FlightData
+from gcs.records.flown import FlightData, Flown
 from gcs.state import Array, Landed, Mask, VehicleId
 
 Single = NDArray[np.float32]
@@ -38,6 +38,15 @@ class Tracks:
     formed: Mask  # (k, n) and in the formation, so that the least height counts
     setpoint_m_s: Single | None  # (k, n, 3) NaN: none; None: not known
     remarks: tuple[str, ...]  # about the file
+    missing: tuple[str, ...] = ()  # what of the flight is not in it, in words
+    held: tuple[Mapping[str, Any] | None, ...] = (None,)  # limits, as they were recorded; None: not
+    held_at: NDArray[np.intp] | None = None  # (k,) which of them; None: the first, always
+    setpoint_held_at: NDArray[np.intp] | None = None  # (j,) likewise, of the setpoints' own times
+
+
+GAPS_TOLD: Final = 20
+GAP_S: Final = 1.0
+"""Where vehicles fly that long between two samples, nobody knows how."""
 
 
 def estimated(data: FlightData) -> Tracks:
@@ -45,25 +54,122 @@ def estimated(data: FlightData) -> Tracks:
     ticks = list(data.ticks())
     if not ticks:
         raise GcsError(f"{data.path}: there is no flight in it. {data.cut}".strip())
+    time_s = np.array([tick.tick["time_s"] for tick in ticks])
     table = np.stack([tick.vehicles for tick in ticks])
+    airborne = _among(data, table, IN_THE_AIR) | ((table["armed"] > 0) & (table["landed"] > Landed.ON_GROUND))
+    held, held_at = _held(ticks)
+    gaps = _gaps(ticks, time_s, airborne, {loss.to_s for loss in data.losses})
     uncertainty_m = table["position_uncertainty_m"]
-    phase = _among(data, table, IN_THE_AIR) | ((table["armed"] > 0) & (table["landed"] > Landed.ON_GROUND))
     flown = _among(data, table, FLOWN) & np.isfinite(table["setpoint_x_m_s"])
-    widest_m = float(np.nanmax(uncertainty_m[phase], initial=0.0))
-    return Tracks(
-        "estimated positions",
-        f"what the autopilots reported, brought forward to each tick; each may be off by its margin, up to"
-        f" {widest_m:.2f} m sideways",
-        data.about.ids,
-        np.array([tick.tick["time_s"] for tick in ticks]),
-        _triples(table, "x", "y", "z"),
-        _triples(table, "velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s"),
-        uncertainty_m,
-        phase,
-        flown,
-        flown & _among(data, table, {Phase.FORMATION}),
-        _triples(table, "setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s"),
-        (data.cut,) if data.cut else (),
+    widest_m = float(np.nanmax(uncertainty_m[airborne], initial=0.0))
+    position_m = _triples(table, "x", "y", "z")
+    return _with_gaps(
+        Tracks(
+            "estimated positions",
+            "what the autopilots reported, brought forward to each tick; each may be off by its margin,"
+            f" up to {widest_m:.2f} m sideways",
+            data.about.ids,
+            time_s,
+            position_m,
+            _triples(table, "velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s"),
+            uncertainty_m,
+            airborne,
+            flown,
+            flown & _among(data, table, {Phase.FORMATION}),
+            _triples(table, "setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s"),
+            (),
+            (
+                *_before(data, ticks[0], flies=bool(airborne[0].any())),
+                *data.damages,
+                *(text for _, text in gaps),
+                *_unknown(data.about.ids, position_m, airborne),
+            ),
+            held,
+            held_at,
+            held_at,
+        ),
+        [at for at, _ in gaps],
+    )
+
+
+def _held(ticks: Sequence[Flown]) -> tuple[tuple[Mapping[str, Any] | None, ...], NDArray[np.intp]]:
+    """The limits that were recorded, each once, and which of them held at each tick."""
+    number: dict[str, int] = {}
+    held: list[Mapping[str, Any] | None] = []
+    at = []
+    for tick in ticks:
+        limits = tick.status.get("limits")
+        key = json.dumps(limits, sort_keys=True)
+        if key not in number:
+            number[key] = len(held)
+            held.append(limits)
+        at.append(number[key])
+    return tuple(held), np.array(at, np.intp)
+
+
+def _before(data: FlightData, first: Flown, *, flies: bool) -> list[str]:
+    """What was not recorded before the first tick, where somebody flies in that."""
+    lost = int(first.tick.get("number", 1)) - 1
+    if any(loss.from_s is None for loss in data.losses):
+        return []  # it is damaged, and told so
+    return [f"{lost} ticks before the first were not recorded"] if flies and lost > 0 else []
+
+
+def _gaps(
+    ticks: Sequence[Flown], time_s: Array, airborne: Mask, told: set[float | None]
+) -> list[tuple[int, str]]:
+    """Samples before which some are missing while somebody flies, and what is missing; `told` are told of."""
+    numbers = [int(tick.tick.get("number", 0)) for tick in ticks]  # an older file has none
+    found = []
+    for at in range(1, len(ticks)):
+        away_s, lost = time_s[at] - time_s[at - 1], numbers[at] - numbers[at - 1] - 1
+        if ticks[at].unix_s in told:
+            found.append((at, ""))
+        elif airborne[at - 1 : at + 1].any() and (lost > 0 or away_s > GAP_S):
+            of = f"{lost} ticks were not recorded" if lost > 0 else "nothing was recorded"
+            found.append(
+                (at, f"{of} from {time_s[at - 1] - time_s[0]:.2f} s to {time_s[at] - time_s[0]:.2f} s")
+            )
+    if len([text for _, text in found if text]) > GAPS_TOLD:
+        total_s = sum(time_s[at] - time_s[at - 1] for at, text in found if text)
+        rest = f"in {len(found)} places ticks were not recorded, {total_s:.2f} s together"
+        return [(at, rest if number == 0 else "") for number, (at, _) in enumerate(found)]
+    return found
+
+
+def _unknown(ids: Sequence[VehicleId], position_m: Single, airborne: Mask) -> list[str]:
+    """Who flew where nobody knows, in words."""
+    blind = (airborne & ~np.isfinite(position_m).all(axis=2)).sum(axis=0)
+    names = [name for name, count in zip(ids, blind.tolist(), strict=True) if count]
+    return [f"in the air, at a position that is not known: {', '.join(names)}"] if names else []
+
+
+def _with_gaps(tracks: Tracks, before: Sequence[int]) -> Tracks:
+    """A sample in which nothing is known, before each of these: nobody is taken to fly straight across."""
+    if not before:
+        return replace(tracks, missing=tuple(text for text in tracks.missing if text))
+    time_s = np.insert(
+        tracks.time_s, before, [(tracks.time_s[at - 1] + tracks.time_s[at]) / 2.0 for at in before]
+    )
+
+    def unknown(values: Any, nothing: float) -> Any:
+        return None if values is None else np.insert(values, before, nothing, axis=0)
+
+    held_at = tracks.held_at
+    at = None if held_at is None else np.insert(held_at, before, held_at[np.array(before) - 1])
+    return replace(
+        tracks,
+        time_s=time_s,
+        position_m=unknown(tracks.position_m, np.nan),
+        velocity_m_s=unknown(tracks.velocity_m_s, np.nan),
+        uncertainty_m=unknown(tracks.uncertainty_m, 0.0),
+        airborne=unknown(tracks.airborne, nothing=False),
+        flown=unknown(tracks.flown, nothing=False),
+        formed=unknown(tracks.formed, nothing=False),
+        setpoint_m_s=unknown(tracks.setpoint_m_s, np.nan),
+        missing=tuple(text for text in tracks.missing if text),
+        held_at=at,
+        setpoint_held_at=at,
     )
 
 
@@ -102,13 +208,14 @@ def true(files: Sequence[Path], frame: ShowFrame, beside: Tracks | None, ids: Se
     velocity_m_s = frame.from_ned(values[..., 3:6].reshape(-1, 3)).reshape(count, n, 3)
     names = tuple(ids[number - 1] if number <= len(ids) else str(number) for number in numbers)
     flown = formed = values[..., 7] > 0.5
-    setpoint_m_s = None
+    setpoint_m_s = held_at = None
     if beside is not None and set(names) <= set(beside.ids):
         rows = [beside.ids.index(name) for name in names]
         at = np.clip(np.searchsorted(beside.time_s, time_s, side="right") - 1, 0, len(beside.time_s) - 1)
         during = ((time_s >= beside.time_s[0]) & (time_s <= beside.time_s[-1]))[:, None]
         flown, formed = (mask[at][:, rows] & during for mask in (beside.flown, beside.formed))
         setpoint_m_s = None if beside.setpoint_m_s is None else beside.setpoint_m_s[:, rows]
+        held_at = None if beside.held_at is None else beside.held_at[at]
     else:
         formed = np.zeros_like(flown)
     cut = [
@@ -126,8 +233,23 @@ def true(files: Sequence[Path], frame: ShowFrame, beside: Tracks | None, ids: Se
         flown,
         formed,
         setpoint_m_s,
-        tuple(cut),
+        (),
+        (*cut, *(() if beside is None else (*beside.missing, *_outside(beside, time_s)))),
+        (None,) if beside is None or held_at is None else beside.held,
+        held_at,
+        None if beside is None or held_at is None else beside.setpoint_held_at,
     )
+
+
+def _outside(beside: Tracks, time_s: Array) -> list[str]:
+    """What flew before or after the times that the truth is known of, in words."""
+    flew_s = beside.time_s[beside.airborne.any(axis=1)]
+    if not len(flew_s) or (flew_s[0] > time_s[0] - GAP_S and flew_s[-1] < time_s[-1] + GAP_S):
+        return []
+    began_s = beside.time_s[0]
+    known = f"{time_s[0] - began_s:.2f} s to {time_s[-1] - began_s:.2f} s"
+    flew = f"{flew_s[0] - began_s:.2f} s to {flew_s[-1] - began_s:.2f} s"
+    return [f"true positions are known from {known}, and somebody flew from {flew}"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

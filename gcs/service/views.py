@@ -42,7 +42,8 @@ class ShowCheck:
     state: CheckState
     reason: str = ""  # why it failed
     hash: str | None = None  # of everything that is flown; what a start must name
-    good: bool = False
+    good: bool = False  # it can be flown, and by this service
+    fits_service: bool = True  # False: for `problems` of which a service with other settings has none
     problems: tuple[Problem, ...] = ()
     figures: dict[str, Any] | None = None  # as `gcs show check --json` tells them; None: not flown
 

@@ -9,6 +9,7 @@ from gcs.config import OperationSettings
 from gcs.control import ControlSettings
 from gcs.frames import ShowFrame
 from gcs.show.model import Show
+from gcs.show.rules import Flaw
 
 ORIGIN_WITHIN_M = 0.5
 """Of the service's own: more is another field, or a mistake."""
@@ -17,13 +18,18 @@ HEADING_WITHIN_DEG = 0.1
 
 
 def misfits(
-    show: Show, frame: ShowFrame, control: ControlSettings, operation: OperationSettings
-) -> list[str]:
-    """Everything in which the service would not fly the show as it was checked, in words."""
-    return [*_origin(show, frame), *_limits(show, control), *_take_off(show, operation)]
+    show: Show, frame: ShowFrame, control: ControlSettings, operation: OperationSettings, vehicles: int
+) -> list[Flaw]:
+    """Everything in which a service with so many vehicles would not fly the show as it was checked."""
+    return [
+        *_origin(show, frame),
+        *_limits(show, control),
+        *_take_off(show, operation),
+        *_vehicles(show, vehicles),
+    ]
 
 
-def _origin(show: Show, frame: ShowFrame) -> Iterator[str]:
+def _origin(show: Show, frame: ShowFrame) -> Iterator[Flaw]:
     origin = show.origin
     away_m = frame.position_m(
         np.array([origin.latitude_deg]),
@@ -32,16 +38,18 @@ def _origin(show: Show, frame: ShowFrame) -> Iterator[str]:
     )[0]
     sideways_m, up_m = hypot(float(away_m[0]), float(away_m[1])), abs(float(away_m[2]))
     if not max(sideways_m, up_m) <= ORIGIN_WITHIN_M:
-        yield (
+        yield Flaw(
+            ("origin",),
             f"origin: {sideways_m:.1f} m sideways and {up_m:.1f} m in height from the service's show_frame;"
-            f" at most {ORIGIN_WITHIN_M:g} m"
+            f" at most {ORIGIN_WITHIN_M:g} m",
         )
     turned_deg = abs((origin.heading_deg - frame.heading_deg + 180.0) % 360.0 - 180.0)
     if turned_deg > HEADING_WITHIN_DEG:
-        yield f"origin.heading_deg = {origin.heading_deg:g}: the service's is {frame.heading_deg:g}"
+        text = f"origin.heading_deg = {origin.heading_deg:g}: the service's is {frame.heading_deg:g}"
+        yield Flaw(("origin", "heading_deg"), text)
 
 
-def _limits(show: Show, control: ControlSettings) -> Iterator[str]:
+def _limits(show: Show, control: ControlSettings) -> Iterator[Flaw]:
     """Limits of the service that are narrower than those that the show was checked with."""
     limits, fence, law, safety = show.limits, show.fence, control.law, control.safety
     at_most = (
@@ -61,18 +69,25 @@ def _limits(show: Show, control: ControlSettings) -> Iterator[str]:
     )
     for key, value, most in at_most:
         if value > most:
-            yield f"{key} = {value:g}: at most the service's {most:g}"
+            yield Flaw(key.split("."), f"{key} = {value:g}: at most the service's {most:g}")
     at_least = (
         ("limits.separation_min_m", limits.separation_min_m, safety.floor.horizontal_m),
         ("fence.height_min_m", fence.height_min_m, safety.fence.height_min_m),
     )
     for key, value, least in at_least:
         if value < least:
-            yield f"{key} = {value:g}: at least the service's {least:g}"
+            yield Flaw(key.split("."), f"{key} = {value:g}: at least the service's {least:g}")
 
 
-def _take_off(show: Show, operation: OperationSettings) -> Iterator[str]:
+def _take_off(show: Show, operation: OperationSettings) -> Iterator[Flaw]:
     for key in ("takeoff_height_m", "takeoff_stagger_s"):
         asked, given = getattr(show.fleet, key), getattr(operation, key)
         if asked != given:
-            yield f"fleet.{key} = {asked:g}: the service's operation.{key} is {given:g}"
+            text = f"fleet.{key} = {asked:g}: the service's operation.{key} is {given:g}"
+            yield Flaw(("fleet", key), text)
+
+
+def _vehicles(show: Show, vehicles: int) -> Iterator[Flaw]:
+    asked = show.fleet.vehicles
+    if asked > vehicles:
+        yield Flaw(("fleet", "vehicles"), f"fleet.vehicles = {asked}: the service has {vehicles}")

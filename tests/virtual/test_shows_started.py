@@ -1,11 +1,14 @@
 """How a written show is started: only as it was checked, by whom it needs, at a clock time, from a cue."""
 
 from pathlib import Path
+from typing import Any
 
+import httpx
 import pytest
 from virtual_show import Show, refused
 from written_show import NAME, TEXT, answer, check, config, fly, keep, select
 
+from api.app import create_app
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.lifecycle import ShowPhase
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle
@@ -14,6 +17,15 @@ from sim.modes import Mode as PilotMode
 
 ALL = ("d1", "d2", "d3", "d4")
 AHEAD_S = 20.0
+LINES = {
+    "origin": "origin:",
+    "origin.heading_deg": "origin:",
+    "fence.distance_max_m": "fence:",
+    "limits.separation_min_m": "",  # left out: the file's first line
+    "fleet.takeoff_height_m": "fleet:",
+    "fleet.takeoff_stagger_s": "fleet:",
+}
+"""Where in the file the problem is told to be."""
 
 
 def box(name: str, y_m: float = -60.0) -> Obstacle:
@@ -71,6 +83,7 @@ def test_a_start_is_refused_unless_it_names_the_show_that_was_checked(tmp_path: 
         ({"control": {"safety": {"fence": {"distance_max_m": 90.0}}}}, "fence.distance_max_m = 100: at most"),
         ({"control": {"safety": {"floor": {"horizontal_m": 2.5}}}}, "separation_min_m = 2: at least"),
         ({"operation": {"takeoff_height_m": 6.0}}, "fleet.takeoff_height_m = 5: the service's"),
+        ({"operation": {"takeoff_stagger_s": 0.3}}, "fleet.takeoff_stagger_s = 1: the service's"),
     ],
 )
 def test_a_show_that_would_not_fly_as_it_was_checked_cannot_be_selected(
@@ -82,8 +95,49 @@ def test_a_show_that_would_not_fly_as_it_was_checked_cannot_be_selected(
         assert refusal.kind is RefusedError
         assert says in refusal.text
         assert show.view.selected is None
+        told = show.service.shows.checked(NAME)
+        assert (told.state, told.good, told.fits_service) == ("done", False, False)
+        (problem,) = told.problems
+        assert f"does not fit this service: {problem.text}" in refusal.text
+        assert TEXT.splitlines()[problem.line - 1].startswith(
+            LINES[problem.text.split(" =")[0].split(":")[0]]
+        )
 
     fly(story, config(tmp_path, **sections))
+
+
+def test_over_rest_a_check_says_all_that_select_would_refuse_and_is_good_once_that_is_gone(
+    tmp_path: Path,
+) -> None:
+    """Before: "good to fly" on the card, refused on Select, and still good to fly."""
+
+    async def story(show: Show) -> None:
+        show_hash = check(show)
+        transport = httpx.ASGITransport(create_app(show.service))
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as api:
+
+            async def told() -> dict[str, Any]:
+                found: dict[str, Any] = (await api.get(f"/api/v1/shows/{NAME}/check")).json()
+                return found
+
+            async def select() -> httpx.Response:
+                return await api.post(f"/api/v1/shows/{NAME}/select", json={"hash": show_hash})
+
+            assert ((await told())["good"], (await told())["fits_service"]) == (True, True)
+            show.service.add_obstacle(box("tower"))
+            found = await told()
+            assert (found["state"], found["good"], found["fits_service"]) == ("done", False, False)
+            refusal = await select()
+            assert refusal.status_code == 409
+            assert [each["text"] for each in found["problems"]] == [
+                "it has obstacles of its own called tower: remove those that stand"
+            ]
+            assert found["problems"][0]["text"] in refusal.json()["detail"]
+            show.service.remove_obstacle("tower")
+            assert (await told())["good"]
+            assert (await select()).status_code == 200
+
+    fly(story, config(tmp_path))
 
 
 def test_a_show_and_what_was_told_keep_their_obstacles_apart(tmp_path: Path) -> None:

@@ -612,6 +612,8 @@ export const texts = {
     title: "Certificate",
     kept: "All limits respected",
     broken: "Limits violated",
+    incomplete: "Incomplete: not all of the flight could be judged",
+    missing: "Not judged:",
     basedOn: "Based on",
     flew: (flew: number, all: number): string => `${flew} of ${all} flew`,
     checks: "Limits",

@@ -70,7 +70,7 @@ test("no state is ever changed in place", () => {
 
 test("a service that was started again is another one: nothing of the last one is shown as its", () => {
   const report = { passes: true } as never;
-  const check = { name: "parade", state: "done", reason: "", hash: "ab", good: true, figures: null } as const;
+  const check = { name: "parade", state: "done", reason: "", hash: "ab", good: true, fits_service: true, figures: null } as const;
   const known = after(
     { kind: "status", status: status({ time_s: 500 }) }, framed(500, 0), { kind: "preflight", report },
     { kind: "order", order: order("o1") }, { kind: "check", check: { ...check, problems: [] } },

@@ -78,14 +78,15 @@ def test_the_certificate_is_told_once_it_is_made() -> None:
     check |= {"vehicle": "", "at_s": None}
     report = {
         "source": "flight.mcap",
-        "verdict": "kept",
+        "verdict": "incomplete",
+        "missing": ["nobody was in the air: there was nothing to judge"],
         "based_on": "estimated positions",
         "uncertainty": "none",
         "remarks": [],
         "vehicles": 2,
         "flew": 0,
         "duration_s": 60.0,
-        "checks": [{**check, "kept": True}],
+        "checks": [{**check, "kept": None}],
         "nearest_pairs": [],
     }
     record.certification = Certification(CheckState.DONE, report=report)

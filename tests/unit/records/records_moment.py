@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gcs.control import ControlSettings
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Formation, Plan
-from gcs.records.moment import Moment
+from gcs.records.moment import Colours, Moment
 from gcs.records.replay import NOTHING_COUNTED
 from gcs.service import SelectedShow, TickView
 from gcs.state import Array, FleetState, Landed, Mode, Setpoints
@@ -33,6 +34,8 @@ def moment(
     selected: SelectedShow | None = None,
     reasons: Sequence[str] | None = None,
     uncertainty_m: float = 0.35,
+    control: ControlSettings | None = None,
+    colours: Colours | None = None,
 ) -> Moment:
     here_m = (
         np.array([[10.0 * row, 0.0, -20.0] for row in range(count)]) if position_m is None else position_m
@@ -67,4 +70,6 @@ def moment(
         control_alive=True,
         setpoints_sent=42,
         problems=("record: the disk is full",),
+        control=control,
+        colours=colours,
     )

@@ -140,7 +140,7 @@ def test_a_limit_that_an_answer_passed_by_what_is_tolerated_says_so(
 def test_what_is_broken_is_named_with_vehicle_and_time(tmp_path: Path, path: Path3, name: str) -> None:
     file = truth(tmp_path / "truth-1.jsonl", stands(0, 50, -20), path)
     code, report = judged(file, "--config", "demo")
-    broken = [each["name"] for each in report["checks"] if not each["kept"]]
+    broken = [each["name"] for each in report["checks"] if each["kept"] is False]
     assert (code, broken) == (1, [name])
     assert check(report, name)["vehicle"] == "2"
 
@@ -200,12 +200,13 @@ def test_a_file_that_is_cut_off_is_judged_as_far_as_it_goes_and_says_so(tmp_path
     whole = flight(tmp_path, apart_m=10.0).read_bytes()
     (tmp_path / "flight.mcap").write_bytes(whole[:-100])
     code, report = judged(tmp_path / "flight.mcap")
-    assert code == 0
-    assert "cut off or damaged after" in str(report["remarks"])
+    assert (code, report["verdict"]) == (3, "incomplete")
+    assert "cut off or damaged from byte" in str(report["missing"])
     text = truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20), stands(9, 0, -20)).read_text()
     (tmp_path / "truth-1.jsonl").write_text(text[:-40])
     code, report = judged(tmp_path / "truth-1.jsonl", "--config", "demo")
-    assert "its last line is cut off" in str(report["remarks"])
+    assert (code, report["verdict"]) == (3, "incomplete")
+    assert "its last line is cut off" in str(report["missing"])
 
 
 def test_the_page_holds_everything_and_needs_nothing_else(tmp_path: Path) -> None:

@@ -33,15 +33,27 @@ function head(names: readonly string[]): TemplateResult {
 
 const LEEWAY_TOLD = 1.01; // less is rounding
 
+/** A limit that nothing was judged by is neither. */
+const rowClass = (kept: boolean | null): string => (kept === null ? "unjudged" : kept ? "kept" : "broken");
+
+const VERDICTS = {
+  kept: { mark: "check", kind: "good", text: t.kept },
+  broken: { mark: "cross", kind: "bad", text: t.broken },
+  incomplete: { mark: "warning", kind: "unsure", text: t.incomplete },
+} as const;
+
+/** How a verdict is shown: only what was judged from beginning to end is green. */
+export const verdict = (found: Pick<CertificateReport, "verdict">): (typeof VERDICTS)[keyof typeof VERDICTS] => VERDICTS[found.verdict];
+
 function checks(actions: DeskActions, certificate: CertificateReport): TemplateResult {
   return html`<table class="plain-table" data-testid="certificate-checks">
     <caption>${t.checks}</caption>
     ${head([t.name, t.worst, t.limit, t.who])}
     <tbody>
       ${certificate.checks.map(
-        (each) => html`<tr class=${each.kept ? "kept" : "broken"}>
+        (each) => html`<tr class=${rowClass(each.kept)}>
           <th scope="row">
-            ${icon(each.kept ? "check" : "cross")}${each.name}<span class="for-readers">: ${each.kept ? t.keptShort : t.brokenShort}</span>
+            ${each.kept === null ? nothing : icon(each.kept ? "check" : "cross")}${each.name}<span class="for-readers">: ${each.kept === null ? t.nothing : each.kept ? t.keptShort : t.brokenShort}</span>
           </th>
           <td class="number">${each.worst === null ? t.nothing : fixed(each.worst, 2)}</td>
           <td class="number">${fixed(each.limit, 2)} ${each.unit} ${(each.tolerated ?? 0) <= (each.limit ?? 0) * LEEWAY_TOLD ? nothing : html`<small>${t.tolerated(fixed(each.tolerated, 2))}</small>`}</td>
@@ -71,12 +83,20 @@ function pairs(actions: DeskActions, certificate: CertificateReport): TemplateRe
 }
 
 function judged(actions: DeskActions, found: CertificateReport): TemplateResult {
-  const kept = found.verdict === "kept";
-  return html`<div class="verdict ${kept ? "good" : "bad"}" data-testid="certificate-verdict">
-      ${icon(kept ? "check" : "cross")}
-      <strong>${kept ? t.kept : t.broken}</strong>
+  const { mark, kind, text } = verdict(found);
+  return html`<div class="verdict ${kind}" data-testid="certificate-verdict">
+      ${icon(mark)}
+      <strong>${text}</strong>
       <small>${t.flew(found.flew, found.vehicles)}, ${minutes(found.duration_s)}</small>
     </div>
+    ${found.missing.length === 0
+      ? nothing
+      : html`<div class="problem" data-testid="certificate-missing">
+          <p>${t.missing}</p>
+          <ul>
+            ${found.missing.map((each) => html`<li>${each}</li>`)}
+          </ul>
+        </div>`}
     <p class="dim">${t.basedOn} ${found.based_on}: ${found.uncertainty}</p>
     ${found.remarks.map((text) => html`<p class="hint">${text}</p>`)} ${checks(actions, found)} ${pairs(actions, found)}`;
 }

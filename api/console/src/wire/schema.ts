@@ -1234,9 +1234,15 @@ export interface components {
              * @description Since the beginning of the record.
              */
             at_s: number | null;
-            /** Kept */
-            kept: boolean;
-            /** Limit */
+            /**
+             * Kept
+             * @description null: there was nothing to judge.
+             */
+            kept: boolean | null;
+            /**
+             * Limit
+             * @description That held then: a written show has its own.
+             */
             limit: number | null;
             /**
              * Name
@@ -1282,6 +1288,11 @@ export interface components {
             duration_s: number;
             /** Flew */
             flew: number;
+            /**
+             * Missing
+             * @description What could not be judged, and why; with times and bytes.
+             */
+            missing: string[];
             /** Nearest Pairs */
             nearest_pairs: components["schemas"]["NearestPair"][];
             /**
@@ -1300,10 +1311,10 @@ export interface components {
             vehicles: number;
             /**
              * Verdict
-             * @example kept
-             * @example broken
+             * @description incomplete: nothing was found broken, but not all of the flight could be judged.
+             * @enum {string}
              */
-            verdict: string;
+            verdict: "kept" | "broken" | "incomplete";
         };
         /**
          * Check
@@ -2474,7 +2485,15 @@ export interface components {
         ShowCheck: {
             /** @description null: not flown. */
             figures: components["schemas"]["ShowFigures"] | null;
-            /** Good */
+            /**
+             * Fits Service
+             * @description false: some of the problems are this service's: another with other settings has none of them.
+             */
+            fits_service: boolean;
+            /**
+             * Good
+             * @description It can be flown, and by this service as it is set now.
+             */
             good: boolean;
             /** Hash */
             hash: string | null;

@@ -1,0 +1,244 @@
+"""Records cut or damaged anywhere: never "kept" where anything was lost, and what was lost is named."""
+
+import json
+import random
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from records_moment import ids_of, moment
+
+from gcs import config as configuration
+from gcs.cli.main import main
+from gcs.control import ControlSettings
+from gcs.lifecycle import Phase
+from gcs.records import flightfile, layout
+from gcs.records.flightfile import _OpenFile
+from gcs.records.flown import FlightData
+from gcs.records.moment import Moment
+from gcs.safety.walls import Fence
+from gcs.state import Landed, Mode
+
+TICKS, EACH = 240, 20
+CONFIG = configuration.load(configuration.find("demo"))
+ABOUT = layout.about("s1", CONFIG.model_dump_json(), dict.fromkeys(ids_of(2), (1, "a")))
+SPAN_M = 0.02
+"""A tick moves them by that much, outwards: the last is farthest."""
+
+
+def flying(tick: int, **changes: Any) -> Moment:
+    made = moment(
+        time_s=100.0 + tick / 20,
+        position_m=np.array([[SPAN_M * tick, 0.0, -20.0], [10.0, 0.0, -20.0]]),
+        phases=[Phase.FORMATION, Phase.FORMATION],
+        control=CONFIG.control,
+    )
+    return replace(made, number=tick + 1, **changes)
+
+
+def standing(tick: int) -> Moment:
+    made = moment(
+        time_s=100.0 + tick / 20,
+        position_m=np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]]),
+        phases=[Phase.STANDBY, Phase.STANDBY],
+        modes=[Mode.HOLD, Mode.HOLD],
+        armed=(False, False),
+    )
+    return replace(made, landed=(Landed.ON_GROUND,) * 2, number=tick + 1, control=CONFIG.control)
+
+
+def written(folder: Path, moments: list[Moment]) -> Path:
+    """In chunks of `EACH` ticks."""
+    folder.mkdir(exist_ok=True)
+    made = _OpenFile(folder / "flight.mcap", ABOUT)
+    for number, each in enumerate(moments, start=1):
+        made.add(each)
+        if number % EACH == 0:
+            made.flush()
+    made.finish()
+    return made.path
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Twelve seconds in twelve chunks."""
+    monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
+    return written(tmp_path, [flying(tick) for tick in range(TICKS)])
+
+
+def judged(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any], str]:
+    """The exit code, the report (empty without one) and the complaint."""
+    capsys.readouterr()
+    code = main(["certify", str(path), "--json"])
+    told = capsys.readouterr()
+    return code, json.loads(told.out) if told.out else {}, told.err
+
+
+def test_a_whole_record_is_kept(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, report, _ = judged(file, capsys)
+    assert (code, report["verdict"], report["missing"], report["flew"]) == (0, "kept", [], 2)
+
+
+def test_a_record_cut_anywhere_is_never_kept_and_says_where(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, places = file.read_bytes(), random.Random(1)
+    for cut in [9000, *(places.randrange(len(whole)) for _ in range(24)), len(whole) - 1]:
+        file.write_bytes(whole[:cut])
+        code, report, complaint = judged(file, capsys)
+        assert code in {2, 3}, cut
+        if code == 3:
+            assert report["verdict"] == "incomplete"
+            assert any("cut off or damaged from byte" in text for text in report["missing"])
+        else:
+            assert "flight.mcap" in complaint
+
+
+def test_a_flipped_byte_anywhere_is_never_kept_where_anything_is_lost(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, places = file.read_bytes(), random.Random(2)
+    every = [tick.vehicles.tobytes() for tick in FlightData(file).ticks()]
+    codes = []
+    for _ in range(50):
+        data = bytearray(whole)
+        at = places.randrange(len(data))
+        data[at] ^= places.randrange(1, 256)
+        file.write_bytes(data)
+        code, report, complaint = judged(file, capsys)
+        codes.append(code)
+        if code == 0:  # of what MCAP has for searching nothing is needed
+            assert [tick.vehicles.tobytes() for tick in FlightData(file).ticks()] == every, at
+        elif code == 3:
+            assert report["missing"], at
+        else:
+            assert (code, bool(complaint)) == (2, True), at
+    assert codes.count(3) > 20
+
+
+def test_a_damaged_chunk_is_skipped_and_named_and_what_follows_is_judged(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before: 13 s of 162 s were judged, and exit 0."""
+    data, chunks = bytearray(file.read_bytes()), FlightData(file).index.chunks
+    for number in (0, 3):
+        data[chunks[number][1] + 200] ^= 0xFF
+    file.write_bytes(data)
+    code, report, _ = judged(file, capsys)
+    assert (code, report["verdict"]) == (3, "incomplete")
+    first, second = report["missing"]
+    assert f"bytes {chunks[0][1]} to" in first
+    assert "lost: from the beginning to 0.00 s" in first
+    assert f"bytes {chunks[3][1]} to" in second
+    assert "lost: from 1.95 s to 3.00 s" in second
+    assert len(list(FlightData(file).ticks())) == TICKS - 2 * EACH
+    (farthest,) = [each for each in report["checks"] if each["name"] == "greatest distance"]
+    assert farthest["worst"] == pytest.approx(10.0)
+
+
+def test_what_is_broken_behind_the_damage_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
+    moments = [flying(tick) for tick in range(TICKS)]
+    near_m = np.array([[9.0, 0.0, -20.0], [10.0, 0.0, -20.0]])
+    moments[200] = replace(moments[200], fleet=replace(moments[200].fleet, position_m=near_m))
+    file = written(tmp_path, moments)
+    data = bytearray(file.read_bytes())
+    data[FlightData(file).index.chunks[2][1] + 300] ^= 0x10
+    file.write_bytes(data)
+    code, report, _ = judged(file, capsys)
+    assert (code, report["verdict"]) == (1, "broken")
+    assert len(report["missing"]) == 1
+
+
+def test_nobody_is_taken_to_fly_straight_across_what_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They change sides while the record is damaged: how, nobody knows."""
+    monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
+    moments = []
+    for tick in range(TICKS):
+        made = flying(tick)
+        place_m = np.array([[0.0, 0.0, -20.0], [10.0, 0.0, -20.0]])[:: 1 if tick < 60 else -1].copy()
+        moments.append(replace(made, fleet=replace(made.fleet, position_m=place_m)))
+    file = written(tmp_path, moments)
+    assert judged(file, capsys)[0] == 1  # whole: they jump through each other
+    data = bytearray(file.read_bytes())
+    data[FlightData(file).index.chunks[3][1] + 300] ^= 0x10
+    file.write_bytes(data)
+    assert judged(file, capsys)[0] == 3
+
+
+def test_where_nobody_flew_nothing_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
+    file = written(tmp_path, [standing(tick) for tick in range(60)])
+    code, report, _ = judged(file, capsys)
+    assert (code, report["verdict"], report["flew"]) == (3, "incomplete", 0)
+    assert report["missing"] == ["nobody was in the air: there was nothing to judge"]
+    assert {each["kept"] for each in report["checks"] if each["worst"] is None} == {None}
+    assert main(["certify", str(file)]) == 3
+    told = capsys.readouterr().out
+    assert "verdict: incomplete" in told
+    assert "kept    separation" not in told
+
+
+def test_ticks_that_were_not_recorded_in_flight_are_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
+    file = written(tmp_path, [flying(tick) for tick in range(TICKS) if not 50 <= tick < 53])
+    code, report, _ = judged(file, capsys)
+    assert (code, report["missing"]) == (3, ["3 ticks were not recorded from 2.45 s to 2.65 s"])
+
+
+@pytest.mark.parametrize("key", ["height_max_m", "distance_max_m"])
+def test_a_limit_that_was_damaged_in_the_file_is_not_judged_by(
+    file: Path, capsys: pytest.CaptureFixture[str], key: str
+) -> None:
+    """MCAP has no checksum for what a file says of itself."""
+    data = file.read_bytes()
+    at = data.index(key.encode()) + len(key) + 2
+    damaged = data[:at] + b"9" + data[at + 1 :]
+    assert damaged != data
+    file.write_bytes(damaged)
+    code, _, complaint = judged(file, capsys)
+    assert code == 2
+    assert "configuration, vehicles) is damaged" in complaint
+
+
+def narrow(distance_max_m: float) -> ControlSettings:
+    """The demo's, within the fence of a show."""
+    safety = CONFIG.control.safety
+    fence = Fence(height_min_m=3.0, height_max_m=60.0, distance_max_m=distance_max_m)
+    return CONFIG.control.model_copy(update={"safety": safety.model_copy(update={"fence": fence})})
+
+
+def test_a_show_that_breaks_its_own_fence_is_broken_though_the_services_is_wider(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
+    assert CONFIG.control.safety.fence.distance_max_m >= 100.0
+    moments = [flying(tick, control=narrow(9.0)) for tick in range(TICKS)]
+    code, report, _ = judged(written(tmp_path / "broken", moments), capsys)
+    (farthest,) = [each for each in report["checks"] if each["name"] == "greatest distance"]
+    assert (code, report["verdict"]) == (1, "broken")
+    assert (farthest["limit"], farthest["worst"], farthest["vehicle"]) == (9.0, 10.0, "d2")
+    assert judged(written(tmp_path / "kept", [flying(tick) for tick in range(TICKS)]), capsys)[0] == 0
+
+
+def test_each_limit_counts_while_it_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """d2 stands at 10 m throughout: outside of the fence that held for the last quarter alone."""
+    monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
+    wide, small = narrow(40.0), narrow(9.0)
+    moments = [flying(tick, control=wide if tick < 180 else small) for tick in range(TICKS)]
+    code, report, _ = judged(written(tmp_path, moments), capsys)
+    (farthest,) = [each for each in report["checks"] if each["name"] == "greatest distance"]
+    assert (code, farthest["limit"]) == (1, 9.0)
+    assert farthest["at_s"] == pytest.approx(9.0, abs=0.06)

@@ -1,0 +1,112 @@
+"""What a replay shows is what was flown: the show's lights, and the limits that held."""
+
+import asyncio
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import pytest
+from records_moment import ids_of, moment
+
+from gcs import config as configuration
+from gcs.performance import lights
+from gcs.records import flightfile, layout
+from gcs.records.flightfile import _OpenFile
+from gcs.records.flown import FlightData
+from gcs.records.moment import Moment
+from gcs.records.replay import Replay
+from gcs.safety.walls import Fence
+from gcs.service import FleetView
+from gcs.show import find, load
+
+CONFIG = configuration.load(configuration.find("demo"))
+SHOW = load(find("breathing-sphere"))
+SHOWN = SHOW.show.control
+COUNT = 3
+PARTS = {"d1": 0, "d3": 1}
+"""d2 flies beside, and has no part."""
+
+
+def moments() -> list[Moment]:
+    """A second on the ground under the service's limits, then a show's, its lights changing."""
+    made = []
+    for tick in range(200):
+        plays = tick >= 20
+        show_s = (tick - 20) / 180 * SHOW.timeline.duration_s
+        at = moment(
+            COUNT,
+            time_s=100.0 + tick / 20,
+            control=SHOWN if plays else CONFIG.control,
+            colours=partial(lights, SHOW.timeline, PARTS, ids_of(COUNT), show_s) if plays else None,
+        )
+        made.append(replace(at, number=tick + 1))
+    return made
+
+
+def position_s(replay: Replay) -> float:
+    playback = replay.view.value.playback
+    assert playback is not None
+    return playback.position_s
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
+    about = layout.about("s1", CONFIG.model_dump_json(), dict.fromkeys(ids_of(COUNT), (1, "a")))
+    made = _OpenFile(tmp_path / "flight.mcap", about)
+    for each in moments():
+        made.add(each)
+        made.flush()
+    made.finish()
+    return made.path
+
+
+def shown(file: Path, *places_s: float) -> list[FleetView]:
+    """What the replay shows there."""
+
+    async def seek() -> list[FleetView]:
+        replay = Replay(FlightData(file), 1.0)
+        views = []
+        running = asyncio.create_task(replay.run())
+        try:
+            for place_s in places_s:
+                replay.change(paused=True, position_s=place_s)
+                async with asyncio.timeout(20):
+                    while abs(position_s(replay) - place_s) > 0.03:  # noqa: ASYNC110
+                        await asyncio.sleep(0.01)
+                views.append(replay.view.value)
+        finally:
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
+        return views
+
+    return asyncio.run(seek())
+
+
+def test_lights_are_replayed_as_the_show_gave_them(file: Path) -> None:
+    before, early, late = shown(file, 0.5, 2.0, 8.0)
+    assert [vehicle.light for vehicle in before.vehicles] == [None] * COUNT
+    wanted = {}
+    for name, tick in (("early", 40), ("late", 160)):
+        colour, lit = moments()[tick].lights()
+        assert lit.tolist() == [True, False, True]
+        wanted[name] = ["#{:02x}{:02x}{:02x}".format(*each) for each in colour.tolist()]
+    for name, view in (("early", early), ("late", late)):
+        d1, d2, d3 = view.vehicles
+        assert [d1.light, d2.light, d3.light] == [wanted[name][0], None, wanted[name][2]]
+    assert wanted["early"] != wanted["late"]
+
+
+def test_the_fence_that_held_is_drawn(file: Path) -> None:
+    before, during = shown(file, 0.5, 4.0)
+    service, show = CONFIG.control.safety.fence, SHOWN.safety.fence
+    assert service != show
+    for view, fence in ((before, service), (during, show)):
+        assert (
+            Fence(
+                height_min_m=view.bounds.height_min_m,
+                height_max_m=view.bounds.height_max_m,
+                distance_max_m=view.bounds.distance_max_m,
+            )
+            == fence
+        )
