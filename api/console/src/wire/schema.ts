@@ -2487,7 +2487,7 @@ export interface components {
             figures: components["schemas"]["ShowFigures"] | null;
             /**
              * Fits Service
-             * @description false: some of the problems are this service's: another with other settings has none of them.
+             * @description false: with other settings the service would have none of some of the problems.
              */
             fits_service: boolean;
             /**
