@@ -4,7 +4,7 @@ from fastapi import APIRouter
 
 from api import convert_alarms
 from api.desk import DeskDep
-from api.names import AlarmId
+from api.path_names import AlarmId
 from api.problem_docs import COMMAND, NO_BODY, TOKEN, errors
 from api.wire_alarms import Alarm, AlarmList
 

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query, Response
 
 from api import convert, wire, wire_preflight
 from api.desk import DeskDep
-from api.names import VehicleId
+from api.path_names import VehicleId
 from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs import checks
 

@@ -11,7 +11,7 @@ from starlette.requests import HTTPConnection
 
 from api import convert, wire
 from api.desk import Desk, DeskDep
-from api.names import ObstacleId, OrderId, VehicleId
+from api.path_names import ObstacleId, OrderId, VehicleId
 from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from api.wire_stream import Access, Status
 from gcs.errors import InvalidError, UnknownError

@@ -1,9 +1,14 @@
 """`python -m gcs` is `gcs`."""
 
 import faulthandler
+import os
 import sys
 
 from gcs import supervisor
+
+INTERRUPTED = 130
+PIPE_CLOSED = 141
+"""As a shell tells of those that ended by SIGINT and by SIGPIPE."""
 
 
 def main() -> int:
@@ -11,9 +16,17 @@ def main() -> int:
     if supervisor.is_wanted(sys.argv[1:]):
         return supervisor.run(sys.argv[1:])
     faulthandler.enable()  # what hangs and is sent SIGABRT says where
-    from gcs import cli  # noqa: PLC0415 (heavy)
+    try:
+        from gcs import cli  # noqa: PLC0415 (heavy)
 
-    return cli.main()
+        code = cli.main()
+        sys.stdout.flush()
+    except KeyboardInterrupt:  # also while it is still being loaded
+        return INTERRUPTED
+    except BrokenPipeError:  # who reads has enough: `gcs phase | head -1`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing is left to flush at the end
+        return PIPE_CLOSED
+    return code
 
 
 if __name__ == "__main__":

@@ -13,23 +13,35 @@ that pause, stop, land and kill go to the listener which answers nothing else; w
 Everything that the service refuses is raised as the error that the service raised itself.
 """
 
+from __future__ import annotations
+
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
 from urllib.parse import quote
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
-
-from api import wire, wire_kill, wire_stream
-from api.wire_interrupted import Interrupted
 from gcs.client_preflight import Preflight
 from gcs.client_replay import Playback
 from gcs.client_shows import Shows
+from gcs.deferred import Deferred
 from gcs.errors import LinkError, OrderError
 from gcs.exchange import Exchange
 
-M = TypeVar("M", bound=BaseModel)
+if TYPE_CHECKING:
+    import pydantic
+    from pydantic import BaseModel
+
+    from api import wire, wire_kill, wire_stream
+    from api.wire_interrupted import Interrupted
+else:
+    pydantic = Deferred("pydantic")
+    wire = Deferred("api.wire")
+    wire_kill = Deferred("api.wire_kill")
+    wire_stream = Deferred("api.wire_stream")
+
+M = TypeVar("M", bound="BaseModel")
 
 URL: Final = "http://127.0.0.1:8000"
 
@@ -89,11 +101,11 @@ class Client:
 
     def health(self) -> wire.Health:
         """Raises: LinkError, saying why, when control is not alive."""
-        return self.one(wire.Health, "GET", "/healthz")
+        return self.one(lambda: wire.Health, "GET", "/healthz")
 
     def readiness(self) -> wire.Readiness:
         """Raises: LinkError, saying why, when nobody can be ordered anything."""
-        return self.one(wire.Readiness, "GET", "/readyz")
+        return self.one(lambda: wire.Readiness, "GET", "/readyz")
 
     def metrics(self) -> str:
         """Every metric, in Prometheus' text format."""
@@ -101,28 +113,28 @@ class Client:
 
     def fleet(self) -> wire.Fleet:
         """Everything at one instant."""
-        return self.one(wire.Fleet, "GET", "/api/v1/fleet")
+        return self.one(lambda: wire.Fleet, "GET", "/api/v1/fleet")
 
     def status(self) -> wire_stream.Status:
         """What changes seldom: the fence, home places, cues, events and so on."""
-        return self.one(wire_stream.Status, "GET", "/api/v1/status")
+        return self.one(lambda: wire_stream.Status, "GET", "/api/v1/status")
 
     def access(self) -> wire_stream.Access:
         """Whose token this is, and what it may do."""
-        return self.one(wire_stream.Access, "GET", "/api/v1/access")
+        return self.one(lambda: wire_stream.Access, "GET", "/api/v1/access")
 
     def vehicles(self) -> list[wire.Vehicle]:
         """Every vehicle."""
-        return self.many(wire.Vehicle, "/api/v1/vehicles")
+        return self.many(lambda: wire.Vehicle, "/api/v1/vehicles")
 
     def vehicle(self, vehicle_id: str) -> wire.Vehicle:
         """One vehicle."""
-        return self.one(wire.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
+        return self.one(lambda: wire.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
 
     def command(self, vehicle_id: str, action: str) -> wire.Order:
         """Order one vehicle: hold, join, return, land, take-control or confirm-down."""
         path = f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}"
-        return self.one(wire.Order, "POST", path, urgent=action in URGENT)
+        return self.one(lambda: wire.Order, "POST", path, urgent=action in URGENT)
 
     def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> wire.Order:
         """Order several at once: hold, join, return, land or take-control. None: all that it can apply to.
@@ -130,20 +142,20 @@ class Client:
         Those that the order does not reach are in it as `not-included`, with the reason.
         """
         path, body = f"/api/v1/fleet/{_part(action)}", _given(vehicles=vehicles)
-        return self.one(wire.Order, "POST", path, body or None, urgent=action in URGENT)
+        return self.one(lambda: wire.Order, "POST", path, body or None, urgent=action in URGENT)
 
     def arm_kill(self, vehicles: list[str] | None = None) -> wire_kill.KillArmed:
         """The first step of a kill: whom the code will kill. None: all that are not offline."""
         body = _given(vehicles=vehicles)
-        return self.one(wire_kill.KillArmed, "POST", "/api/v1/kill", body or None, urgent=True)
+        return self.one(lambda: wire_kill.KillArmed, "POST", "/api/v1/kill", body or None, urgent=True)
 
     def confirm_kill(self, code: str) -> wire.Order:
         """The second step: their motors stop, even in the air."""
-        return self.one(wire.Order, "POST", "/api/v1/kill/confirm", {"code": code}, urgent=True)
+        return self.one(lambda: wire.Order, "POST", "/api/v1/kill/confirm", {"code": code}, urgent=True)
 
     def show(self) -> wire.Show:
         """Where the show stands."""
-        return self.one(wire.Show, "GET", "/api/v1/show")
+        return self.one(lambda: wire.Show, "GET", "/api/v1/show")
 
     def start(
         self,
@@ -154,31 +166,31 @@ class Client:
     ) -> wire.Order:
         """Start with `vehicles`, or with all that are online; a selected show by its hash; now, or later."""
         body = _given(vehicles=vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s)
-        return self.one(wire.Order, "POST", "/api/v1/show/start", body or None)
+        return self.one(lambda: wire.Order, "POST", "/api/v1/show/start", body or None)
 
     def stop(self) -> wire.Order:
         """Everybody comes home and lands."""
-        return self.one(wire.Order, "POST", "/api/v1/show/stop", urgent=True)
+        return self.one(lambda: wire.Order, "POST", "/api/v1/show/stop", urgent=True)
 
     def pause(self) -> wire.Order:
         """Everybody stands still."""
-        return self.one(wire.Order, "POST", "/api/v1/show/pause", urgent=True)
+        return self.one(lambda: wire.Order, "POST", "/api/v1/show/pause", urgent=True)
 
     def resume(self) -> wire.Order:
         """Go on after a pause."""
-        return self.one(wire.Order, "POST", "/api/v1/show/resume")
+        return self.one(lambda: wire.Order, "POST", "/api/v1/show/resume")
 
     def abort(self) -> wire.Order:
         """Everybody descends to distinct places, now."""
-        return self.one(wire.Order, "POST", "/api/v1/show/abort", urgent=True)
+        return self.one(lambda: wire.Order, "POST", "/api/v1/show/abort", urgent=True)
 
     def take_over(self) -> wire.Order:
         """Go on with a flight that was cut off: into the formation, which stands until `resume`."""
-        return self.one(wire.Order, "POST", "/api/v1/show/take-over")
+        return self.one(lambda: wire.Order, "POST", "/api/v1/show/take-over")
 
     def bring_home(self) -> wire.Order:
         """Bring a flight that was cut off home to where it took off."""
-        return self.one(wire.Order, "POST", "/api/v1/show/bring-home", urgent=True)
+        return self.one(lambda: wire.Order, "POST", "/api/v1/show/bring-home", urgent=True)
 
     def interrupted(self) -> Interrupted | None:
         """A flight that was cut off and is not settled, and what can be ordered; None: there is none."""
@@ -186,11 +198,11 @@ class Client:
 
     def orders(self) -> list[wire.Order]:
         """The last orders, the newest first."""
-        return self.many(wire.Order, "/api/v1/orders")
+        return self.many(lambda: wire.Order, "/api/v1/orders")
 
     def order(self, order_id: str) -> wire.Order:
         """How far an order has got."""
-        return self.one(wire.Order, "GET", f"/api/v1/orders/{_part(order_id)}")
+        return self.one(lambda: wire.Order, "GET", f"/api/v1/orders/{_part(order_id)}")
 
     def wait_for(self, order_id: str, timeout_s: float) -> wire.Order:
         """The order once it is done or has failed, which its `outcome` says.
@@ -210,25 +222,25 @@ class Client:
 
     def formation(self) -> wire.Formation:
         """Radius and height, wanted and now."""
-        return self.one(wire.Formation, "GET", "/api/v1/formation")
+        return self.one(lambda: wire.Formation, "GET", "/api/v1/formation")
 
     def change_formation(
         self, *, radius_m: float | None = None, height_m: float | None = None
     ) -> wire.Formation:
         """Change what is given."""
         body = _given(radius_m=radius_m, height_m=height_m)
-        return self.one(wire.Formation, "PATCH", "/api/v1/formation", body)
+        return self.one(lambda: wire.Formation, "PATCH", "/api/v1/formation", body)
 
     def target(self) -> wire.Target:
         """Where the target is now."""
-        return self.one(wire.Target, "GET", "/api/v1/target")
+        return self.one(lambda: wire.Target, "GET", "/api/v1/target")
 
     def set_target(
         self, x_m: float, y_m: float, *, velocity_x_m_s: float = 0.0, velocity_y_m_s: float = 0.0
     ) -> wire.Target:
         """Say where the target is, in the show frame."""
         body = {"x_m": x_m, "y_m": y_m, "velocity_x_m_s": velocity_x_m_s, "velocity_y_m_s": velocity_y_m_s}
-        return self.one(wire.Target, "PUT", "/api/v1/target", body)
+        return self.one(lambda: wire.Target, "PUT", "/api/v1/target", body)
 
     def set_target_geodetic(
         self,
@@ -245,11 +257,11 @@ class Client:
             "velocity_north_m_s": velocity_north_m_s,
             "velocity_east_m_s": velocity_east_m_s,
         }
-        return self.one(wire.Target, "PUT", "/api/v1/target", body)
+        return self.one(lambda: wire.Target, "PUT", "/api/v1/target", body)
 
     def orbit(self) -> wire.Orbit:
         """How the formation circles the target."""
-        return self.one(wire.Orbit, "GET", "/api/v1/orbit")
+        return self.one(lambda: wire.Orbit, "GET", "/api/v1/orbit")
 
     def change_orbit(
         self,
@@ -260,23 +272,25 @@ class Client:
     ) -> wire.Orbit:
         """Change what is given."""
         body = _given(radius_m=radius_m, speed_m_s=speed_m_s, direction=direction)
-        return self.one(wire.Orbit, "PATCH", "/api/v1/orbit", body)
+        return self.one(lambda: wire.Orbit, "PATCH", "/api/v1/orbit", body)
 
     def yaw(self) -> wire.Yaw:
         """Where the vehicles look."""
-        return self.one(wire.Yaw, "GET", "/api/v1/yaw")
+        return self.one(lambda: wire.Yaw, "GET", "/api/v1/yaw")
 
     def change_yaw(self, *, policy: str | None = None, heading_deg: float | None = None) -> wire.Yaw:
         """Change what is given."""
-        return self.one(wire.Yaw, "PATCH", "/api/v1/yaw", _given(policy=policy, heading_deg=heading_deg))
+        return self.one(
+            lambda: wire.Yaw, "PATCH", "/api/v1/yaw", _given(policy=policy, heading_deg=heading_deg)
+        )
 
     def obstacles(self) -> list[wire.Obstacle]:
         """Every obstacle."""
-        return self.many(wire.Obstacle, "/api/v1/obstacles")
+        return self.many(lambda: wire.Obstacle, "/api/v1/obstacles")
 
     def obstacle(self, obstacle_id: str) -> wire.Obstacle:
         """One obstacle."""
-        return self.one(wire.Obstacle, "GET", f"/api/v1/obstacles/{_part(obstacle_id)}")
+        return self.one(lambda: wire.Obstacle, "GET", f"/api/v1/obstacles/{_part(obstacle_id)}")
 
     def add_obstacle(
         self,
@@ -293,7 +307,7 @@ class Client:
         """Add a box; without an id it is given one."""
         box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
         body = box | _moving(velocity_x_m_s, velocity_y_m_s) | _given(id=obstacle_id)
-        return self.one(wire.Obstacle, "POST", "/api/v1/obstacles", body)
+        return self.one(lambda: wire.Obstacle, "POST", "/api/v1/obstacles", body)
 
     def change_obstacle(
         self,
@@ -310,7 +324,7 @@ class Client:
         """Replace the box of this id."""
         box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
         body = box | _moving(velocity_x_m_s, velocity_y_m_s)
-        return self.one(wire.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
+        return self.one(lambda: wire.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
 
     def remove_obstacle(self, obstacle_id: str) -> None:
         """Forget a box."""
@@ -318,24 +332,27 @@ class Client:
 
     def one(
         self,
-        model: type[M],
+        model: Callable[[], type[M]],
         method: str,
         path: str,
         body: dict[str, Any] | bytes | None = None,
         *,
         urgent: bool = False,
     ) -> M:
-        """One thing that a path answers."""
+        """One thing that a path answers. Its model is asked for once the answer is there."""
+        answer = self.call(method, path, body, urgent=urgent)
         try:
-            return model.model_validate_json(self.call(method, path, body, urgent=urgent))
-        except ValidationError as error:
+            return model().model_validate_json(answer)
+        except pydantic.ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
-    def many(self, model: type[M], path: str) -> list[M]:
+    def many(self, model: Callable[[], type[M]], path: str) -> list[M]:
         """A list of things that a path answers."""
+        answer = self.call("GET", path)
         try:
-            return TypeAdapter(list[model]).validate_json(self.call("GET", path))  # type: ignore[valid-type]
-        except ValidationError as error:
+            kind = model()
+            return pydantic.TypeAdapter(list[kind]).validate_json(answer)  # type: ignore[valid-type]
+        except pydantic.ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
     def call(

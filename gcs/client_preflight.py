@@ -1,19 +1,30 @@
 """The client's calls before a start: `client.preflight`."""
 
-from typing import Any, Protocol, TypeVar
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from urllib.parse import quote, urlencode
 
-from pydantic import BaseModel
+from gcs.deferred import Deferred
 
-from api import wire, wire_preflight
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
-M = TypeVar("M", bound=BaseModel)
+    from api import wire, wire_preflight
+else:
+    wire = Deferred("api.wire")
+    wire_preflight = Deferred("api.wire_preflight")
+
+M = TypeVar("M", bound="BaseModel")
 
 
 class Caller(Protocol):
     """How a client calls its service."""
 
-    def one(self, model: type[M], method: str, path: str, body: dict[str, Any] | bytes | None = None) -> M:
+    def one(
+        self, model: Callable[[], type[M]], method: str, path: str, body: dict[str, Any] | bytes | None = None
+    ) -> M:
         """One thing that is answered."""
         ...
 
@@ -27,16 +38,16 @@ class Preflight:
     def report(self, vehicles: list[str] | None = None) -> wire_preflight.Preflight:
         """Every check, for a start of `vehicles` or of all that are online."""
         named = f"?{urlencode([('vehicles', name) for name in vehicles])}" if vehicles else ""
-        return self._caller.one(wire_preflight.Preflight, "GET", f"/api/v1/preflight{named}")
+        return self._caller.one(lambda: wire_preflight.Preflight, "GET", f"/api/v1/preflight{named}")
 
     def exclude(self, vehicle_id: str, *, reason: str | None = None) -> wire.Order:
         """Take a vehicle out of the show, on the ground."""
         body = None if reason is None else {"reason": reason}
-        return self._caller.one(wire.Order, "POST", f"{_path(vehicle_id)}/exclude", body)
+        return self._caller.one(lambda: wire.Order, "POST", f"{_path(vehicle_id)}/exclude", body)
 
     def include(self, vehicle_id: str) -> wire.Order:
         """Take it into the show again."""
-        return self._caller.one(wire.Order, "POST", f"{_path(vehicle_id)}/include")
+        return self._caller.one(lambda: wire.Order, "POST", f"{_path(vehicle_id)}/include")
 
 
 def _path(vehicle_id: str) -> str:

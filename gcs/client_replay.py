@@ -1,12 +1,20 @@
 """The client's calls for a record that is replayed: `client.playback`."""
 
-from typing import Any, Protocol, TypeVar
+from __future__ import annotations
 
-from pydantic import BaseModel
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from api import wire_replay
+from gcs.deferred import Deferred
 
-M = TypeVar("M", bound=BaseModel)
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from api import wire_replay
+else:
+    wire_replay = Deferred("api.wire_replay")
+
+M = TypeVar("M", bound="BaseModel")
 
 PATH = "/api/v1/replay"
 
@@ -14,7 +22,9 @@ PATH = "/api/v1/replay"
 class Caller(Protocol):
     """How a client calls its service."""
 
-    def one(self, model: type[M], method: str, path: str, body: dict[str, Any] | bytes | None = None) -> M:
+    def one(
+        self, model: Callable[[], type[M]], method: str, path: str, body: dict[str, Any] | bytes | None = None
+    ) -> M:
         """One thing that is answered."""
         ...
 
@@ -27,11 +37,11 @@ class Playback:
 
     def now(self) -> wire_replay.Replay:
         """How the record is played, and where it is."""
-        return self._caller.one(wire_replay.Replay, "GET", PATH)
+        return self._caller.one(lambda: wire_replay.Replay, "GET", PATH)
 
     def marks(self) -> wire_replay.ReplayMarks:
         """Phases, cues, events and idle time of the whole record."""
-        return self._caller.one(wire_replay.ReplayMarks, "GET", f"{PATH}/marks")
+        return self._caller.one(lambda: wire_replay.ReplayMarks, "GET", f"{PATH}/marks")
 
     def change(
         self,
@@ -44,8 +54,8 @@ class Playback:
         """Play the record otherwise: what is given changes."""
         given = {"paused": paused, "speed": speed, "position_s": position_s, "skips_idle": skips_idle}
         body = {name: value for name, value in given.items() if value is not None}
-        return self._caller.one(wire_replay.Replay, "POST", PATH, body)
+        return self._caller.one(lambda: wire_replay.Replay, "POST", PATH, body)
 
     def certificate(self) -> wire_replay.Certificate:
         """What the flight kept and broke; the first call begins the judgement: ask again until it is done."""
-        return self._caller.one(wire_replay.Certificate, "GET", f"{PATH}/certificate")
+        return self._caller.one(lambda: wire_replay.Certificate, "GET", f"{PATH}/certificate")

@@ -1,16 +1,25 @@
 """The client's calls for written shows: `client.shows`."""
 
+from __future__ import annotations
+
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 from urllib.parse import quote
 
-from pydantic import BaseModel
-
-from api import wire, wire_shows
+from gcs.deferred import Deferred
 from gcs.errors import InvalidError, OrderError
 
-M = TypeVar("M", bound=BaseModel)
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from api import wire, wire_shows
+else:
+    wire = Deferred("api.wire")
+    wire_shows = Deferred("api.wire_shows")
+
+M = TypeVar("M", bound="BaseModel")
 
 BUSY: Final = frozenset({"waiting", "running"})
 
@@ -21,11 +30,13 @@ ASK_AGAIN_S: Final = 0.5
 class Caller(Protocol):
     """How a client calls its service."""
 
-    def one(self, model: type[M], method: str, path: str, body: dict[str, Any] | bytes | None = None) -> M:
+    def one(
+        self, model: Callable[[], type[M]], method: str, path: str, body: dict[str, Any] | bytes | None = None
+    ) -> M:
         """One thing that is answered."""
         ...
 
-    def many(self, model: type[M], path: str) -> list[M]:
+    def many(self, model: Callable[[], type[M]], path: str) -> list[M]:
         """A list of things."""
         ...
 
@@ -42,11 +53,11 @@ class Shows:
 
     def stored(self) -> list[wire_shows.StoredShow]:
         """Every show file."""
-        return self._caller.many(wire_shows.StoredShow, "/api/v1/shows")
+        return self._caller.many(lambda: wire_shows.StoredShow, "/api/v1/shows")
 
     def text(self, name: str) -> str:
         """A show file, as it was uploaded."""
-        return self._caller.one(wire_shows.ShowText, "GET", _path(name)).text
+        return self._caller.one(lambda: wire_shows.ShowText, "GET", _path(name)).text
 
     def upload(self, name: str, file: Path | str) -> wire_shows.StoredShow:
         """Keep a show under a name: the file that has it, or its YAML.
@@ -57,7 +68,7 @@ class Shows:
             content = file.read_bytes() if isinstance(file, Path) else file.encode()
         except OSError as error:
             raise InvalidError("file", str(file), f"a file to read: {error.strerror or error}") from None
-        return self._caller.one(wire_shows.StoredShow, "PUT", _path(name), content)
+        return self._caller.one(lambda: wire_shows.StoredShow, "PUT", _path(name), content)
 
     def remove(self, name: str) -> None:
         """Forget a show file."""
@@ -65,11 +76,11 @@ class Shows:
 
     def check(self, name: str) -> wire_shows.ShowCheck:
         """Begin the check of a show."""
-        return self._caller.one(wire_shows.ShowCheck, "POST", f"{_path(name)}/check")
+        return self._caller.one(lambda: wire_shows.ShowCheck, "POST", f"{_path(name)}/check")
 
     def checked(self, name: str) -> wire_shows.ShowCheck:
         """How far the newest check has got."""
-        return self._caller.one(wire_shows.ShowCheck, "GET", f"{_path(name)}/check")
+        return self._caller.one(lambda: wire_shows.ShowCheck, "GET", f"{_path(name)}/check")
 
     def wait_for_check(self, name: str, timeout_s: float) -> wire_shows.ShowCheck:
         """The check once it is done or has failed. Raises: OrderError after `timeout_s`."""
@@ -85,7 +96,9 @@ class Shows:
 
     def select(self, name: str, show_hash: str) -> wire.SelectedShow:
         """Have a checked show fly next."""
-        return self._caller.one(wire.SelectedShow, "POST", f"{_path(name)}/select", {"hash": show_hash})
+        return self._caller.one(
+            lambda: wire.SelectedShow, "POST", f"{_path(name)}/select", {"hash": show_hash}
+        )
 
     def deselect(self) -> None:
         """Fly what is told instead."""
@@ -93,7 +106,7 @@ class Shows:
 
     def seek(self, cue: str) -> wire.SelectedShow:
         """Have the selected show begin at a cue."""
-        return self._caller.one(wire.SelectedShow, "POST", "/api/v1/show/seek", {"cue": cue})
+        return self._caller.one(lambda: wire.SelectedShow, "POST", "/api/v1/show/seek", {"cue": cue})
 
 
 def _path(name: str) -> str:

@@ -24,26 +24,6 @@ FLIGHT = "flight*.mcap"
 TRUTH = "truth*.jsonl"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `gcs certify`."""
-    parser.add_argument(
-        "files",
-        nargs="+",
-        metavar="FILE",
-        help="flight.mcap, files of gcs sim --truth, or folders that hold them; of a record's folder the"
-        " newest session",
-    )
-    parser.add_argument(
-        "--positions",
-        choices=("true", "estimated"),
-        help="what the judgement is based on; true where they are known",
-    )
-    parser.add_argument("--config", metavar="FILE", help="what holds, for truth files without flight data")
-    parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
-    parser.add_argument("--report", metavar="FILE", help="write the report as JSON")
-    parser.add_argument("--html", metavar="FILE", help="write one page with plots")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Judge. Returns: 0 kept, 1 broken, 3 incomplete: not all could be judged; 2 when the input is none."""
     try:

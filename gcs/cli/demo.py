@@ -44,27 +44,6 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `gcs demo`."""
-    parser.add_argument("--vehicles", type=int, default=8, metavar="N", help="2 to 50, direct: to 1000; 8")
-    parser.add_argument(
-        "--transport",
-        choices=sorted(VEHICLES_MAX),
-        default="mavsdk",
-        help="direct: without MAVSDK, up to 250 vehicles a port; the story is told as far as it fits; mavsdk",
-    )
-    parser.add_argument("--seconds", type=float, default=240.0, metavar="S", help="of the whole flight; 240")
-    parser.add_argument("--json", action="store_true", help="the last line is one JSON object")
-    parser.add_argument("--seed", type=int, default=0, help="of the fake fleet")
-    parser.add_argument("--api-port", type=int, metavar="P", help="8000; 0: any that is free")
-    parser.add_argument("--port-base", type=int, default=14540, metavar="P", help="UDP port of the first")
-    parser.add_argument("--truth", metavar="DIR", help="keep the vehicles' true states there")
-    parser.add_argument(
-        "--record", metavar="DIR", help="keep the record of the flight there; gcs certify DIR"
-    )
-    parser.add_argument("--verbose", action="store_true", help="log every change of state, on stderr")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Fly. Returns: 0 when all landed and nothing touched, 1 otherwise."""
     logs.set_up(logging.INFO if arguments.verbose else logging.ERROR)

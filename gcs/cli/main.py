@@ -1,62 +1,141 @@
-"""Arguments of `gcs`, and where each goes. What a command needs is loaded when it is asked for."""
+"""`gcs`: finds the command that is meant, makes its parser alone, and runs it.
+
+What a command needs is loaded when it runs; for the rest `gcs.cli.commands` has the texts.
+"""
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from difflib import get_close_matches
+from functools import partial
 from importlib import import_module
-from typing import Final, NamedTuple
+from typing import Any, Final
 
+from gcs.cli.commands import ACTIONS, CALLS, COMMANDS, GROUPS, names
 from gcs.errors import ConfigError
 
-
-class Command(NamedTuple):
-    """One of our own: its module has `add_arguments(parser)` and, unless that names others, `run`."""
-
-    module: str
-    help: str
+DESCRIPTION: Final = "Fly a self-organising formation of drones."
+VERSION: Final = frozenset({"--version", "-V"})
+HELP: Final = frozenset({"--help", "-h"})
+WRONG: Final = 2
 
 
-COMMANDS: Final = {
-    "demo": Command("gcs.cli.demo", "fly the whole story with an embedded fake fleet"),
-    "serve": Command("gcs.cli.serve_command", "run the service and its REST API"),
-    "show": Command("gcs.cli.shows.command", "check, draw or hash a show file"),
-    "params": Command("gcs.cli.params", "check or set the parameters that decide what is safe"),
-    "simulate": Command("gcs.cli.simulation.command", "fly scenarios in virtual time and judge them"),
-    "replay": Command("gcs.cli.replay", "show a recorded flight through the API, as if live"),
-    "certify": Command("gcs.cli.certify", "judge a recorded flight: separation, fence, limits"),
-    "key": Command("gcs.cli.key", "keys for MAVLink signatures"),
-    "token": Command("gcs.cli.token", "tokens that the API asks for"),
-    "status": Command("gcs.cli.status", "the fleet of a running service, as a live table"),
-    "preflight": Command("gcs.cli.preflight", "what a start would find, as a table"),
-    "kill": Command("gcs.cli.kill", "stop motors now, even in the air; works without the service"),
-    "sim": Command("sim.cli", "run a fake fleet alone, as python -m sim does"),
-}
-
-
-def build_parser(asked: str | None) -> argparse.ArgumentParser:
-    """For the command that is asked for; for all, and each call of the API, where there is no such one."""
-    parser = argparse.ArgumentParser(prog="gcs", description="Fly a self-organising formation of drones.")
-    commands = parser.add_subparsers(dest="command", required=True)
-    remote = None if asked in COMMANDS else import_module("gcs.cli.remote")
-    is_call = remote is not None and asked in remote.words()
-    for name, (module, text) in COMMANDS.items():
-        if asked == name or (remote is not None and not is_call):
-            command = import_module(module)
-            own = commands.add_parser(name, help=text, allow_abbrev=False)
-            command.add_arguments(own)
-            if own.get_default("run") is None and hasattr(command, "run"):
-                own.set_defaults(run=command.run)
-    if remote is not None:
-        remote.add_commands(commands)
-    return parser
+def load(where: str) -> Callable[..., Any]:
+    """A function by its `module:name`."""
+    module, _, name = where.partition(":")
+    found: Callable[..., Any] = getattr(import_module(module), name)
+    return found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. Returns: the exit code; 2 for bad arguments or configuration."""
-    given = sys.argv[1:] if arguments is None else arguments
-    parsed = build_parser(given[0] if given else None).parse_args(given)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given and given[0] in VERSION:
+        print(version())
+        return 0
+    if not given or given[0] in HELP:
+        print(overview(), file=sys.stdout if given else sys.stderr)
+        return 0 if given else WRONG
+    parser, rest = find_parser(given)
+    parsed = parser.parse_args(rest)
     try:
         return int(parsed.run(parsed))
     except ConfigError as error:
         print(f"gcs: {error}", file=sys.stderr)
-        return 2
+        return WRONG
+
+
+def version() -> str:
+    """Of what is installed."""
+    from importlib.metadata import version as installed  # noqa: PLC0415 (a fifth of all that a command loads)
+
+    return f"gcs {installed('formation-gcs')}"
+
+
+def overview() -> str:
+    """What `gcs --help` prints."""
+    return "\n".join(
+        [
+            "usage: gcs COMMAND ...",
+            "       gcs COMMAND --help",
+            "       gcs --version",
+            "",
+            DESCRIPTION,
+            "",
+            *_listed(names()),
+        ]
+    )
+
+
+def find_parser(given: Sequence[str]) -> tuple[argparse.ArgumentParser, Sequence[str]]:
+    """The parser of the command that is meant, and what is left for it. Ends the process where none is."""
+    word, rest = given[0], given[1:]
+    if word not in GROUPS:
+        if word not in names():
+            wrong = f"there is no command {word!r}{_meant(word, names())}"
+            _end(f"usage: gcs COMMAND ...; gcs --help lists them\ngcs: error: {wrong}")
+        return make_parser(word), rest
+    inside = {call.name.partition(" ")[2]: call.text for call in CALLS if call.name.startswith(f"{word} ")}
+    if rest and rest[0] in HELP:
+        print("\n".join([f"usage: gcs {word} COMMAND ...", "", GROUPS[word], "", *_listed(inside)]))
+        raise SystemExit(0)
+    if not rest or rest[0] not in inside:
+        wrong = f"there is no gcs {word} {rest[0]}{_meant(rest[0], inside)}" if rest else "a word is missing"
+        _end("\n".join([f"usage: gcs {word} COMMAND ...", *_listed(inside), f"gcs {word}: error: {wrong}"]))
+    return make_parser(f"{word} {rest[0]}"), rest[1:]
+
+
+def make_parser(name: str, **options: Any) -> argparse.ArgumentParser:
+    """The parser of one command, by its whole name; `options` are argparse's."""
+    parser = argparse.ArgumentParser(prog=f"gcs {name}", allow_abbrev=False, **options)
+    fill(parser, name)
+    return parser
+
+
+def fill(parser: argparse.ArgumentParser, name: str) -> None:
+    """Give a parser the arguments of one command, and say what runs it."""
+    command = COMMANDS.get(name)
+    if command is None:
+        load("gcs.cli.remote:add_arguments")(parser, name)
+        return
+    parser.description = command.text
+    load(command.options)(parser)
+    if command.run:
+        parser.set_defaults(run=partial(_run, command.run))
+
+
+def _run(where: str, parsed: argparse.Namespace) -> int:
+    """What a command needs is loaded here, and no sooner."""
+    return int(load(where)(parsed))
+
+
+def whole_parser() -> argparse.ArgumentParser:
+    """One parser with every command, for those who read parsers: completion, tests. It loads every module."""
+    parser = argparse.ArgumentParser(prog="gcs", description=DESCRIPTION)
+    parser.add_argument("--version", action="version", version=version())
+    commands = parser.add_subparsers(dest="command", required=True)
+    groups: dict[str, Any] = {}
+    for name, command in COMMANDS.items():
+        fill(commands.add_parser(name, help=command.text), name)
+    for name, text in ((each.name, each.text) for each in (*CALLS, *ACTIONS)):
+        group, _, last = name.rpartition(" ")
+        if group and group not in groups:
+            inside = commands.add_parser(group, help=GROUPS[group])
+            groups[group] = inside.add_subparsers(dest=f"{group}_command", required=True)
+        fill((groups[group] if group else commands).add_parser(last, help=text), name)
+    return parser
+
+
+def _listed(texts: Mapping[str, str]) -> list[str]:
+    wide = max(len(name) for name in texts) + 2
+    return [f"  {name:<{wide}}{text}" for name, text in texts.items()]
+
+
+def _meant(word: str, known: Iterable[str]) -> str:
+    near = get_close_matches(word, list(known), n=1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def _end(text: str) -> None:
+    print(text, file=sys.stderr)
+    raise SystemExit(WRONG)

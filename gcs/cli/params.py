@@ -21,7 +21,6 @@ from gcs.links.keeping import leaves
 from gcs.parameters import Requirement, requirements
 from gcs.state import Mode, Setpoints, VehicleId
 
-HEARD_S = 8.0
 """How long it waits for vehicles to speak up: heartbeats come once a second."""
 
 REACHED_S = 3.0
@@ -44,20 +43,6 @@ class Row:
     def good(self) -> bool:
         """Whether nothing is left to do."""
         return self.verdict in {"ok", "set"}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """`gcs params check` and `gcs params apply`."""
-    actions = parser.add_subparsers(dest="action", required=True)
-    for name, text in (
-        ("check", "say which parameters make it unsafe to lose this ground station"),
-        ("apply", "set them, and read them back; never on a vehicle that is armed"),
-    ):
-        action = actions.add_parser(name, help=text)
-        action.add_argument("--config", required=True, metavar="FILE", help="as for gcs serve")
-        action.add_argument("--vehicles", metavar="d1,d2", help="these only; all that are heard without it")
-        action.add_argument("--wait", type=float, default=HEARD_S, metavar="S", help="for vehicles; 8")
-        action.add_argument("--json", action="store_true", help="one JSON object instead of a table")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,17 +1,21 @@
 """`gcs preflight`: what a start would find, as tables. Exit code 1 when anything speaks against it."""
 
+from __future__ import annotations
+
 import argparse
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from api import wire_preflight
 from gcs.checks import State
 from gcs.cli.remote import REFUSED, add_connection, connected, failed
 from gcs.errors import GcsError
+
+if TYPE_CHECKING:
+    from api import wire_preflight
 
 STYLE: Final = {State.PASS: "green", State.FAIL: "bold red", State.UNKNOWN: "bold yellow"}
 

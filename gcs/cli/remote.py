@@ -1,32 +1,34 @@
-"""Every call of the REST API as a command: a table of `gcs.client.Client`'s methods.
+"""Every call of the REST API as a command, as `gcs.cli.commands` lists them.
 
-Their signatures are the arguments. Exit codes: 0 done; 1 refused, or failed with a vehicle; 2 a value that
-can never be right; 3 nobody answers, or control is not alive; 4 the token may not.
+The signatures of the client's methods are the arguments. Exit codes: 0 done; 1 refused, or failed with a
+vehicle; 2 a value that can never be right; 3 nobody answers, or control is not alive; 4 the token may not.
 """
+
+from __future__ import annotations
 
 import argparse
 import inspect
 import json
 import os
 import sys
-import types
-import typing
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from pydantic import BaseModel
-
-from api import wire
+from gcs.cli.commands import ACTIONS, CALLS, Call
 from gcs.client import URL, Client
-from gcs.client_preflight import Preflight
-from gcs.client_replay import Playback
-from gcs.client_shows import Shows
+from gcs.deferred import Deferred
 from gcs.errors import AccessError, ConfigError, GcsError, InvalidError, LinkError, OrderError, UnknownError
-from gcs.service import Outcome, VehicleAction
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from api import wire
+else:
+    wire = Deferred("api.wire")
 
 EXIT_CODES: Final[dict[type[GcsError], int]] = {
     AccessError: 4,
@@ -38,130 +40,46 @@ EXIT_CODES: Final[dict[type[GcsError], int]] = {
 REFUSED: Final = 1
 
 
-@dataclass(frozen=True, slots=True)
-class Call:
-    """One command. Parameters that the method knows by keyword alone are options, but for those `asked`."""
+CONFIRM_DOWN: Final = "confirm-down"
+LAND: Final = "land"
+FAILED: Final = "failed"
+NOT_INCLUDED: Final = "not-included"
+"""Of `gcs.service`'s words, which would load numpy."""
 
-    name: str
-    method: Callable[..., Any]
-    asked: tuple[str, ...] = ()
-    text: str = ""  # absent: the method's own
-    alone: bool = False  # what is asked for, and no option
-    of: Callable[[Client], Any] = lambda client: client  # whose method it is
-
-    @property
-    def help(self) -> str:
-        """For people."""
-        return self.text or (inspect.getdoc(self.method) or "").partition("\n")[0].rstrip(".")
-
-
-BOX: Final = ("x_m", "y_m", "half_length_x_m", "half_length_y_m", "height_m")
-
-CALLS: Final = (
-    Call("start", Client.start),
-    Call("stop", Client.stop),
-    Call("pause", Client.pause),
-    Call("resume", Client.resume),
-    Call("abort", Client.abort),
-    Call("interrupted", Client.interrupted),
-    Call("take-over", Client.take_over),
-    Call("bring-home", Client.bring_home),
-    Call("formation", Client.formation),
-    Call("radius", Client.change_formation, ("radius_m",), "Change the formation's radius", alone=True),
-    Call(
-        "height",
-        Client.change_formation,
-        ("height_m",),
-        "Change the height of the formation's centre",
-        alone=True,
-    ),
-    Call("target show", Client.target),
-    Call("target set", Client.set_target),
-    Call("target set-geodetic", Client.set_target_geodetic),
-    Call("orbit show", Client.orbit),
-    Call("orbit set", Client.change_orbit),
-    Call("yaw show", Client.yaw),
-    Call("yaw set", Client.change_yaw),
-    Call("obstacle list", Client.obstacles),
-    Call("obstacle show", Client.obstacle),
-    Call("obstacle add", Client.add_obstacle, BOX),
-    Call("obstacle change", Client.change_obstacle, BOX),
-    Call("obstacle remove", Client.remove_obstacle),
-    Call("shows list", Shows.stored, of=attrgetter("shows")),
-    Call("shows text", Shows.text, of=attrgetter("shows")),
-    Call("shows upload", Shows.upload, of=attrgetter("shows")),
-    Call("shows remove", Shows.remove, of=attrgetter("shows")),
-    Call("shows check", Shows.check, of=attrgetter("shows")),
-    Call("shows checked", Shows.checked, of=attrgetter("shows")),
-    Call("shows select", Shows.select, of=attrgetter("shows")),
-    Call("shows deselect", Shows.deselect, of=attrgetter("shows")),
-    Call("shows seek", Shows.seek, of=attrgetter("shows")),
-    Call("exclude", Preflight.exclude, of=attrgetter("preflight")),
-    Call("include", Preflight.include, of=attrgetter("preflight")),
-    Call("playback show", Playback.now, of=attrgetter("playback")),
-    Call("playback set", Playback.change, of=attrgetter("playback")),
-    Call("playback certificate", Playback.certificate, of=attrgetter("playback")),
-    Call("order list", Client.orders),
-    Call("order show", Client.order),
-    Call("state", Client.fleet),
-    Call("phase", Client.show),
-    Call("facts", Client.status),
-    Call("whoami", Client.access),
-    Call("vehicle list", Client.vehicles),
-    Call("vehicle show", Client.vehicle),
-    Call("health", Client.health, text="Whether control is alive; exit code 3 when it is not"),
-    Call("ready", Client.readiness, text="Whether anybody can be ordered anything; else exit code 3"),
-    Call("metrics", Client.metrics),
-)
-
-GROUPS: Final = {
-    "target": "where the target is",
-    "orbit": "how the formation circles it",
-    "yaw": "where the vehicles look",
-    "obstacle": "what the fleet keeps clear of",
-    "shows": "show files that the service keeps, and the one that is flown next",
-    "playback": "how gcs replay plays its record, and what the flight kept",
-    "order": "what was ordered, and what became of it",
-    "vehicle": "what is known of each vehicle",
-}
-
-CONFIRM_DOWN: Final = VehicleAction.CONFIRM_DOWN
-
-VEHICLE_HELP: Final = {
-    VehicleAction.HOLD: "Vehicles leave the formation and hold position",
-    VehicleAction.JOIN: "Vehicles that hold come back into the formation",
-    VehicleAction.RETURN: "Vehicles come home and land",
-    VehicleAction.LAND: "Vehicles land where they are; without names everybody does, as abort",
-    VehicleAction.TAKE_CONTROL: "Take control of vehicles in the air; they hold",
-    VehicleAction.CONFIRM_DOWN: "Say that lost vehicles were seen on the ground",
+OWNERS: Final = {
+    "": "gcs.client:Client",
+    "shows": "gcs.client_shows:Shows",
+    "preflight": "gcs.client_preflight:Preflight",
+    "playback": "gcs.client_replay:Playback",
 }
 
 
-def words() -> frozenset[str]:
-    """What those commands begin with."""
-    return frozenset({call.name.split()[0] for call in CALLS} | {action.value for action in VEHICLE_HELP})
+def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
+    """Those of one call or action of `gcs.cli.commands`, by its name."""
+    call = next((each for each in CALLS if each.name == name), None)
+    if call is not None:
+        parser.description = call.text
+        method = _method(call)
+        parameters = _add_parameters(parser, call, method)
+        is_order = method.__annotations__.get("return") == "wire.Order"
+        _add_common(parser, is_order=is_order)
+        parser.set_defaults(run=partial(_run, call, parameters))
+        return
+    action = next(each for each in ACTIONS if each.name == name)
+    parser.description = action.text
+    parser.add_argument("vehicles", metavar="VEHICLE", nargs="*")
+    if action.all_:
+        parser.add_argument("--all", action="store_true", help="every vehicle that it can apply to")
+    _add_common(parser, is_order=True)
+    parser.set_defaults(run=partial(_command, parser, name))
 
 
-def add_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """A command for every call."""
-    groups = {"": commands}
-    for call in CALLS:
-        group, _, name = call.name.rpartition(" ")
-        if group not in groups:
-            parent = commands.add_parser(group, help=GROUPS[group])
-            groups[group] = parent.add_subparsers(dest=f"{group}_command", required=True)
-        parser = groups[group].add_parser(name, help=call.help, description=call.help)
-        names = _add_parameters(parser, call)
-        returns = typing.get_type_hints(call.method).get("return")
-        _add_common(parser, is_order=returns is wire.Order)
-        parser.set_defaults(run=partial(_run, call, names))
-    for action, text in VEHICLE_HELP.items():
-        parser = commands.add_parser(action.value, help=text, description=text)
-        parser.add_argument("vehicles", metavar="VEHICLE", nargs="*")
-        if action is not CONFIRM_DOWN:
-            parser.add_argument("--all", action="store_true", help="every vehicle that it can apply to")
-        _add_common(parser, is_order=True)
-        parser.set_defaults(run=partial(_command, parser, action))
+def _method(call: Call) -> Callable[..., Any]:
+    """The method itself, for its parameters: one of a class, without a client."""
+    owner, _, name = call.method.rpartition(".")
+    module, _, kind = OWNERS[owner].partition(":")
+    found: Callable[..., Any] = getattr(getattr(import_module(module), kind), name)
+    return found
 
 
 def add_connection(parser: argparse.ArgumentParser) -> None:
@@ -198,18 +116,20 @@ def failed(error: GcsError) -> int:
 def _add_common(parser: argparse.ArgumentParser, *, is_order: bool) -> None:
     if is_order:
         parser.add_argument("--wait", type=float, metavar="SECONDS", help="until it is done, at most so long")
-        parser.add_argument("--json", action="store_true", help="print all of the order")
+    text = "print all of the order as JSON" if is_order else "print JSON, as it does without, too"
+    parser.add_argument("--json", action="store_true", help=text)
     add_connection(parser)
 
 
-def _add_parameters(parser: argparse.ArgumentParser, call: Call) -> tuple[str, ...]:
+def _add_parameters(
+    parser: argparse.ArgumentParser, call: Call, method: Callable[..., Any]
+) -> tuple[str, ...]:
     """Arguments and options for the parameters of a method. Returns: their names."""
-    hints = typing.get_type_hints(call.method)
-    parameters = [each for name, each in inspect.signature(call.method).parameters.items() if name != "self"]
+    parameters = [each for name, each in inspect.signature(method).parameters.items() if name != "self"]
     if call.alone:
         parameters = [each for each in parameters if each.name in call.asked]
     for parameter in parameters:
-        kind, is_list = _kind(hints[parameter.name])
+        kind, is_list = _kind(str(parameter.annotation))
         options: dict[str, Any] = {"type": kind}
         if is_list:
             parser.add_argument(parameter.name, nargs="*", metavar=parameter.name.upper(), **options)
@@ -220,13 +140,14 @@ def _add_parameters(parser: argparse.ArgumentParser, call: Call) -> tuple[str, .
     return tuple(parameter.name for parameter in parameters)
 
 
-def _kind(hint: Any) -> tuple[Callable[[str], Any], bool]:
-    """What an argument is read as, of several kinds the first, and whether there may be several arguments."""
-    is_union = typing.get_origin(hint) in {typing.Union, types.UnionType}  # with None: it may be left out
-    only = next(each for each in typing.get_args(hint) if each is not types.NoneType) if is_union else hint
-    if typing.get_origin(only) is list:
-        return typing.get_args(only)[0], True
-    return (_truth if only is bool else only), False
+def _kind(hint: str) -> tuple[Callable[[str], Any], bool]:
+    """What an argument is read as, of several kinds the first, and whether there may be several arguments.
+
+    Of the text of an annotation: to evaluate it would load every model of the API.
+    """
+    only = hint.partition(" | ")[0]
+    is_list = only.startswith("list[")
+    return KINDS[only.removeprefix("list[").removesuffix("]")], is_list
 
 
 def _truth(text: str) -> bool:
@@ -237,25 +158,34 @@ def _truth(text: str) -> bool:
         raise argparse.ArgumentTypeError(f"{text!r} is neither yes nor no") from None
 
 
+KINDS: Final[Mapping[str, Callable[[str], Any]]] = {
+    "str": str,
+    "float": float,
+    "int": int,
+    "bool": _truth,
+    "Path": Path,
+}
+
+
 def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int:
     given: Mapping[str, Any] = {
         name: value for name in names if (value := getattr(arguments, name)) not in (None, [])
     }
     try:
         with connected(arguments) as client:
-            answer = call.method(call.of(client), **given)
+            answer = attrgetter(call.method)(client)(**given)
             return _told(client, [answer], arguments) if isinstance(answer, wire.Order) else _printed(answer)
     except GcsError as error:
         return failed(error)
 
 
-def _command(parser: argparse.ArgumentParser, action: VehicleAction, arguments: argparse.Namespace) -> int:
+def _command(parser: argparse.ArgumentParser, action: str, arguments: argparse.Namespace) -> int:
     """Command one vehicle, several or all: one that is refused does not keep the others from it."""
     names, everything = arguments.vehicles, getattr(arguments, "all", False)
     if names and everything:
         parser.error("either names of vehicles or --all, not both")
-    if not names and not everything and action is not VehicleAction.LAND:
-        parser.error("name at least one vehicle" + ("" if action is CONFIRM_DOWN else ", or give --all"))
+    if not names and not everything and action != LAND:
+        parser.error("name at least one vehicle" + ("" if action == CONFIRM_DOWN else ", or give --all"))
     try:
         with connected(arguments) as client:
             return _commanded(client, action, arguments)
@@ -263,27 +193,27 @@ def _command(parser: argparse.ArgumentParser, action: VehicleAction, arguments: 
         return failed(error)
 
 
-def _commanded(client: Client, action: VehicleAction, arguments: argparse.Namespace) -> int:
+def _commanded(client: Client, action: str, arguments: argparse.Namespace) -> int:
     """Raises: GcsError when nothing was accepted. Returns: the exit code."""
     names = arguments.vehicles
-    if action is CONFIRM_DOWN or len(names) == 1:
+    if action == CONFIRM_DOWN or len(names) == 1:
         return _one_by_one(client, action, arguments)
     if not names and not arguments.all:
         return _told(client, [client.abort()], arguments)
     try:
-        order = client.command_vehicles(action.value, names or None)
+        order = client.command_vehicles(action, names or None)
     except UnknownError:  # a name that is misspelt does not keep the others from the command
         return _one_by_one(client, action, arguments)
-    missed = any(order.vehicles[name].outcome == Outcome.NOT_INCLUDED for name in names)
+    missed = any(order.vehicles[name].outcome == NOT_INCLUDED for name in names)
     return _told(client, [order], arguments) or (REFUSED if missed else 0)
 
 
-def _one_by_one(client: Client, action: VehicleAction, arguments: argparse.Namespace) -> int:
+def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> int:
     orders: list[wire.Order] = []
     code = 0
     for name in arguments.vehicles:
         try:
-            orders.append(client.command(name, action.value))
+            orders.append(client.command(name, action))
         except GcsError as error:
             code = failed(error)
     return _told(client, orders, arguments) or code
@@ -293,21 +223,22 @@ def _told(client: Client, orders: Sequence[wire.Order], arguments: argparse.Name
     """Print orders, waited for if that was asked. Returns: the exit code."""
     if arguments.wait is not None:
         orders = [client.wait_for(order.id, arguments.wait) for order in orders]
-    for order in orders:
-        if arguments.json:
-            print(order.model_dump_json(indent=2))
-            continue
+    if arguments.json:  # one JSON value, whatever was commanded
+        _printed(orders[0] if len(orders) == 1 else orders)
+    for order in () if arguments.json else orders:
         print(f"{order.id} {order.action}: {order.outcome}")
         for vehicle_id, part in order.vehicles.items():
             print(f"  {vehicle_id}: {part.outcome}{f', {part.reason}' if part.reason else ''}")
-    return REFUSED if any(order.outcome == Outcome.FAILED for order in orders) else 0
+    return REFUSED if any(order.outcome == FAILED for order in orders) else 0
 
 
 def _printed(answer: BaseModel | Sequence[BaseModel] | str | None) -> int:
     if isinstance(answer, str):
         print(answer, end="")
-    elif isinstance(answer, BaseModel):
+    elif answer is None:
+        pass
+    elif hasattr(answer, "model_dump_json"):
         print(answer.model_dump_json(indent=2))
-    elif answer is not None:
+    else:
         print(json.dumps([each.model_dump(mode="json") for each in answer], indent=2))
     return 0

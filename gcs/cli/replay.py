@@ -25,14 +25,6 @@ from gcs.records.replay import Replay
 from gcs.setting_errors import explained
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `gcs replay`."""
-    parser.add_argument("file", metavar="FILE", help="flight.mcap, or a folder that holds it")
-    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="times as fast as flown; 1")
-    parser.add_argument("--host", default="127.0.0.1", help="where the API listens; 127.0.0.1")
-    parser.add_argument("--port", type=int, default=8000, help="of the API; 8000, 0: any that is free")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Serve until Ctrl-C. Returns: 0; 2 when the file or an argument is none."""
     logs.set_up(logging.WARNING)

@@ -12,19 +12,6 @@ from gcs.cli import logs, serve
 from gcs.setting_errors import explained
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `gcs serve`."""
-    parser.add_argument(
-        "--config", required=True, metavar="FILE", help="a YAML file, or the name of one that is shipped"
-    )
-    parser.add_argument("--host", help="where the API listens; 127.0.0.1 unless told otherwise")
-    parser.add_argument("--port", type=int, help="of the API; 8000 unless told otherwise")
-    parser.add_argument("--quiet", action="store_true", help="log warnings only")
-    parser.add_argument(
-        supervisor.OPTION, action="store_true", help="by a parent that starts it again when it ends or hangs"
-    )
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Serve. Returns: the exit code. Raises: ConfigError."""
     if arguments.supervised:

@@ -12,29 +12,6 @@ from gcs.errors import ConfigError, ShowError
 from gcs.show import LoadedShow, find, load
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """`gcs show check`, `gcs show plot`, `gcs show hash`."""
-    actions = parser.add_subparsers(dest="action", required=True)
-    check = actions.add_parser("check", help="fly it in virtual time; say what is wrong, by line and cue")
-    _show(check)
-    check.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
-    check.add_argument("--json", action="store_true", help="one JSON object")
-    check.add_argument(
-        "--model",
-        action="store_true",
-        help="with --json: and everything that is flown, as a service takes it",
-    )
-    plot = actions.add_parser("plot", help="draw it: paths, and what happens when")
-    _show(plot)
-    plot.add_argument("picture", metavar="OUT.png", help="a .png, .svg or .pdf file")
-    plot.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
-    _show(actions.add_parser("hash", help="what a start must name: the hash of all that is flown"))
-
-
-def _show(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help="a show file, or the name of one that is shipped")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Do it. Returns: 0; 1 when the show is not good to fly. Raises: ConfigError when it is no show."""
     if arguments.action == "check":

@@ -12,24 +12,6 @@ from gcs.cli.simulation.table import summary
 from gcs.errors import ConfigError
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `gcs simulate`."""
-    parser.add_argument(
-        "scenario", nargs="*", metavar="SCENARIO", help="a YAML file, or the name of a shipped one"
-    )
-    parser.add_argument("--all", action="store_true", help="every scenario that is shipped, as it is judged")
-    parser.add_argument(
-        "--row", choices=scenarios.ROWS, help="the scenarios of one row of docs/flight-quality.md, as judged"
-    )
-    parser.add_argument("--judged", action="store_true", help="the runs on which the scenario is judged")
-    parser.add_argument("--seed", type=int, metavar="S", help="1 unless told otherwise")
-    parser.add_argument("--seeds", type=_seeds, metavar="A:B", help="from A up to, without, B")
-    parser.add_argument("--vehicles", type=int, metavar="N", help="the first number it is judged with")
-    parser.add_argument("--workers", type=int, metavar="W", help="runs at a time; as many as there are cores")
-    parser.add_argument("--json", action="store_true", help="one JSON object a run")
-    parser.add_argument("--plot", metavar="FILE.png", help="draw the flight; one scenario, one seed")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Fly what is asked for. Returns: 0 when every run shows what its scenario demands, 1 otherwise."""
     paths = _paths(arguments)
@@ -87,10 +69,3 @@ def _plot(paths: list[Path], arguments: argparse.Namespace) -> int:
     figures = draw(fly(scenarios.load(paths[0]), runs[0].vehicles, runs[0].seed), file)
     print(json.dumps(figures) if arguments.json else summary([figures | {"failed": [], "missed": []}]))
     return 0
-
-
-def _seeds(text: str) -> range:
-    first, colon, last = text.partition(":")
-    if not (colon and first.isdecimal() and last.isdecimal() and int(first) < int(last)):
-        raise argparse.ArgumentTypeError(f"{text}: two numbers A:B with A below B")
-    return range(int(first), int(last))

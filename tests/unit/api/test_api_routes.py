@@ -7,7 +7,7 @@ from api_harness import Api
 from rich.console import Console
 
 from api import convert, wire
-from gcs.cli.status import board
+from gcs.cli.status_table import board
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Direction, YawPolicy
 from gcs.service import Outcome, Reaction, ShowAction, VehicleAction
@@ -85,7 +85,7 @@ def test_gcs_status_shows_the_reactions(capsys: pytest.CaptureFixture[str]) -> N
     service.reactions = (Reaction("low battery", "return", "battery at 15%", ("d2",), 1.0, 2.0, "o3"),)
     service.tick()
     fleet = wire.Fleet.model_validate(Api(service)("GET", "/api/v1/fleet").json())
-    Console(width=160).print(board(fleet))
+    Console(width=160).print(board(fleet, 160))
     told = capsys.readouterr().out
     (line,) = [line for line in told.splitlines() if line.lstrip().startswith("reaction")]
     assert all(word in line for word in ("return", "d2", "low battery", "battery at 15%"))

@@ -4,7 +4,7 @@ import argparse
 
 import pytest
 
-from gcs.cli import demo
+from gcs.cli import demo, options
 from gcs.config import Config
 from gcs.errors import ConfigError
 from gcs.parameters import requirements, settings_of
@@ -12,7 +12,7 @@ from gcs.parameters import requirements, settings_of
 
 def config_of(*words: str) -> Config:
     parser = argparse.ArgumentParser()
-    demo.add_arguments(parser)
+    options.demo(parser)
     return demo.make_config(parser.parse_args(words))
 
 

@@ -1,0 +1,12 @@
+"""Names in paths, bounded as those in bodies are."""
+
+from typing import Annotated
+
+from fastapi import Path
+
+from api.names import NAME_MAX
+
+VehicleId = Annotated[str, Path(max_length=NAME_MAX, examples=["d1"])]
+ObstacleId = Annotated[str, Path(max_length=NAME_MAX, examples=["tower"])]
+OrderId = Annotated[str, Path(max_length=NAME_MAX)]
+AlarmId = Annotated[str, Path(max_length=NAME_MAX)]

@@ -1,0 +1,180 @@
+"""The table of all commands: their names, their texts, and where they are, as words alone.
+
+Nothing is imported here, so that `gcs --help`, a typing error and a kill cost no more than Python itself. A
+new command is a line in `COMMANDS` (a module of its own) or in `CALLS` (one call of the REST API).
+"""
+
+from typing import Final, NamedTuple
+
+
+class Command(NamedTuple):
+    """One of our own.
+
+    `options` names, as `module:function`, what adds its arguments to a parser; `run` what does it. That is
+    empty where the options say so.
+    """
+
+    options: str
+    run: str
+    text: str
+
+
+class Call(NamedTuple):
+    """One call of the REST API: a method of `gcs.client.Client`, or of what stands in one of its attributes.
+
+    The method's parameters are the arguments. Those that it knows by keyword alone are options, but for those
+    `asked`; with `alone` there are no others.
+    """
+
+    name: str
+    method: str
+    text: str
+    asked: tuple[str, ...] = ()
+    alone: bool = False
+
+
+class Action(NamedTuple):
+    """A command to vehicles that are named; with `all_` also to all that it can apply to."""
+
+    name: str
+    text: str
+    all_: bool = True
+
+
+COMMANDS: Final = {
+    "demo": Command(
+        "gcs.cli.options:demo", "gcs.cli.demo:run", "fly the whole story with an embedded fake fleet"
+    ),
+    "serve": Command(
+        "gcs.cli.options:serve", "gcs.cli.serve_command:run", "run the service and its REST API"
+    ),
+    "show": Command("gcs.cli.options:show", "gcs.cli.shows.command:run", "check, draw or hash a show file"),
+    "params": Command(
+        "gcs.cli.options:params",
+        "gcs.cli.params:run",
+        "check or set the vehicles' parameters that decide what is safe",
+    ),
+    "simulate": Command(
+        "gcs.cli.options:simulate",
+        "gcs.cli.simulation.command:run",
+        "fly scenarios in virtual time and judge them",
+    ),
+    "replay": Command(
+        "gcs.cli.options:replay", "gcs.cli.replay:run", "show a recorded flight through the API, as if live"
+    ),
+    "certify": Command(
+        "gcs.cli.options:certify", "gcs.cli.certify:run", "judge a recorded flight: separation, fence, limits"
+    ),
+    "key": Command("gcs.cli.key:add_arguments", "", "make keys for MAVLink signatures"),
+    "token": Command("gcs.cli.token:add_arguments", "", "make, list and revoke tokens for the API"),
+    "status": Command(
+        "gcs.cli.status:add_arguments",
+        "gcs.cli.status:run",
+        "the fleet of a running service, as a table",
+    ),
+    "preflight": Command(
+        "gcs.cli.preflight:add_arguments", "gcs.cli.preflight:run", "what a start would find"
+    ),
+    "kill": Command(
+        "gcs.cli.kill:add_arguments",
+        "gcs.cli.kill:run",
+        "stop motors now, even in the air; works without the service",
+    ),
+    "sim": Command("sim.cli:add_arguments", "sim.cli:run", "run a fake fleet alone, as python -m sim does"),
+    "completion": Command(
+        "gcs.cli.completion:add_arguments",
+        "gcs.cli.completion:run",
+        "print what a shell needs to complete gcs",
+    ),
+    "files": Command(
+        "gcs.cli.files:add_arguments",
+        "gcs.cli.files:run",
+        "documents, dashboard and unit file that came along",
+    ),
+}
+
+_BOX: Final = ("x_m", "y_m", "half_length_x_m", "half_length_y_m", "height_m")
+
+CALLS: Final = (
+    Call("start", "start", "start the vehicles named, or all that are online"),
+    Call("stop", "stop", "all vehicles come home and land"),
+    Call("pause", "pause", "the formation stands still"),
+    Call("resume", "resume", "go on after a pause"),
+    Call("abort", "abort", "all vehicles descend to distinct places, now"),
+    Call("interrupted", "interrupted", "the flight that was cut off, and what it offers"),
+    Call("take-over", "take_over", "go on with a flight that was cut off: into the formation, which stands"),
+    Call("bring-home", "bring_home", "bring a flight that was cut off home to where it took off"),
+    Call("formation", "formation", "radius and height, wanted and now"),
+    Call("radius", "change_formation", "change the formation's radius", ("radius_m",), alone=True),
+    Call(
+        "height", "change_formation", "change the height of the formation's centre", ("height_m",), alone=True
+    ),
+    Call("target show", "target", "where the target is now"),
+    Call("target set", "set_target", "say where the target is, in the show frame"),
+    Call("target set-geodetic", "set_target_geodetic", "say where the target is, on the globe"),
+    Call("orbit show", "orbit", "how the formation circles the target"),
+    Call("orbit set", "change_orbit", "change radius, speed or direction"),
+    Call("yaw show", "yaw", "where the vehicles head"),
+    Call("yaw set", "change_yaw", "change where the vehicles head"),
+    Call("obstacle list", "obstacles", "every obstacle"),
+    Call("obstacle show", "obstacle", "one obstacle"),
+    Call("obstacle add", "add_obstacle", "add a box; without an id it is given one", _BOX),
+    Call("obstacle change", "change_obstacle", "replace the box of this id", _BOX),
+    Call("obstacle remove", "remove_obstacle", "forget a box"),
+    Call("shows list", "shows.stored", "every show file that the service keeps"),
+    Call("shows text", "shows.text", "a show file, as it was uploaded"),
+    Call("shows upload", "shows.upload", "keep a show file under a name"),
+    Call("shows remove", "shows.remove", "forget a show file"),
+    Call("shows check", "shows.check", "begin the check of a show"),
+    Call("shows checked", "shows.checked", "how far the newest check has got"),
+    Call("shows select", "shows.select", "have a checked show fly next"),
+    Call("shows deselect", "shows.deselect", "fly without a show"),
+    Call("shows seek", "shows.seek", "have the selected show begin at a cue"),
+    Call("exclude", "preflight.exclude", "take a vehicle out of the show, on the ground"),
+    Call("include", "preflight.include", "take an excluded vehicle into the show again"),
+    Call("playback show", "playback.now", "how the record is played, and where it is"),
+    Call("playback set", "playback.change", "pause the record, change its speed or position"),
+    Call(
+        "playback certificate", "playback.certificate", "what the flight kept and broke; ask until it is done"
+    ),
+    Call("order list", "orders", "the last orders, the newest first"),
+    Call("order show", "order", "how far an order has got"),
+    Call("state", "fleet", "everything at one instant"),
+    Call("phase", "show", "where the show stands"),
+    Call("facts", "status", "what changes seldom: the fence, home places, cues, events"),
+    Call("whoami", "access", "the token's name, and what it may do"),
+    Call("vehicle list", "vehicles", "every vehicle"),
+    Call("vehicle show", "vehicle", "one vehicle"),
+    Call("health", "health", "whether control is alive; exit code 3 when it is not"),
+    Call("ready", "readiness", "whether any vehicle can be commanded; else exit code 3"),
+    Call("metrics", "metrics", "every metric, in Prometheus' text format"),
+)
+
+GROUPS: Final = {
+    "target": "where the target is",
+    "orbit": "how the formation circles the target",
+    "yaw": "where the vehicles head",
+    "obstacle": "what the fleet keeps clear of",
+    "shows": "show files that the service keeps, and the one that is flown next",
+    "playback": "how gcs replay plays its record, and what the flight kept",
+    "order": "what was ordered, and what became of it",
+    "vehicle": "what is known of each vehicle",
+}
+
+ACTIONS: Final = (
+    Action("hold", "vehicles leave the formation and hold position"),
+    Action("join", "vehicles that hold come back into the formation"),
+    Action("return", "vehicles come home and land"),
+    Action("land", "vehicles land where they are; without names all do, as abort"),
+    Action("take-control", "take control of vehicles in the air; they hold"),
+    Action("confirm-down", "say that lost vehicles were seen on the ground", all_=False),
+)
+
+
+def names() -> dict[str, str]:
+    """Every first word of a command, and its text."""
+    first = {name: command.text for name, command in COMMANDS.items()}
+    for call in CALLS:
+        group, _, _ = call.name.rpartition(" ")
+        first[group or call.name] = GROUPS[group] if group else call.text
+    return first | {action.name: action.text for action in ACTIONS}

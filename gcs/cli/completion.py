@@ -1,0 +1,26 @@
+"""`gcs completion SHELL`: the script by which a shell completes commands and options."""
+
+import argparse
+from typing import Final
+
+SHELLS: Final = ("bash", "zsh", "fish")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """`gcs completion`."""
+    parser.add_argument("shell", choices=SHELLS)
+    parser.epilog = (
+        "bash: gcs completion bash > ~/.local/share/bash-completion/completions/gcs;"
+        " zsh: gcs completion zsh > _gcs, in a folder of $fpath;"
+        " fish: gcs completion fish > ~/.config/fish/completions/gcs.fish"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print it. Returns: 0."""
+    import shtab  # noqa: PLC0415 (for this command alone)
+
+    from gcs.cli.main import whole_parser  # noqa: PLC0415 (it imports this module's table)
+
+    print(shtab.complete(whole_parser(), shell=arguments.shell))
+    return 0

@@ -1,0 +1,47 @@
+"""`gcs files`: documents, the Grafana dashboard and the systemd unit, wherever gcs is installed."""
+
+import argparse
+import sys
+from importlib import resources
+from pathlib import Path
+
+from gcs.errors import ConfigError
+
+NAMES = (
+    "architecture.md",
+    "flight-quality.md",
+    "formation-gcs.service",
+    "grafana/formation.json",
+    "invariants.md",
+    "operations.md",
+    "records.md",
+    "stream.md",
+)
+"""Of the repository's folder `docs`; pyproject.toml takes the same into the wheel."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """`gcs files list` and `gcs files show NAME`."""
+    actions = parser.add_subparsers(dest="action", required=True)
+    actions.add_parser("list", help="their names, and where they are")
+    show = actions.add_parser("show", help="print one, as it is")
+    show.add_argument("name", metavar="NAME", help="as gcs files list prints it")
+
+
+def folder() -> Path:
+    """Where they lie: inside an installed wheel, or in `docs` of a checkout."""
+    package = Path(str(resources.files("gcs")))
+    packed = package / "_docs"
+    return packed if packed.is_dir() else package.parent / "docs"
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print. Returns: 0. Raises: ConfigError where there is no such file."""
+    if arguments.action == "list":
+        for name in NAMES:
+            print(f"{name:<24} {folder() / name}")
+        return 0
+    if arguments.name not in NAMES:
+        raise ConfigError(f"{arguments.name}: there is no such file; there are {', '.join(NAMES)}")
+    sys.stdout.write((folder() / arguments.name).read_text(encoding="utf-8"))
+    return 0

@@ -1,0 +1,81 @@
+"""`gcs kill` without the service: vehicles, addresses and configuration are in its record."""
+
+import argparse
+import getpass
+import hashlib
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from pydantic import ValidationError
+
+from gcs.cli.kill import asked, say, told
+from gcs.cli.remote import REFUSED
+from gcs.config import Config
+from gcs.direct_kill import direct_kill
+from gcs.errors import ConfigError, InvalidError, RefusedError, UnknownError
+from gcs.records.known import KnownVehicle, LastKnown, last_known
+from gcs.records.outside import Outside
+from gcs.service import Outcome
+from gcs.setting_errors import explained
+
+CODE_S: Final = 30.0
+"""A code is good for this long at least, and for twice as long at most."""
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Kill. Returns: the exit code. Raises: GcsError when nothing was sent."""
+    known = last_known(Path(arguments.record))
+    config, chosen = _config(known, arguments.record), _chosen(known, arguments)
+    names = [vehicle.id for vehicle in chosen]
+    codes = [_code(known, chosen, time.time() - age_s) for age_s in (0.0, CODE_S)]
+    if arguments.confirm is None:
+        if not asked(names, codes[0], f"{CODE_S:g} s", arguments):
+            return REFUSED
+    elif arguments.confirm not in codes:
+        raise RefusedError(f"{arguments.confirm!r} does not confirm {', '.join(names)}: leave --confirm out")
+    who = f"gcs kill ({getpass.getuser()})"
+    with Outside(Path(arguments.record), known, who) as record:
+        order_id = record.opened("kill", names)
+        outcomes = direct_kill(config, chosen)
+        for name, part in outcomes.items():
+            record.closed(order_id, name, part)
+            if part.outcome is Outcome.DONE:
+                record.killed(name)
+    if record.problem:
+        say(f"not recorded: {record.problem}")
+    return told({name: (part.outcome, part.reason) for name, part in outcomes.items()}, arguments)
+
+
+def _config(known: LastKnown, record: str) -> Config:
+    if known.session is None:
+        raise ConfigError(f"{record}: no session is in this record")
+    try:
+        return Config.model_validate(dict(known.session.config))
+    except ValidationError as error:
+        raise explained(error, f"{record}: session {known.session.id}", Config, None) from None
+
+
+def _chosen(known: LastKnown, arguments: argparse.Namespace) -> list[KnownVehicle]:
+    if arguments.all:
+        heard = [one for one in known.vehicles.values() if one.host is not None]
+        if not heard:
+            raise RefusedError(f"{arguments.record}: nobody was ever heard")
+        return heard
+    if not arguments.vehicles:
+        raise InvalidError(
+            "vehicles", "none", "names, or --all: without the service a code does not know them"
+        )
+    unknown = [name for name in arguments.vehicles if name not in known.vehicles]
+    if unknown:
+        there = ", ".join(known.vehicles) or "nobody"
+        raise UnknownError(f"{arguments.record}: never heard of {', '.join(unknown)}; there are {there}")
+    return [known.vehicles[name] for name in dict.fromkeys(arguments.vehicles)]
+
+
+def _code(known: LastKnown, chosen: Sequence[KnownVehicle], unix_s: float) -> str:
+    """Names whom, and when: nothing needs to be remembered between the two steps."""
+    session = "" if known.session is None else known.session.id
+    said = [session, str(int(unix_s / CODE_S)), *sorted(one.id for one in chosen)]
+    return hashlib.sha256("\0".join(said).encode()).hexdigest()[:6]

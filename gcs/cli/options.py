@@ -1,0 +1,149 @@
+"""Arguments of the commands that load much: a parser of theirs is made without loading any of it."""
+
+import argparse
+from typing import Final
+
+from gcs import supervisor
+
+TRANSPORTS: Final = ("direct", "mavsdk")
+ROWS: Final = (
+    *(
+        "shape",
+        "saddle",
+        "article",
+        "tracking",
+        "separation",
+        "obstacles",
+        "changes",
+        "neighbours",
+        "landing",
+    ),
+)
+"""Of docs/flight-quality.md; as `gcs.cli.simulation.scenario.ROWS`."""
+
+HEARD_S: Final = 8.0
+"""For vehicles to be heard."""
+
+
+def demo(parser: argparse.ArgumentParser) -> None:
+    """Options of `gcs demo`."""
+    parser.add_argument("--vehicles", type=int, default=8, metavar="N", help="2 to 50, direct: to 1000; 8")
+    parser.add_argument(
+        "--transport",
+        choices=TRANSPORTS,
+        default="mavsdk",
+        help="direct: without MAVSDK, up to 250 vehicles a port; the story is told as far as it fits; mavsdk",
+    )
+    parser.add_argument("--seconds", type=float, default=240.0, metavar="S", help="of the whole flight; 240")
+    parser.add_argument("--json", action="store_true", help="the last line is one JSON object")
+    parser.add_argument("--seed", type=int, default=0, help="of the fake fleet")
+    parser.add_argument("--api-port", type=int, metavar="P", help="8000; 0: any that is free")
+    parser.add_argument("--port-base", type=int, default=14540, metavar="P", help="UDP port of the first")
+    parser.add_argument("--truth", metavar="DIR", help="keep the vehicles' true states there")
+    parser.add_argument(
+        "--record", metavar="DIR", help="keep the record of the flight there; gcs certify DIR"
+    )
+    parser.add_argument("--verbose", action="store_true", help="log every change of state, on stderr")
+
+
+def serve(parser: argparse.ArgumentParser) -> None:
+    """Options of `gcs serve`."""
+    parser.add_argument(
+        "--config", required=True, metavar="FILE", help="a YAML file, or the name of one that is shipped"
+    )
+    parser.add_argument("--host", help="where the API listens; 127.0.0.1 unless told otherwise")
+    parser.add_argument("--port", type=int, help="of the API; 8000 unless told otherwise")
+    parser.add_argument("--quiet", action="store_true", help="log warnings only")
+    parser.add_argument(
+        supervisor.OPTION, action="store_true", help="by a parent that starts it again when it ends or hangs"
+    )
+
+
+def show(parser: argparse.ArgumentParser) -> None:
+    """`gcs show check`, `gcs show plot`, `gcs show hash`."""
+    actions = parser.add_subparsers(dest="action", required=True)
+    check = actions.add_parser("check", help="fly it in virtual time; say what is wrong, by line and cue")
+    _show(check)
+    check.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
+    check.add_argument("--json", action="store_true", help="one JSON object")
+    check.add_argument(
+        "--model",
+        action="store_true",
+        help="with --json: and everything that is flown, as a service takes it",
+    )
+    plot = actions.add_parser("plot", help="draw it: paths, and what happens when")
+    _show(plot)
+    plot.add_argument("picture", metavar="OUT.png", help="a .png, .svg or .pdf file")
+    plot.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
+    _show(actions.add_parser("hash", help="what a start must name: the hash of all that is flown"))
+
+
+def params(parser: argparse.ArgumentParser) -> None:
+    """`gcs params check` and `gcs params apply`."""
+    actions = parser.add_subparsers(dest="action", required=True)
+    for name, text in (
+        ("check", "say which parameters make it unsafe to lose this ground station"),
+        ("apply", "set them, and read them back; never on a vehicle that is armed"),
+    ):
+        action = actions.add_parser(name, help=text)
+        action.add_argument("--config", required=True, metavar="FILE", help="as for gcs serve")
+        action.add_argument("--vehicles", metavar="d1,d2", help="these only; all that are heard without it")
+        action.add_argument("--wait", type=float, default=HEARD_S, metavar="S", help="for vehicles; 8")
+        action.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+
+
+def simulate(parser: argparse.ArgumentParser) -> None:
+    """Options of `gcs simulate`."""
+    parser.add_argument(
+        "scenario", nargs="*", metavar="SCENARIO", help="a YAML file, or the name of a shipped one"
+    )
+    parser.add_argument("--all", action="store_true", help="every scenario that is shipped, as it is judged")
+    parser.add_argument(
+        "--row", choices=ROWS, help="the scenarios of one row of docs/flight-quality.md, as judged"
+    )
+    parser.add_argument("--judged", action="store_true", help="the runs on which the scenario is judged")
+    parser.add_argument("--seed", type=int, metavar="S", help="1 unless told otherwise")
+    parser.add_argument("--seeds", type=_seeds, metavar="A:B", help="from A up to, without, B")
+    parser.add_argument("--vehicles", type=int, metavar="N", help="the first number it is judged with")
+    parser.add_argument("--workers", type=int, metavar="W", help="runs at a time; as many as there are cores")
+    parser.add_argument("--json", action="store_true", help="one JSON object a run")
+    parser.add_argument("--plot", metavar="FILE.png", help="draw the flight; one scenario, one seed")
+
+
+def replay(parser: argparse.ArgumentParser) -> None:
+    """Options of `gcs replay`."""
+    parser.add_argument("file", metavar="FILE", help="flight.mcap, or a folder that holds it")
+    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="times as fast as flown; 1")
+    parser.add_argument("--host", default="127.0.0.1", help="where the API listens; 127.0.0.1")
+    parser.add_argument("--port", type=int, default=8000, help="of the API; 8000, 0: any that is free")
+
+
+def certify(parser: argparse.ArgumentParser) -> None:
+    """Options of `gcs certify`."""
+    parser.add_argument(
+        "files",
+        nargs="+",
+        metavar="FILE",
+        help="flight.mcap, files of gcs sim --truth, or folders that hold them; of a record's folder the"
+        " newest session",
+    )
+    parser.add_argument(
+        "--positions",
+        choices=("true", "estimated"),
+        help="what the judgement is based on; true where they are known",
+    )
+    parser.add_argument("--config", metavar="FILE", help="what holds, for truth files without flight data")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
+    parser.add_argument("--report", metavar="FILE", help="write the report as JSON")
+    parser.add_argument("--html", metavar="FILE", help="write one page with plots")
+
+
+def _show(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", help="a show file, or the name of one that is shipped")
+
+
+def _seeds(text: str) -> range:
+    first, colon, last = text.partition(":")
+    if not (colon and first.isdecimal() and last.isdecimal() and int(first) < int(last)):
+        raise argparse.ArgumentTypeError(f"{text}: two numbers A:B with A below B")
+    return range(int(first), int(last))

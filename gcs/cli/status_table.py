@@ -1,0 +1,261 @@
+"""What `gcs status` shows of one state: a head, one line for each vehicle, and what is not ordinary.
+
+A vehicle has one line at any width. Phase and mode are never cut; where the width does not do, whole columns
+are left out, and reasons stand below the table, one line for all that have the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import inf, sqrt
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from gcs.lifecycle import Phase
+
+if TYPE_CHECKING:
+    from api import wire
+
+OLD_S: Final = 1.0
+POOR_LINK: Final = 0.8
+LOW_BATTERY: Final = 0.25
+
+BAD: Final = "bold red"
+
+STYLE: Final = {
+    Phase.FORMATION: "green",
+    Phase.LOST: BAD,
+    Phase.KILLED: BAD,
+    Phase.PILOT: "magenta",
+    Phase.OFFLINE: "dim",
+}
+
+SEVERITY: Final = {"emergency": "bold white on red", "warning": BAD, "caution": "yellow", "information": ""}
+
+ORDINARY: Final = frozenset({Phase.FORMATION, Phase.TAKEOFF, Phase.RETURN, Phase.LANDING})
+"""Phases whose reason says no more than the phase, as long as the safety filter holds nothing back."""
+
+GAP: Final = 2
+WHY_LEAST: Final = 24
+"""Characters; a column of reasons that is narrower says nothing."""
+
+
+class Column(NamedTuple):
+    """One column: what it shows of a vehicle, and what it is sorted by."""
+
+    head: str
+    cell: Callable[[wire.Vehicle], Text]
+    is_number: bool = True
+
+
+def _speed_m_s(each: wire.Vehicle) -> float | None:
+    velocity = each.velocity
+    if velocity is None:
+        return None
+    parts = (velocity.x_m_s, velocity.y_m_s, velocity.up_m_s)
+    known = [part for part in parts if part is not None]
+    return sqrt(sum(part**2 for part in known)) if len(known) == len(parts) else None
+
+
+def _why(each: wire.Vehicle) -> str:
+    """The reason for what is not ordinary; empty where all is as the phase says."""
+    if each.restrained_by:
+        return each.restrained_by
+    ordinary = each.phase in ORDINARY or (each.phase is Phase.STANDBY and each.ready)
+    return "" if ordinary else each.reason
+
+
+COLUMNS: Final = {
+    "vehicle": Column("vehicle", lambda each: Text(each.id), is_number=False),
+    "phase": Column("phase", lambda each: Text(each.phase, STYLE.get(each.phase, "")), is_number=False),
+    "mode": Column("mode", lambda each: Text(each.mode.name.lower()), is_number=False),
+    "height": Column("height m", lambda each: Text(number(each.position.height_m))),
+    "speed": Column("speed m/s", lambda each: Text(number(_speed_m_s(each)))),
+    "battery": Column(
+        "battery",
+        lambda each: _warned(percent(each.battery_remaining), _below(each.battery_remaining, LOW_BATTERY)),
+    ),
+    "link": Column(
+        "link", lambda each: _warned(percent(each.link_quality), _below(each.link_quality or 0.0, POOR_LINK))
+    ),
+    "age": Column(
+        "age s",
+        lambda each: _warned(
+            number(each.position_age_s), each.position_age_s is None or each.position_age_s > OLD_S
+        ),
+    ),
+    "why": Column("why", lambda each: Text(_why(each)), is_number=False),
+}
+
+DROPPED: Final = ("why", "age", "speed", "link", "height")
+"""In this order, where the width does not do."""
+
+SORTED: Final = ("vehicle", "phase", "battery", "link", "age", "height", "speed")
+
+
+def board(
+    fleet: wire.Fleet, width: int, *, columns: Sequence[str] | None = None, sort: str | None = None
+) -> RenderableType:
+    """Everything that an operator looks at, `width` characters wide.
+
+    Args:
+        fleet: the state.
+        width: of the terminal.
+        columns: of `COLUMNS`; None: as many as there is room for.
+        sort: of `SORTED`; None: as configured.
+    """
+    vehicles = _sorted(fleet.vehicles, sort)
+    chosen = _fitting(vehicles, width) if columns is None else tuple(columns)
+    alarms = (Text(f"{each.severity}: {each.text}", SEVERITY.get(each.severity, "")) for each in fleet.alarms)
+    reasons = [] if "why" in chosen else _reasons(vehicles)
+    return Group(_head(fleet), *alarms, Text(), _table(vehicles, chosen, width), *reasons)
+
+
+def _sorted(vehicles: Sequence[wire.Vehicle], by: str | None) -> Sequence[wire.Vehicle]:
+    """What needs a look first stands first: the unknown, the least battery and link, the oldest."""
+    key: dict[str, Callable[[wire.Vehicle], float | str]] = {
+        "vehicle": lambda each: each.id,
+        "phase": lambda each: each.phase,
+        "battery": lambda each: -inf if each.battery_remaining is None else each.battery_remaining,
+        "link": lambda each: -inf if each.link_quality is None else each.link_quality,
+        "age": lambda each: -inf if each.position_age_s is None else -each.position_age_s,
+        "height": lambda each: -inf if each.position.height_m is None else each.position.height_m,
+        "speed": lambda each: -(_speed_m_s(each) or inf),
+    }
+    return vehicles if by is None else sorted(vehicles, key=key[by])
+
+
+def _needed(vehicles: Sequence[wire.Vehicle], name: str) -> int:
+    """Characters that a column takes at least."""
+    column = COLUMNS[name]
+    if name == "why":
+        return WHY_LEAST if any(_why(each) for each in vehicles) else len(column.head)
+    return max([len(column.head), *(column.cell(each).cell_len for each in vehicles)])
+
+
+def _fitting(vehicles: Sequence[wire.Vehicle], width: int) -> tuple[str, ...]:
+    """The columns that there is room for, each as wide as its widest cell."""
+    needed = {name: _needed(vehicles, name) for name in COLUMNS}
+    chosen = dict.fromkeys(COLUMNS)
+    for name in DROPPED:
+        if sum(needed[each] + GAP for each in chosen) - GAP <= width:
+            break
+        del chosen[name]
+    return tuple(chosen)
+
+
+def _table(vehicles: Sequence[wire.Vehicle], chosen: Sequence[str], width: int) -> RenderableType:
+    table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, width=width if "why" in chosen else None)
+    for name in chosen:
+        column = COLUMNS[name]
+        least = None if name == "why" else _needed(vehicles, name) if name in {"phase", "mode"} else None
+        table.add_column(
+            column.head,
+            justify="right" if column.is_number else "left",
+            no_wrap=True,
+            overflow="ellipsis",
+            min_width=least,
+            ratio=1 if name == "why" else None,
+        )
+    for each in vehicles:
+        table.add_row(*(COLUMNS[name].cell(each) for name in chosen))
+    return table
+
+
+def _reasons(vehicles: Sequence[wire.Vehicle]) -> list[RenderableType]:
+    found: dict[str, list[str]] = {}
+    for each in vehicles:
+        if why := _why(each):
+            found.setdefault(why, []).append(each.id)
+    lines = [Text(f"{', '.join(names)}: {why}", style="dim") for why, names in found.items()]
+    return [Text(), *lines] if lines else []
+
+
+def _head(fleet: wire.Fleet) -> RenderableType:
+    table = Table.grid(padding=(0, 2))
+    table.add_column(no_wrap=True)
+    table.add_column()
+    show, tick, formation, counts = fleet.show, fleet.tick, fleet.formation, fleet.counts
+    table.add_row("show", Text.assemble((show.phase, "bold"), f"  {show.reason}" if show.reason else ""))
+    if show.selected is not None:
+        selected = show.selected
+        at = f"{number(selected.clock_s)} of {number(selected.duration_s)} s"
+        table.add_row("", Text(f"{selected.name}: {selected.cue}  {at}"))
+    if show.countdown_s is not None:
+        table.add_row("", Text(f"countdown {number(show.countdown_s)} s"))
+    alive = ("alive", "green") if fleet.control_alive else (f"DEAD: {fleet.control_reason}", BAD)
+    times = (
+        f"  tick {number(tick.duration_p50_ms)} ms, p99 {number(tick.duration_p99_ms)} ms,"
+        f" late p99 {number(tick.lateness_p99_ms)} ms, {tick.missed} missed"
+    )
+    table.add_row("control", Text.assemble(alive, times))
+    table.add_row(
+        "formation",
+        Text(
+            f"radius {number(formation.radius_now_m)} of {number(formation.radius_m)} m,"
+            f" height {number(formation.height_now_m)} of {number(formation.height_m)} m,"
+            f" nearest two {number(fleet.minimum_separation_m)} m"
+        ),
+    )
+    told = f"{counts.airborne} airborne, {counts.on_ground} on the ground, {counts.offline} offline"
+    table.add_row(
+        "vehicles",
+        Text.assemble(
+            told,
+            (f", {counts.uncontrolled} not under control", "magenta") if counts.uncontrolled else "",
+            (f", {counts.unknown} unknown", BAD) if counts.unknown else "",
+        ),
+    )
+    for each in fleet.reactions:
+        whom = f" {', '.join(each.vehicles)}" if each.vehicles else ""
+        table.add_row(
+            "reaction", Text.assemble((f"{each.action}{whom}", BAD), f"  {each.cause}: {each.reason}")
+        )
+    if (energy := _energy(fleet.estimates)) != "":
+        table.add_row("energy", Text(energy))
+    table.add_row("possible", Text(", ".join(show.possible) or "-"))
+    table.add_row("access", Text(fleet.access))
+    return table
+
+
+def _energy(found: wire.Estimates | None) -> str:
+    """Batteries and times in one line; what is not known is left out."""
+    if found is None:
+        return ""
+    told = []
+    if found.battery_least is not None:
+        told.append(f"battery least {found.battery_least:.0%} ({found.battery_least_vehicle})")
+    if found.battery_median is not None:
+        told.append(f"median {found.battery_median:.0%}")
+    if found.low_s is not None:
+        told.append(f"low in {_minutes(found.low_s)} ({found.low_vehicle})")
+    if found.assembled_s is not None:
+        told.append(f"assembled in ~{found.assembled_s:.0f} s")
+    if found.home_s is not None:
+        told.append(f"home in ~{found.home_s:.0f} s")
+    return ", ".join(told)
+
+
+def _minutes(left_s: float) -> str:
+    return f"~{left_s:.0f} s" if left_s < 90.0 else f"~{left_s / 60.0:.0f} min"
+
+
+def _below(value: float | None, limit: float) -> bool:
+    return value is not None and value < limit
+
+
+def _warned(text: str, bad: bool) -> Text:
+    return Text(text, style=BAD if bad else "")
+
+
+def number(value: float | None) -> str:
+    """With one decimal; a question mark where it is not known."""
+    return "?" if value is None else f"{value:.1f}"
+
+
+def percent(share: float | None) -> str:
+    """Of a share of 1; a question mark where it is not known."""
+    return "?" if share is None else f"{share:.0%}"

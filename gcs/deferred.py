@@ -1,0 +1,19 @@
+"""Modules that are loaded when something of them is needed, so that a command is sent before they are."""
+
+from importlib import import_module
+from typing import Any
+
+
+class Deferred:
+    """Stands for a module. It is loaded with the first look at one of its names.
+
+    For a type checker import the module itself, under `TYPE_CHECKING`.
+    """
+
+    __slots__ = ("_name",)
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(import_module(self._name), name)

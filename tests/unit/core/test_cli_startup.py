@@ -1,0 +1,171 @@
+"""What `gcs` loads before it does anything, and how it says what it can do."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gcs.cli import options
+from gcs.cli.commands import ACTIONS, CALLS, COMMANDS, names
+from gcs.cli.demo import VEHICLES_MAX
+from gcs.cli.main import load, main, whole_parser
+from gcs.cli.simulation.scenario import ROWS
+
+NOBODY = "http://127.0.0.1:9"
+
+HEAVY = ("numpy", "numba", "scipy", "matplotlib", "fastapi", "starlette", "uvicorn", "pymavlink", "mavsdk")
+MODELS = ("pydantic", "api.wire", "gcs.service", "gcs.config", "yaml", "sqlite3")
+
+LOADED = """
+import sys
+from gcs.cli.main import main
+try:
+    main(sys.argv[1:])
+except SystemExit:
+    pass
+print("\\n".join(sorted(sys.modules)), file=sys.stderr)
+"""
+
+
+def loaded(line: str) -> set[str]:
+    """The modules that are there after a command, in a process of its own."""
+    command = [sys.executable, "-c", LOADED, *line.split()]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    return set(told.stderr.splitlines())
+
+
+@pytest.mark.parametrize(
+    "line", ["--help", "--version", "kil", "demo --help", "serve --help", "simulate --help"]
+)
+def test_help_and_mistakes_load_nothing_but_the_table(line: str) -> None:
+    assert loaded(line) & {*HEAVY, *MODELS, "httpx", "rich", "asyncio", "gcs.client"} == set()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "kill --help",
+        "phase --help",
+        "status --help",
+        f"stop --url {NOBODY}",
+        f"pause --url {NOBODY}",
+        f"land d1 d2 --url {NOBODY}",
+        f"status --url {NOBODY}",
+        f"phase --json --url {NOBODY}",
+        f"shows list --url {NOBODY}",
+    ],
+)
+def test_a_call_is_sent_before_any_model_or_array_is_loaded(line: str) -> None:
+    assert loaded(line) & {*HEAVY, *MODELS} == set()
+
+
+def test_the_client_of_a_program_loads_neither_arrays_nor_the_server() -> None:
+    command = [sys.executable, "-c", "import sys, gcs.client; print(*sys.modules)"]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert set(told.stdout.split()) & {*HEAVY, *MODELS} == set()
+
+
+def test_every_command_is_in_the_help_with_a_text_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    for name, text in names().items():
+        assert f"  {name} " in shown
+        assert text in shown
+    texts = [*names().values(), *(call.text for call in CALLS), *(action.text for action in ACTIONS)]
+    assert all(0 < len(text) <= 76 and "`" not in text and "None" not in text for text in texts)
+    assert all(len(line) <= 100 for line in shown.splitlines())
+
+
+def test_what_the_table_names_is_there_and_every_command_has_help() -> None:
+    for command in COMMANDS.values():
+        assert callable(load(command.options))
+        assert not command.run or callable(load(command.run))
+    help_of_all = whole_parser().format_help()
+    assert "completion" in help_of_all
+
+
+def test_arguments_that_stand_apart_agree_with_what_they_are_for() -> None:
+    assert sorted(VEHICLES_MAX) == sorted(options.TRANSPORTS)
+    assert options.ROWS == ROWS
+
+
+@pytest.mark.parametrize(
+    ("line", "usage", "wrong"),
+    [
+        ("phase --foo", "usage: gcs phase ", "unrecognized arguments: --foo"),
+        ("target set 1", "usage: gcs target set ", "Y_M"),
+        ("kil", "usage: gcs COMMAND", "there is no command 'kil'; did you mean kill?"),
+        ("target shw", "usage: gcs target COMMAND", "did you mean show?"),
+        ("show", "usage: gcs show ", "required: action"),
+    ],
+)
+def test_a_mistake_shows_the_usage_of_that_command_alone(
+    line: str, usage: str, wrong: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(line.split())
+    told = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert told.startswith(usage)
+    assert wrong in told
+    assert len(told.splitlines()) < 9
+
+
+def test_the_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("gcs 0.")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_a_shell_is_told_every_command(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert all(name in script for name in names())
+
+
+def test_bash_completes_a_command_and_its_options(tmp_path: Path) -> None:
+    script = tmp_path / "gcs.bash"
+    with script.open("w") as file:
+        subprocess.run(
+            [sys.executable, "-m", "gcs", "completion", "bash"], stdout=file, check=True, timeout=60
+        )
+    asked = (
+        f"source {script}; COMP_WORDS=(gcs target set-g); COMP_CWORD=2; _shtab_gcs; echo ${{COMPREPLY[@]}};"
+        " COMP_WORDS=(gcs kill --al); COMP_CWORD=2; _shtab_gcs; echo ${COMPREPLY[@]}"
+    )
+    told = subprocess.run(["/bin/bash", "-c", asked], capture_output=True, text=True, check=True, timeout=60)
+    assert told.stdout.split() == ["set-geodetic", "--all"]
+
+
+def test_a_reader_that_has_enough_gets_no_traceback() -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "gcs", "--help"]
+    try:
+        told = subprocess.run(
+            command, stdout=write, stderr=subprocess.PIPE, text=True, check=False, timeout=60
+        )
+    finally:
+        os.close(write)
+    assert (told.returncode, told.stderr) == (141, "")
+
+
+def test_ctrl_c_while_a_command_is_loaded_ends_it_without_a_traceback(tmp_path: Path) -> None:
+    (tmp_path / "numba.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    command = [sys.executable, "-m", "gcs", "serve", "--config", "demo"]
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    told = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, env=environment)
+    assert (told.returncode, told.stdout, told.stderr) == (128 + signal.SIGINT, "", "")
+
+
+def test_what_came_along_is_listed_and_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["files", "list"]) == 0
+    names_of_files = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert {"operations.md", "grafana/formation.json", "formation-gcs.service"} <= set(names_of_files)
+    for name in names_of_files:
+        assert main(["files", "show", name]) == 0
+        assert len(capsys.readouterr().out) > 100
+    assert main(["files", "show", "../pyproject.toml"]) == 2
