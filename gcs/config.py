@@ -1,6 +1,8 @@
 """YAML to frozen settings. Read once; an unknown or repeated key is an error; every key ends in its unit."""
 
+import re
 from collections import Counter
+from collections.abc import Callable
 from functools import cached_property
 from math import radians
 from pathlib import Path
@@ -19,8 +21,9 @@ from pydantic import (
 from gcs import documents
 from gcs.access import AccessSettings, is_loopback
 from gcs.accuracy import Positioning
+from gcs.config_rules import fence_too_small, misfits_of_fleet
 from gcs.control import ControlSettings
-from gcs.errors import ConfigError, GcsError
+from gcs.errors import ConfigError, FileError, InvalidError, Problem
 from gcs.feasibility import check_formation, check_orbit, check_target
 from gcs.frames import ShowFrame
 from gcs.links.endpoints.urls import Listen, Place, occupied
@@ -66,6 +69,12 @@ Forwards: TypeAlias = Annotated[
 ]
 
 
+def _vehicle_id(name: str) -> str:
+    if re.fullmatch(r"[A-Za-z0-9_.-]{1,32}", name) is None:
+        raise ValueError("1 to 32 of A-Z a-z 0-9 _ . -, without spaces")
+    return name
+
+
 class ShowFrameSettings(Settings):
     """Origin of the show frame, and where its x axis points."""
 
@@ -78,7 +87,7 @@ class ShowFrameSettings(Settings):
 class VehicleSettings(Settings):
     """One vehicle of a link."""
 
-    id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,32}$")]
+    id: Annotated[str, AfterValidator(_vehicle_id)]
     system_id: SystemId
     charge: Positive = 1.0
     speed_max_m_s: Positive | None = None  # in any direction; None: the limits of `control.safety`
@@ -310,23 +319,43 @@ class Config(Settings):
         strangers = sorted(set(self.preflight.start_places) - set(self.ids))
         if strangers:
             raise ValueError(f"preflight.start_places: there is no vehicle {', '.join(strangers)}")
+        self._check_limits()
+        self._check_plan()
+        return self
+
+    def _check_limits(self) -> None:
         fence, law = self.control.safety.fence, self.control.law
         if not fence.height_min_m < fence.height_max_m:
-            raise ValueError(f"control.safety.fence.height_max_m = {fence.height_max_m}: above height_min_m")
+            text = f"above height_min_m = {fence.height_min_m}"
+            raise located(text, "control", "safety", "fence", "height_max_m")
         if self.operation.takeoff_height_m < fence.height_min_m:
-            raise ValueError(f"operation.takeoff_height_m: at least the fence's {fence.height_min_m} m")
+            raise located(f"at least the fence's {fence.height_min_m} m", "operation", "takeoff_height_m")
         fastest_m_s = self.control.safety.limits.horizontal_m_s
-        if max(law.speed_m_s, law.center_speed_max_m_s) > fastest_m_s:
-            raise ValueError(
-                f"control.law: speeds beyond control.safety.limits.horizontal_m_s = {fastest_m_s}"
-            )
-        try:
-            check_formation(self.plan.formation, 1, self.control.safety)
-            check_orbit(self.plan.orbit, law)
-            check_target(self.plan.target, self.plan.orbit, self.plan.formation, self.control)
-        except GcsError as error:
-            raise ValueError(str(error)) from None
-        return self
+        for key in ("speed_m_s", "center_speed_max_m_s"):
+            if getattr(law, key) > fastest_m_s:
+                text = f"at most control.safety.limits.horizontal_m_s = {fastest_m_s}"
+                raise located(text, "control", "law", key)
+
+    def _check_plan(self) -> None:
+        """The show that it begins with can be flown by somebody."""
+        plan, control = self.plan, self.control
+        fence = control.safety.fence
+        too_small = fence_too_small(self.formation.radius_m, self.orbit.radius_m, fence)
+        if too_small is not None:
+            loc, text = too_small
+            raise located(text, *loc)
+        checks: tuple[tuple[str, Callable[[], None]], ...] = (
+            ("formation", lambda: check_formation(plan.formation, 1, control.safety)),
+            ("orbit", lambda: check_orbit(plan.orbit, control.law)),
+            ("target", lambda: check_target(plan.target, plan.orbit, plan.formation, control)),
+        )
+        for section, check in checks:
+            try:
+                check()
+            except InvalidError as error:
+                if error.field in type(getattr(self, section)).model_fields:
+                    raise located(error.allowed, section, error.field) from None
+                raise located(str(error), section) from None
 
     def _check_access(self) -> None:
         """Nobody but this machine comes in without a token."""
@@ -364,7 +393,7 @@ def find(name: str) -> Path:
 def load(path: Path) -> Config:
     """Read and check a configuration.
 
-    Raises: ConfigError that names the file, the key, its value and what would be right.
+    Raises: ConfigError that names the file, the line, the key, its value and what would be right.
     """
     return parse(documents.read(path), str(path))
 
@@ -374,6 +403,11 @@ def parse(text: str, source: str) -> Config:
     written = Source(text, source)
     raw = written.mapping("show_frame, links and formation at least")
     try:
-        return Config.model_validate(raw)
+        config = Config.model_validate(raw)
     except ValidationError as error:
         raise explained(error, source, Config, written) from None
+    ports, counts = [link.ports for link in config.links], [len(link.fleet) for link in config.links]
+    found = [*misfits_of_fleet(ports, counts, config.formation.radius_m, config.control.safety)]
+    if found:
+        raise FileError(source, [Problem(written.line(*one.loc), None, str(one)) for one in found])
+    return config

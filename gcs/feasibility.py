@@ -1,7 +1,7 @@
 """Whether a wish fits the fleet and the moment. Pure; refuses with what would work."""
 
 from collections.abc import Mapping
-from math import ceil, floor, hypot
+from math import ceil, floor, hypot, isfinite
 from typing import Literal
 
 import numpy as np
@@ -24,12 +24,14 @@ NEARLY_M = 1e-9
 
 def _up(value: float) -> float:
     """To the next tenth above: a limit that is told must be one that is accepted."""
-    return ceil(value * 10.0 - NEARLY_M) / 10.0
+    tenths = value * 10.0 - NEARLY_M
+    return ceil(tenths) / 10.0 if isfinite(tenths) else value
 
 
 def _down(value: float) -> float:
     """To the next tenth below."""
-    return floor(value * 10.0 + NEARLY_M) / 10.0
+    tenths = value * 10.0 + NEARLY_M
+    return floor(tenths) / 10.0 if isfinite(tenths) else value
 
 
 def smallest_formation_radius_m(count: int, safety: SafetySettings) -> float:
@@ -60,6 +62,30 @@ def check_formation(formation: Formation, count: int, safety: SafetySettings) ->
             formation.height_m,
             f"at most {_down(highest_m - formation.radius_m):.1f} m, so that a sphere"
             f" of {formation.radius_m:g} m stays below the greatest height of {highest_m:g} m",
+        )
+
+
+def check_radius(
+    radius_m: float, height_m: float, target: Target, orbit: Orbit, safety: SafetySettings
+) -> None:
+    """Whether a sphere may grow to that radius where it is. For one whose radius alone is to change.
+
+    Raises: InvalidError with the greatest radius that works there.
+    """
+    fence = safety.fence
+    away_m = hypot(target.x_m, target.y_m)
+    most_m = min(
+        height_m - fence.height_min_m,
+        fence.height_max_m - height_m,
+        fence.distance_max_m - away_m - orbit.radius_m - CLEAR_OF_FENCE_M,
+    )
+    if radius_m > most_m + NEARLY_M:
+        raise InvalidError(
+            "radius_m",
+            radius_m,
+            f"at most {_down(max(most_m, 0.0)):.1f} m at a height of {height_m:g} m, so that orbit and sphere"
+            f" stay inside the fence ({fence.height_min_m:g} to {fence.height_max_m:g} m high,"
+            f" {fence.distance_max_m:g} m from the origin)",
         )
 
 

@@ -95,7 +95,7 @@ def _misfit(problem: ErrorDetails, model: type[BaseModel], source: Source | None
     loc, kind, value = problem["loc"], problem["type"], problem["input"]
     known = tuple(dict.fromkeys(_fields_at(model, loc[:-1]))) if kind == "extra_forbidden" else ()
     keys = loc if source is None else source.keys(*loc)
-    if source is not None and kind == "missing":
+    if source is not None and kind in {"missing", LOCATED} and loc:
         keys = (*source.keys(*loc[:-1]), loc[-1])
     key = ".".join(cut(str(part)) for part in keys)
     if kind == "missing":

@@ -4,7 +4,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from gcs.errors import RefusedError, UnknownError
-from gcs.feasibility import check_formation, check_obstacle, check_orbit, check_target, followed
+from gcs.feasibility import (
+    check_formation,
+    check_obstacle,
+    check_orbit,
+    check_radius,
+    check_target,
+    followed,
+)
 from gcs.flight import Flight
 from gcs.lifecycle import ON_THE_GROUND, Phase
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
@@ -33,8 +40,10 @@ class Wishes:
         flight = self._flight
         self._stage.need_free("formation")
         count = 1 if flight.show in ON_THE_GROUND else max(1, len(self._taking_part()))
-        check_formation(formation, count, flight.control.safety)
-        target, control = self._followed(), flight.control
+        target, control, was = self._followed(), flight.control, flight.plan.formation
+        if formation.height_m == was.height_m and formation.radius_m > was.radius_m:
+            check_radius(formation.radius_m, formation.height_m, target, flight.plan.orbit, control.safety)
+        check_formation(formation, count, control.safety)
         check_target(target, flight.plan.orbit, formation, control, changed="formation")
         flight.plan = replace(flight.plan, formation=formation)
 

@@ -178,7 +178,9 @@ class Source:
         node, _, keys = self._follow(loc)
         if not isinstance(node, ScalarNode) or not keys:
             return None
-        return f"'{cut(node.value)}'" if node.tag == _TEXT else cut(node.value)
+        if node.tag == _TEXT:
+            return f"'{cut(node.value)}'"
+        return cut(node.value) or "nothing"
 
     def _follow(self, loc: Loc) -> tuple[Node | None, int, tuple[str | int, ...]]:
         node, line, keys = self._root, 1, list[str | int]()

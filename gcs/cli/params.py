@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from gcs import config as configuration
 from gcs.cli import logs
+from gcs.cli.configuration import load_here
 from gcs.cli.serve import make_link
 from gcs.config import Config
 from gcs.errors import ConfigError, LinkError, OrderError
@@ -48,7 +48,7 @@ class Row:
 def run(arguments: argparse.Namespace) -> int:
     """Check, or apply. Returns: 0 when everything is as it should be, 1 otherwise."""
     logs.set_up(logging.ERROR)
-    config = configuration.load(configuration.find(arguments.config))
+    config = load_here(arguments.config)
     chosen = _chosen(config, arguments.vehicles)
     if not 0.0 < arguments.wait <= 3600.0:
         raise ConfigError(f"--wait {arguments.wait:g}: above 0, at most 3600 s")

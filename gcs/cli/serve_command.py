@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from gcs import config as configuration
 from gcs import supervisor
 from gcs.cli import logs, serve
+from gcs.cli.configuration import load_here
 from gcs.setting_errors import explained
 
 
@@ -17,7 +18,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.supervised:
         return supervisor.run(sys.argv[1:])
     logs.set_up(logging.WARNING if arguments.quiet else logging.INFO)
-    config = configuration.load(configuration.find(arguments.config))
+    config = load_here(arguments.config)
     changes = {"host": arguments.host, "port": arguments.port}
     api = config.api.model_dump() | {key: value for key, value in changes.items() if value is not None}
     try:

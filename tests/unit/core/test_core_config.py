@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
+from gcs.cli.configuration import load_here
 from gcs.config import Config, find, load, parse
 from gcs.documents import CONFIGURATIONS
 from gcs.errors import ConfigError
@@ -73,6 +74,7 @@ def test_a_name_that_does_not_exist_is_refused_with_those_that_do() -> None:
 def test_a_link_may_have_places_of_every_kind_and_250_vehicles() -> None:
     def change(raw: dict[str, Any]) -> None:
         raw["record"] = {"folder": "runs"}
+        raw["formation"] = {"radius_m": 30.0, "height_m": 50.0}
         raw["links"][0] |= {
             "listen": [
                 "udpin://10.0.0.1:14540",
@@ -366,6 +368,128 @@ def test_what_cannot_be_flown_is_refused_with_file_key_and_value(what: str) -> N
     change, named = BAD[what]
     said = refusal(changed(change))
     assert all(part in said for part in named), said
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("  raduis_m: 15.0", "line 4: formation.raduis_m = 15.0: unknown key; did you mean radius_m?"),
+        ("  radius_m: yes", "line 4: formation.radius_m = 'yes': a number is needed"),
+        ("  radius_m: true", "line 4: formation.radius_m = true: a number is needed"),
+        ("  radius_m: on", "line 4: formation.radius_m = 'on': a number is needed"),
+        ("  radius_m: '15'", "line 4: formation.radius_m = '15': a number is needed"),
+        ("  radius_m:", "line 4: formation.radius_m = nothing: a number is needed"),
+        ("  radius_m: 1e308", "line 4: formation.radius_m = 1e308: at most 48.5 m, so that it fits"),
+        ("  radius_m: 1e999", "line 4: formation.radius_m = 1e999: a number is needed, neither infinite"),
+        ("  radius_m: 0.01", "line 4: formation.radius_m = 0.01: at least"),
+        ("  radius_m: 500", "line 4: formation.radius_m = 500: at most 48.5 m"),
+        ("  radius_m: {a: 1}", "line 4: formation.radius_m: a number is needed"),
+    ],
+)
+def test_a_formation_is_refused_with_line_key_value_and_what_was_meant(line: str, told: str) -> None:
+    said = refusal(f"{SIX}formation:\n{line}\n  height_m: 25.0\n")
+    assert told in said, said
+    assert not [words for words in FOREIGN if words in said], said
+
+
+SIX = """show_frame: {latitude_deg: 47.0, longitude_deg: 8.0, altitude_amsl_m: 400.0}
+links: [{name: one, listen: "udpin://127.0.0.1:14540", ports: 6, vehicles: {count: 6}}]
+"""
+FORMED = "formation: {radius_m: 10.0, height_m: 25.0}\n"
+FOREIGN = (
+    "Input should",
+    "Extra inputs",
+    "Field required",
+    "tuple",
+    "Settings",
+    "pattern",
+    "instance",
+    "valid",
+)
+"""Words of a library, or of Python, that tell a reader nothing."""
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (SIX.replace("ports: 6", "ports: 5") + FORMED, "line 2: links.0.ports = 5: 1 port for all, or one"),
+        (SIX + "formation:\n", "line 3: formation = nothing: a section is needed, with radius_m, height_m"),
+        (SIX + "formation: 7\n", "line 3: formation = 7: a section is needed, with radius_m, height_m"),
+        (SIX.replace("{count: 6}", "6") + FORMED, "line 2: links.0.vehicles = 6: a list is needed"),
+        (
+            SIX.replace("{count: 6}", "[{id: my drone, system_id: 1}]") + FORMED,
+            "id = 'my drone': 1 to 32 of A-Z",
+        ),
+        (
+            SIX.replace("{count: 6}", "{cuont: 6}") + FORMED,
+            "links.0.vehicles.cuont = 6: unknown key; did you mean count?",
+        ),
+        (SIX + FORMED + "links: []\n", "line 4: key 'links' is there twice"),
+        (SIX + FORMED + "contorl: {}\n", "line 4: contorl: unknown key; did you mean control?"),
+        (
+            SIX + FORMED + "control:\n  safety:\n    fence: {height_max_m: 5.0}\n",
+            "line 6: control.safety.fence.height_max_m = 5.0: too small for formation.radius_m = 10: at",
+        ),
+        (
+            SIX + FORMED + "control: {safety: {fence: {distance_max_m: 6.0}}}\n",
+            "control.safety.fence.distance_max_m = 6.0: too small for formation.radius_m = 10: at least",
+        ),
+        (
+            SIX + FORMED + "operation: {setpoint_loss_action: panic}\n",
+            "operation.setpoint_loss_action = 'panic': one of 'descend', 'hold', 'land' or 'return'",
+        ),
+        (
+            SIX + FORMED + "operation: {pilot_takes_over: 3}\n",
+            "pilot_takes_over = 3: true or false is needed",
+        ),
+        (SIX + FORMED + "shows: {folder: 3}\n", "shows.folder = 3: a file or folder is needed"),
+        (SIX.replace("ports: 6", "ports: 6.5") + FORMED, "links.0.ports = 6.5: a whole number is needed"),
+    ],
+)
+def test_a_configuration_is_refused_in_words_of_its_own(text: str, told: str) -> None:
+    said = refusal(text)
+    assert told in said, said
+    assert not [words for words in FOREIGN if words in said], said
+
+
+def test_yes_and_no_still_answer_what_is_asked_so() -> None:
+    config = parse(SIX + FORMED + "operation: {pilot_takes_over: no, require_parameters: yes}\n", "my.yaml")
+    assert (config.operation.pilot_takes_over, config.operation.require_parameters) == (False, True)
+
+
+def test_a_folder_given_as_a_file_is_called_one_and_another_encoding_is_told_with_its_byte(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "mine.yaml").write_bytes(b"# one\nabout: Z\xfcrich\n")
+    with pytest.raises(ConfigError, match=r"it is a folder: name the file in it, such as .*mine\.yaml"):
+        find(str(tmp_path))
+    with pytest.raises(ConfigError, match=r"line 2: byte 14 \(0xfc\) is not UTF-8: save the file as UTF-8"):
+        load(tmp_path / "mine.yaml")
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (
+            ("127.0.0.1:14540", "203.0.113.9:14540"),
+            "line 2: links.0.listen = 'udpin://203.0.113.9:14540': this",
+        ),
+        (
+            ("formation:", "api: {host: 203.0.113.9}\naccess: {tokens_file: t.json}\nformation:"),
+            "line 3: api.host = '203.0.113.9': this computer has no such address",
+        ),
+    ],
+)
+def test_an_address_that_this_computer_does_not_have_is_refused_where_it_would_be_listened_on(
+    tmp_path: Path, change: tuple[str, str], told: str
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text((SIX + FORMED).replace(*change))
+    assert load(file).ids  # to judge a record by, another computer's will do
+    with pytest.raises(ConfigError) as refused:
+        load_here(str(file))
+    assert told in str(refused.value)
+    assert load_here("demo").ids
 
 
 def test_every_problem_is_named_at_once_and_whole_sections_are_not_printed() -> None:

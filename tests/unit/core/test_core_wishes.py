@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from functools import partial
 
 import async_solipsism
 import pytest
@@ -51,6 +52,21 @@ def test_a_change_is_refused_by_the_field_that_was_changed_with_what_fits() -> N
         assert (sphere.field, sphere.value) == ("radius_m", 45.0)
         assert "at most 38.0 m" in sphere.allowed
         service.set_formation(Formation(38.0, 50.0))
+
+    wish(story)
+
+
+def test_a_radius_that_is_too_large_is_refused_with_the_greatest_and_the_height_is_not_blamed() -> None:
+    """Before: height_m = 20.0: at least 503.0 m."""
+
+    async def story(service: Orchestrator) -> None:
+        for radius_m in (18.0, 500.0, 1e300):
+            refused = refusal(partial(service.set_formation, Formation(radius_m, 20.0)))
+            assert (refused.field, refused.value) == ("radius_m", radius_m)
+            assert "at most 17.0 m at a height of 20 m" in refused.allowed
+        service.set_formation(Formation(17.0, 20.0))
+        both = refusal(lambda: service.set_formation(Formation(40.0, 25.0)))
+        assert both.field == "height_m"
 
     wish(story)
 

@@ -1,0 +1,55 @@
+"""Configurations of commands that open their links: read, and asked of this computer, too."""
+
+import errno
+import socket
+from collections.abc import Iterator
+
+from gcs import config as configuration
+from gcs import documents
+from gcs.config import Config
+from gcs.errors import FileError, Problem
+from gcs.links.endpoints.urls import Listen, TcpIn
+from gcs.setting_errors import Misfit
+from gcs.yaml_source import Source
+
+
+def load_here(name: str) -> Config:
+    """The configuration of a file, or a shipped one.
+
+    Raises: ConfigError that names file, line, key, value and what would be right; of addresses, too, that
+        this computer does not have.
+    """
+    path = configuration.find(name)
+    config = configuration.load(path)
+    found = [*_misfits(config)]
+    if found:
+        written = Source(documents.read(path), str(path))
+        raise FileError(str(path), [Problem(written.line(*one.loc), None, str(one)) for one in found])
+    return config
+
+
+def _misfits(config: Config) -> Iterator[Misfit]:
+    """Addresses on which nothing can be listened to here, for they are another computer's."""
+    for at, link in enumerate(config.links):
+        for place, url in zip(link.places, link.listen, strict=True):
+            if isinstance(place, Listen | TcpIn) and not _is_ours(place.host):
+                text = f"this computer has no address {place.host}: one of its own, or 0.0.0.0 for all"
+                yield Misfit(("links", at, "listen"), f"links.{at}.listen", f"'{url}'", text)
+    if not _is_ours(config.api.host):
+        text = "this computer has no such address: one of its own, or 127.0.0.1"
+        yield Misfit(("api", "host"), "api.host", f"'{config.api.host}'", text)
+
+
+def _is_ours(host: str) -> bool:
+    """Whether this computer has that address; what cannot be told counts as ours."""
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
+    except OSError:
+        return False
+    family, kind, protocol, _, address = found[0]
+    with socket.socket(family, kind, protocol) as trial:
+        try:
+            trial.bind(address)
+        except OSError as error:
+            return error.errno != errno.EADDRNOTAVAIL
+    return True

@@ -1,0 +1,67 @@
+"""What is wrong with a configuration whose values are sound one by one: for its fleet, its fence. Pure."""
+
+from collections.abc import Iterator, Sequence
+from math import isfinite
+
+from gcs.feasibility import smallest_formation_radius_m
+from gcs.formation.orbit import CLEAR_OF_FENCE_M
+from gcs.safety.filter import SafetySettings
+from gcs.safety.walls import Fence
+from gcs.setting_errors import Misfit
+from gcs.yaml_source import Loc
+
+
+def misfits_of_fleet(
+    ports: Sequence[int], counts: Sequence[int], radius_m: float, safety: SafetySettings
+) -> Iterator[Misfit]:
+    """What could never be reached, or flown.
+
+    Asked of files alone: a configuration that was recorded was flown with, and is taken as it was.
+
+    Args:
+        ports: of each link.
+        counts: vehicles of each link.
+        radius_m: that the formation begins with.
+        safety: how far apart they stay.
+    """
+    for at, (given, count) in enumerate(zip(ports, counts, strict=True)):
+        if 1 < given < count:
+            text = f"1 port for all, or one for each of the {count} vehicles: {count}"
+            yield _misfit(("links", at, "ports"), given, text)
+    count = sum(counts)
+    smallest_m = smallest_formation_radius_m(count, safety)
+    if radius_m < smallest_m:
+        apart_m = safety.floor.widest_m
+        text = f"at least {smallest_m:.1f} m for {count} vehicles {apart_m:.1f} m apart"
+        yield _misfit(("formation", "radius_m"), radius_m, text)
+
+
+def fence_too_small(radius_m: float, orbit_radius_m: float, fence: Fence) -> tuple[Loc, str] | None:
+    """Whether no sphere of that radius fits between the fence's heights, or inside its distance.
+
+    Returns: what to blame, and what would be right: the fence, where the usual one would do, else the
+        radius. None: it fits somewhere.
+    """
+    room_m = fence.height_max_m - fence.height_min_m
+    around_m = orbit_radius_m + CLEAR_OF_FENCE_M
+    greatest_m = min(room_m / 2.0, fence.distance_max_m - around_m)
+    if radius_m <= greatest_m:
+        return None
+    usual = Fence()
+    usual_m = min((usual.height_max_m - usual.height_min_m) / 2.0, usual.distance_max_m - around_m)
+    if isfinite(radius_m) and (greatest_m <= 0.0 or radius_m <= usual_m):
+        if 2.0 * radius_m > room_m:
+            key, least_m = "height_max_m", fence.height_min_m + 2.0 * radius_m
+        else:
+            key, least_m = "distance_max_m", radius_m + around_m
+        text = f"too small for formation.radius_m = {radius_m:g}: at least {least_m:g} m"
+        return ("control", "safety", "fence", key), text
+    text = (
+        f"at most {greatest_m:g} m, so that it fits inside the fence ({fence.height_min_m:g} to"
+        f" {fence.height_max_m:g} m high, {fence.distance_max_m:g} m from the origin)"
+    )
+    return ("formation", "radius_m"), text
+
+
+def _misfit(loc: Loc, value: object, text: str) -> Misfit:
+    return Misfit(loc, ".".join(str(part) for part in loc), str(value), text)
