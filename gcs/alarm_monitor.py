@@ -237,6 +237,9 @@ class AlarmMonitor:
 
     def _of_the_ground(self) -> Iterator[Condition]:
         flight = self._flight
+        for vehicle_id, changed in flight.changed_parameters.items():
+            for name, text in changed.items():
+                yield Condition(AlarmCause.PARAMETER_CHANGED, text, (vehicle_id,), about=name)
         for vehicle_id, reason in flight.not_flying.items():
             severity = None if vehicle_id in flight.excluded else AlarmSeverity.CAUTION
             yield Condition(AlarmCause.NOT_FLYING, reason, (vehicle_id,), severity=severity)

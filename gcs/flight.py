@@ -130,6 +130,7 @@ class Flight:
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.telemetry = Newest(())
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
+        self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # away from what preflight demands
         self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be
         heard_in = [name for link in links for name in link.ids]
         place_of = {name: place for place, name in enumerate(heard_in)}

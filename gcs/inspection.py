@@ -6,6 +6,8 @@ else waiting.
 
 import asyncio
 import logging
+import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -13,7 +15,8 @@ import numpy as np
 from gcs.checks import Check
 from gcs.errors import OrderError
 from gcs.flight import Columns, Flight
-from gcs.parameters import parameter_checks, requirements
+from gcs.links import ParameterValue
+from gcs.parameters import Requirement, parameter_checks, requirements
 from gcs.state import Mask, VehicleId
 from gcs.vehicle import Vehicle
 
@@ -34,6 +37,9 @@ class Inspection:
         self._group = group
         self._flight = flight
         self._needed = requirements(flight.config.operation, flight.config.control)
+        self._by_name = {requirement.name: requirement for requirement in self._needed}
+        for link in flight.links:
+            link.watch_parameters(self._by_name.keys())
         self._boots = np.full(n, -1)
         self._silent: Mask = np.zeros(n, dtype=bool)
         self._due: Mask = np.zeros(n, dtype=bool)  # to be read (again), as soon as they are on the ground
@@ -45,6 +51,7 @@ class Inspection:
         flight = self._flight
         if not flight.config.operation.require_parameters:
             return
+        self._take_announced(heard)
         now_s, silence_s = flight.fleet.time_s, flight.config.operation.silence_s
         boots, armed = np.array(heard.boots), np.array(heard.armed)
         silent: Mask = ~(now_s - heard.beat_s <= silence_s)
@@ -56,6 +63,44 @@ class Inspection:
         room = AT_ONCE_MAX - int(self._reading.sum())
         for row in np.flatnonzero(self._due & ~waits)[: max(room, 0)].tolist():
             self._begin(flight.at_row(row))
+
+    def _take_announced(self, heard: Columns) -> None:
+        """Compare with what preflight demands whatever vehicles announce, whoever has set it."""
+        for link in self._flight.links:
+            for vehicle_id, values in link.told_parameters().items():
+                vehicle = self._flight.vehicles[vehicle_id]
+                for name, value in values.items():
+                    self._compare(vehicle, self._by_name[name], value, armed=heard.armed[vehicle.row])
+
+    def _compare(
+        self, vehicle: Vehicle, requirement: Requirement, value: ParameterValue, *, armed: bool
+    ) -> None:
+        """Keep a value that another station has set; warn where it breaks what preflight demands."""
+        flight, name = self._flight, requirement.name
+        known = flight.parameters.get(vehicle.id)
+        before = None if known is None else known.get(name)
+        if before == value or (known is None and not armed):  # on the ground all of them are being read
+            return
+        if known is not None:
+            flight.parameters[vehicle.id] = {**known, name: value}
+        if requirement.holds(value):
+            self._settle(vehicle, {name: value})
+            return
+        was = "" if before is None else f" from {before:g}"
+        where = "in flight" if armed else "on the ground"
+        needed = f"{requirement.wanted} is needed ({requirement.why})"
+        text = f"{name} was changed{was} to {value:g} {where}, {needed}"
+        flight.changed_parameters.setdefault(vehicle.id, {})[name] = text
+        log.warning("parameter_changed", extra={"vehicle": vehicle.id, "reason": text})
+
+    def _settle(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
+        """Forget changes of parameters that are right again."""
+        changed = self._flight.changed_parameters.get(vehicle.id, {})
+        for name in [name for name in changed if self._by_name[name].holds(values.get(name, math.nan))]:
+            del changed[name]
+            log.info("parameter_right_again", extra={"vehicle": vehicle.id, "reason": name})
+        if not changed:
+            self._flight.changed_parameters.pop(vehicle.id, None)
 
     def checks(self, vehicle_id: VehicleId) -> list[Check]:
         """Of its parameters. Where any is wrong they are read again: it may be mended by then."""
@@ -90,6 +135,7 @@ class Inspection:
         else:
             if not self._due[row]:  # it has not restarted, flown or been silent meanwhile
                 flight.parameters[vehicle.id] = values
+                self._settle(vehicle, values)
                 flight.parameter_problems.pop(vehicle.id, None)
                 log.info("parameters_read", extra={"vehicle": vehicle.id})
         finally:

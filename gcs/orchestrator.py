@@ -224,6 +224,11 @@ class Orchestrator:
         return [
             *reactions,
             *(f"{name}: {lacks}" for name, lacks in self._flight.without_heartbeat.items()),
+            *(
+                f"{name}: {text}"
+                for name, changed in self._flight.changed_parameters.items()
+                for text in changed.values()
+            ),
             *filter(None, columns),
             *(problem for link in self._flight.links for problem in link.problems),
             *recorded,

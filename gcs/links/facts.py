@@ -1,9 +1,11 @@
 """What every transport of ours tells about itself, and how; a transport adds how its bytes move."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Protocol
 
+from gcs.links.link import ParameterValue
+from gcs.links.parameter_news import ParameterNews
 from gcs.links.recorder import Recorder
 from gcs.links.roster import Address
 from gcs.links.traffic import Counters
@@ -42,6 +44,7 @@ class LinkFacts:
         self._whereabouts = whereabouts
         self._counters = counters
         self._recorder = recorder
+        self._parameter_news = ParameterNews()
 
     @property
     def name(self) -> str:
@@ -77,6 +80,14 @@ class LinkFacts:
         """Where each vehicle heard so far spoke from last: all that a kill from outside needs to know."""
         known = {name: self._whereabouts.address(system_id) for name, system_id in self._vehicles.items()}
         return {name: address for name, address in known.items() if address is not None}
+
+    def watch_parameters(self, names: Collection[str]) -> None:
+        """See `Link.watch_parameters`."""
+        self._parameter_news.watch(names)
+
+    def told_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
+        """See `Link.told_parameters`."""
+        return self._parameter_news.drain()
 
     @property
     def counters(self) -> Counters:

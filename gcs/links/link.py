@@ -1,6 +1,6 @@
 """The boundary between the fleet and a transport."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, TypeAlias
@@ -99,6 +99,14 @@ class Link(Protocol):
         Raises: UnknownError for a vehicle of another link; OrderError naming the parameter, when there is no
         such one or the vehicle does not answer (which cannot be told apart).
         """
+        ...
+
+    def watch_parameters(self, names: Collection[str]) -> None:
+        """Keep what vehicles announce of these parameters, whoever has set them; of no others."""
+        ...
+
+    def told_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
+        """Newest values of watched parameters that vehicles announced since the last call."""
         ...
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:

@@ -62,6 +62,9 @@ _SIGNATURE_LENGTH: Final = 13
 _MAV_AUTOPILOT_PX4: Final = 12
 _CUSTOM_MODE_ENABLED: Final = 0x01
 _ARMED: Final = 0x80
+_WHOLE_KINDS: Final = range(1, 7)  # MAV_PARAM_TYPE of integers up to 32 bits
+_SIGNED_KINDS: Final = (2, 4, 6)
+PARAM_VALUE: Final = 22
 FAILSAFE_STATES: Final = (5, 6)
 """MAV_STATE_CRITICAL and _EMERGENCY: PX4 says so while a failsafe of its own acts, never while a pilot flies.
 """
@@ -412,6 +415,16 @@ def asked_velocity(frame: Frame) -> bytes:
 def reset_counter(frame: Frame) -> int:
     """How often the estimator of an ODOMETRY has jumped, modulo 256."""
     return _padded(frame)[_RESET_COUNTER_AT]
+
+
+def parameter_value(frame: Frame) -> tuple[str, int | float]:
+    """Read a PARAM_VALUE: name and value; whole numbers are encoded bytewise, as PX4 does."""
+    raw = _padded(frame)
+    value, _, _, name, kind = unpack_from("<fHH16sB", raw)
+    told: int | float = value
+    if kind in _WHOLE_KINDS:
+        (told,) = unpack_from("<i" if kind in _SIGNED_KINDS else "<I", raw)
+    return name.split(b"\0", 1)[0].decode(errors="replace"), told
 
 
 def status_text(frame: Frame) -> TextChunk:

@@ -24,7 +24,13 @@ from gcs.links.facts import LinkFacts
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
-from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, Frame, kill_frame
+from gcs.links.mavlink_frames import (
+    GLOBAL_POSITION_INT,
+    PARAM_VALUE,
+    Frame,
+    kill_frame,
+    parameter_value,
+)
 from gcs.links.mavsdk_fleet import COMPONENT_ID, MavsdkVehicle
 from gcs.links.mavsdk_orders import MavsdkHand, Workers
 from gcs.links.mavsdk_shards import MavsdkShards
@@ -53,6 +59,7 @@ _POSITION_PERIOD_S: Final = 0.5
 """So often MAVSDK is shown a position; for the tick the wire reads them all."""
 
 _LOOKS_SHARED: Final = 20
+_AUTOPILOT_COMPONENT: Final = 1
 
 
 class MavsdkLink(LinkFacts):
@@ -117,6 +124,7 @@ class MavsdkLink(LinkFacts):
         super().__init__(name, vehicles, self._wire, self._wire.counters, recorder)
         self._signing = signing
         self._system_ids = tuple(vehicles.values())
+        self._id_of = {system_id: vehicle_id for vehicle_id, system_id in vehicles.items()}
         self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkShards | None = None
         self._orders: Orders | None = None
@@ -301,6 +309,8 @@ class MavsdkLink(LinkFacts):
         return system_id in self._met
 
     def _deliver(self, frame: Frame) -> None:
+        if frame.message_id == PARAM_VALUE and frame.component_id == _AUTOPILOT_COMPONENT:
+            self._parameter_news.take(self._id_of[frame.system_id], *parameter_value(frame))
         if self._fleet is None or frame.message_id in NOT_FOR_MAVSDK:
             return  # it has been counted as an arrival, and observers see it
         if frame.message_id == GLOBAL_POSITION_INT:

@@ -18,7 +18,8 @@ from pymavlink.dialects.v20 import common
 from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.frames import ShowFrame
 from gcs.links import Order, ParameterValue, Verb, rates
-from gcs.links.mavlink_frames import HEARTBEAT, kill_frame, split
+from gcs.links.mavlink_frames import HEARTBEAT, PARAM_VALUE, kill_frame, parameter_value, split
+from gcs.links.parameter_news import ParameterNews
 from gcs.links.roster import Address
 from gcs.links.settings import StreamSettings
 from gcs.state import Array, Setpoints, Telemetry, VehicleId
@@ -99,6 +100,7 @@ class LoopbackLink:
         self.failures: list[LinkError] = []
         self.refusing: set[tuple[VehicleId, Verb]] = set()  # orders that come back refused, as from PX4
         self.parameter_reads: list[tuple[float, VehicleId]] = []  # when parameters were asked for, of whom
+        self._news = ParameterNews()
         self.runs = 0
         self.takes_s = 0.0  # of every batch of setpoints, as on a machine that has too much to do
         self.conflicts: dict[VehicleId, str] = {}
@@ -247,6 +249,14 @@ class LoopbackLink:
                 raise OrderError(f"{vehicle_id}: parameter {name}: no answer")
             await asyncio.sleep(STEP_S)
 
+    def watch_parameters(self, names: Collection[str]) -> None:
+        """Keep what vehicles announce of these."""
+        self._news.watch(names)
+
+    def told_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
+        """What they announced since the last call."""
+        return self._news.drain()
+
     # test controls
 
     def silence(self, *vehicle_ids: VehicleId, up: bool = True, down: bool = True) -> None:
@@ -374,6 +384,8 @@ class LoopbackLink:
                 for frame in () if vehicle_id in self._mute else split(data).frames:
                     if frame.message_id != HEARTBEAT or vehicle_id not in self.beatless:
                         heard.take(frame, now_s)
+                    if frame.message_id == PARAM_VALUE:
+                        self._news.take(vehicle_id, *parameter_value(frame))
 
 
 def system_ids(ids: Collection[VehicleId]) -> dict[VehicleId, int]:

@@ -142,12 +142,8 @@ class Commands:
 
     def take_values(self, rows: Whole, said: Records) -> None:
         """Read PARAM_VALUEs."""
-        for row, message in zip(rows.tolist(), said, strict=True):
-            whole = _WHOLE.get(int(message["param_type"]))
-            value = float(message["param_value"])
-            if whole is not None:
-                value = int(np.array([message["param_value"]], np.float32).view(whole)[0])
-            self._resolve((row, text(message["param_id"])), Answer(value=value))
+        for row, (name, value) in zip(rows.tolist(), parameter_values(said), strict=True):
+            self._resolve((row, name), Answer(value=value))
 
     def _resolve(self, key: tuple[int, int | str], answer: Answer) -> None:
         waiting = self._pending.get(key)
@@ -182,3 +178,15 @@ class Commands:
                     return answer
                 patient = True
         raise OrderError(TIMEOUT)
+
+
+def parameter_values(said: Records) -> list[tuple[str, ParameterValue]]:
+    """Names and values of PARAM_VALUEs, whole numbers encoded bytewise, as PX4 does."""
+    values: list[tuple[str, ParameterValue]] = []
+    for message in said:
+        whole = _WHOLE.get(int(message["param_type"]))
+        value: ParameterValue = float(message["param_value"])
+        if whole is not None:
+            value = int(np.array([message["param_value"]], np.float32).view(whole)[0])
+        values.append((text(message["param_id"]), value))
+    return values

@@ -6,11 +6,12 @@ import numpy as np
 
 from gcs.links.direct import codec
 from gcs.links.direct.addresses import Addresses
-from gcs.links.direct.commands import COMMAND_ACK, PARAM_VALUE, Commands
+from gcs.links.direct.commands import COMMAND_ACK, PARAM_VALUE, Commands, parameter_values
 from gcs.links.direct.heard import FleetHeard
 from gcs.links.direct.kernels import BEGIN, COMPONENT, DATAGRAM, END, MESSAGE, SYSTEM, Bytes, Whole
 from gcs.links.direct.packets import Datagrams
 from gcs.links.direct.streams import Streams
+from gcs.links.link import ParameterValue
 from gcs.links.traffic import Counters, Direction, Observer
 from gcs.state import Array
 
@@ -23,6 +24,7 @@ class Inbox:
     Attributes:
         observers: whoever wants to see every frame; replace the tuple, do not mutate it.
         commands: who waits for answers; None: nobody.
+        note_parameter: called with row, name and value of every PARAM_VALUE; None: nobody.
         pass_on: who else is to read what was taken: (data, frames, rows, times) as `FleetHeard.take` gets
             them; None: nobody.
     """
@@ -30,6 +32,7 @@ class Inbox:
     def __init__(self, addresses: Addresses, heard: FleetHeard, streams: Streams, counters: Counters) -> None:
         self.observers: tuple[Observer, ...] = ()
         self.commands: Commands | None = None
+        self.note_parameter: Callable[[int, str, ParameterValue], None] | None = None
         self.pass_on: Callable[[Bytes, Whole, Whole, Array], None] | None = None
         self._addresses = addresses
         self._heard = heard
@@ -63,5 +66,10 @@ class Inbox:
             if self.commands is not None:
                 self.commands.take_acks(rows[acks], said)
         values = np.flatnonzero(message == PARAM_VALUE)
-        if len(values) and self.commands is not None:
-            self.commands.take_values(rows[values], codec.decode(PARAM_VALUE, data, frames[values]))
+        if len(values):
+            told = codec.decode(PARAM_VALUE, data, frames[values])
+            if self.commands is not None:
+                self.commands.take_values(rows[values], told)
+            if self.note_parameter is not None:
+                for row, (name, value) in zip(rows[values].tolist(), parameter_values(told), strict=True):
+                    self.note_parameter(row, name, value)

@@ -114,6 +114,7 @@ class UdpLink(LinkFacts, ABC):
         self._heard = FleetHeard(self._ids)
         self._streams = Streams(self._system_ids, rates_hz or {}, self._ask_for_streams)
         self._inbox = Inbox(self._addresses, self._heard, self._streams, self._counters)
+        self._inbox.note_parameter = self._note_parameter
         self._latch = KillLatch(vehicles.values())
         self._killed: set[int] = set()
         self._sent = Sent(len(self._ids))
@@ -294,6 +295,9 @@ class UdpLink(LinkFacts, ABC):
 
     def _send_kill(self, row: int) -> None:
         self._tell(COMMAND_LONG, kill_message(int(self._system_ids[row])), np.array([row]))
+
+    def _note_parameter(self, row: int, name: str, value: ParameterValue) -> None:
+        self._parameter_news.take(self._ids[row], name, value)
 
     def _receive(self) -> None:
         """Read what has arrived."""

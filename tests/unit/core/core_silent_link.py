@@ -1,7 +1,7 @@
 """A link for tests of what needs one, but nobody on it."""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -58,6 +58,13 @@ class SilentLink:
 
     def send(self, setpoints: Setpoints) -> None:
         """Nobody there."""
+
+    def watch_parameters(self, names: Collection[str]) -> None:
+        """Nobody there."""
+
+    def told_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
+        """Nobody there."""
+        return {}
 
     async def execute(self, order: Order) -> None:
         """Nobody there."""

@@ -1,0 +1,69 @@
+"""Parameters that preflight demands are watched: another station that changes one is noticed at once."""
+
+from typing import NamedTuple
+
+from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
+
+from gcs.alarms import Alarm, AlarmCause
+from gcs.links import ParameterValue
+from gcs.service import ShowAction
+
+
+class Changed(NamedTuple):
+    alarms: tuple[Alarm, ...]
+    notices: tuple[str, ...]
+    refusal: str
+    after: tuple[Alarm, ...]
+
+
+def of_parameters(show: Show) -> tuple[Alarm, ...]:
+    return tuple(
+        alarm for alarm in show.view.alarms if alarm.cause is AlarmCause.PARAMETER_CHANGED and alarm.lasts
+    )
+
+
+async def another_station_sets(show: Show, name: str, value: ParameterValue) -> None:
+    """PX4 tells every station what one of them has set."""
+    await show.link.set_parameter("d2", name, value)
+    await show.wait(1.0)
+
+
+async def changed_in_flight(show: Show) -> Changed:
+    await show.start()
+    await another_station_sets(show, "MPC_YAWRAUTO_MAX", 40.0)  # nobody demands anything of it
+    assert of_parameters(show) == ()
+    await another_station_sets(show, "COM_OF_LOSS_T", 5.0)
+    alarms, notices = of_parameters(show), tuple(show.view.notices)
+    await show.show(ShowAction.STOP)
+    await show.standby()
+    refusal = await refused(show, lambda: show.service.command_show(ShowAction.START))
+    await another_station_sets(show, "COM_OF_LOSS_T", 1.0)
+    await show.wait(1.0)
+    after = of_parameters(show)
+    show.service.command_show(ShowAction.START)
+    return Changed(alarms, notices, refusal.text, after)
+
+
+def test_a_parameter_changed_in_flight_is_an_alarm_and_fails_preflight_until_it_is_right() -> None:
+    changed = fly(changed_in_flight, show_config(3, operation=HOLDS_WHEN_LOST))
+    (alarm,) = changed.alarms
+    assert alarm.vehicles == ("d2",)
+    assert "COM_OF_LOSS_T was changed from 1 to 5 in flight, 0.5 to 1 is needed" in alarm.text
+    assert any("d2: COM_OF_LOSS_T was changed from 1 to 5" in notice for notice in changed.notices)
+    assert "d2: COM_OF_LOSS_T is 5, 0.5 to 1 is needed" in changed.refusal
+    assert changed.after == ()
+
+
+async def changed_on_the_ground(show: Show) -> tuple[tuple[Alarm, ...], str, int]:
+    await show.standby()
+    reads = len(show.link.parameter_reads)
+    await another_station_sets(show, "COM_OBL_RC_ACT", 0)
+    refusal = await refused(show, lambda: show.service.command_show(ShowAction.START))
+    return of_parameters(show), refusal.text, len(show.link.parameter_reads) - reads
+
+
+def test_a_parameter_changed_on_the_ground_fails_preflight_without_being_read_again() -> None:
+    alarms, refusal, reads = fly(changed_on_the_ground, show_config(3, operation=HOLDS_WHEN_LOST))
+    assert "COM_OBL_RC_ACT was changed from 5 to 0 on the ground, 5 is needed" in alarms[0].text
+    assert "d2: COM_OBL_RC_ACT is 0, 5 is needed" in refusal
+    assert reads <= 1, "at most by the refusal itself"
