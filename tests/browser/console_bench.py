@@ -2,7 +2,6 @@
 
 import json
 import re
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -54,12 +53,16 @@ TARGET_PX, BOX_PX, SPHERE_PX = -26.0, 14.0, 0.0
 AXE: Final = ROOT / "api" / "console" / "node_modules" / "axe-core" / "axe.min.js"
 
 SEEN: Final = """
-// When messages came, when the page said what, and for how long it could not draw: by the page's own clock.
-window.seen = { message_ms: 0, said: [], counted: [], stalled: [] };
+// When messages and alarms came, what the page said and showed when, and how long it could not draw.
+window.seen = { message_ms: 0, said: [], counted: [], stalled: [], told: {}, shown: {}, tones: 0 };
 window.WebSocket = class extends WebSocket {
   constructor(...given) {
     super(...given);
-    this.addEventListener("message", () => (window.seen.message_ms = performance.now()));
+    this.addEventListener("message", ({ data }) => {
+      const now_ms = (window.seen.message_ms = performance.now());
+      if (typeof data !== "string") return;
+      for (const { id } of JSON.parse(data).alarms) window.seen.told[id] ??= now_ms;
+    });
   }
 };
 const note = (where, list) => {
@@ -71,8 +74,16 @@ const note = (where, list) => {
 const said = () => {
   note("[data-testid=connection] strong", window.seen.said);
   note("[data-testid=countdown] .gauge-value", window.seen.counted);
+  for (const { dataset } of document.querySelectorAll("[data-alarm]")) {
+    window.seen.shown[dataset.alarm] ??= performance.now();
+  }
 };
 new MutationObserver(said).observe(document, { subtree: true, childList: true, characterData: true });
+const start = AudioScheduledSourceNode.prototype.start;
+AudioScheduledSourceNode.prototype.start = function (...given) {
+  window.seen.tones += 1;
+  return start.apply(this, given);
+};
 let before_ms = performance.now();
 const drawn = (now_ms) => {
   if (now_ms - before_ms > 50) window.seen.stalled.push({ from_ms: before_ms, to_ms: now_ms });
@@ -233,16 +244,6 @@ class Station:
             yield client
 
 
-def fault(control: int, **order: object) -> None:
-    """Break something in the fake vehicles that hear faults on port `control`, or mend it."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
-        outlet.settimeout(5.0)
-        outlet.sendto(json.dumps(order).encode(), ("127.0.0.1", control))
-        answer = json.loads(outlet.recv(2000))
-    if not answer["ok"]:
-        raise RuntimeError(f"{order}: {answer['error']}")
-
-
 @contextmanager
 def station(
     folder: Path,
@@ -252,13 +253,9 @@ def station(
     takeoff_m: float = 5.0,
     ground: dict[str, Any] | None = None,
     heading_deg: float = 0.0,
-    control: int | None = None,
     **formation: Any,
 ) -> Iterator[Station]:
-    """The service over fake vehicles of its own, which take off to `takeoff_m`; `ground`: section `map`.
-
-    The vehicles hear faults on UDP port `control`; None: they do not.
-    """
+    """The service over fake vehicles of its own, which take off to `takeoff_m`; `ground`: section `map`."""
     port = free_ports(count)
     raw = flying_config(count, port, silence_s=5.0, takeoff_height_m=takeoff_m).model_dump()
     raw["api"]["port"] = free_ports()
@@ -269,9 +266,8 @@ def station(
     raw["shows"] = {"folder": folder / "shows"}
     raw["reactions"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
     config = configuration.Config.model_validate(raw)
-    faults = () if control is None else ("--control", str(control))
     with (
-        vehicles(count, port, folder, *proper(config), *faults),
+        vehicles(count, port, folder, *proper(config)),
         service(config, folder / "service") as (client, process),
     ):
         yield Station(f"http://127.0.0.1:{config.api.port}", client, process, config, folder / "service")

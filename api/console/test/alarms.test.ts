@@ -4,6 +4,7 @@ import { iconOf, REPEATED_MS, titleOf } from "../src/alarms/attention";
 import { counted, ordered, raised, worst, type Alarm, type Severity } from "../src/alarms/model";
 import { initial, type State } from "../src/state";
 import { update, type Message } from "../src/update";
+import { frame } from "./frames";
 import { status } from "./statuses";
 
 const alarm = (id: string, severity: Severity, change: Partial<Alarm> = {}): Alarm => ({
@@ -102,6 +103,23 @@ describe("the sound", () => {
     const replay = { file: "f", began_unix_time_s: 0, duration_s: 9, position_s: 0, speed: 1, paused: false, ended: false, skips_idle: true };
     const record: Message = { kind: "status", status: { ...status({ replay }), alarms: [alarm("a", "emergency")] } };
     expect(rings(after(initial(0), record, tick(60_000)))).toBe(0);
+  });
+});
+
+describe("a connection that is lost", () => {
+  const live = (airborne: number): State =>
+    after(initial(0), { kind: "status", status: status({ counts: { ...status().counts, airborne } }) }, { kind: "frame", frame: frame({ vehicles: [] }, 0) });
+  const rings = (state: State): number => state.attention.ring.count;
+
+  it("sounds as an emergency while vehicles are in the air, again and again; alarms that are known are not forgotten", () => {
+    const lost = after(live(3), tick(500), tick(1500), tick(1600));
+    expect(lost.attention.ring).toEqual({ count: 1, severity: "emergency" });
+    expect(rings(after(lost, tick(1500 + REPEATED_MS.warning!)))).toBe(2);
+    expect(rings(after(lost, { kind: "frame", frame: frame({ vehicles: [] }, 1700) }, tick(1800)))).toBe(1);
+  });
+
+  it("is silent with everything on the ground", () => {
+    expect(rings(after(live(0), tick(1500), tick(60_000)))).toBe(0);
   });
 });
 

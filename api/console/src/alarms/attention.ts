@@ -1,6 +1,6 @@
 // What calls for an operator who does not look at the list: sound, title, icon, and what a screen reader says. Pure.
 
-import type { State } from "../state";
+import { fresh, type State } from "../state";
 import { alarmsOf, ordered, rank, raised, worst, type Alarm, type Overall, type Severity } from "./model";
 
 /** A sound to be played: the page plays one whenever `count` goes up. */
@@ -73,11 +73,11 @@ export type AttentionMessage =
 
 /** Behind the update of everything else; `message` is the same. */
 export function updateAttention(before: State, state: State, message: { kind: string }): State {
-  const attention = attended(before, state, message as AttentionMessage | { kind: "status" | "tick" });
+  const attention = attended(before, state, message as AttentionMessage | { kind: "status" | "tick" | "connection" });
   return attention === state.attention ? state : { ...state, attention };
 }
 
-function attended(before: State, state: State, message: AttentionMessage | { kind: "status" | "tick" }): Attention {
+function attended(before: State, state: State, message: AttentionMessage | { kind: "status" | "tick" | "connection" }): Attention {
   const { attention, status, page_ms } = state;
   const isSilent = Boolean(status?.replay);
   switch (message.kind) {
@@ -91,11 +91,25 @@ function attended(before: State, state: State, message: AttentionMessage | { kin
       const isSame = before.status?.began_unix_time_s === status?.began_unix_time_s; // another service numbers its alarms anew
       return heard(attention, isSame ? alarmsOf(before.status) : [], alarmsOf(status), page_ms, isSilent);
     }
+    case "connection":
     case "tick":
+      if (isCutOff(state)) return cutOff(before, state);
       return reminded(attention, alarmsOf(status), page_ms, isSilent);
     default:
       return attention;
   }
+}
+
+/** What is shown was so, and nobody knows whether it still is. */
+export function isCutOff(state: State): boolean {
+  const { connection, status, frame } = state;
+  return status !== null && !status.replay && frame !== null && connection.kind !== "denied" && !fresh(state);
+}
+
+/** With vehicles in the air no data is as urgent as an emergency: what goes wrong now raises no alarm here. */
+function cutOff(before: State, { attention, status, page_ms }: State): Attention {
+  const isDue = !isCutOff(before) || page_ms - attention.rang_ms >= REPEATED_MS.warning!;
+  return isDue && status!.counts.airborne > 0 ? rung(attention, "emergency", page_ms, false) : attention;
 }
 
 /** "EMERGENCY 2: Vehicle d3 lost": the worst first, for a tab that is not looked at. */

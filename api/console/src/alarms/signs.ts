@@ -6,7 +6,7 @@ import normal from "../icon.svg";
 import warning from "../icon-warning.svg";
 import type { State } from "../state";
 import { texts } from "../texts";
-import { iconOf, titleOf } from "./attention";
+import { iconOf, isCutOff, titleOf } from "./attention";
 import { alarmsOf } from "./model";
 import { Sounder } from "./sound";
 
@@ -23,11 +23,13 @@ export function createSigns(page: Document, blocked: (isBlocked: boolean) => voi
   const icon = page.querySelector<HTMLLinkElement>('link[rel="icon"]')!;
   let rung = 0;
   return {
-    show({ status, attention }) {
+    show(state) {
+      const { status, attention } = state;
       const alarms = alarmsOf(status);
-      const title = titleOf(texts.title, alarms);
+      const isCut = isCutOff(state);
+      const title = isCut ? texts.alarms.noData(texts.title) : titleOf(texts.title, alarms);
       if (page.title !== title) page.title = title;
-      const href = ICONS[iconOf(alarms)];
+      const href = ICONS[isCut ? "emergency" : iconOf(alarms)];
       if (icon.getAttribute("href") !== href) icon.setAttribute("href", href);
       if (attention.ring.count > rung) sounder.play(attention.ring.severity);
       rung = attention.ring.count;
