@@ -72,6 +72,7 @@ flight-quality: .venv/ready  ## fly every scenario as it is judged; brings docs/
 
 screenshots: .venv/ready console  ## docs/screenshots, of a flight over the fake fleet; needs Chromium; look at them
 	$(BIN)/python tests/browser/screenshots.py
+	$(BIN)/python tests/browser/status_pictures.py
 
 format: .venv/ready
 	$(BIN)/ruff format .

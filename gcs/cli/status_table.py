@@ -39,8 +39,6 @@ ORDINARY: Final = frozenset({Phase.FORMATION, Phase.TAKEOFF, Phase.RETURN, Phase
 """Phases whose reason says no more than the phase, as long as the safety filter holds nothing back."""
 
 GAP: Final = 2
-WHY_LEAST: Final = 24
-"""Characters; a column of reasons that is narrower says nothing."""
 
 
 class Column(NamedTuple):
@@ -131,8 +129,6 @@ def _sorted(vehicles: Sequence[wire.Vehicle], by: str | None) -> Sequence[wire.V
 def _needed(vehicles: Sequence[wire.Vehicle], name: str) -> int:
     """Characters that a column takes at least."""
     column = COLUMNS[name]
-    if name == "why":
-        return WHY_LEAST if any(_why(each) for each in vehicles) else len(column.head)
     return max([len(column.head), *(column.cell(each).cell_len for each in vehicles)])
 
 

@@ -1,0 +1,58 @@
+"""A fleet of twenty in which nearly everything that `gcs status` can show is so."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent / "unit" / "api"))
+
+from api_fake_service import FakeService
+from api_harness import Api
+
+from api import wire
+from gcs.state import Mode
+
+PILOT = "its pilot flies it in POSCTL since 12:04:31"
+NOT_ORDINARY: dict[str, dict[str, Any]] = {
+    "d3": {"phase": "pilot", "mode": Mode.OTHER.value, "reason": PILOT},
+    "d7": {"phase": "hold", "mode": Mode.HOLD.value, "reason": "its own failsafe: no setpoint for 1.2 s"},
+    "d8": {"phase": "hold", "mode": Mode.HOLD.value, "reason": "its own failsafe: no setpoint for 1.2 s"},
+    "d11": {"restrained_by": "separation from d12"},
+    "d14": {"phase": "return", "mode": Mode.RETURN.value, "battery_remaining": 0.19, "reason": "flies home"},
+    "d17": {
+        "phase": "lost",
+        "mode": Mode.OFFBOARD.value,
+        "reason": "no telemetry for 4.2 s; it was in the air",
+        "position_age_s": 4.2,
+        "battery_remaining": None,
+        "link_quality": 0.0,
+        "velocity": None,
+    },
+}
+
+
+def example_fleet(count: int = 20, name: str = "d{}") -> wire.Fleet:
+    """The state, as `GET /api/v1/fleet` answers it."""
+    service = FakeService(count)
+    service.fly()
+    service.tick()
+    told: dict[str, Any] = Api(service)("GET", "/api/v1/fleet").json()
+    for index, vehicle in enumerate(told["vehicles"]):
+        vehicle.update(
+            {"restrained_by": "", "battery_remaining": 0.82 - 0.005 * index, "position_age_s": 0.1}
+        )
+        vehicle.update(
+            {"reason": "flies with the formation", "link_quality": 0.99, "id": name.format(index + 1)}
+        )
+        vehicle["position"]["height_m"] = 24.0 + 0.7 * (index % 7)
+        vehicle["velocity"] = {"x_m_s": 1.2, "y_m_s": 0.6, "up_m_s": 0.0}
+        vehicle.update(NOT_ORDINARY.get(f"d{index + 1}", {}))
+    told["counts"] = {
+        "airborne": 19,
+        "controlled": 18,
+        "uncontrolled": 1,
+        "unknown": 1,
+        "on_ground": 0,
+        "offline": 0,
+    }
+    return wire.Fleet.model_validate(told)
