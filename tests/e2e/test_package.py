@@ -1,14 +1,19 @@
 """What an installed wheel holds."""
 
+import email
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
+import mypy
 import pytest
+
+from gcs.cli.files import NAMES
 
 ROOT = Path(__file__).parents[2]
 
@@ -20,8 +25,10 @@ def test_a_wheel_brings_its_configurations_and_the_fake_autopilot(tmp_path: Path
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "site")
     names = {str(path.relative_to(tmp_path / "site")) for path in (tmp_path / "site").rglob("*")}
-    assert {"gcs/_configs/demo.yaml", "sim/px4_params.json", "api/docs.html"} <= names
-    assert "api/console/dist/index.html" in names
+    assert {"gcs/_configs/demo.yaml", "sim/px4_params.json"} <= names
+    assert {"api/console/dist/index.html", "api/console/dist/docs.html"} <= names
+    assert {f"{package}/py.typed" for package in ("gcs", "api", "sim")} <= names
+    assert {f"gcs/_docs/{name}" for name in NAMES} <= names
     page = (tmp_path / "site" / "api" / "console" / "dist" / "index.html").read_text(encoding="utf-8")
     scripts = [name for name in names if name.endswith(".js")]
     assert scripts
@@ -41,6 +48,37 @@ def test_a_wheel_brings_its_configurations_and_the_fake_autopilot(tmp_path: Path
     where, count = done.stdout.split()
     assert Path(where) == tmp_path / "site" / "gcs" / "_configs" / "demo.yaml"
     assert count == "10"
+    (metadata,) = (tmp_path / "site").glob("formation_gcs-*.dist-info/METADATA")
+    told = email.message_from_string(metadata.read_text(encoding="utf-8"))
+    assert {each.split(",")[0] for each in told.get_all("Project-URL", [])} >= {
+        "Source",
+        "Changelog",
+        "Issues",
+    }
+    assert told["Author"]
+    assert "Typing :: Typed" in told.get_all("Classifier", [])
+    links = re.findall(r'\]\(([^)]+)\)|src="([^"]+)"', told.get_payload())
+    assert len(links) > 5
+    assert all("".join(link).startswith("https://") for link in links)
+    check_types(tmp_path)
+
+
+def check_types(folder: Path) -> None:
+    """A program that uses the installed client sees its types, and mypy the program's mistakes."""
+    (folder / "program.py").write_text(
+        "from gcs.client import Client\n\nwith Client() as client:\n"
+        "    reveal_type(client.show().phase)\n    client.change_formation(radius_m='wide')\n"
+    )
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder / "env")], check=True)
+    (packages,) = (folder / "env").glob("lib/*/site-packages")
+    shutil.copytree(folder / "site", packages, dirs_exist_ok=True)
+    others = Path(mypy.__file__).parents[1]  # what the wheel needs; a .pth in there is not followed
+    (packages / "others.pth").write_text(f"{others}\n")
+    command = [sys.executable, "-m", "mypy", "--python-executable", str(folder / "env" / "bin" / "python")]
+    command += ["--strict", "--config-file", os.devnull, "--cache-dir", str(folder / "mypy"), "program.py"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, cwd=folder)
+    assert 'Revealed type is "gcs.lifecycle.ShowPhase"' in done.stdout, done.stdout
+    assert 'Argument "radius_m" to "change_formation"' in done.stdout
 
 
 def test_an_sdist_builds_the_page_for_itself(tmp_path: Path) -> None:
