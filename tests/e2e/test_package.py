@@ -57,7 +57,7 @@ def test_a_wheel_brings_its_configurations_and_the_fake_autopilot(tmp_path: Path
     }
     assert told["Author"]
     assert "Typing :: Typed" in told.get_all("Classifier", [])
-    links = re.findall(r'\]\(([^)]+)\)|src="([^"]+)"', told.get_payload())
+    links = re.findall(r'\]\(([^)]+)\)|src="([^"]+)"', str(told.get_payload()))
     assert len(links) > 5
     assert all("".join(link).startswith("https://") for link in links)
     check_types(tmp_path)
