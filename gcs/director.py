@@ -138,7 +138,7 @@ class Director:
             if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
                 self._all_have_taken_off()
         elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
-            flight.move_show(ShowEvent.ASSEMBLED, "the sphere stands")
+            flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
         elif flight.performance is not None and flight.performance.is_over(flight.fleet.time_s):
             self._stop(f"show {flight.performance.name!r} is over: everybody comes home")
         flying = flight.show in IN_THE_AIR | {ShowPhase.ABORTING} and flight.show is not ShowPhase.ARMING
@@ -152,7 +152,7 @@ class Director:
         flight = self._flight
         holding = ", ".join(f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.in_phase(Phase.HOLD))
         if flight.in_phase(Phase.FORMATION):
-            flight.move_show(ShowEvent.ALL_UP, "everybody who flies is up")
+            flight.move_show(ShowEvent.ALL_UP, "all airborne")
         elif holding:
             flight.move_show(ShowEvent.TAKEN_ON, f"nobody flies in formation; waiting for orders: {holding}")
         elif not flight.airborne:
