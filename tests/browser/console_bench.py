@@ -2,6 +2,7 @@
 
 import json
 import re
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -244,6 +245,16 @@ class Station:
             yield client
 
 
+def fault(control: int, **order: object) -> None:
+    """Break something in the fake vehicles that hear faults on port `control`, or mend it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
+        outlet.settimeout(5.0)
+        outlet.sendto(json.dumps(order).encode(), ("127.0.0.1", control))
+        answer = json.loads(outlet.recv(2000))
+    if not answer["ok"]:
+        raise RuntimeError(f"{order}: {answer['error']}")
+
+
 @contextmanager
 def station(
     folder: Path,
@@ -253,9 +264,13 @@ def station(
     takeoff_m: float = 5.0,
     ground: dict[str, Any] | None = None,
     heading_deg: float = 0.0,
+    control: int | None = None,
     **formation: Any,
 ) -> Iterator[Station]:
-    """The service over fake vehicles of its own, which take off to `takeoff_m`; `ground`: section `map`."""
+    """The service over fake vehicles of its own, which take off to `takeoff_m`; `ground`: section `map`.
+
+    The vehicles hear faults on UDP port `control`; None: they do not.
+    """
     port = free_ports(count)
     raw = flying_config(count, port, silence_s=5.0, takeoff_height_m=takeoff_m).model_dump()
     raw["api"]["port"] = free_ports()
@@ -266,8 +281,9 @@ def station(
     raw["shows"] = {"folder": folder / "shows"}
     raw["reactions"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
     config = configuration.Config.model_validate(raw)
+    faults = () if control is None else ("--control", str(control))
     with (
-        vehicles(count, port, folder, *proper(config)),
+        vehicles(count, port, folder, *proper(config), *faults),
         service(config, folder / "service") as (client, process),
     ):
         yield Station(f"http://127.0.0.1:{config.api.port}", client, process, config, folder / "service")

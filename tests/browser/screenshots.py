@@ -3,8 +3,6 @@
 Look at them. What is to be seen in docs/screenshots/ is what an operator sees.
 """
 
-import json
-import socket
 import subprocess
 import sys
 import tempfile
@@ -17,7 +15,7 @@ from typing import Final
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from console_bench import FLIGHT_MS, ROOT, Console, browser, console
+from console_bench import FLIGHT_MS, ROOT, Console, browser, console, fault
 from ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
 from machine import free_ports
 from PIL import Image
@@ -45,16 +43,6 @@ def fleet(config: configuration.Config, port: int, control: int) -> Iterator[Non
             yield
         finally:
             process.terminate()
-
-
-def fault(control: int, **order: object) -> None:
-    """Break something, or mend it."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
-        outlet.settimeout(5.0)
-        outlet.sendto(json.dumps(order).encode(), ("127.0.0.1", control))
-        answer = json.loads(outlet.recv(2000))
-    if not answer["ok"]:
-        raise RuntimeError(f"{order}: {answer['error']}")
 
 
 def shoot(desk: Console, name: str, *panels: str | None) -> None:

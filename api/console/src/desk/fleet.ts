@@ -10,7 +10,7 @@ import { button } from "./controls";
 import { fixed, percentOnly } from "./format";
 import { selectionBar } from "./group";
 import { icon, PHASE_ICON } from "./icons";
-import { place } from "./place";
+import { place, sized } from "./place";
 import { hasTerm, toggled } from "./query";
 import { isStale, rowOf, windowed, type Column, type Row } from "./rows";
 import { ROW_PX } from "./state";
@@ -156,12 +156,14 @@ function table(state: State, actions: DeskActions, status: Status, frame: Frame)
     const { scrollTop, clientHeight } = event.currentTarget as HTMLElement;
     actions.set({ scroll_px: scrollTop, room_px: clientHeight });
   };
+  const resized = ({ scrollTop, clientHeight }: HTMLElement): void => actions.set({ scroll_px: scrollTop, room_px: clientHeight });
   return html`<div
     class="table-scroll"
     tabindex="0"
     role="region"
     aria-label=${texts.fleet.title}
     data-testid="fleet-scroll"
+    ${sized(resized)}
     @scroll=${measured}
     @focusin=${measured}
     @keydown=${(event: KeyboardEvent) => onKey(actions, event)}

@@ -1,6 +1,7 @@
 /** Sets sizes and places of an element. Attributes `style` are forbidden by the page's policy; properties are not. */
 
 import { noChange } from "lit-html";
+import { AsyncDirective } from "lit-html/async-directive.js";
 import { Directive, directive, PartType, type ElementPart, type PartInfo } from "lit-html/directive.js";
 
 class Place extends Directive {
@@ -41,3 +42,27 @@ class Focus extends Directive {
 
 /** Takes the focus once, when its element appears: `<button ${focused(true)}>` */
 export const focused = directive(Focus);
+
+class Sized extends AsyncDirective {
+  private observer: ResizeObserver | null = null;
+
+  render(_changed: (element: HTMLElement) => void): typeof noChange {
+    return noChange;
+  }
+
+  override update(part: ElementPart, [changed]: [(element: HTMLElement) => void]): typeof noChange {
+    if (this.observer === null) {
+      this.observer = new ResizeObserver(() => changed(part.element as HTMLElement));
+      this.observer.observe(part.element);
+    }
+    return noChange;
+  }
+
+  override disconnected(): void {
+    this.observer?.disconnect();
+    this.observer = null;
+  }
+}
+
+/** Calls the function that it was given first whenever the element's size changes: `<div ${sized((element) => ...)}>` */
+export const sized = directive(Sized);
