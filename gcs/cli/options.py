@@ -75,7 +75,10 @@ def show(parser: argparse.ArgumentParser) -> None:
     _show(plot)
     plot.add_argument("picture", metavar="OUT.png", help="a .png, .svg or .pdf file")
     plot.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
-    _show(actions.add_parser("hash", help="what a start must name: the hash of all that is flown"))
+    digest = actions.add_parser("hash", help="what a start must name: the hash of all that is flown")
+    _show(digest)
+    for each in (plot, digest):
+        each.add_argument("--json", action="store_true", help="one JSON object")
 
 
 def params(parser: argparse.ArgumentParser) -> None:

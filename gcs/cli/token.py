@@ -1,6 +1,7 @@
 """`gcs token`: make, list and revoke the tokens that the API asks for."""
 
 import argparse
+import json
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -31,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     revoke.add_argument("name", metavar="NAME")
     revoke.set_defaults(run=_revoke)
     for command in (create, listing, revoke):
+        command.add_argument("--json", action="store_true", help="one JSON value")
         command.add_argument("--file", type=Path, default=Path(FILE), help=f"the token file ({FILE})")
 
 
@@ -39,7 +41,10 @@ def _create(arguments: argparse.Namespace) -> int:
         token = create_token(arguments.file, arguments.name, Role(arguments.role))
     except GcsError as error:
         return _failed(error)
-    print(token)
+    if arguments.json:
+        print(json.dumps({"name": arguments.name, "role": arguments.role, "token": token}))
+    else:
+        print(token)
     said = (
         f"{arguments.name} may {arguments.role}; {arguments.file} keeps a hash of it: this is its only copy"
     )
@@ -52,6 +57,13 @@ def _list(arguments: argparse.Namespace) -> int:
         entries = read_tokens(arguments.file)
     except GcsError as error:
         return _failed(error)
+    if arguments.json:
+        told = [
+            {"name": entry.name, "role": entry.role, "created_unix_time_s": entry.created_unix_time_s}
+            for entry in entries
+        ]
+        print(json.dumps(told, indent=2))
+        return 0
     for entry in entries:
         since = datetime.fromtimestamp(entry.created_unix_time_s, UTC).isoformat(timespec="seconds")
         print(f"{entry.name:<24} {entry.role:<10} {since}")
@@ -63,7 +75,7 @@ def _revoke(arguments: argparse.Namespace) -> int:
         revoke_token(arguments.file, arguments.name)
     except GcsError as error:
         return _failed(error)
-    print(f"{arguments.name}: revoked")
+    print(json.dumps({"revoked": arguments.name}) if arguments.json else f"{arguments.name}: revoked")
     return 0
 
 

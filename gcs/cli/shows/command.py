@@ -6,6 +6,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from gcs.cli.progress import working
 from gcs.cli.shows.rehearsal import rehearse
 from gcs.cli.shows.verdict import judge, table
 from gcs.errors import ConfigError, ShowError
@@ -18,7 +19,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _check(arguments)
     loaded = load(find(arguments.file))
     if arguments.action == "hash":
-        print(loaded.show.digest)
+        digest = loaded.show.digest
+        print(json.dumps({"hash": digest}) if arguments.json else digest)
         return 0
     return _plot(loaded, arguments)
 
@@ -34,7 +36,8 @@ def _check(arguments: argparse.Namespace) -> int:
         else:
             print(error, file=sys.stderr)
         return 1
-    verdict = judge(*rehearse(loaded, arguments.seed))
+    with working(f"flying {path.stem} in virtual time"):
+        verdict = judge(*rehearse(loaded, arguments.seed))
     model = {"model": loaded.show.model_dump(mode="json")} if arguments.model else {}
     print(json.dumps(verdict.told() | model) if arguments.json else table(verdict))
     return 0 if verdict.good else 1
@@ -46,5 +49,8 @@ def _plot(loaded: LoadedShow, arguments: argparse.Namespace) -> int:
     file = Path(arguments.picture)
     if not file.parent.is_dir() or file.suffix not in {".png", ".svg", ".pdf"}:
         raise ConfigError(f"{file}: a .png, .svg or .pdf file in a folder that exists")
-    verdict = draw(*rehearse(loaded, arguments.seed), file)
+    with working("flying it in virtual time"):
+        verdict = draw(*rehearse(loaded, arguments.seed), file)
+    if arguments.json:
+        print(json.dumps({"picture": str(file), "good": verdict.good}))
     return 0 if verdict.good else 1

@@ -5,6 +5,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from gcs.cli.progress import working
 from gcs.cli.simulation import scenario as scenarios
 from gcs.cli.simulation.batch import Run, judged_runs, passed, run_all
 from gcs.cli.simulation.flight import fly
@@ -19,10 +20,12 @@ def run(arguments: argparse.Namespace) -> int:
         return _plot(paths, arguments)
     runs = [run for path in paths for run in _runs(path, arguments)]
     reports = []
-    for figures in run_all(runs, arguments.workers):
-        reports.append(figures)
-        if arguments.json:
-            print(json.dumps(figures), flush=True)
+    with working(f"flying {len(runs)} in virtual time" if len(runs) > 1 else "flying", len(runs)) as one_done:
+        for figures in run_all(runs, arguments.workers):
+            reports.append(figures)
+            one_done()
+            if arguments.json:
+                print(json.dumps(figures), flush=True)
     if not arguments.json:
         print(summary(reports))
     return 0 if passed(reports) else 1

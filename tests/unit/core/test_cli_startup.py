@@ -1,17 +1,21 @@
 """What `gcs` loads before it does anything, and how it says what it can do."""
 
+import json
 import os
 import signal
 import subprocess
 import sys
+from io import StringIO
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from gcs.cli import options
 from gcs.cli.commands import ACTIONS, CALLS, COMMANDS, names
 from gcs.cli.demo import VEHICLES_MAX
 from gcs.cli.main import load, main, whole_parser
+from gcs.cli.progress import working
 from gcs.cli.simulation.scenario import ROWS
 
 NOBODY = "http://127.0.0.1:9"
@@ -159,6 +163,34 @@ def test_ctrl_c_while_a_command_is_loaded_ends_it_without_a_traceback(tmp_path: 
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}
     told = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, env=environment)
     assert (told.returncode, told.stdout, told.stderr) == (128 + signal.SIGINT, "", "")
+
+
+def test_tokens_keys_and_hashes_are_told_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = f"--file={tmp_path / 'tokens.json'}"
+    assert main(["token", "create", "crew", "--role", "watch", "--json", file]) == 0
+    made = json.loads(capsys.readouterr().out)
+    assert (made["name"], made["role"], made["token"][:4]) == ("crew", "watch", "gcs_")
+    assert main(["token", "list", "--json", file]) == 0
+    assert [each["name"] for each in json.loads(capsys.readouterr().out)] == ["crew"]
+    assert main(["token", "revoke", "crew", "--json", file]) == 0
+    assert json.loads(capsys.readouterr().out) == {"revoked": "crew"}
+    assert main(["key", "create", str(tmp_path / "link.key"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"file": str(tmp_path / "link.key")}
+    assert main(["show", "hash", "lighthouse", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["hash"]) == 64
+
+
+def test_progress_is_shown_on_a_terminal_and_nowhere_else() -> None:
+    shown = {}
+    for is_terminal in (True, False):
+        console = Console(file=StringIO(), force_terminal=is_terminal, width=80)
+        with working("flying 3 in virtual time", 3, console) as one_done:
+            one_done()
+            one_done()
+        shown[is_terminal] = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "flying 3 in virtual time" in shown[True]
+    assert "2/3" in shown[True]
+    assert shown[False] == ""
 
 
 def test_what_came_along_is_listed_and_printed(capsys: pytest.CaptureFixture[str]) -> None:
