@@ -16,7 +16,7 @@ from gcs.errors import GcsError, LinkError
 from gcs.formation.obstacles import Ellipse
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Link
-from gcs.orchestrator import Orchestrator
+from gcs.orchestrator import Heart, Orchestrator
 from gcs.parameters import requirements, settings_of
 from gcs.records.record import Record
 from gcs.rows import VehicleView
@@ -310,6 +310,7 @@ def fly(
     failures: Sequence[LinkError] = (),
     record: Record | None = None,
     planning: Executor | None = None,
+    heart: Heart | None = None,
     **fleet_settings: Any,
 ) -> T:
     """Play `story` with a running service; control's own errors end it.
@@ -320,6 +321,7 @@ def fly(
         failures: of the link, before it first runs.
         record: where the flight is recorded, entered.
         planning: of ways home; None: done as soon as it is begun.
+        heart: is told that control lives.
         fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
     """
     plan = show_config(4) if config is None else config
@@ -337,7 +339,9 @@ def fly(
         link.failures.extend(failures)
         links: list[Link] = [link]
         unix = UnixClock()
-        orchestrator = Orchestrator(plan, links, record, unix_s=unix, planning=planning or AtOnce())
+        orchestrator = Orchestrator(
+            plan, links, record, unix_s=unix, heart=heart, planning=planning or AtOnce()
+        )
         show = Show(plan, fleet, link, orchestrator, unix)
         services = {
             asyncio.create_task(show.service.run(), name="service"),
