@@ -55,7 +55,7 @@ order, whose outcome per vehicle is at `/api/v1/orders/{id}`. `/api/v1/stream?ra
 sends what `/api/v1/fleet` answers, the newest state each time; for who draws `/api/v1/stream/console` sends
 binary frames, and what `/api/v1/status` answers whenever that changes (docs/stream.md). Where orders are
 recorded, an answer leaves when the record has the order; with the header `X-Recorded: no` it does not, and
-`notices` say why.
+`alarms` say why.
 """
 
 

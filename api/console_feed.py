@@ -71,7 +71,7 @@ class Feed:
             (view.show, view.reason, view.plan, view.bounds, view.start_unix_time_s),
             None if selected is None else replace(selected, clock_s=0.0),
             None if playback is None else replace(playback, position_s=0.0),
-            (view.interrupted, view.alarms, view.notices, view.reactions),
+            (view.interrupted, view.alarms),
             happenings[-1].number if happenings else 0,
             list(rows.reasons),
             list(rows.restrained_by),

@@ -6,19 +6,17 @@ from typing import Final
 
 import numpy as np
 
-from api import convert_alarms, wire, wire_interrupted, wire_reactions, wire_shows
+from api import convert_alarms, wire, wire_interrupted, wire_shows
 from gcs import plan
 from gcs.counts import Counts
 from gcs.errors import InvalidError, RefusedError
 from gcs.frames import ShowFrame
 from gcs.interrupted import Interrupted
 from gcs.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
-from gcs.reactions import Action, Cause
 from gcs.rows import VehicleView
 from gcs.service import (
     FleetView,
     OrderRecord,
-    Reaction,
     SelectedShow,
     ShowAction,
     ShowCheck,
@@ -275,19 +273,6 @@ def obstacle(box: plan.Obstacle, now_s: float) -> wire.Obstacle:
     )
 
 
-def reaction(told: Reaction) -> wire_reactions.Reaction:
-    """A reaction for the wire."""
-    return wire_reactions.Reaction(
-        cause=Cause(told.cause),
-        action=Action(told.action),
-        reason=told.reason,
-        vehicles=list(told.vehicles),
-        since_time_s=told.since_s,
-        since_unix_time_s=told.since_unix_s,
-        order_id=told.order_id,
-    )
-
-
 def origin(frame: ShowFrame) -> wire.Origin:
     """Where the show frame lies, for the wire."""
     return wire.Origin(
@@ -320,8 +305,6 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
         interrupted=None if view.interrupted is None else interrupted(view.interrupted),
         severity=convert_alarms.severity(view, problem),
         alarms=convert_alarms.alarms(view, problem),
-        notices=list(view.notices),
-        reactions=[reaction(each) for each in view.reactions],
         estimates=estimates(view),
         access=access,
         tick=wire.Tick(

@@ -57,8 +57,6 @@ def status(
         interrupted=None if view.interrupted is None else convert.interrupted(view.interrupted),
         severity=convert_alarms.severity(view, problem),
         alarms=convert_alarms.alarms(view, problem),
-        notices=list(view.notices),
-        reactions=[convert.reaction(each) for each in view.reactions],
         estimates=convert.estimates(view),
         access=access,
         restraints=sorted(set(view.rows.restrained_by) - {""}),

@@ -17,10 +17,11 @@ from prometheus_client.core import (
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_1_0_0, generate_latest
 from starlette.responses import Response
 
+from api.convert_alarms import current
 from api.desk import DeskDep
 from api.problem_docs import TOKEN
+from gcs.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall
 from gcs.lifecycle import Phase, ShowPhase
-from gcs.reactions import Cause
 from gcs.rows import VehicleView
 from gcs.service import FleetView, Histogram
 
@@ -57,7 +58,7 @@ class FleetCollector:
     """Makes every metric from one state."""
 
     view: FleetView
-    is_alive: bool
+    problem: str  # why control is not alive; empty: it is
     age_s: float
     access: str
     denied: int
@@ -70,7 +71,7 @@ class FleetCollector:
 
     def _service(self) -> Iterator[Metric]:
         view, tick = self.view, self.view.tick
-        yield _gauge("gcs_control_alive", "1 while ticks come.", float(self.is_alive))
+        yield _gauge("gcs_control_alive", "1 while ticks come.", float(not self.problem))
         yield _gauge("gcs_state_age_seconds", "Since the newest state was made.", self.age_s)
         yield _counter("gcs_ticks", "Ticks of the control loop.", tick.count)
         yield _counter("gcs_ticks_missed", "Ticks that were dropped, being too late.", tick.missed)
@@ -84,7 +85,7 @@ class FleetCollector:
             view.minimum_separation_m,
         )
         yield _one_of("gcs_show_phase", "1 for the phase that the show is in.", ShowPhase, view.show)
-        yield _reactions(view)
+        yield from _alarms(view, self.problem)
         yield _counter("gcs_calls_denied", "Calls that were turned away.", self.denied)
         yield _counter("gcs_calls_shed", "Those of them that were too many.", self.shed)
         yield InfoMetricFamily("gcs_access", "Whether tokens are asked for.", {"access": self.access})
@@ -129,12 +130,28 @@ def _one_of(name: str, text: str, kinds: type[ShowPhase], now: ShowPhase) -> Met
     return family
 
 
-def _reactions(view: FleetView) -> Metric:
-    family = GaugeMetricFamily("gcs_reaction", "1 while the service reacts to this cause.", labels=["cause"])
-    lasting = {each.cause for each in view.reactions}
-    for cause in Cause:
-        family.add_metric([cause.value], float(cause.value in lasting))
-    return family
+def _alarms(view: FleetView, problem: str) -> Iterator[Metric]:
+    lasting = [alarm for alarm in current(view, problem) if alarm.lasts]
+    of_severity = GaugeMetricFamily(
+        "formation_alarms", "Alarms whose cause lasts, by severity.", labels=["severity"]
+    )
+    for severity in AlarmSeverity:
+        of_severity.add_metric([severity.value], sum(alarm.severity is severity for alarm in lasting))
+    yield of_severity
+    of_cause = GaugeMetricFamily("formation_alarm", "1 while an alarm of this cause lasts.", labels=["cause"])
+    causes = {alarm.cause for alarm in lasting}
+    for cause in AlarmCause:
+        of_cause.add_metric([cause.value], float(cause in causes))
+    yield of_cause
+    state = GaugeMetricFamily(
+        "formation_state", "1 for the state of the whole: the worst severity that lasts.", labels=["severity"]
+    )
+    worst = overall(lasting)
+    for kind in OverallSeverity:
+        state.add_metric([kind.value], float(kind is worst))
+    yield state
+    is_open = sum(alarm.acknowledged_by is None for alarm in current(view, problem))
+    yield _gauge("formation_alarms_unacknowledged", "Alarms that nobody has acknowledged.", float(is_open))
 
 
 def _histogram(name: str, text: str, seen: Histogram) -> Metric:
@@ -159,7 +176,7 @@ async def metrics(desk: DeskDep) -> Response:
     """Every metric in Prometheus' text format."""
     door = desk.door
     problem, age_s = desk.health_problem(), max(0.0, desk.age_s())
-    collector = FleetCollector(desk.view, not problem, age_s, door.text, door.denied, door.shed)
+    collector = FleetCollector(desk.view, problem, age_s, door.text, door.denied, door.shed)
     # in a thread: of a thousand vehicles it is thousands of lines, and the loop has ticks to keep
     text = await asyncio.to_thread(_text, collector)
     return Response(text, media_type=CONTENT_TYPE_PLAIN_1_0_0)

@@ -14,7 +14,6 @@ from pydantic_core import PydanticCustomError
 from api.names import VehicleName
 from api.wire_alarms import Alarm
 from api.wire_interrupted import Interrupted
-from api.wire_reactions import Reaction
 from gcs.alarms import OverallSeverity
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Direction, YawPolicy
@@ -484,10 +483,6 @@ class Fleet(Outward):
     severity: OverallSeverity = Field(description="The worst of the alarms whose cause lasts.")
     alarms: list[Alarm] = Field(
         description="The most severe first, of one severity the newest first; those that have ended at last."
-    )
-    notices: list[str] = Field(description="Replaced by `alarms`; will be removed.")
-    reactions: list[Reaction] = Field(
-        description="What the service does by itself now; the most severe first. Empty in a replay."
     )
     estimates: Estimates | None = Field(description="null in a replay.")
     access: str = Field(description="Whether tokens are asked for, in words.")

@@ -18,7 +18,6 @@ from api.wire import (
 )
 from api.wire_alarms import Alarm
 from api.wire_interrupted import Interrupted
-from api.wire_reactions import Reaction
 from api.wire_replay import Replay
 from gcs.access import Right
 from gcs.alarms import OverallSeverity
@@ -134,8 +133,6 @@ class Status(Outward):
     alarms: list[Alarm] = Field(
         description="The most severe first, of one severity the newest first; those that have ended at last."
     )
-    notices: list[str] = Field(description="Replaced by `alarms`; will be removed.")
-    reactions: list[Reaction] = Field(description="What the service does by itself now.")
     estimates: Estimates | None = Field(
         description="As they were at `time_s`; frames tell what they are now. null in a replay."
     )

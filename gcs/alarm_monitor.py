@@ -174,7 +174,7 @@ class AlarmMonitor:
                     order_id=order_id,
                 )
             elif vehicle.phase is Phase.PILOT and vehicle.cause not in {None, FailsafeCause.UNKNOWN}:
-                because, _, advice = vehicle.reason.partition(". ")
+                because, _, advice = vehicle.reason.removeprefix(f"{vehicle.id} ").partition(". ")
                 critical = vehicle.cause is FailsafeCause.CRITICAL_BATTERY
                 yield Condition(
                     AlarmCause.OWN_FAILSAFE,
@@ -242,7 +242,8 @@ class AlarmMonitor:
                 yield Condition(AlarmCause.PARAMETER_CHANGED, text, (vehicle_id,), about=name)
         for vehicle_id, reason in flight.not_flying.items():
             severity = None if vehicle_id in flight.excluded else AlarmSeverity.CAUTION
-            yield Condition(AlarmCause.NOT_FLYING, reason, (vehicle_id,), severity=severity)
+            because = reason.removeprefix(f"{vehicle_id}: ")
+            yield Condition(AlarmCause.NOT_FLYING, because, (vehicle_id,), severity=severity)
         if flight.columns and flight.show in BEFORE_ASSEMBLING:
             yield Condition(AlarmCause.STACKED, flight.columns)
 

@@ -33,11 +33,12 @@ if TYPE_CHECKING:
     import pydantic
     from pydantic import BaseModel
 
-    from api import wire, wire_kill, wire_stream
+    from api import wire, wire_alarms, wire_kill, wire_stream
     from api.wire_interrupted import Interrupted
 else:
     pydantic = Deferred("pydantic")
     wire = Deferred("api.wire")
+    wire_alarms = Deferred("api.wire_alarms")
     wire_kill = Deferred("api.wire_kill")
     wire_stream = Deferred("api.wire_stream")
 
@@ -196,6 +197,19 @@ class Client:
         """A flight that was cut off and is not settled, and what can be ordered; None: there is none."""
         return self.fleet().interrupted
 
+    def alarms(self) -> wire_alarms.AlarmList:
+        """What an operator should know now, and the state of the whole."""
+        return self.one(lambda: wire_alarms.AlarmList, "GET", "/api/v1/alarms")
+
+    def acknowledge(self, alarm_id: str) -> wire_alarms.Alarm:
+        """Say that an alarm was seen. Raises: UnknownError, naming those that are listed."""
+        path = f"/api/v1/alarms/{_part(alarm_id)}/acknowledge"
+        return self.one(lambda: wire_alarms.Alarm, "POST", path, urgent=True)
+
+    def acknowledge_all(self) -> list[wire_alarms.Alarm]:
+        """Say that all alarms were seen; answers those that nobody had acknowledged."""
+        return self.many(lambda: wire_alarms.Alarm, "/api/v1/alarms/acknowledge", "POST", urgent=True)
+
     def orders(self) -> list[wire.Order]:
         """The last orders, the newest first."""
         return self.many(lambda: wire.Order, "/api/v1/orders")
@@ -346,9 +360,11 @@ class Client:
         except pydantic.ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
-    def many(self, model: Callable[[], type[M]], path: str) -> list[M]:
+    def many(
+        self, model: Callable[[], type[M]], path: str, method: str = "GET", *, urgent: bool = False
+    ) -> list[M]:
         """A list of things that a path answers."""
-        answer = self.call("GET", path)
+        answer = self.call(method, path, urgent=urgent)
         try:
             kind = model()
             return pydantic.TypeAdapter(list[kind]).validate_json(answer)  # type: ignore[valid-type]

@@ -1,6 +1,5 @@
 """Phases of a vehicle and of the show, as tables. What a table does not name is refused."""
 
-from collections.abc import Iterable
 from enum import StrEnum
 from typing import Final
 
@@ -51,12 +50,6 @@ FLOWN: Final = frozenset({Phase.FORMATION, Phase.RETURN, Phase.LANDING})
 GROUNDED: Final = frozenset({Phase.OFFLINE, Phase.STANDBY})
 """Phases in which a vehicle is not in the air, as far as anybody knows."""
 
-NOT_COMMANDED: Final = {
-    Phase.LOST: "lost: in the air when last heard, and sent nothing",
-    Phase.PILOT: "in the air, but not ours: take-control takes over, in hold",
-}
-"""What an operator should know of who is in the air and sent nothing."""
-
 NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
     (Phase.OFFLINE, Event.HEARD): Phase.STANDBY,
     (Phase.OFFLINE, Event.HEARD_IN_AIR): Phase.PILOT,  # found flying: somebody else's until handed over
@@ -103,21 +96,6 @@ def advance(phase: Phase, event: Event) -> Phase:
         raise RefusedError(
             f"'{event}' is not possible while {phase}; it is from {', '.join(possible)}"
         ) from None
-
-
-def not_ours(vehicles: Iterable[tuple[str, Phase, str]]) -> list[str]:
-    """Who is in the air, or may be, and is not commanded; in words. From (id, phase, reason) of all vehicles.
-
-    A reason that names its vehicle says itself what it does, and what to do about it.
-    """
-    named: dict[Phase, list[str]] = {phase: [] for phase in NOT_COMMANDED}
-    explained = []
-    for vehicle, phase, reason in vehicles:
-        if phase is Phase.PILOT and reason.startswith(f"{vehicle} "):
-            explained.append(reason)
-        elif phase in named:
-            named[phase].append(vehicle)
-    return [*explained, *(f"{', '.join(ids)}: {NOT_COMMANDED[phase]}" for phase, ids in named.items() if ids)]
 
 
 class ShowPhase(StrEnum):

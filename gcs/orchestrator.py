@@ -36,7 +36,6 @@ from gcs.links.keeping import keep_open
 from gcs.links.shares import Shares
 from gcs.orders import OrderBook
 from gcs.plan import Formation, Obstacle, Orbit, Target, Yaw
-from gcs.reacting import told
 from gcs.records.record import Record
 from gcs.repertoire import Repertoire
 from gcs.service import (
@@ -215,28 +214,6 @@ class Orchestrator:
         return self._clock.gap_s <= self._config.deadman_s
 
     @property
-    def _problems(self) -> list[str]:
-        """Reactions, and of links and record what does not end the flight; an operator should know."""
-        recorded = () if self._record is None else self._record.problems
-        reactions = () if self._director is None else told(self._director.reactions)
-        columns = (self._flight.columns,) if self._flight.show in BEFORE_ASSEMBLING else ()
-        watched = "" if self._heart is None else self._heart.problem
-        return [
-            *reactions,
-            *(f"{name}: {lacks}" for name, lacks in self._flight.without_heartbeat.items()),
-            *(
-                f"{name}: {text}"
-                for name, changed in self._flight.changed_parameters.items()
-                for text in changed.values()
-            ),
-            *filter(None, columns),
-            *(problem for link in self._flight.links for problem in link.problems),
-            *recorded,
-            *filter(None, (watched,)),
-            *self._standing,
-        ]
-
-    @property
     def _start_unix_s(self) -> float | None:
         """Of a start that is ordered for a clock time."""
         countdown = None if self._director is None else self._director.countdown
@@ -250,7 +227,7 @@ class Orchestrator:
                 result,
                 timing=self._clock.summary(),
                 control_alive=self._control_alive,
-                problems=[*self._stage.waits, *self._problems],
+                alarms=self._alarms.alarms,
                 unix_time_s=self._unix_s(),
                 start_unix_time_s=self._start_unix_s,
             )
@@ -276,14 +253,11 @@ class Orchestrator:
             interventions=self._interventions,
             link_quality=flight.link_quality.share,
             setpoints_sent=sum(link.setpoints_sent for link in flight.links),
-            problems=self._problems,
             estimates=self._estimating.newest,
             unix_time_s=self._unix_s(),
             performance=flight.performance,
-            waits=self._stage.waits,
             start_unix_s=self._start_unix_s,
             reactions=() if self._director is None else self._director.reactions,
-            not_flying=flight.not_flying,
             interrupted=None if self._director is None else self._director.takeover.view(),
             alarms=self._alarms.alarms,
         )

@@ -266,8 +266,3 @@ class Reacting:
             )
         self._held = {(wish.cause, wish.action): wish.holds for wish in wishes}
         self.active = tuple(active)
-
-
-def told(reactions: Sequence[Reaction]) -> list[str]:
-    """In words, for the notices."""
-    return [f"{each.cause}: {', '.join((*each.vehicles, each.action))} ({each.reason})" for each in reactions]

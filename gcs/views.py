@@ -1,18 +1,16 @@
 """The newest state of everything, as people and programs may see it."""
 
-from collections.abc import Collection, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from gcs.alarms import Alarm
 from gcs.bounds import bounds
-from gcs.checks import listed
 from gcs.control import Tick
 from gcs.estimates import Estimates
 from gcs.flight import Flight
 from gcs.interrupted import Interrupted
-from gcs.lifecycle import ShowPhase, not_ours
+from gcs.lifecycle import ShowPhase
 from gcs.performance import Performance
 from gcs.plan import Plan
 from gcs.rows import VehicleRows
@@ -44,13 +42,10 @@ def fleet_view(
     setpoints_sent: int,
     interventions: int,
     link_quality: Array,
-    problems: Sequence[str],
     unix_time_s: float,
     performance: Performance | None = None,
-    waits: Sequence[str] = (),
     start_unix_s: float | None = None,
     reactions: Sequence[Reaction] = (),
-    not_flying: Mapping[VehicleId, str] = MappingProxyType({}),
     interrupted: Interrupted | None = None,
     alarms: Sequence[Alarm] = (),
     estimates: Estimates | None = None,
@@ -63,7 +58,6 @@ def fleet_view(
     `not_flying` says who stays on the ground, and why, `interrupted` is a flight that was cut off. `alarms`
     are all of now, the most severe first.
     """
-    cut_off = () if interrupted is None else (interrupted.notice,)
     center = tick.memory.center
     return FleetView(
         time_s=fleet.time_s,
@@ -82,13 +76,6 @@ def fleet_view(
         control_alive=control_alive,
         setpoints_sent=setpoints_sent,
         interventions=interventions,
-        notices=(
-            *cut_off,
-            *not_ours((vehicle.id, vehicle.phase, vehicle.reason) for vehicle in flight.vehicles.values()),
-            *grounded(not_flying),
-            *waits,
-            *problems,
-        ),
         selected=None if performance is None else performance.view(fleet.time_s),
         start_unix_time_s=start_unix_s,
         interrupted=interrupted,
@@ -97,14 +84,6 @@ def fleet_view(
         reactions=tuple(reactions),
         alarms=tuple(alarms),
     )
-
-
-def grounded(not_flying: Mapping[VehicleId, str]) -> list[str]:
-    """Who does not fly, and why, in words; what several share is said once."""
-    whose: dict[str, list[VehicleId]] = {}
-    for vehicle_id, reason in not_flying.items():
-        whose.setdefault(reason, []).append(vehicle_id)
-    return [f"{listed(names)}: not flying: {reason}" for reason, names in whose.items()]
 
 
 def _rows(

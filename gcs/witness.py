@@ -1,10 +1,10 @@
 """What a tick leaves for the record. Nothing is worked out here that the tick does not know anyway."""
 
-from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
+from gcs.alarms import Alarm
 from gcs.control import Tick
 from gcs.flight import Flight
 from gcs.performance import lights
@@ -19,7 +19,7 @@ def moment_of(
     *,
     timing: TickView,
     control_alive: bool,
-    problems: Sequence[str],
+    alarms: tuple[Alarm, ...],
     unix_time_s: float,
     start_unix_time_s: float | None,
 ) -> Moment:
@@ -61,7 +61,7 @@ def moment_of(
         timing=timing,
         control_alive=control_alive,
         setpoints_sent=sum(link.setpoints_sent for link in flight.links),
-        problems=tuple(problems),
+        alarms=alarms,
         parts={} if performance is None else performance.parts,
         control=flight.control,
         colours=colours,

@@ -11,7 +11,7 @@ A source says every so often which `Condition`s hold; the `AlarmBook` makes `Ala
 from gcs.alarms.book import AlarmBook, Change, ChangeKind
 from gcs.alarms.causes import CAUSES, AlarmCause, AlarmSeverity, CauseRow
 from gcs.alarms.limits import Limit, beyond
-from gcs.alarms.model import RANK, Alarm, Condition, OverallSeverity, overall
+from gcs.alarms.model import RANK, Alarm, Condition, OverallSeverity, ordered, overall
 
 __all__ = [
     "CAUSES",
@@ -27,5 +27,6 @@ __all__ = [
     "Limit",
     "OverallSeverity",
     "beyond",
+    "ordered",
     "overall",
 ]

@@ -8,7 +8,7 @@ from itertools import count
 from typing import Final
 
 from gcs.alarms.causes import CAUSES, AlarmCause, AlarmSeverity, CauseRow
-from gcs.alarms.model import RANK, Alarm, Condition
+from gcs.alarms.model import RANK, Alarm, Condition, ordered
 from gcs.errors import UnknownError
 from gcs.state import VehicleId
 
@@ -184,14 +184,8 @@ class AlarmBook:
         return [Change(ChangeKind.GROWN, alarm)] if grown else []
 
     def _list(self) -> None:
-        """What lasts first, then what has ended; the most severe first, and of these the newest."""
-        lasting = [entry.alarm for entry in self._entries.values() if entry.alarm is not None]
-        self.alarms = tuple(
-            sorted(
-                [*lasting, *self._ended],
-                key=lambda alarm: (not alarm.lasts, RANK[alarm.severity], -alarm.raised_unix_s),
-            )
-        )
+        lasting = (entry.alarm for entry in self._entries.values() if entry.alarm is not None)
+        self.alarms = ordered([*lasting, *self._ended])
 
 
 def _rank(condition: Condition) -> int:

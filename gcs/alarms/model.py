@@ -60,6 +60,13 @@ class Alarm:
         return self.ended_unix_s is None
 
 
+def ordered(alarms: Iterable[Alarm]) -> tuple[Alarm, ...]:
+    """What lasts first, then what has ended; the most severe first, and of these the newest."""
+    return tuple(
+        sorted(alarms, key=lambda alarm: (not alarm.lasts, RANK[alarm.severity], -alarm.raised_unix_s))
+    )
+
+
 def overall(alarms: Iterable[Alarm]) -> OverallSeverity:
     """The state of the whole; alarms whose cause has ended do not count."""
     worst = min((RANK[alarm.severity] for alarm in alarms if alarm.lasts), default=None)

@@ -72,6 +72,14 @@ COMMANDS: Final = {
         "gcs.cli.status:run",
         "the fleet of a running service, as a table",
     ),
+    "alarms": Command(
+        "gcs.cli.alarms:add_arguments",
+        "gcs.cli.alarms:run",
+        "what an operator should know now, the most severe first",
+    ),
+    "acknowledge": Command(
+        "gcs.cli.acknowledge:add_arguments", "gcs.cli.acknowledge:run", "say that an alarm was seen"
+    ),
     "preflight": Command(
         "gcs.cli.preflight:add_arguments", "gcs.cli.preflight:run", "what a start would find"
     ),

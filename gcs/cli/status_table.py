@@ -14,6 +14,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from gcs.cli.alarm_lines import alarm_lines
 from gcs.lifecycle import Phase
 
 if TYPE_CHECKING:
@@ -32,8 +33,6 @@ STYLE: Final = {
     Phase.PILOT: "magenta",
     Phase.OFFLINE: "dim",
 }
-
-SEVERITY: Final = {"emergency": "bold white on red", "warning": BAD, "caution": "yellow", "information": ""}
 
 ORDINARY: Final = frozenset({Phase.FORMATION, Phase.TAKEOFF, Phase.RETURN, Phase.LANDING})
 """Phases whose reason says no more than the phase, as long as the safety filter holds nothing back."""
@@ -107,9 +106,9 @@ def board(
     """
     vehicles = _sorted(fleet.vehicles, sort)
     chosen = _fitting(vehicles, width) if columns is None else tuple(columns)
-    alarms = (Text(f"{each.severity}: {each.text}", SEVERITY.get(each.severity, "")) for each in fleet.alarms)
+    alarms = alarm_lines(fleet.severity, fleet.alarms)
     reasons = [] if "why" in chosen else _reasons(vehicles)
-    return Group(_head(fleet), *alarms, Text(), _table(vehicles, chosen, width), *reasons)
+    return Group(alarms, _head(fleet), Text(), _table(vehicles, chosen, width), *reasons)
 
 
 def _sorted(vehicles: Sequence[wire.Vehicle], by: str | None) -> Sequence[wire.Vehicle]:
@@ -205,11 +204,6 @@ def _head(fleet: wire.Fleet) -> RenderableType:
             (f", {counts.unknown} unknown", BAD) if counts.unknown else "",
         ),
     )
-    for each in fleet.reactions:
-        whom = f" {', '.join(each.vehicles)}" if each.vehicles else ""
-        table.add_row(
-            "reaction", Text.assemble((f"{each.action}{whom}", BAD), f"  {each.cause}: {each.reason}")
-        )
     if (energy := _energy(fleet.estimates)) != "":
         table.add_row("energy", Text(energy))
     table.add_row("possible", Text(", ".join(show.possible) or "-"))

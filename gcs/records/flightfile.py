@@ -178,7 +178,7 @@ class _OpenFile:
             what.told,
             what.start_unix_time_s,
             what.reasons,
-            what.problems,
+            what.alarms,
             what.control,
         )
         if time_s >= self._status_due_s or status != self._status:

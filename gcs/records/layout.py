@@ -183,7 +183,7 @@ def status_message(moment: Moment) -> bytes:
             "selected": None if moment.selected is None else asdict(moment.selected),
             "start_unix_time_s": moment.start_unix_time_s,
             "reasons": moment.reasons,
-            "problems": moment.problems,
+            "alarms": [asdict(alarm) for alarm in moment.alarms],
             "limits": None if moment.control is None else limits_of(moment.control),
         }
     )

@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.alarms import Alarm
 from gcs.control import ControlSettings
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Obstacle, Plan, Yaw
@@ -51,7 +52,7 @@ class Moment:
     timing: TickView
     control_alive: bool
     setpoints_sent: int
-    problems: tuple[str, ...]  # of the show, links and record, in words
+    alarms: tuple[Alarm, ...]  # all of the moment, the most severe first
     parts: Mapping[VehicleId, int] = field(default_factory=dict)  # who plays which part in it
     control: ControlSettings | None = None  # the limits that held: the service's, or the selected show's
     number: int = 0  # of those given to the record, from 1; 0: not given yet

@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Sequence
 from contextlib import suppress
-from datetime import UTC, datetime
 from functools import partial
 from math import isfinite, nan
 from pathlib import Path
@@ -11,12 +10,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from gcs.alarms import ordered
 from gcs.bounds import bounds
 from gcs.errors import GcsError
 from gcs.frames import ShowFrame
 from gcs.happenings import Happening
-from gcs.lifecycle import ShowPhase, not_ours
+from gcs.lifecycle import ShowPhase
 from gcs.records import layout
+from gcs.records.alarms_past import recorded, replay_alarm
 from gcs.records.certifying import Certifying
 from gcs.records.flown import FlightData, Flown, Moment
 from gcs.records.past import Past
@@ -220,7 +221,6 @@ class Replay(Refusing):
         tick, status = flown.tick, flown.status
         selected, start_unix_s = status["selected"], status["start_unix_time_s"]
         rows = self._rows(flown)
-        problems: Sequence[str] = status["problems"]
         timing: dict[str, Any] = {
             name: nan if value is None else value for name, value in tick["timing"].items()
         }
@@ -242,10 +242,11 @@ class Replay(Refusing):
             control_alive=not ended and tick["control_alive"],
             setpoints_sent=tick["setpoints_sent"],
             interventions=0,
-            notices=(
-                self._notice(flown, ended=ended),
-                *not_ours(zip(rows.ids, rows.phases, rows.reasons, strict=True)),
-                *problems,
+            alarms=ordered(
+                [
+                    *recorded(status, self._data.path, self._began_s),
+                    replay_alarm(self._data.path, self._began_s, ended=ended, cut=self._data.cut),
+                ]
             ),
             selected=None
             if selected is None
@@ -259,13 +260,6 @@ class Replay(Refusing):
             start_unix_time_s=start_unix_s,
             countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - flown.unix_s),
         )
-
-    def _notice(self, flown: Flown, *, ended: bool) -> str:
-        when = datetime.fromtimestamp(flown.unix_s, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-        told = (
-            f"replay of {self._data.path} at {self._head.speed:g} times its speed: {when}; nothing here flies"
-        )
-        return f"{told}; the record has ended. {self._data.cut}".strip() if ended else told
 
     def _rows(self, flown: Flown) -> VehicleRows:
         about, table, n = self._data.about, flown.vehicles, len(flown.vehicles)

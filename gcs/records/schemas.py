@@ -90,7 +90,22 @@ SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
             selected={"type": ["object", "null"]},
             start_unix_time_s=_MAYBE,
             reasons=_list(_TEXT),
-            problems=_list(_TEXT),
+            alarms=_list(
+                _object(
+                    id=_TEXT,
+                    severity=_TEXT,
+                    cause=_TEXT,
+                    text=_TEXT,
+                    advice=_TEXT,
+                    vehicles=_list(_TEXT),
+                    since_unix_s=_NUMBER,
+                    raised_unix_s=_NUMBER,
+                    order_id={"type": ["string", "null"]},
+                    acknowledged_by={"type": ["string", "null"]},
+                    acknowledged_unix_s=_MAYBE,
+                    ended_unix_s=_MAYBE,
+                )
+            ),
             limits={"type": ["object", "null"]},
         ),
     ),

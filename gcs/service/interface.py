@@ -74,7 +74,7 @@ class Audit(Protocol):
     async def kept(self) -> bool:
         """Return once everything noted and ordered so far is on the disk.
 
-        False, soon, when it is not (no record, a full disk): the view's notices say so.
+        False, soon, when it is not (no record, a full disk): the view's alarms say so.
         """
         ...
 

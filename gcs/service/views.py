@@ -155,7 +155,6 @@ class FleetView:
     setpoints_sent: int
     interventions: int  # of the safety filter, since the beginning: for each vehicle and tick that it changed
     alarms: tuple[Alarm, ...] = ()  # the most severe first, of one severity the newest first
-    notices: tuple[str, ...] = ()  # what an operator should know now, in words: the most urgent first
     selected: SelectedShow | None = None  # None: formation, target and orbit are as told
     start_unix_time_s: float | None = None  # ordered, and not reached yet
     countdown_s: float | None = None

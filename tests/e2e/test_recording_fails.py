@@ -33,14 +33,14 @@ def setpoints(path: Path) -> set[int]:
 
 def fly_on_a_full_disk(client: Client, process: subprocess.Popen[str], folder: Path) -> None:
     wait_until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in client.vehicles()))
-    assert client.fleet().notices == []
+    assert client.alarms().alarms == []
     (path,) = folder.glob("*/*.tlog")
     limit_files(process, path.stat().st_size)
 
     def told() -> bool:
         """Whatever else of the record fails: the frames are named, with the cause."""
         said = f": recording to {path.parent} fails: [Errno 27] File too large"
-        return any(notice.endswith(said) for notice in client.fleet().notices)
+        return any(said in alarm.text for alarm in client.alarms().alarms)
 
     wait_until("told", SOON_S, told)
     full_bytes = path.stat().st_size

@@ -125,9 +125,9 @@ def found_and_left_alone(client: Client, folder: Path) -> None:
     """The service says whom it has found, and sends them nothing; their own failsafe holds them."""
     wait_until("found", SOON_S, lambda: phases(client) == ["pilot"] * 3)
     assert {vehicle.reason for vehicle in client.vehicles()} == {"found in the air, and not by our order"}
-    assert client.fleet().notices == [
-        "d1, d2, d3: in the air, but not ours: take-control takes over, in hold",
-    ]
+    (alarm,) = [each for each in client.alarms().alarms if each.cause == "outside-control"]
+    assert set(alarm.vehicles) == set(IDS)
+    assert alarm.text.startswith("Vehicles d1, d2, d3 outside control: found in the air")
     told = [json.loads(line) for line in (folder / "second" / "log").read_text().splitlines()]
     assert {line["vehicle"] for line in told if line.get("phase") == "pilot"} == set(IDS)
     end_s = monotonic() + LEFT_ALONE_S

@@ -47,11 +47,11 @@ def test_a_service_that_hangs_is_started_again_and_ends_when_it_is_asked_to(tmp_
 def test_a_service_whose_supervisor_is_gone_goes_on_and_says_so(tmp_path: Path) -> None:
     with supervised(config_of(), tmp_path / "station") as station, Client(station.url) as client:
         wait_until("ready", SOON_S, lambda: len(station.said("service_ready")) == 1)
-        assert client.fleet().notices == []
+        assert client.alarms().alarms == []
         station.parent.kill()
         station.parent.wait()
-        told = ["its supervisor is gone: nobody starts this service again"]
-        wait_until("told", SOON_S, lambda: client.fleet().notices == told)
+        told = ["Supervisor gone: nobody starts this service again."]
+        wait_until("told", SOON_S, lambda: [alarm.text for alarm in client.alarms().alarms] == told)
         assert client.health().alive
         assert len(station.said("supervisor_gone")) == 1
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from virtual_show import Show, fly, refused, show_config
+from virtual_show import Show, alarm_texts, fly, refused, show_config
 from written_show import NAME, config, keep, on_pads, select
 from written_show import TEXT as SHOW
 from written_show import fly as fly_show
@@ -244,11 +244,11 @@ def test_who_is_taken_out_stays_on_the_ground_and_is_named_with_whoever_did_it(t
         assert failing(report) == {}
         assert {vehicle.id: vehicle.reason for vehicle in report.vehicles if not vehicle.flies} == {"d2": why}
         await show.wait(0.2)
-        assert f"d2: not flying: {why}" in show.view.notices
+        assert f"Vehicle d2 not flying: {why}." in alarm_texts(show)
         started = service.command_show(ShowAction.START, show_hash=show_hash)
         assert (started.outcomes["d2"].outcome, started.outcomes["d2"].reason) == (Outcome.NOT_INCLUDED, why)
         await show.reach(ShowPhase.RUNNING)
-        assert f"d2: not flying: {why}" in show.view.notices
+        assert f"Vehicle d2 not flying: {why}." in alarm_texts(show)
         assert show.vehicle("d2").phase is Phase.STANDBY
         assert not show.link.autopilot("d2").commander.armed
         for change in (lambda: service.exclude("d1", ""), lambda: service.include("d2")):
@@ -258,7 +258,7 @@ def test_who_is_taken_out_stays_on_the_ground_and_is_named_with_whoever_did_it(t
         await show.reach(ShowPhase.LANDED)
         service.include("d2")
         await show.wait(0.2)
-        assert not any("d2" in notice for notice in show.view.notices)
+        assert not any("d2" in text for text in alarm_texts(show))
         assert "d2 battery" in failing(service.preflight()), "who is in again is judged again"
 
     asked = config(tmp_path)
@@ -299,13 +299,14 @@ def test_who_does_not_get_up_is_named_with_those_who_do_not_fly() -> None:
         show.service.command_show(ShowAction.START, ["d1", "d2"])
         show.fleet.state.sick_sensors[1] = 0x1
         await show.reach(ShowPhase.RUNNING)
-        notices = "; ".join(show.view.notices)
-        assert "d3, d4: not flying: not chosen" in notices
-        assert "d2: not flying: d2: its autopilot does not yet pass its own arming checks" in notices
+        (text,) = alarm_texts(show)
+        assert text.startswith("Vehicles d2, d3, d4 not flying: ")
+        assert "d3, d4: not chosen" in text
+        assert "d2: its autopilot does not yet pass its own arming checks" in text
         await show.show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)
         await show.wait(0.2)
-        assert not any("not flying" in notice for notice in show.view.notices)
+        assert alarm_texts(show) == []
 
     fly(story, show_config(4))
 

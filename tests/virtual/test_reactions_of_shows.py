@@ -113,7 +113,7 @@ def test_whom_an_earlier_show_lost_is_no_loss_of_this_one() -> None:
         assert show.view.reason.startswith("too many vehicles lost")
         await show.reach(ShowPhase.LANDED, 120.0)
         await show.wait(7.0)
-        assert show.view.reactions == (), "it is over; the notices tell who is lost"
+        assert show.view.reactions == (), "it is over; the alarms tell who is lost"
         show.service.command_show(ShowAction.START, ("d1", "d3"))
         await show.reach(ShowPhase.RUNNING)
         await show.wait(5.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from reaction_stories import by_itself, carried_out, nearest_m, off_pad_m, off_sphere_m, reaction, reacts
-from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.reactions import Cause
@@ -34,7 +34,7 @@ def test_vehicle_lost_the_rest_re_form() -> None:
         await show.wait(12.0)
         assert off_sphere_m(show, *OTHERS) < 1.2
         assert nearest_m(show, *OTHERS) > before_m + 0.2
-        assert any("vehicle lost: d3" in notice for notice in show.view.notices)
+        assert any(text.startswith("Vehicle d3 lost: ") for text in alarm_texts(show))
         assert len(by_itself(show)) == 2, "the start, and this once"
         show.link.restore("d3")
         await show.until(lambda: reaction(show, Cause.VEHICLE_LOST) is None)

@@ -9,9 +9,19 @@ from typing import TypeVar
 import numpy as np
 import pytest
 from loopback_link import LoopbackLink, system_ids
-from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Show, UnixClock, refused, run_virtual, show_config
+from virtual_show import (
+    HOLDS_WHEN_LOST,
+    JUMP_M_S,
+    Show,
+    UnixClock,
+    alarm_texts,
+    refused,
+    run_virtual,
+    show_config,
+)
 from written_show import NAME, TEXT, check, keep, on_pads
 
+from gcs.alarms import AlarmCause
 from gcs.config import Config
 from gcs.errors import RefusedError
 from gcs.interrupted import Offer
@@ -111,8 +121,9 @@ def test_what_was_cut_off_is_known_and_nothing_happens_by_itself(tmp_path: Path)
         assert [(one.id, one.before, one.pad_known, one.waits) for one in shown.vehicles] == [
             (name, Phase.FORMATION, True, True) for name in ALL
         ]
-        told = "the service was cut off while the show was running: take-over or bring-home can be ordered"
-        assert show.view.notices[0] == told
+        (cut_off,) = [alarm for alarm in show.view.alarms if alarm.cause is AlarmCause.INTERRUPTED]
+        assert cut_off.text == "Service cut off in flight: the show was running."
+        assert cut_off.advice == "Order take-over or bring-home."
         assert (show.view.show, show.view.setpoints_sent) == (ShowPhase.IDLE, 0)
         assert {phase for name in ALL for phase in show.track.phases(name)} <= {Phase.OFFLINE, Phase.PILOT}
 
@@ -120,7 +131,7 @@ def test_what_was_cut_off_is_known_and_nothing_happens_by_itself(tmp_path: Path)
 
 
 def test_who_was_taken_out_of_the_show_stays_out_until_somebody_takes_it_in(tmp_path: Path) -> None:
-    why = "d2: not flying: taken out of the show by anna: a cracked propeller"
+    why = "Vehicle d2 not flying: taken out of the show by anna: a cracked propeller."
 
     async def take_out(show: Show) -> None:
         await show.standby()
@@ -132,8 +143,8 @@ def test_who_was_taken_out_of_the_show_stays_out_until_somebody_takes_it_in(tmp_
 
     async def take_in(show: Show) -> None:
         await show.standby()
-        assert why in show.view.notices
-        assert not any("d1" in notice for notice in show.view.notices)
+        assert why in alarm_texts(show)
+        assert not any("d1" in text for text in alarm_texts(show))
         by_name = lambda: show.service.command_show(ShowAction.START, ["d1", "d2"])  # noqa: E731
         assert "include it first" in (await refused(show, by_name)).text
         show.service.include("d2")
@@ -141,7 +152,7 @@ def test_who_was_taken_out_of_the_show_stays_out_until_somebody_takes_it_in(tmp_
 
     async def all_fly(show: Show) -> None:
         await show.standby()
-        assert not any("d2" in notice for notice in show.view.notices)
+        assert not any("d2" in text for text in alarm_texts(show))
 
     sessions(tmp_path, (four(), take_out), (four(), take_in), (four(), all_fly))
 
@@ -192,7 +203,7 @@ def test_brought_home_they_land_where_they_took_off_though_two_services_ended(tm
     async def nothing_left(show: Show) -> None:
         await show.standby()
         assert show.view.interrupted is None
-        assert show.view.notices == ()
+        assert alarm_texts(show) == []
 
     parts = [(four(), fly_first), (four(), only_look), (four(), home), (four(), nothing_left)]
     sessions(tmp_path, *parts)

@@ -4,6 +4,7 @@ from typing import Any
 
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
+from gcs.alarms import AlarmCause, AlarmSeverity
 from gcs.failsafe_cause import control_refusal
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Verb
@@ -22,7 +23,7 @@ async def three_flat(show: Show) -> dict[str, Any]:
         show.befall(name, "battery", remaining=0.05)
     await show.until(lambda: all(show.vehicle(name).phase is Phase.PILOT for name in ("d1", "d2", "d3")))
     await show.wait(0.5)
-    notices, reasons = show.view.notices, [show.vehicle(name).reason for name in ("d1", "d2", "d3")]
+    alarms, reasons = show.view.alarms, [show.vehicle(name).reason for name in ("d1", "d2", "d3")]
     flight = show.service._flight
     refusals = [
         control_refusal(name, flight.facts(flight.vehicles[name])) for name in ("d1", "d2", "d3", "d4")
@@ -37,7 +38,7 @@ async def three_flat(show: Show) -> dict[str, Any]:
     await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
     return {
-        "notices": notices,
+        "alarms": alarms,
         "reasons": reasons,
         "refusals": refusals,
         "verbs": verbs,
@@ -51,8 +52,13 @@ def test_three_that_land_on_flat_batteries_are_named_and_left_alone() -> None:
         f"{name} lands by its own critical-battery failsafe, battery 5%. Leave it."
         for name in ("d1", "d2", "d3")
     ]
-    assert set(found["reasons"]) <= set(found["notices"])
-    assert not [notice for notice in found["notices"] if "hand-back" in notice or "take-control" in notice]
+    (alarm,) = [each for each in found["alarms"] if each.cause is AlarmCause.OWN_FAILSAFE]
+    assert alarm.text == (
+        "Vehicles d1, d2, d3 flown by an own failsafe: lands by its own critical-battery failsafe, battery 5%."
+        " The service sends nothing to it."
+    )
+    assert (alarm.severity, alarm.advice) == (AlarmSeverity.EMERGENCY, "Leave it.")
+    assert not [each for each in found["alarms"] if "take-control" in each.text + each.advice]
     assert all("critical below 10%" in refusal for refusal in found["refusals"][:3])
     assert found["refusals"][3] == ""
     assert set(map(tuple, found["verbs"].values())) <= {(), (Verb.OFFBOARD,)}, "nothing stops their landing"

@@ -15,7 +15,7 @@ COUNT = 20
 
 class Poor(NamedTuple):
     track: Track  # from when the links became poor
-    notices: set[str]
+    texts: set[str]
     phases: dict[str, list[Phase]]
     joined_by_hand: int
     violations: int
@@ -33,13 +33,13 @@ async def poor_links(show: Show, loss: float) -> Poor:
         show.befall(name, "none")
     await show.wait(30.0)
     track = show.track.between(began_s)
-    notices = {notice for moment in track.moments for notice in moment.view.notices}
+    texts = {alarm.text for moment in track.moments for alarm in moment.view.alarms}
     phases = {name: track.phases(name) for name in show.config.ids}
     joins = sum(order.action == "join" for order in show.service.orders())
     if show.view.show is ShowPhase.PAUSED:
         show.service.command_show(ShowAction.RESUME)
         await show.wait(5.0)
-    return Poor(track, notices, phases, joins, show.floor_violations())
+    return Poor(track, texts, phases, joins, show.floor_violations())
 
 
 def config(**sections: Any) -> Any:
@@ -62,7 +62,7 @@ def test_a_fifth_of_all_messages_lost_makes_nobody_lost(review: Poor) -> None:
 
 
 def test_late_links_are_no_wind(review: Poor) -> None:
-    assert not [notice for notice in review.notices if "wind" in notice]
+    assert not [notice for notice in review.texts if "wind" in notice]
 
 
 def test_the_floor_is_kept_over_poor_links(review: Poor) -> None:
@@ -87,25 +87,25 @@ async def without_heartbeats(show: Show, beats_lack_s: float) -> tuple[list[Phas
     sent_per_s = show.track.between(began_s).setpoints_per_s("d2")
     show.link.beatless.clear()
     await show.wait(20.0)
-    notices = {notice for moment in show.track.between(began_s).moments for notice in moment.view.notices}
-    return show.track.between(began_s).phases("d2"), notices, sent_per_s
+    texts = {alarm.text for moment in show.track.between(began_s).moments for alarm in moment.view.alarms}
+    return show.track.between(began_s).phases("d2"), texts, sent_per_s
 
 
 def test_without_heartbeats_it_is_flown_on_and_the_operator_reads_of_it() -> None:
-    phases, notices, sent_per_s = fly(
+    phases, texts, sent_per_s = fly(
         lambda show: without_heartbeats(show, 6.0), show_config(4, operation=HOLDS_WHEN_LOST)
     )
     assert phases == [Phase.FORMATION]
-    assert "d2: no heartbeat for 3.5 s, positions still arrive" in notices
+    assert any(text.startswith("Vehicle d2 without heartbeat: no heartbeat for") for text in texts)
     assert sent_per_s == pytest.approx(20.0, abs=0.5)
 
 
 def test_without_heartbeats_for_long_it_is_lost_and_comes_back_by_itself() -> None:
-    phases, notices, _ = fly(
+    phases, texts, _ = fly(
         lambda show: without_heartbeats(show, 14.0), show_config(4, operation=HOLDS_WHEN_LOST)
     )
     assert phases == [Phase.FORMATION, Phase.LOST, Phase.HOLD, Phase.FORMATION]
-    assert any("d2" in notice and "lost" in notice for notice in notices)
+    assert any(text.startswith("Vehicle d2 lost: ") for text in texts)
 
 
 async def taken_while_beatless(show: Show) -> tuple[list[Phase], list[Verb]]:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import TAKEOFF_HEIGHT_M, Refusal, Show, Track, fly, refused, show_config
+from virtual_show import TAKEOFF_HEIGHT_M, Refusal, Show, Track, alarm_texts, fly, refused, show_config
 
 from gcs.columns import column_m, overlapping
 from gcs.errors import GcsError, InvalidError, RefusedError, UnknownError
@@ -246,17 +246,17 @@ def test_a_climb_can_be_stopped_in_hold(arming: Arming) -> None:
     assert arming.phase is Phase.HOLD
 
 
-async def above_each_other(show: Show) -> tuple[str, int, tuple[str, ...]]:
+async def above_each_other(show: Show) -> tuple[str, int, list[str]]:
     """Before take-off the notice; then, in truth, how many pairs stand one above the other."""
     await show.standby()
     show.service.command_show(ShowAction.START)
     await show.reach(ShowPhase.ARMING)
     assert not any(any(moment.armed) for moment in show.track.moments), "nobody has left the ground"
-    (notice,) = [text for text in show.view.notices if "one above the other" in text]
+    (notice,) = [text for text in alarm_texts(show) if "one above the other" in text]
     await show.reach(ShowPhase.RUNNING)
     await show.wait(8.0)
     width_m = column_m(show.config.control.safety.floor)
-    return notice, len(overlapping(show.true_m, width_m)[0]), show.view.notices
+    return notice, len(overlapping(show.true_m, width_m)[0]), alarm_texts(show)
 
 
 def test_how_many_stand_above_each_other_is_known_before_take_off() -> None:

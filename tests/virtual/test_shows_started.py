@@ -5,7 +5,7 @@ from typing import Any
 
 import httpx
 import pytest
-from virtual_show import Show, refused
+from virtual_show import Show, alarm_texts, refused
 from written_show import NAME, TEXT, answer, check, config, fly, keep, select
 
 from api.app import create_app
@@ -194,7 +194,7 @@ def test_who_stood_above_whom_in_the_check_is_told_by_name_before_take_off(tmp_p
         show.service.select_show(NAME, checked.hash)
         show.service.command_show(ShowAction.START, show_hash=checked.hash)
         await show.reach(ShowPhase.ARMING)
-        (notice,) = [text for text in show.view.notices if "one above the other" in text]
+        (notice,) = [text for text in alarm_texts(show) if "one above the other" in text]
         assert "d4 above d1 at 'turn'" in notice
 
     fly(story, config(tmp_path))

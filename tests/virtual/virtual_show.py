@@ -267,6 +267,11 @@ class Show:
         return Ellipse.around(box, margin_m=0.0, headroom_m=0.0)
 
 
+def alarm_texts(show: Show) -> list[str]:
+    """What an operator is told now: the text of every alarm."""
+    return [alarm.text for alarm in show.view.alarms]
+
+
 class Refusal(NamedTuple):
     """How a request was turned down, and what it changed (which should be nothing)."""
 

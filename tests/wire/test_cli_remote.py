@@ -17,6 +17,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from api.app import create_app
 from api.door import Door
 from gcs.access import Role
+from gcs.alarms import AlarmCause, Condition
 from gcs.cli import status
 from gcs.cli.commands import ACTIONS, CALLS
 from gcs.cli.main import main
@@ -95,6 +96,10 @@ EVERYTHING = [
     "stop",
     "!",
     "kill d1 d2",
+    "lost d3",
+    "alarms",
+    "acknowledge vehicle-lost-1",
+    "acknowledge --all",
     "confirm-down d1",
     "pilot d3",
     "take-control d3",
@@ -150,6 +155,10 @@ def asked_of(service: FakeService, line: str) -> int:
         return 0
     if word == "pilot":
         service.phases[names[0]] = LifePhase.PILOT
+        return 0
+    if word == "lost":
+        service.conditions = (Condition(AlarmCause.VEHICLE_LOST, "no telemetry for 2.0 s", (names[0],)),)
+        service.tick()
         return 0
     if word == "cut-off":
         offers = (Offer.TAKE_OVER, Offer.BRING_HOME)

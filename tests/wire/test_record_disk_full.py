@@ -56,7 +56,7 @@ def moment(tick: int) -> Moment:
         timing=TickView(20.0, tick, 0, 0.0, 0.0, 0.0, NOTHING_COUNTED, NOTHING_COUNTED),
         control_alive=True,
         setpoints_sent=0,
-        problems=(),
+        alarms=(),
     )
 
 

@@ -14,6 +14,7 @@ from websockets.asyncio.client import connect
 
 from api import frames
 from gcs import config as configuration
+from gcs.alarms import Alarm, AlarmCause, AlarmSeverity
 from gcs.cli.main import main
 from gcs.client import Client
 from gcs.errors import InvalidError, RefusedError
@@ -32,6 +33,20 @@ from gcs.state import FleetState, Landed, Mode, Setpoints
 
 SECONDS, SPEED = 20.0, 10.0
 BOX = Obstacle("tower", 5.0, 0.0, 1.0, 1.0, 30.0, velocity_x_m_s=1.0, time_s=500.0)
+
+LOST = Alarm(
+    "vehicle-lost-1",
+    AlarmSeverity.WARNING,
+    AlarmCause.VEHICLE_LOST,
+    "Vehicle d2 lost: no telemetry for 2.0 s. Formation closes the gap.",
+    "Watch where it flies.",
+    ("d2",),
+    1.7e9,
+    1.7e9,
+    "o3",
+    "anna",
+    1.7e9 + 1.0,
+)
 
 
 def moment(at_s: float) -> Moment:
@@ -64,7 +79,7 @@ def moment(at_s: float) -> Moment:
         timing=TickView(20.0, round(at_s * 20), 0, 1.0, 2.0, 3.0, NOTHING_COUNTED, NOTHING_COUNTED),
         control_alive=True,
         setpoints_sent=7,
-        problems=(),
+        alarms=(LOST,),
     )
 
 
@@ -96,8 +111,12 @@ async def watched(address: str, count: int) -> list[dict[str, Any]]:
 def test_the_stream_shows_the_flight_in_its_time_and_orders_are_refused(recorded: Path) -> None:
     with replay(recorded, "--speed", f"{SPEED:g}") as address, Client(address, timeout_s=30.0) as client:
         fleet = client.fleet()
-        assert fleet.notices[0].startswith(f"replay of {recorded / 'flight.mcap'} at 10 times its speed")
-        assert "d2: lost: in the air when last heard, and sent nothing" in fleet.notices
+        texts = [alarm.text for alarm in fleet.alarms]
+        assert texts == [
+            "Vehicle d2 lost: no telemetry for 2.0 s. Formation closes the gap.",
+            f"Replay: this is a record of {recorded / 'flight.mcap'}. Nothing here flies.",
+        ]
+        assert fleet.severity == "warning"
         d1, d2 = fleet.vehicles
         assert (d1.phase, d1.mode, d1.restrained_by, d2.phase) == ("formation", "offboard", "limits", "lost")
         assert d1.battery_remaining == pytest.approx(0.8)
@@ -120,7 +139,7 @@ def test_the_stream_shows_the_flight_in_its_time_and_orders_are_refused(recorded
         seen = asyncio.run(watched(address, 10))
         passed_s = float(str(seen[-1]["unix_time_s"])) - float(str(seen[0]["unix_time_s"]))
         live_s = float(str(seen[-1]["time_s"])) - float(str(seen[0]["time_s"]))
-        assert 0.5 * SPEED < passed_s / live_s < 1.5 * SPEED or "has ended" in str(seen[-1]["notices"])
+        assert 0.5 * SPEED < passed_s / live_s < 1.5 * SPEED or "has ended" in str(seen[-1]["alarms"])
         for state in seen:  # what moves is where it was then
             (box,) = state["obstacles"]
             flown_s = float(str(state["unix_time_s"])) - 1.7e9

@@ -91,7 +91,7 @@ function frameAt(time_s: number): Frame {
 }
 
 const status = {
-  revision: 1, time_s: 0, unix_time_s: 0, control_reason: "", timeline: [], severity: "normal", alarms: [], notices: [], reactions: [], access: "", restraints: [], events: [],
+  revision: 1, time_s: 0, unix_time_s: 0, control_reason: "", timeline: [], severity: "normal", alarms: [], access: "", restraints: [], events: [],
   origin: { latitude_deg: 47.4, longitude_deg: 8.5, altitude_amsl_m: 488, heading_deg: Number(asked.get("heading") ?? 0) },
   formation: { radius_m, height_m, radius_now_m: radius_m, height_now_m: height_m },
   target: { x_m: 6, y_m: 4 }, orbit: { radius_m: orbit_m, speed_m_s: 2, direction: "clockwise" }, yaw: { policy: "fixed", heading_deg: 0 },

@@ -7,9 +7,8 @@ from api_fake_service import FakeService
 from api_harness import Api
 from prometheus_client.parser import text_string_to_metric_families
 
+from gcs.alarms import AlarmCause, Condition
 from gcs.lifecycle import Phase
-from gcs.reactions import Cause
-from gcs.service import Reaction
 
 DASHBOARD = Path(__file__).parents[3] / "docs" / "grafana" / "formation.json"
 
@@ -45,15 +44,22 @@ def test_it_tells_what_the_fleet_does(samples: dict[tuple[str, ...], float]) -> 
     assert samples["gcs_vehicle_ready", "d3"] == 0.0
 
 
-def test_it_tells_what_the_service_reacts_to() -> None:
+def test_alarms_are_counted_by_severity_with_the_state_of_the_whole() -> None:
     service = FakeService()
-    service.fly()
-    service.reactions = (Reaction("low battery", "return", "battery at 15%", ("d2",), 1.0, 2.0, "o3"),)
+    service.conditions = (
+        Condition(AlarmCause.LOW_BATTERY, "battery at 15%", ("d2",)),
+        Condition(AlarmCause.VEHICLE_LOST, "no telemetry for 2.0 s", ("d1", "d3")),
+        Condition(AlarmCause.SERVICE_NOTE, "no map"),
+    )
     service.tick()
     lines = Api(service)("GET", "/metrics").text.splitlines()
-    assert 'gcs_reaction{cause="low battery"} 1.0' in lines
-    assert sum(line.startswith("gcs_reaction{") for line in lines) == len(Cause)
-    assert sum(line.startswith("gcs_reaction{") and line.endswith(" 1.0") for line in lines) == 1
+    assert 'formation_alarms{severity="warning"} 2.0' in lines
+    assert 'formation_alarms{severity="emergency"} 0.0' in lines
+    assert 'formation_state{severity="warning"} 1.0' in lines
+    assert 'formation_state{severity="normal"} 0.0' in lines
+    assert 'formation_alarm{cause="vehicle-lost"} 1.0' in lines
+    assert sum(line.startswith("formation_alarm{") for line in lines) == len(AlarmCause)
+    assert "formation_alarms_unacknowledged 3.0" in lines
 
 
 def test_the_histograms_are_those_of_the_ticks(samples: dict[tuple[str, ...], float]) -> None:

@@ -7,10 +7,11 @@ from api_harness import Api
 from rich.console import Console
 
 from api import convert, wire
+from gcs.alarms import AlarmCause, Condition
 from gcs.cli.status_table import board
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Direction, YawPolicy
-from gcs.service import Outcome, Reaction, ShowAction, VehicleAction
+from gcs.service import Outcome, ShowAction, VehicleAction
 
 BOX = {"x_m": 50.0, "y_m": 0.0, "half_length_x_m": 2.0, "half_length_y_m": 3.0, "height_m": 15.0}
 
@@ -48,47 +49,18 @@ def test_the_fleet_shows_everything_at_one_instant(api: Api) -> None:
     assert fleet["setpoints_sent"] == 3
 
 
-def test_the_fleet_tells_what_the_service_does_by_itself_and_why() -> None:
+def test_gcs_status_shows_the_alarms_on_top(capsys: pytest.CaptureFixture[str]) -> None:
     service = FakeService()
     service.fly()
-    service.reactions = (
-        Reaction("critical battery", "land", "battery at 8%, below 10%", ("d2",), 12.5, 1795000000.5, "o3"),
-        Reaction("too much wind", "pause", "3 fly up to 2.1 m/s otherwise", (), 10.0, 1794999998.0, None),
-    )
-    service.tick()
-    fleet = Api(service)("GET", "/api/v1/fleet").json()
-    assert fleet["reactions"] == [
-        {
-            "cause": "critical battery",
-            "action": "land",
-            "reason": "battery at 8%, below 10%",
-            "vehicles": ["d2"],
-            "since_time_s": 12.5,
-            "since_unix_time_s": 1795000000.5,
-            "order_id": "o3",
-        },
-        {
-            "cause": "too much wind",
-            "action": "pause",
-            "reason": "3 fly up to 2.1 m/s otherwise",
-            "vehicles": [],
-            "since_time_s": 10.0,
-            "since_unix_time_s": 1794999998.0,
-            "order_id": None,
-        },
-    ]
-
-
-def test_gcs_status_shows_the_reactions(capsys: pytest.CaptureFixture[str]) -> None:
-    service = FakeService()
-    service.fly()
-    service.reactions = (Reaction("low battery", "return", "battery at 15%", ("d2",), 1.0, 2.0, "o3"),)
+    because, follows = "battery at 15%, below 20%", "It comes home."
+    service.conditions = (Condition(AlarmCause.LOW_BATTERY, because, ("d2",), follows, order_id="o3"),)
     service.tick()
     fleet = wire.Fleet.model_validate(Api(service)("GET", "/api/v1/fleet").json())
-    Console(width=160).print(board(fleet, 160))
-    told = capsys.readouterr().out
-    (line,) = [line for line in told.splitlines() if line.lstrip().startswith("reaction")]
-    assert all(word in line for word in ("return", "d2", "low battery", "battery at 15%"))
+    Console(width=80).print(board(fleet, 80))
+    told = capsys.readouterr().out.splitlines()
+    assert told[0].split() == ["WARNING", "1", "alarm,", "1", "not", "acknowledged"]
+    assert told[1].split()[0] == "warning"
+    assert "Vehicle d2 low on battery: battery at 15%" in told[1]
 
 
 def test_what_is_not_known_is_null_and_never_nan(api: Api) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gcs.alarms import Alarm, AlarmCause, AlarmSeverity
 from gcs.control import ControlSettings
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Formation, Plan
@@ -12,6 +13,16 @@ from gcs.records.replay import NOTHING_COUNTED
 from gcs.service import SelectedShow, TickView
 from gcs.state import Array, FleetState, Landed, Mode, Setpoints
 
+FULL = Alarm(
+    "record-fails-1",
+    AlarmSeverity.CAUTION,
+    AlarmCause.RECORD_FAILS,
+    "Not recorded: the disk is full.",
+    "Free the disk.",
+    (),
+    1.7e9,
+    1.7e9,
+)
 PLAN = Plan(Formation(radius_m=10.0, height_m=20.0))
 
 
@@ -69,7 +80,7 @@ def moment(
         timing=TickView(20.0, 7, 0, 1.0, 2.0, 3.0, NOTHING_COUNTED, NOTHING_COUNTED),
         control_alive=True,
         setpoints_sent=42,
-        problems=("record: the disk is full",),
+        alarms=(FULL,),
         control=control,
         colours=colours,
     )

@@ -1110,12 +1110,6 @@ export interface components {
             who: string;
         };
         /**
-         * Action
-         * @description What is done: with the vehicles concerned, or with the whole show.
-         * @enum {string}
-         */
-        Action: "ignore" | "re-form" | "hold-target" | "hold" | "pause" | "return" | "land";
-        /**
          * Alarm
          * @description One cause that an operator should know of, with all vehicles that it concerns.
          */
@@ -1196,12 +1190,6 @@ export interface components {
          * @enum {string}
          */
         AlarmSeverity: "emergency" | "warning" | "caution" | "information";
-        /**
-         * Cause
-         * @description What a reaction answers.
-         * @enum {string}
-         */
-        Cause: "vehicle lost" | "low battery" | "critical battery" | "bad position" | "fence ahead" | "too much wind" | "links late" | "too many vehicles lost" | "target stale" | "service late";
         /**
          * Center
          * @description The formation's centre as commanded now.
@@ -1607,20 +1595,10 @@ export interface components {
             interrupted: components["schemas"]["Interrupted"] | null;
             /** Minimum Separation M */
             minimum_separation_m: number | null;
-            /**
-             * Notices
-             * @description Replaced by `alarms`; will be removed.
-             */
-            notices: string[];
             /** Obstacles */
             obstacles: components["schemas"]["Obstacle"][];
             orbit: components["schemas"]["Orbit"];
             origin: components["schemas"]["Origin"];
-            /**
-             * Reactions
-             * @description What the service does by itself now; the most severe first. Empty in a replay.
-             */
-            reactions: components["schemas"]["Reaction"][];
             /** Setpoints Sent */
             setpoints_sent: number;
             /** @description The worst of the alarms whose cause lasts. */
@@ -2213,37 +2191,6 @@ export interface components {
             value: string | number | boolean | null;
         };
         /**
-         * Reaction
-         * @description One reaction, for as long as its cause lasts.
-         */
-        Reaction: {
-            /** @description Of the vehicles named, or of the whole show. */
-            action: components["schemas"]["Action"];
-            cause: components["schemas"]["Cause"];
-            /**
-             * Order Id
-             * @description What was ordered for it; null: nothing yet, or what goes on is no weaker.
-             */
-            order_id: string | null;
-            /**
-             * Reason
-             * @example battery at 15%, below 20%
-             */
-            reason: string;
-            /**
-             * Since Time S
-             * @description The service's monotonic clock.
-             */
-            since_time_s: number;
-            /** Since Unix Time S */
-            since_unix_time_s: number;
-            /**
-             * Vehicles
-             * @description Whom it concerns; empty: nobody in particular.
-             */
-            vehicles: string[];
-        };
-        /**
          * Readiness
          * @description Somebody can be ordered to do something.
          */
@@ -2689,22 +2636,12 @@ export interface components {
             /** @description null: none is configured. */
             map: components["schemas"]["Map"] | null;
             /**
-             * Notices
-             * @description Replaced by `alarms`; will be removed.
-             */
-            notices: string[];
-            /**
              * Obstacles
              * @description Where they were at `time_s`.
              */
             obstacles: components["schemas"]["Obstacle"][];
             orbit: components["schemas"]["Orbit"];
             origin: components["schemas"]["Origin"];
-            /**
-             * Reactions
-             * @description What the service does by itself now.
-             */
-            reactions: components["schemas"]["Reaction"][];
             /** @description null: this is no replay. */
             replay: components["schemas"]["Replay"] | null;
             /**

@@ -1,0 +1,69 @@
+"""Alarms in a terminal: the state of the whole, and every alarm, the most severe first, none left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING, Final
+
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from api.wire_alarms import Alarm
+
+STYLE: Final = {
+    "emergency": "bold white on red",
+    "warning": "bold black on yellow",
+    "caution": "bold yellow",
+    "information": "cyan",
+    "normal": "green",
+}
+ENDED: Final = "dim"
+
+
+def alarm_lines(severity: str, alarms: Sequence[Alarm]) -> RenderableType:
+    """For `gcs alarms`, and on top of `gcs status`.
+
+    Args:
+        severity: the state of the whole.
+        alarms: all of them, the most severe first.
+    """
+    if not alarms:
+        return Text("normal: no alarms", style=STYLE["normal"])
+    table = Table.grid(padding=(0, 1))
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_row(Text(f" {severity.upper()} ", style=STYLE[severity]), Text(_counted(alarms)))
+    for alarm in alarms:
+        is_over = alarm.ended_unix_time_s is not None
+        style = ENDED if is_over else STYLE[alarm.severity]
+        table.add_row(Text(f" {alarm.severity} ", style=style), _told(alarm))
+    return table
+
+
+def _told(alarm: Alarm) -> Text:
+    told = Text(alarm.text)
+    if not all(name in alarm.text for name in alarm.vehicles):
+        told.append(f"\nVehicles: {', '.join(alarm.vehicles)}")
+    told.append(f"\n{alarm.advice}", style="italic")
+    told.append(f"\n{alarm.id}, since {_clock(alarm.since_unix_time_s)}", style="dim")
+    if alarm.ended_unix_time_s is not None:
+        told.append(f", ended {_clock(alarm.ended_unix_time_s)}: acknowledge it", style="bold")
+    elif alarm.acknowledged_by is not None and alarm.acknowledged_unix_time_s is not None:
+        when = _clock(alarm.acknowledged_unix_time_s)
+        told.append(f", acknowledged by {alarm.acknowledged_by} {when}", style="dim")
+    else:
+        told.append(", not acknowledged", style="bold")
+    return told
+
+
+def _counted(alarms: Sequence[Alarm]) -> str:
+    is_open = sum(alarm.acknowledged_by is None for alarm in alarms)
+    return f"{len(alarms)} alarm{'' if len(alarms) == 1 else 's'}, {is_open} not acknowledged"
+
+
+def _clock(unix_s: float) -> str:
+    return datetime.fromtimestamp(unix_s).astimezone().strftime("%H:%M:%S")

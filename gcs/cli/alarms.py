@@ -1,0 +1,60 @@
+"""`gcs alarms`: what an operator should know now, once or for as long as somebody looks."""
+
+import argparse
+import time
+from typing import Final
+
+from rich.console import Console, RenderableType
+from rich.live import Live
+from rich.text import Text
+
+from gcs.cli.alarm_lines import STYLE, alarm_lines
+from gcs.cli.remote import add_connection, connected, failed
+from gcs.client import Client
+from gcs.errors import GcsError
+
+PERIOD_S: Final = 0.5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """`gcs alarms`."""
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--json", action="store_true", help="print them as the API answers them")
+    how.add_argument("--watch", action="store_true", help="go on until Ctrl-C")
+    add_connection(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print them. Returns: the exit code."""
+    console = Console()
+    try:
+        with connected(arguments) as client:
+            if arguments.watch:
+                return _watch(client, console)
+            found = client.alarms()
+    except GcsError as error:
+        return failed(error)
+    if arguments.json:
+        print(found.model_dump_json(indent=2))
+    else:
+        console.print(alarm_lines(found.severity, found.alarms))
+    return 0
+
+
+def _watch(client: Client, console: Console) -> int:
+    try:
+        with Live(console=console, screen=True, auto_refresh=False) as live:
+            while True:
+                live.update(_newest(client), refresh=True)
+                time.sleep(PERIOD_S)
+    except KeyboardInterrupt:
+        return 0
+
+
+def _newest(client: Client) -> RenderableType:
+    """The alarms, or why they cannot be seen: whoever watches must not take an old list for now."""
+    try:
+        found = client.alarms()
+    except GcsError as error:
+        return Text(f"NO STATE: {error}", style=STYLE["emergency"])
+    return alarm_lines(found.severity, found.alarms)

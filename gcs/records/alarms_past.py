@@ -1,0 +1,51 @@
+"""The alarms of a recorded moment."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gcs.alarms import CAUSES, Alarm, AlarmCause, AlarmSeverity
+from gcs.errors import GcsError
+
+
+def replay_alarm(path: Path, began_unix_s: float, *, ended: bool, cut: str) -> Alarm:
+    """Says that what is shown does not fly; `cut` says what is missing at the end of the record."""
+    over = f" The record has ended. {cut}".rstrip() if ended else ""
+    row = CAUSES[AlarmCause.REPLAY]
+    text = f"{row.headline}: this is a record of {path}. Nothing here flies.{over}"
+    return _told(AlarmCause.REPLAY, AlarmCause.REPLAY.value, text, began_unix_s)
+
+
+def recorded(status: Mapping[str, Any], path: Path, began_unix_s: float) -> tuple[Alarm, ...]:
+    """Of a `/fleet/status` as recorded; before there were alarms it had `problems`, in words.
+
+    Raises: GcsError for what is none.
+    """
+    try:
+        if "alarms" in status:
+            return tuple(_alarm(raw) for raw in status["alarms"])
+        problems: Sequence[str] = status["problems"]
+        note = AlarmCause.SERVICE_NOTE
+        return tuple(
+            _told(note, f"{note}-{number}", f"{CAUSES[note].headline}: {text}.", began_unix_s)
+            for number, text in enumerate(problems, start=1)
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise GcsError(f"{path}: its alarms are none: {error!r}") from None
+
+
+def _alarm(raw: Mapping[str, Any]) -> Alarm:
+    """Raises: KeyError, TypeError or ValueError."""
+    return Alarm(
+        **{
+            **raw,
+            "severity": AlarmSeverity(raw["severity"]),
+            "cause": AlarmCause(raw["cause"]),
+            "vehicles": tuple(raw["vehicles"]),
+        }
+    )
+
+
+def _told(cause: AlarmCause, alarm_id: str, text: str, unix_s: float) -> Alarm:
+    row = CAUSES[cause]
+    return Alarm(alarm_id, row.severity, cause, text, row.advice, (), unix_s, unix_s)
