@@ -7,6 +7,8 @@ from api.desk import DeskDep
 from api.path_names import AlarmId
 from api.problem_docs import COMMAND, NO_BODY, TOKEN, errors
 from api.wire_alarms import Alarm, AlarmList
+from gcs.alarms import AlarmCause
+from gcs.errors import RefusedError
 
 router = APIRouter(prefix="/alarms", tags=["alarms"], dependencies=TOKEN)
 
@@ -36,4 +38,6 @@ async def acknowledge_all_alarms(desk: DeskDep) -> list[Alarm]:
 )
 async def acknowledge_alarm(alarm_id: AlarmId, desk: DeskDep) -> Alarm:
     """It stays listed while its cause lasts, with who has seen it and when. Who was first stays named."""
+    if alarm_id == AlarmCause.CONTROL_STOPPED.value:
+        raise RefusedError("control-stopped is not acknowledged: it stays on top until control runs again")
     return convert_alarms.alarm(desk.service.acknowledge_alarm(alarm_id))

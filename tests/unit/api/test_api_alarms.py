@@ -2,6 +2,9 @@ import pytest
 from api_fake_service import FakeService
 from api_harness import Api
 
+from api import convert
+from api.door import needed
+from gcs.access import RIGHTS, Right, Role
 from gcs.alarms import AlarmCause, Condition
 
 LOST = Condition(
@@ -9,6 +12,12 @@ LOST = Condition(
 )
 KILLED = Condition(AlarmCause.KILLED, "motors stopped on command by anna", ("d2",))
 NOTE = Condition(AlarmCause.SERVICE_NOTE, "no map")
+
+
+@pytest.fixture(autouse=True)
+def _old_states_are_fresh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long this machine takes between two lines."""
+    monkeypatch.setattr(convert, "VIEW_AGE_MAX_S", 1e6)
 
 
 @pytest.fixture
@@ -57,3 +66,25 @@ def test_an_alarm_that_is_not_listed_cannot_be_acknowledged(api: Api) -> None:
     answer = api("POST", "/api/v1/alarms/vehicle-lost-99/acknowledge")
     assert answer.status_code == 404
     assert "killed-" in answer.json()["detail"]
+
+
+def test_that_control_has_stopped_is_on_top_and_cannot_be_acknowledged_away(api: Api) -> None:
+    api.service.control_alive = False
+    api.service.tick()
+    for path in ("/api/v1/fleet", "/api/v1/status", "/api/v1/alarms"):
+        told = api("GET", path).json()
+        assert told["severity"] == "emergency"
+        first = told["alarms"][0]
+        assert (first["id"], len(told["alarms"])) == ("control-stopped", 4)
+        assert first["text"].startswith("Control stopped: the control loop has completed no tick")
+    answer = api("POST", "/api/v1/alarms/control-stopped/acknowledge")
+    assert answer.status_code == 409
+    assert "until control runs again" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(("role", "status"), [(Role.WATCH, 403), (Role.EMERGENCY, 200), (Role.OPERATE, 200)])
+def test_alarms_are_acknowledged_by_those_who_may_act(role: Role, status: int) -> None:
+    for path in ("/api/v1/alarms/acknowledge", "/api/v1/alarms/killed-1/acknowledge"):
+        right = needed("POST", path)
+        assert (right in RIGHTS[role]) == (status == 200)
+    assert needed("GET", "/api/v1/alarms") is Right.WATCH
