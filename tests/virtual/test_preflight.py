@@ -300,7 +300,7 @@ def test_who_does_not_get_up_is_named_with_those_who_do_not_fly() -> None:
         show.fleet.state.sick_sensors[1] = 0x1
         await show.reach(ShowPhase.RUNNING)
         (text,) = alarm_texts(show)
-        assert text.startswith("Vehicles d2, d3, d4 not flying: ")
+        assert text.startswith("Vehicles d3, d4, d2 not flying: ")
         assert "d3, d4: not chosen" in text
         assert "d2: its autopilot does not yet pass its own arming checks" in text
         await show.show(ShowAction.STOP)

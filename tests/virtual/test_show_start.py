@@ -252,7 +252,8 @@ async def above_each_other(show: Show) -> tuple[str, int, list[str]]:
     show.service.command_show(ShowAction.START)
     await show.reach(ShowPhase.ARMING)
     assert not any(any(moment.armed) for moment in show.track.moments), "nobody has left the ground"
-    (notice,) = [text for text in alarm_texts(show) if "one above the other" in text]
+    await show.until(lambda: any("one above the other" in text for text in alarm_texts(show)), 1.0)
+    (notice,) = alarm_texts(show)
     await show.reach(ShowPhase.RUNNING)
     await show.wait(8.0)
     width_m = column_m(show.config.control.safety.floor)
