@@ -19,6 +19,9 @@ STEPS_BEFORE: Final = 3
 STEPS_BACK: Final = 10
 """The rate is the mean over so many percent at most: what was used long ago says less of now."""
 
+JUMP: Final = 5
+"""More percent at once are no discharge but a new reckoning or battery: what was known is forgotten."""
+
 SETTLES_S: Final = 5.0
 """After take-off: the voltage, and with it what is reported, drops when the motors draw, by no real use."""
 
@@ -77,11 +80,17 @@ class BatteryHistory:
         percent = np.clip(np.ceil(STEPS * np.where(known, remaining, 1.0) - 1e-6), 0, STEPS).astype(np.int64)
         falls = known & (percent < self._lowest)
         for row in np.flatnonzero(falls).tolist():  # seldom: once for each percent of each vehicle
-            began = self._lowest[row] > STEPS
-            if not began and self._first[row] < 0:
-                self._first[row] = percent[row]
-            self._reached_s[row, percent[row] : min(self._lowest[row], STEPS + 1)] = now_s
-            self._lowest[row] = percent[row]
+            self._fell(row, int(percent[row]), now_s)
+
+    def _fell(self, row: int, percent: int, now_s: float) -> None:
+        before = int(self._lowest[row])
+        if before <= STEPS and before - percent > JUMP:
+            self._reached_s[row] = np.nan
+            self._first[row] = percent
+        elif before <= STEPS and self._first[row] < 0:
+            self._first[row] = percent
+        self._reached_s[row, percent : min(before, STEPS + 1)] = now_s
+        self._lowest[row] = percent
 
     def rate_per_s(self, now_s: float) -> Array:
         """(n,) share of a whole battery used in a second; NaN until enough has been used to know it."""

@@ -3,7 +3,7 @@ import { expect, test } from "vitest";
 import type { Vec3 } from "../src/scene/axes";
 import { facing, intoBox, nearestPlace, onLevel, placesWithin, project, rayThrough, type Screen } from "../src/scene/picking";
 import { rectOf } from "../src/scene/selectionBox";
-import { pixelRatio } from "../src/scene/renderer";
+import { isDue, pixelRatio } from "../src/scene/renderer";
 import { approach, basisOf, entered, framed, panned, START, turned, zoomed } from "../src/scene/rig";
 
 const SCREEN: Screen = { width: 1440, height: 900, free: { left: 300, top: 60, width: 900, height: 700 } };
@@ -113,4 +113,17 @@ test("a pan moves over the ground, from the side up and down; a zoom has bounds"
 test("a processor that paints gets fewer pixels where there are many vehicles, a graphics card what the screen has", () => {
   expect([8, 200].map((n) => pixelRatio(true, 2, n))).toEqual([1, 0.75]);
   expect([1, 2, 3].map((ofScreen) => pixelRatio(false, ofScreen, 1000))).toEqual([1, 2, 2]);
+});
+
+test("a processor that paints makes 30 pictures a second, a graphics card as many as the screen shows", () => {
+  const drawn = (software: boolean): number => {
+    let [count, last_ms] = [0, -Infinity];
+    for (let now_ms = 0; now_ms < 1000; now_ms += 1000 / 60) {
+      if (isDue(software, now_ms - last_ms)) [count, last_ms] = [count + 1, now_ms];
+    }
+    return count;
+  };
+  expect(drawn(true)).toBeLessThanOrEqual(31);
+  expect(drawn(true)).toBeGreaterThanOrEqual(29);
+  expect(drawn(false)).toBeGreaterThanOrEqual(60);
 });

@@ -5,6 +5,7 @@ import { isStale, Looks, MARK } from "../src/scene/looks";
 import { DAY, NIGHT } from "../src/scene/palette";
 import { Table } from "../src/scene/instances";
 import { Playback, Poses } from "../src/scene/playback";
+import { fenceNearness } from "../src/scene/scenery";
 import { Ring, slotsFor } from "../src/scene/trails";
 import { FLAG, PHASES, type Frame } from "../src/state";
 import { frame, type Vehicle } from "./frames";
@@ -165,4 +166,14 @@ test("a replay at ten times its speed is no scrub", () => {
     return playback.at(1000 + 100 * k)!.run;
   });
   expect(new Set(runs).size).toBe(1);
+});
+
+test("the fence is seen when a vehicle comes near it, sideways or up", () => {
+  const fence = { height_min_m: 3, height_max_m: 100, distance_max_m: 300 };
+  const near = (...vehicles: Vehicle[]): number => fenceNearness(frame({ vehicles }), fence);
+  expect(near(at(0, 0, 20), at(100, 50, 40))).toBe(0);
+  expect(near(at(0, 0, 20), at(280, 0, 20))).toBeCloseTo(0.5);
+  expect(near(at(0, 0, 95))).toBe(1);
+  expect(near(at(400, 0, 20))).toBe(1); // beyond it
+  expect(near(at(NaN, 0, 20))).toBe(0);
 });

@@ -63,6 +63,13 @@ def test_a_vehicle_that_lands_begins_anew_and_one_below_the_threshold_has_no_tim
     assert np.isnan(history.left_s(0.0, 300.0)).all()
 
 
+def test_a_charge_that_jumps_is_no_rate() -> None:
+    history = reported(1200.0, 200.0)
+    assert np.isfinite(history.left_s(0.0, 200.0)).all()
+    history.note(np.array([0.18]), FLYING, 201.0)
+    assert np.isnan(history.left_s(0.0, 202.0)).all()
+
+
 def of(remaining: Array, flying: list[bool], heard: list[bool]) -> list[float | None]:
     n = len(remaining)
     found = batteries(BatteryHistory(n), remaining, np.array(flying), np.array(heard), 0.2, 0.0)

@@ -10,7 +10,7 @@ import { basisOf, type Pose } from "./rig";
 const ON_GROUND: ReadonlySet<Phase | undefined> = new Set(["offline", "standby", "killed"]);
 const FAR_M = 1000; // beyond this, and beyond three times the fence, a position is a fault that must not empty the picture
 const WIDE_ORBIT = 3; // radii: a wider orbit is followed, a narrower one is in the picture as a whole
-const TINY = 0.25; // of the visible region: what takes less is fitted again
+const TINY = 0.45; // of the visible region: what takes less is fitted again
 
 /** Vehicles whose position is known, and can be so. */
 export function believed({ status }: State, poses: Poses): number[] {

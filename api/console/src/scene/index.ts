@@ -25,7 +25,7 @@ import { Overlay } from "./overlay";
 import { DAY, NIGHT, type Palette } from "./palette";
 import { nearestPlace, placesWithin, rayThrough, type Ray, type Screen } from "./picking";
 import { placeOf, Playback, Poses, type Moment } from "./playback";
-import { createRenderer, screenOf } from "./renderer";
+import { createRenderer, isDue, screenOf } from "./renderer";
 import { Scenery } from "./scenery";
 import { SelectionBox, type Rect } from "./selectionBox";
 import { Shell } from "./shell";
@@ -87,6 +87,7 @@ class LiveScene implements Scene {
   #hovered = -1;
   #isDue = true;
   #wasFresh = false;
+  #drawn_ms = -Infinity;
   #palette: Palette | null = null;
 
   constructor(canvas: HTMLCanvasElement, on: SceneEvents, tile: LoadTile) {
@@ -125,6 +126,10 @@ class LiveScene implements Scene {
     if (!this.#isDue && !this.#changed(state) && isFresh === this.#wasFresh && !this.#cameraman.moves && (moment?.still ?? true)) {
       return;
     }
+    if (!isDue(this.#fitted.software, now_ms - this.#drawn_ms)) {
+      return;
+    }
+    this.#drawn_ms = now_ms;
     this.#isDue = false;
     this.#wasFresh = isFresh;
     this.#state = state;

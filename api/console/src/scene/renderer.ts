@@ -25,8 +25,17 @@ function isSoftware(): boolean {
   return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
 }
 
+const SOFTWARE_MS = 1000 / 30;
+const EARLY_MS = 4; // the browser's own beat: rather a little early than a whole picture late
+
+/** Whether a picture is due: a processor that paints leaves every second one to the desk. Pure. */
+export function isDue(software: boolean, sinceLast_ms: number): boolean {
+  return !software || sinceLast_ms >= SOFTWARE_MS - EARLY_MS;
+}
+
 export interface Fitted {
   renderer: WebGLRenderer;
+  software: boolean;
   /** Of what the screen has, as much as this machine paints in time with so many vehicles. */
   pixelRatio(ofScreen: number, vehicles: number): number;
 }
@@ -37,7 +46,7 @@ export function createRenderer(canvas: HTMLCanvasElement): Fitted {
   const renderer = new WebGLRenderer({ canvas, antialias: !software, alpha: false, powerPreference: "high-performance" });
   renderer.autoClear = true;
   renderer.sortObjects = true;
-  return { renderer, pixelRatio: (ofScreen, vehicles) => pixelRatio(software, ofScreen, vehicles) };
+  return { renderer, software, pixelRatio: (ofScreen, vehicles) => pixelRatio(software, ofScreen, vehicles) };
 }
 
 /** The canvas, and what the desk leaves free of it: it says so by the padding of what the canvas is in. */

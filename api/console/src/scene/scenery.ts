@@ -19,6 +19,20 @@ const TARGET_M = 1.4;
 const TARGET_PX = 15;
 const POSTS = 24; // of the fence
 const ARROWS = 4; // on the orbit
+const FENCE_FAR_M = 30; // nothing nearer to the fence: it is hardly seen
+const FENCE_NEAR_M = 10; // and so near it is seen best
+
+const SEEN_FROM_ABOVE = 1.2; // rad: there the fence lies around the formation, and its name is not in the way
+
+/** How much the fence matters now, 0 to 1: by the vehicle that is nearest to it, sideways or below its top. Pure. */
+export function fenceNearness({ x_m, y_m, height_m, n }: Frame, { distance_max_m, height_max_m }: Status["fence"]): number {
+  let nearest_m = Infinity;
+  for (let i = 0; i < n; i += 1) {
+    const left_m = Math.min(distance_max_m - Math.hypot(x_m[i]!, y_m[i]!), height_max_m - height_m[i]!);
+    if (left_m < nearest_m) nearest_m = left_m; // an unknown place is none
+  }
+  return Math.min(1, Math.max(0, (FENCE_FAR_M - nearest_m) / (FENCE_FAR_M - FENCE_NEAR_M)));
+}
 
 /** An obstacle where it is now: it goes on as it moves, as long as somebody tells of it. */
 export function broughtForward(box: Obstacle, since_s: number): Obstacle {
@@ -34,6 +48,7 @@ export class Scenery {
   #key = "";
   #status: Status | null = null;
   #palette: Palette | null = null;
+  #fenceNearness = 0;
 
   constructor(shared: Shared, into: Group) {
     this.#decals = new Decals(shared);
@@ -48,7 +63,8 @@ export class Scenery {
     const pixel_m = Math.hypot(...toScene(x_m, y_m, 0).map((at, k) => at - eye.basis.eye[k]!)) * eye.shared.uPerPixel.value;
     const size_m = Math.max(TARGET_M, TARGET_PX * pixel_m);
     const isMoving = status.obstacles.some((each) => each.velocity_x_m_s !== 0 || each.velocity_y_m_s !== 0);
-    const key = [x_m.toFixed(2), y_m.toFixed(2), size_m.toFixed(2), isMoving ? time_s.toFixed(2) : ""].join();
+    this.#fenceNearness = Math.round(10 * fenceNearness(frame, status.fence)) / 10;
+    const key = [this.#fenceNearness, x_m.toFixed(2), y_m.toFixed(2), size_m.toFixed(2), isMoving ? time_s.toFixed(2) : ""].join();
     if (status === this.#status && palette === this.#palette && key === this.#key) {
       return;
     }
@@ -75,15 +91,16 @@ export class Scenery {
   }
 
   #fence({ fence }: Status, palette: Palette): void {
-    const low: Style = { color: palette.fence, alpha: 0.6, width_px: 1.6 };
-    const high: Style = { ...low, alpha: 0.3, width_px: 1.2 };
+    const strength = 0.15 + 0.85 * this.#fenceNearness;
+    const low: Style = { color: palette.fence, alpha: 0.6 * strength, width_px: 1.6 };
+    const high: Style = { ...low, alpha: 0.3 * strength, width_px: 1.2 };
     const { distance_max_m, height_max_m } = fence;
     this.#ground.circle([0, 0, 0], distance_max_m, low, undefined, undefined, 180);
     this.#lines.circle([0, height_max_m, 0], distance_max_m, high, undefined, undefined, 180);
     for (let k = 0; k < POSTS; k += 1) {
       const [s, c] = [Math.sin((2 * Math.PI * k) / POSTS), Math.cos((2 * Math.PI * k) / POSTS)];
       const [x, z] = [s * distance_max_m, c * distance_max_m];
-      this.#lines.line([x, 0, z], [x, height_max_m, z], { ...high, alpha: 0.2 });
+      this.#lines.line([x, 0, z], [x, height_max_m, z], { ...high, alpha: 0.2 * strength });
     }
   }
 
@@ -114,8 +131,8 @@ export class Scenery {
   #obstacle(box: Obstacle, palette: Palette): void {
     const [low, high] = cornersOf(box);
     const middle: Vec3 = [box.y_m, box.height_m / 2, -box.x_m];
-    this.#boxes.put(middle, [box.half_length_y_m, box.height_m / 2, box.half_length_x_m], palette.obstacle, palette.night ? 0.26 : 0.4);
-    this.#lines.box(low, high, { color: palette.obstacle, alpha: 0.95, width_px: 1.5 });
+    this.#boxes.put(middle, [box.half_length_y_m, box.height_m / 2, box.half_length_x_m], palette.obstacle, palette.night ? 0.14 : 0.3);
+    this.#lines.box(low, high, { color: palette.obstacle, alpha: palette.night ? 0.5 : 0.8, width_px: 1.2 });
   }
 
   /** What is written beside it. */
@@ -125,6 +142,9 @@ export class Scenery {
     for (const box of status.obstacles) {
       const { id, height_m, ...at } = broughtForward(box, time_s - status.time_s);
       overlay.put(eye, toScene(at.x_m, at.y_m, height_m), texts.scene.obstacle(id, height_m.toFixed(1)), "thing", -14);
+    }
+    if (this.#fenceNearness === 0 && eye.pose.elevation < SEEN_FROM_ABOVE) {
+      return;
     }
     const { distance_max_m, height_max_m } = status.fence;
     const [s, c] = [Math.sin(eye.pose.azimuth), Math.cos(eye.pose.azimuth)];
