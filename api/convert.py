@@ -25,6 +25,9 @@ from gcs.service import (
 
 Triple = tuple[float, float, float]
 
+ALWAYS_IN_THE_AIR: Final = frozenset({ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT})
+"""Accepted whenever anything is airborne."""
+
 VIEW_AGE_MAX_S: Final = 1.0
 """PX4 gives up on a silent ground station after 1.0 s: an older state tells nothing about now."""
 
@@ -158,7 +161,12 @@ def _possible(phase: ShowPhase, action: ShowAction) -> bool:
 
 def show(view: FleetView) -> wire.Show:
     """The show for the wire."""
-    possible = [action for action in ShowAction if _possible(view.show, action)]
+    flies = view.counts.airborne > 0
+    possible = [
+        action
+        for action in ShowAction
+        if _possible(view.show, action) or (flies and action in ALWAYS_IN_THE_AIR)
+    ]
     return wire.Show(
         phase=view.show,
         reason=view.reason,
@@ -327,6 +335,7 @@ def interrupted(found: Interrupted) -> wire_interrupted.Interrupted:
     return wire_interrupted.Interrupted(
         session=found.session,
         unix_time_s=found.unix_time_s,
+        cause=found.cause,
         show=found.show,
         selected=selected,
         vehicles={one.id: wire_interrupted.Remaining(**asdict(one)) for one in found.vehicles},

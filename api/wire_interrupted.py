@@ -31,10 +31,11 @@ class WrittenShow(_Outward):
 
 
 class Interrupted(_Outward):
-    """A flight that was cut off when the service ended. Nothing of it is taken over without an order."""
+    """A flight that was cut off when the service ended or stalled. Nothing of it is taken over by itself."""
 
     session: str
-    unix_time_s: float = Field(description="When the record ends.")
+    unix_time_s: float = Field(description="When it was cut off.")
+    cause: str = Field(description="What cut it off, in words.", examples=["the service stalled for 4.4 s"])
     show: ShowPhase
     selected: WrittenShow | None
     vehicles: dict[str, Remaining]

@@ -7,13 +7,14 @@ from typing import Final
 
 from gcs.checks import PreflightReport
 from gcs.clearance import Clearance
+from gcs.control_refusal import why_never
 from gcs.errands import Errands
 from gcs.errors import InvalidError, OrderError, RefusedError
 from gcs.flight import Flight
 from gcs.homecoming import Homecoming
 from gcs.inspection import Inspection
-from gcs.interrupted import Interruption
-from gcs.lifecycle import IN_THE_AIR, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.interrupted import Interruption, Offer
+from gcs.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.lineup import Lineup
 from gcs.orders import OrderBook
 from gcs.places import landing_places_m
@@ -24,6 +25,7 @@ from gcs.starting import Countdown, Starting
 from gcs.state import Array, VehicleId
 from gcs.takeover import Takeover
 from gcs.timing import TickClock
+from gcs.uncontrolled import follow
 from gcs.vehicle import Vehicle
 from gcs.vehicle_orders import VehicleOrders
 from gcs.watch import Watch
@@ -32,6 +34,9 @@ log = logging.getLogger(__name__)
 
 REJOINED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING, ShowPhase.PAUSED})
 """Phases of the show in which a vehicle that is back joins the formation by itself."""
+
+OVER = frozenset({ShowPhase.LANDED, ShowPhase.UNCONTROLLED})
+"""Nothing is led by the show any more."""
 
 STOPS_WITHIN_S = 0.8
 """On pause, everybody's place is where their velocity takes them in this time."""
@@ -81,6 +86,11 @@ class Director:
 
     # once a tick
 
+    def stalled(self, gap_s: float) -> None:
+        """No tick came for `gap_s`, longer than any setpoint lives: what was flown may have been lost."""
+        self.takeover.stalled(gap_s)
+        self._watch.resume()
+
     def watch(self) -> None:
         """Let the telemetry change phases, and end errands that no longer apply."""
         self._watch.look()
@@ -97,7 +107,7 @@ class Director:
             await self._errands.take_control(vehicle)
         else:
             await self._errands.hold(vehicle)
-        if flight.show is ShowPhase.LANDED and flight.came_down_by is not None:
+        if flight.show in OVER and flight.came_down_by is not None:
             reason = f"{vehicle.id}, which was lost, is back, and comes down as was ordered"
             goes_on = ShowEvent.STOP if flight.came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
             flight.move_show(ShowEvent.TAKEN_ON, reason)
@@ -128,11 +138,10 @@ class Director:
         self._starting.count_down()
         if self._homecoming is not None:
             self._homecoming.advance()
-        busy = [vehicle for vehicle in (*flight.airborne, *self.waiting) if self._errands.running(vehicle)]
-        if flight.show in ON_THE_GROUND and flight.airborne:
-            names = ", ".join(vehicle.id for vehicle in flight.airborne)
-            flight.move_show(ShowEvent.TAKEN_ON, f"in the air and ours, waiting for orders: {names}")
+        led = (*flight.airborne, *self.waiting, *flight.in_phase(Phase.PILOT))
+        busy = [vehicle for vehicle in led if self._errands.running(vehicle)]
         self.takeover.advance()
+        follow(flight, busy=bool(busy))
         if flight.show is ShowPhase.ARMING:
             # who comes down again does not keep the others waiting
             if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
@@ -141,11 +150,7 @@ class Director:
             flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
         elif flight.performance is not None and flight.performance.is_over(flight.fleet.time_s):
             self._stop(f"show {flight.performance.name!r} is over: everybody comes home")
-        flying = flight.show in IN_THE_AIR | {ShowPhase.ABORTING} and flight.show is not ShowPhase.ARMING
-        if flying and not busy and not flight.airborne:
-            others = [vehicle.id for vehicle in flight.in_phase(Phase.LOST, Phase.PILOT)]
-            named = f"; not ours to land: {', '.join(others)}" if others else ""
-            flight.move_show(ShowEvent.ALL_DOWN, f"everybody we answer for is down{named}")
+        self.takeover.note_setpoints()
 
     def _all_have_taken_off(self) -> None:
         """Go on with those who are up, if there are any."""
@@ -170,11 +175,16 @@ class Director:
         return self._vehicle_orders.command_some(vehicles, action)
 
     def react_show(self, action: ShowAction, reason: str) -> OrderRecord:
-        """Pause, stop or abort, by the service itself: who comes down already goes on doing so."""
+        """Pause, stop or abort, by the service itself: who comes down already goes on doing so.
+
+        Control of what is out of control is not taken without an operator's command.
+        """
         if action is ShowAction.PAUSE:
-            return self._pause(reason)
+            return self._pause(reason, reclaim=False)
         spared = self._flight.in_phase(Phase.LANDING)
-        return self._stop(reason, spared) if action is ShowAction.STOP else self._abort(reason, spared)
+        if action is ShowAction.STOP:
+            return self._stop(reason, spared, reclaim=False)
+        return self._abort(reason, spared, reclaim=False)
 
     def note_re_formed(self) -> OrderRecord:
         """The others close a gap; nothing needs to be sent for that."""
@@ -250,21 +260,43 @@ class Director:
         """Stop the motors of these. Raises: RefusedError, UnknownError."""
         return self._vehicle_orders.kill(vehicle_ids)
 
-    def _stop(self, reason: str = "everybody comes home", spared: Sequence[Vehicle] = ()) -> OrderRecord:
-        """Everybody home but who is spared; who has not left the ground stays there."""
-        flying, waiting = [v for v in self._flight.airborne if v not in spared], self.waiting
-        self._flight.move_show(ShowEvent.STOP, reason)
-        left_out = self._not_ours() | {v.id: f"comes down already: {v.reason}" for v in spared}
-        record = self._book.open("stop", [v.id for v in (*flying, *waiting)], left_out)
+    def _reclaimed(self, *, reclaim: bool) -> list[Vehicle]:
+        """Airborne out of control, of which a command first takes control."""
+        return self.takeover.reclaimable if reclaim else []
+
+    def _stop(
+        self,
+        reason: str = "all vehicles return home",
+        spared: Sequence[Vehicle] = (),
+        *,
+        reclaim: bool = True,
+        action: str = ShowAction.STOP.value,
+    ) -> OrderRecord:
+        """All vehicles home but those spared; those that have not left the ground stay there."""
+        back = self._reclaimed(reclaim=reclaim)
+        flying = [*(v for v in self._flight.airborne if v not in spared), *back]
+        waiting = self.waiting
+        self._lead(ShowEvent.STOP, reason, [*flying, *waiting])
+        left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
+        record = self._book.open(action, [v.id for v in (*flying, *waiting)], left_out)
         self._send_home(record, flying)
         for vehicle in waiting:
             self._errands.start(vehicle, self._errands.stay_down, self._book.closer(record, vehicle.id))
         return record
 
-    def _bring_home(self, record: OrderRecord, flying: Sequence[Vehicle]) -> None:
-        """Who was cut off in flight holds, and comes home."""
-        self._flight.move_show(ShowEvent.STOP, "brought home after the service was cut off")
-        self._send_home(record, flying)
+    def _lead(self, event: ShowEvent, reason: str, reached: Sequence[Vehicle]) -> None:
+        """Let the show follow a command; one that reaches no vehicle is accepted, and changes nothing.
+
+        Raises: RefusedError where nothing is airborne, and the phase does not allow it.
+        """
+        flight = self._flight
+        if flight.show is ShowPhase.UNCONTROLLED and not reached:
+            return
+        flight.move_show(event, reason)
+
+    def _bring_home(self, reason: str) -> OrderRecord:
+        """What was cut off in flight comes under control, and home together with the others."""
+        return self._stop(reason, action=Offer.BRING_HOME.value)
 
     def _send_home(self, record: OrderRecord, flying: Sequence[Vehicle]) -> None:
         """These together above their own starts and down; down where they are when those are not known."""
@@ -279,21 +311,48 @@ class Director:
                 if place_m is None
                 else self._errands.descend(place_m)
             )
+            errand = self._errands.take_control_first(errand)
             self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
 
-    def _not_ours(self) -> dict[VehicleId, str]:
-        """Vehicles that no collective order reaches, and why."""
-        out_of_hand = self._flight.in_phase(Phase.LOST, Phase.PILOT, Phase.KILLED)
-        return {vehicle.id: f"{vehicle.phase}: {vehicle.reason}" for vehicle in out_of_hand}
+    def _not_ours(self, reclaimed: Sequence[Vehicle] = ()) -> dict[VehicleId, str]:
+        """Vehicles that no command to all reaches, and why."""
+        left_out = {}
+        for vehicle in self._flight.in_phase(Phase.LOST, Phase.PILOT, Phase.KILLED):
+            if vehicle not in reclaimed:
+                why = f"{vehicle.phase}: {vehicle.reason}"
+                if vehicle.phase is Phase.PILOT:
+                    never = why_never(self._flight, vehicle)
+                    why += f"; {never or f'take-control {vehicle.id} names it, when its pilot agrees'}"
+                left_out[vehicle.id] = why
+        return left_out
 
-    def _pause(self, reason: str = "everybody holds in place") -> OrderRecord:
-        """Everybody of the formation stops in place."""
-        flight = self._flight
+    def _pause(self, reason: str = "all vehicles hold in place", *, reclaim: bool = True) -> OrderRecord:
+        """All vehicles stop in place: also those on their way home or down, but for those touching down."""
+        flight, errands = self._flight, self._errands
         advance_show(flight.show, ShowEvent.PAUSE)
+        back, waiting = self._reclaimed(reclaim=reclaim), self.waiting
+        if flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
+            for vehicle in flight.in_phase(Phase.HOLD):  # about to come home, or down
+                errands.stop(vehicle, "paused by another command")
+        for vehicle in flight.in_phase(Phase.RETURN, Phase.LANDING):
+            if not vehicle.handed_over:
+                errands.stop(vehicle, "paused by another command")
+                vehicle.apply(Event.PAUSE, "paused on its way, holds in place")
         for vehicle in flight.in_phase(Phase.FORMATION):
             vehicle.hold_m = self._stops_m(vehicle)
-        flight.move_show(ShowEvent.PAUSE, reason)
-        return self._done("pause")
+        self._lead(ShowEvent.PAUSE, reason, flight.airborne)
+        stopped = flight.in_phase(Phase.FORMATION)
+        left_out = self._not_ours(back) | {
+            v.id: f"{v.phase}: {v.reason}" for v in flight.in_phase(Phase.TAKEOFF, Phase.HOLD, Phase.LANDING)
+        }
+        record = self._book.open("pause", [v.id for v in (*stopped, *back, *waiting)], left_out)
+        for vehicle in stopped:
+            self._book.close(record.id, vehicle.id, Outcome.DONE)
+        for vehicle in back:
+            errands.start(vehicle, errands.take_control, self._book.closer(record, vehicle.id))
+        for vehicle in waiting:
+            errands.start(vehicle, errands.stay_down, self._book.closer(record, vehicle.id))
+        return self._book.get(record.id)
 
     def _stops_m(self, vehicle: Vehicle) -> Array:
         """(3,) where it can stand soon."""
@@ -317,18 +376,27 @@ class Director:
             self._book.close(record.id, vehicle.id, Outcome.DONE)
         return self._book.get(record.id)
 
-    def _abort(self, reason: str = "everybody comes down", spared: Sequence[Vehicle] = ()) -> OrderRecord:
-        """A filtered descent of everybody but who is spared, lowest first, to distinct places."""
-        flying, waiting = [v for v in self._flight.airborne if v not in spared], self.waiting
-        self._flight.move_show(ShowEvent.ABORT, reason)
+    def _abort(
+        self,
+        reason: str = "all vehicles come down",
+        spared: Sequence[Vehicle] = (),
+        *,
+        reclaim: bool = True,
+    ) -> OrderRecord:
+        """A filtered descent of all vehicles but those spared, lowest first, to distinct places."""
+        back = self._reclaimed(reclaim=reclaim)
+        flying = [*(v for v in self._flight.airborne if v not in spared), *back]
+        waiting = self.waiting
+        self._lead(ShowEvent.ABORT, reason, [*flying, *waiting])
         places_m = landing_places_m(
             self._flight, [vehicle for vehicle in flying if not vehicle.comes_down_alone]
         )
-        left_out = self._not_ours() | {v.id: f"comes down already: {v.reason}" for v in spared}
+        left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
         record = self._book.open("abort", [v.id for v in (*flying, *waiting)], left_out)
         for vehicle in flying:
             alone = vehicle.comes_down_alone
             errand = self._errands.autopilot_land if alone else self._errands.descend(places_m[vehicle.id])
+            errand = self._errands.take_control_first(errand)
             self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
         for vehicle in waiting:
             self._errands.start(vehicle, self._errands.stay_down, self._book.closer(record, vehicle.id))

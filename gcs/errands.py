@@ -253,6 +253,16 @@ class Errands(ErrandTasks):
         await self._order(vehicle, Verb.HOLD)
         vehicle.apply(Event.TAKE_CONTROL, "under this station's control again, holds")
 
+    def take_control_first(self, then: Errand) -> Errand:
+        """For a vehicle that is airborne out of control: take control, then go on."""
+
+        async def errand(vehicle: Vehicle) -> None:
+            if vehicle.phase is Phase.PILOT:
+                await self.take_control(vehicle)
+            await then(vehicle)
+
+        return errand
+
     async def autopilot_land(self, vehicle: Vehicle) -> None:
         """Straight down by the autopilot alone: from a climb, or as a last resort."""
         if vehicle.phase is not Phase.LANDING:

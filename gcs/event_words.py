@@ -24,6 +24,8 @@ WORDS: Final[Mapping[str, str]] = {
     "excluded": "taken out of the show by {by}: {reason}",
     "flight_data_failed": "flight data are not recorded in {folder}: {cause}",
     "flight_data_go_on": "flight data are recorded again in {file}",
+    "interrupted": "{cause} while the show was {show}: take-over and bring-home settle it",
+    "service_stalled": "the service stalled for {stalled_s} s while the show was {show}",
     "found_interrupted": "session {of_session} was cut off while the show was {was}[: {mismatches}]",
     "included": "taken into the show again by {by}",
     "interruption_over": "the flight of session {of_session} that was cut off is settled",

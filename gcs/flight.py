@@ -16,6 +16,7 @@ from gcs.accuracy import uncertainty_m
 from gcs.checks import Exclusion
 from gcs.config import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
+from gcs.counts import Whereabouts, whereabouts
 from gcs.errors import UnknownError
 from gcs.failsafe_cause import TEXTS_COUNT_S, VehicleFacts
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
@@ -124,6 +125,7 @@ class Flight:
         self.show = ShowPhase.IDLE
         self.reason = "nothing has been started"
         self.columns = ""  # how many will stand one above the other, in words; as of the last start
+        self.show_before = ShowPhase.IDLE  # the phase before control of everything airborne was lost
         self.came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # who does not fly with the last start, and why
@@ -292,6 +294,13 @@ class Flight:
         """Vehicles in the air that the service answers for."""
         return self.in_phase(*AIRBORNE)
 
+    def whereabouts(self, vehicle: Vehicle) -> Whereabouts:
+        """Whether it is airborne and under control, on the ground, or unknown; see `gcs.counts`."""
+        telemetry, at = self.telemetry[vehicle.id]
+        age_s = self.fleet.time_s - float(telemetry.heartbeat_time_s[at])
+        landed, armed = telemetry.landed[at], telemetry.armed[at]
+        return whereabouts(vehicle.phase, landed, armed=armed, heartbeat_age_s=age_s)
+
     def position_m(self, vehicle: Vehicle) -> Array:
         """(3,) newest position, show frame."""
         position_m: Array = self.fleet.position_m[vehicle.row]
@@ -332,7 +341,9 @@ class Flight:
         """Let the show go on to its next phase. Raises: RefusedError when that is not possible now."""
         before, self.show = self.show, advance_show(self.show, event)
         self.reason = reason
-        if event is ShowEvent.ALL_DOWN:
+        if event is ShowEvent.CONTROL_LOST:
+            self.show_before = before
+        if event in {ShowEvent.ALL_DOWN, ShowEvent.CONTROL_LOST} and before is not ShowPhase.UNCONTROLLED:
             self.came_down_by = before if before in {ShowPhase.RETURNING, ShowPhase.ABORTING} else None
         if self.performance is not None:
             self.performance.follow(self.show, self.fleet.time_s)

@@ -113,8 +113,8 @@ class Homecoming:
         return self._pace is not None and self._pace.is_over(self._rows[vehicle.id])
 
     def _all_stand(self) -> bool:
-        """Everybody that is still ours is under control, and hardly moves."""
-        ours = [vehicle for vehicle in self._expected.values() if vehicle.phase in FLYING]
+        """Every vehicle that is still ours, or about to be, is under control, and hardly moves."""
+        ours = [vehicle for vehicle in self._expected.values() if vehicle.phase in FLYING | {Phase.PILOT}]
         speed_m_s = np.linalg.norm(self._flight.fleet.velocity_m_s, axis=1)
         return all(
             vehicle.id in self._stopping and bool(speed_m_s[vehicle.row] < STANDS_M_S) for vehicle in ours

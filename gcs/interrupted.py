@@ -1,4 +1,4 @@
-"""A flight that was cut off when the service ended: what the record knows of it, and what can be offered."""
+"""A flight that was cut off, when the service ended or stalled: what is known of it, what can be offered."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -54,7 +54,15 @@ class Interruption:
     frame: Mapping[str, float]  # `show_frame` of its configuration
     vehicles: Mapping[VehicleId, Before]
     written: Written | None
-    plan: Mapping[str, Any] | None  # as recorded, see `gcs.records.plans`
+    plan: Mapping[str, Any] | None  # as recorded, see `gcs.records.plans`; None: the plan flown still stands
+    stalled_s: float | None = None  # no setpoints left for so long; None: the service ended
+
+    @property
+    def cause(self) -> str:
+        """What cut the flight off, in words."""
+        if self.stalled_s is None:
+            return "the service was cut off"
+        return f"the service stalled for {self.stalled_s:.1f} s"
 
     def to_json(self) -> dict[str, Any]:
         """For the record: the next session must know it, however soon this one ends."""
@@ -76,6 +84,7 @@ class Interruption:
             },
             written=None if written is None else Written(**written),
             plan=raw["plan"],
+            stalled_s=raw.get("stalled_s"),
         )
 
 
@@ -109,12 +118,13 @@ class Interrupted:
     vehicles: tuple[Remaining, ...]
     offers: tuple[Offer, ...]
     problems: tuple[str, ...]  # what speaks against the others
+    cause: str = "the service was cut off"
 
     @property
     def notice(self) -> str:
         """In words."""
         what = "" if self.written is None else f" of {self.written.name!r}, cue {self.written.cue!r},"
-        told = f"the service was cut off while the show{what} was {self.show}"
+        told = f"{self.cause} while the show{what} was {self.show}"
         if self.show is ShowPhase.COUNTDOWN:
             return f"{told}: it does not start by itself"
         if self.offers:
@@ -151,8 +161,24 @@ def is_left_alone(before: Phase, mode: Mode, setpoint_loss_action: str) -> bool:
     return mode in ours
 
 
-def remaining(name: VehicleId, before: Before, phase: Phase, mode: Mode, loss_action: str) -> Remaining:
-    """What is known of one vehicle now."""
+def left_by(cause: str, mode: Mode) -> str:
+    """Why a vehicle that this station flew is in a mode of its autopilot's, in words."""
+    return f"{cause}; in mode {mode} by the setpoint-loss failsafe"
+
+
+def remaining(
+    name: VehicleId,
+    before: Before,
+    phase: Phase,
+    mode: Mode,
+    loss_action: str,
+    *,
+    taken_again: bool = False,
+) -> Remaining:
+    """What is known of one vehicle now.
+
+    `taken_again`: this station has controlled it since, and then somebody else took it.
+    """
     waits, text = False, f"{phase}"
     if phase is Phase.OFFLINE:
         text = f"was {before.phase}, and has not been heard since"
@@ -161,7 +187,7 @@ def remaining(name: VehicleId, before: Before, phase: Phase, mode: Mode, loss_ac
     elif phase in AIRBORNE:
         waits, text = phase is Phase.HOLD, f"ours again: {phase}"
     elif phase is Phase.PILOT:
-        waits = is_left_alone(before.phase, mode, loss_action)
+        waits = not taken_again and is_left_alone(before.phase, mode, loss_action)
         text = f"was {before.phase}, waits in mode {mode}"
         if not waits:
             text = f"in mode {mode}, a pilot may have it: take-control when the pilot agrees"

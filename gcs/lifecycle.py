@@ -39,6 +39,7 @@ class Event(StrEnum):
     TAKE_CONTROL = "take control"
     KILL = "kill"
     CONFIRMED_DOWN = "confirmed down"
+    PAUSE = "pause"  # on its way home or down: stops in place, still flown by the service
 
 
 AIRBORNE: Final = frozenset({Phase.TAKEOFF, Phase.HOLD, Phase.FORMATION, Phase.RETURN, Phase.LANDING})
@@ -69,6 +70,8 @@ NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
     (Phase.FORMATION, Event.TOUCHED_DOWN): Phase.STANDBY,
     (Phase.RETURN, Event.COME_HOME): Phase.RETURN,
     (Phase.RETURN, Event.HOLD): Phase.HOLD,
+    (Phase.RETURN, Event.PAUSE): Phase.FORMATION,
+    (Phase.LANDING, Event.PAUSE): Phase.FORMATION,
     (Phase.RETURN, Event.DESCEND): Phase.LANDING,
     (Phase.RETURN, Event.TOUCHED_DOWN): Phase.STANDBY,
     (Phase.LANDING, Event.HOLD): Phase.HOLD,
@@ -131,6 +134,8 @@ class ShowEvent(StrEnum):
     ABORT = "abort"
     ALL_DOWN = "all down"
     TAKEN_ON = "taken on"  # a vehicle in the air is ours while no show flies
+    CONTROL_LOST = "control lost"  # something is airborne, and nothing of it under this station's control
+    NEVER_FLEW = "never flew"  # what was airborne without a show of this station's has landed
 
 
 ON_THE_GROUND: Final = frozenset({ShowPhase.IDLE, ShowPhase.COUNTDOWN, ShowPhase.LANDED})
@@ -139,6 +144,9 @@ ON_THE_GROUND: Final = frozenset({ShowPhase.IDLE, ShowPhase.COUNTDOWN, ShowPhase
 IN_THE_AIR: Final = frozenset(
     {ShowPhase.ARMING, ShowPhase.ASSEMBLING, ShowPhase.RUNNING, ShowPhase.PAUSED, ShowPhase.RETURNING}
 )
+
+ANYTHING_FLIES: Final = IN_THE_AIR | {ShowPhase.ABORTING, ShowPhase.UNCONTROLLED}
+"""Something may be airborne: PAUSE, STOP and ABORT are accepted in every one of these."""
 
 SHOW_NEXT: Final[dict[tuple[ShowPhase, ShowEvent], ShowPhase]] = {
     (ShowPhase.IDLE, ShowEvent.START): ShowPhase.PREFLIGHT,
@@ -154,15 +162,21 @@ SHOW_NEXT: Final[dict[tuple[ShowPhase, ShowEvent], ShowPhase]] = {
     (ShowPhase.PREFLIGHT, ShowEvent.ABORT): ShowPhase.IDLE,
     (ShowPhase.ARMING, ShowEvent.ALL_UP): ShowPhase.ASSEMBLING,
     (ShowPhase.ASSEMBLING, ShowEvent.ASSEMBLED): ShowPhase.RUNNING,
-    (ShowPhase.ASSEMBLING, ShowEvent.PAUSE): ShowPhase.PAUSED,
-    (ShowPhase.RUNNING, ShowEvent.PAUSE): ShowPhase.PAUSED,
+    **{(phase, ShowEvent.PAUSE): ShowPhase.PAUSED for phase in IN_THE_AIR | {ShowPhase.ABORTING}},
+    (ShowPhase.UNCONTROLLED, ShowEvent.PAUSE): ShowPhase.UNCONTROLLED,  # until something is under control
     (ShowPhase.PAUSED, ShowEvent.RESUME): ShowPhase.ASSEMBLING,
     (ShowPhase.ARMING, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,  # up, but nobody could join
     (ShowPhase.IDLE, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
     (ShowPhase.LANDED, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
-    **{(phase, ShowEvent.STOP): ShowPhase.RETURNING for phase in IN_THE_AIR | {ShowPhase.ABORTING}},
-    **{(phase, ShowEvent.ABORT): ShowPhase.ABORTING for phase in IN_THE_AIR | {ShowPhase.ABORTING}},
-    **{(phase, ShowEvent.ALL_DOWN): ShowPhase.LANDED for phase in IN_THE_AIR | {ShowPhase.ABORTING}},
+    (ShowPhase.UNCONTROLLED, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
+    (ShowPhase.UNCONTROLLED, ShowEvent.NEVER_FLEW): ShowPhase.IDLE,
+    **{(phase, ShowEvent.STOP): ShowPhase.RETURNING for phase in ANYTHING_FLIES},
+    **{(phase, ShowEvent.ABORT): ShowPhase.ABORTING for phase in ANYTHING_FLIES},
+    **{(phase, ShowEvent.ALL_DOWN): ShowPhase.LANDED for phase in ANYTHING_FLIES},
+    **{
+        (phase, ShowEvent.CONTROL_LOST): ShowPhase.UNCONTROLLED
+        for phase in ANYTHING_FLIES | {ShowPhase.IDLE, ShowPhase.LANDED}
+    },
 }
 
 

@@ -29,6 +29,7 @@ from gcs.frames import ShowFrame
 from gcs.happenings import Happening, Happenings, heard
 from gcs.homeward import warm_up as warm_up_ways
 from gcs.inspection import Inspection
+from gcs.instead import instead
 from gcs.interrupted import Offer
 from gcs.lifecycle import ShowPhase
 from gcs.links import Link
@@ -176,6 +177,9 @@ class Orchestrator:
         """Hear, decide, send: one tick, without waiting for any vehicle."""
         flight = self._flight
         flight.hear(now_s)
+        gap_s = self._clock.gap_before(now_s)
+        if gap_s > self._config.deadman_s:
+            director.stalled(gap_s)
         director.watch()
         self._stage.lead()
         result = self._decide()
@@ -305,24 +309,28 @@ class Orchestrator:
         at_unix_time_s: float | None = None,
     ) -> OrderRecord:
         """Order the whole show."""
-        return self._running().command_show(
-            action, vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s
-        )
+        with instead(self._flight):
+            return self._running().command_show(
+                action, vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s
+            )
 
     def select_show(self, name: str, show_hash: str) -> SelectedShow:
         """Have a checked show fly next."""
-        self._need_no_countdown()
-        return self._stage.select(name, show_hash)
+        with instead(self._flight):
+            self._need_no_countdown()
+            return self._stage.select(name, show_hash)
 
     def deselect_show(self) -> None:
         """Fly what is told instead."""
-        self._need_no_countdown()
-        self._stage.deselect()
+        with instead(self._flight):
+            self._need_no_countdown()
+            self._stage.deselect()
 
     def seek_show(self, cue: str) -> SelectedShow:
         """Have the selected show begin at a cue."""
-        self._need_no_countdown()
-        return self._stage.seek(cue)
+        with instead(self._flight):
+            self._need_no_countdown()
+            return self._stage.seek(cue)
 
     def _need_no_countdown(self) -> None:
         if self._running().countdown is not None:
@@ -330,29 +338,35 @@ class Orchestrator:
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
         """Order one vehicle."""
-        return self._running().command_vehicle(vehicle_id, action)
+        with instead(self._flight, vehicle_id):
+            return self._running().command_vehicle(vehicle_id, action)
 
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
     ) -> OrderRecord:
         """Order several vehicles at once."""
-        return self._running().command_vehicles(action, vehicles)
+        with instead(self._flight):
+            return self._running().command_vehicles(action, vehicles)
 
     def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
         """What a start would find."""
-        return self._running().preflight(vehicles)
+        with instead(self._flight):
+            return self._running().preflight(vehicles)
 
     def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
         """Take a vehicle out of the show."""
-        return self._running().exclude(vehicle_id, reason)
+        with instead(self._flight):
+            return self._running().exclude(vehicle_id, reason)
 
     def include(self, vehicle_id: VehicleId) -> OrderRecord:
         """Take it into the show again."""
-        return self._running().include(vehicle_id)
+        with instead(self._flight):
+            return self._running().include(vehicle_id)
 
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
         """Motors off, now."""
-        return self._running().kill(vehicle_ids)
+        with instead(self._flight):
+            return self._running().kill(vehicle_ids)
 
     def acknowledge_alarm(self, alarm_id: str) -> Alarm:
         """Note that whoever calls has seen an alarm. Raises: UnknownError."""
@@ -364,7 +378,8 @@ class Orchestrator:
 
     def settle(self, offer: Offer) -> OrderRecord:
         """Go on with a flight that was cut off, or bring it home."""
-        return self._running().takeover.settle(offer)
+        with instead(self._flight):
+            return self._running().takeover.settle(offer)
 
     def _running(self) -> Director:
         if self._director is None:

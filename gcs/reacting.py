@@ -201,7 +201,8 @@ class Reacting:
         possible = {Action.RETURN, Action.LAND}
         if flight.show in FORMED:
             possible |= {Action.PAUSE, Action.RE_FORM, Action.HOLD_TARGET}
-        able = frozenset() if flight.show in ON_THE_GROUND else frozenset(possible)
+        led = flight.show not in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
+        able = frozenset() if not led else frozenset(possible)
         return Standing(of_show, severities, able)
 
     def _of_show(self, wish: Wish) -> OrderRecord:

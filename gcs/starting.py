@@ -13,6 +13,7 @@ from gcs.orders import OrderBook
 from gcs.service import OrderRecord, Outcome, ShowAction
 from gcs.stage import Stage
 from gcs.state import VehicleId
+from gcs.uncontrolled import reason, uncontrolled
 
 log = logging.getLogger(__name__)
 
@@ -60,6 +61,8 @@ class Starting:
 
         Raises: RefusedError, UnknownError, InvalidError.
         """
+        if others := uncontrolled(self._flight):
+            raise RefusedError(f"a start needs all vehicles on the ground: {reason(others)}")
         event = ShowEvent.START if at_unix_s is None else ShowEvent.SCHEDULE
         advance_show(self._flight.show, event)
         if at_unix_s is not None:
@@ -111,7 +114,7 @@ class Starting:
         if countdown is None:
             return
         late_s = self._unix_s() - countdown.at_unix_s
-        if late_s < 0.0 and not self._flight.airborne:
+        if late_s < 0.0 and not self._flight.airborne and not uncontrolled(self._flight):
             return
         try:
             chosen, left_out = self._still_ready(countdown, late_s)
@@ -126,6 +129,8 @@ class Starting:
         """Who flies. Raises: RefusedError, InvalidError, UnknownError when they may not take off any more."""
         if self._flight.airborne:
             raise RefusedError("a vehicle is in the air already")
+        if others := uncontrolled(self._flight):
+            raise RefusedError(reason(others))
         if late_s > LATE_MAX_S:
             raise RefusedError(f"its time was missed by {late_s:.1f} s: this machine, or its clock, stood")
         return self._clearance.need(countdown.show_hash, countdown.chosen)

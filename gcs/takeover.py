@@ -1,14 +1,20 @@
-"""A flight that was cut off: its pads are known again, and its vehicles are taken on when that is ordered."""
+"""A flight that was cut off: its pads are known again, and its vehicles are taken on when that is ordered.
+
+The service ended, and the record knows what was flown; or it stalled, and what was flown when the stall began
+is known from memory. Both are an `Interruption`, and both offer the same two commands.
+"""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
+from gcs.control_refusal import why_never
 from gcs.errands import Errands
 from gcs.errors import GcsError, RefusedError
+from gcs.failsafe_cause import FailsafeCause
 from gcs.feasibility import check_formation, check_orbit, check_target, followed
 from gcs.flight import Flight
 from gcs.interrupted import (
@@ -18,16 +24,21 @@ from gcs.interrupted import (
     Interruption,
     Offer,
     Remaining,
+    Triple,
+    Written,
+    is_left_alone,
+    left_by,
     mismatches,
     remaining,
+    triple,
 )
-from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.lifecycle import AIRBORNE, FLOWN, Phase, ShowPhase
 from gcs.orders import OrderBook
 from gcs.plan import Plan
 from gcs.records.plans import plan_of
 from gcs.service import OrderRecord, Outcome
 from gcs.stage import Stage
-from gcs.state import VehicleId
+from gcs.state import Mode, VehicleId
 from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
@@ -35,15 +46,39 @@ log = logging.getLogger(__name__)
 BEGUN_ANEW = frozenset({ShowPhase.PREFLIGHT, ShowPhase.ARMING})
 """Whoever starts a show has settled what was before."""
 
+STALL_EXPLAINS_S = 3.0
+"""So long after a stall it explains modes: heartbeats come once a second, and the oldest are read first."""
+
+STALL_SHARE = 0.7
+"""A stall explains a setpoint-loss failsafe from this share of `operation.setpoint_loss_s` on: the last
+setpoint may have been late, and vehicles may be set to less.
+"""
+
+
+OTHER_FAILSAFES = frozenset(FailsafeCause) - {
+    FailsafeCause.SETPOINT_LOSS,
+    FailsafeCause.DATA_LINK_LOSS,
+    FailsafeCause.OTHER,
+    FailsafeCause.UNKNOWN,
+}
+"""What a stall does not explain."""
+
 
 @dataclass(slots=True, eq=False)
 class _Batch:
     """Vehicles that are handed back together, for an order."""
 
     record: OrderRecord
-    offer: Offer
     awaited: set[VehicleId]
     handed: list[Vehicle] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stall:
+    """What was flown when a stall began, and until when a mode is explained by it."""
+
+    flown: Interruption
+    until_s: float
 
 
 class Takeover:
@@ -56,7 +91,7 @@ class Takeover:
         book: OrderBook,
         stage: Stage,
         found: Interruption | None,
-        send_home: Callable[[OrderRecord, Sequence[Vehicle]], None],
+        send_home: Callable[[str], OrderRecord],
         unix_s: Callable[[], float],
     ) -> None:
         """Restores the pads, nothing else. `send_home` brings vehicles that hold home together."""
@@ -71,6 +106,9 @@ class Takeover:
         self._wrong: tuple[str, ...] = ()  # with the whole record
         self._sent_on: set[VehicleId] = set()
         self._no_plan = ""  # why the formation cannot go on
+        self._stall: _Stall | None = None
+        self._under_setpoints: set[VehicleId] = set()  # as of the tick before
+        self._regained: set[VehicleId] = set()  # of what was found, those that were under control since
         if found is not None:
             self._restore_pads(found)
 
@@ -91,6 +129,8 @@ class Takeover:
         if found.show not in TAKEN_OVER_FROM:
             return f"take-over is not offered: the show was {found.show}"
         try:
+            if found.stalled_s is not None and found.plan is None:
+                return ""  # the plan that was flown still stands
             if found.written is not None:
                 self._stage.find(found.written.name, found.written.hash)
             else:
@@ -99,11 +139,96 @@ class Takeover:
             return f"take-over is not offered: {error}"
         return ""
 
+    # a stall
+
+    def note_setpoints(self) -> None:
+        """Once a tick, at its end: remember which vehicles fly under setpoints until the next."""
+        self._under_setpoints = {
+            vehicle.id
+            for vehicle in self._flight.vehicles.values()
+            if vehicle.engaging or (vehicle.phase in FLOWN and not vehicle.handed_over)
+        }
+
+    def stalled(self, gap_s: float) -> None:
+        """No tick came for `gap_s`: remember what was flown. To be called before telemetry changes phases."""
+        flight = self._flight
+        now_s = flight.fleet.time_s
+        if gap_s < STALL_SHARE * flight.config.operation.setpoint_loss_s:
+            return
+        log.warning("service_stalled", extra={"stalled_s": round(gap_s, 1), "show": flight.show.value})
+        if not self._under_setpoints:
+            return
+        flown = Interruption(
+            session="",
+            unix_s=self._unix_s() - gap_s,
+            show=flight.show,
+            reason=flight.reason,
+            frame=flight.config.show_frame.model_dump(),
+            vehicles={
+                name: Before(vehicle.system_id, vehicle.phase, vehicle.reason, _place(vehicle))
+                for name, vehicle in flight.vehicles.items()
+                if name in self._under_setpoints
+            },
+            written=self._written(),
+            plan=None,
+            stalled_s=gap_s,
+        )
+        self._stall = _Stall(flown, now_s + STALL_EXPLAINS_S)
+
+    def _written(self) -> Written | None:
+        performance = self._flight.performance
+        if performance is None:
+            return None
+        shown = performance.view(self._flight.fleet.time_s)
+        return Written(shown.name, shown.hash, shown.cue, shown.clock_s, dict(performance.parts))
+
+    def _explain(self, stall: _Stall) -> None:
+        """Count those that the stall took out of control to what was cut off."""
+        flight = self._flight
+        action = flight.config.operation.setpoint_loss_action
+        fallen = {}
+        for name, before in stall.flown.vehicles.items():
+            vehicle, known = flight.vehicles[name], self._found is not None and name in self._found.vehicles
+            if vehicle.phase is not Phase.PILOT or (known and name not in self._regained):
+                continue
+            mode = flight.mode(vehicle)
+            if vehicle.cause in OTHER_FAILSAFES:
+                continue
+            if mode is not Mode.OFFBOARD and is_left_alone(Phase.FORMATION, mode, action):
+                vehicle.reason = left_by(stall.flown.cause, mode)
+                fallen[name] = before
+        if not fallen:
+            return
+        self._regained -= fallen.keys()
+        if self._found is None:
+            self._found = replace(stall.flown, vehicles=fallen)
+            self._wrong, self._sent_on = (), set()
+            self._no_plan = self._why_no_plan(stall.flown)
+        else:
+            vehicles = {**self._found.vehicles, **fallen}
+            self._found = replace(self._found, vehicles=vehicles, stalled_s=stall.flown.stalled_s)
+        self._sent_on -= fallen.keys()
+        log.warning("interrupted", extra={**self._found.to_json(), "cause": self._found.cause})
+
+    @property
+    def reclaimable(self) -> list[Vehicle]:
+        """Airborne out of control, as the stall or the restart explains: a command may take control first."""
+        shown = self.view()
+        waiting = () if shown is None or self._wrong else (one.id for one in shown.vehicles if one.waits)
+        vehicles = [self._flight.vehicles[name] for name in waiting]
+        return [one for one in vehicles if one.phase is Phase.PILOT and not why_never(self._flight, one)]
+
     # once a tick
 
     def advance(self) -> None:
         """Go on with a batch that holds; forget what is settled."""
+        if self._stall is not None:
+            self._explain(self._stall)
+            if self._flight.fleet.time_s > self._stall.until_s:
+                self._stall = None
         found, batch = self._found, self._batch
+        if found is not None:
+            self._keep_true(found)
         if batch is not None and not batch.awaited:
             self._batch = None
             self._go_on(batch)
@@ -111,7 +236,22 @@ class Takeover:
             return
         if self._flight.show in BEGUN_ANEW or (found.vehicles and self._all_settled(found)):
             log.info("interruption_over", extra={"of_session": found.session})
-            self._found = None
+            self._found, self._regained = None, set()
+
+    def _keep_true(self, found: Interruption) -> None:
+        """Remember which vehicles came under control again, and say why the others are not."""
+        for name, before in found.vehicles.items():
+            vehicle = self._flight.vehicles.get(name)
+            if vehicle is None:
+                continue
+            if vehicle.phase in AIRBORNE:
+                self._regained.add(name)
+            elif vehicle.phase is Phase.PILOT and not self._wrong:
+                shown = self._remaining(name, before)
+                if shown.waits:
+                    vehicle.reason = left_by(found.cause, self._flight.mode(vehicle))
+                elif vehicle.reason.startswith(found.cause):
+                    vehicle.reason = shown.text
 
     def _all_settled(self, found: Interruption) -> bool:
         """Nobody is unheard or waits for an order, and nobody who was handed back is yet to be sent on."""
@@ -144,6 +284,7 @@ class Takeover:
             vehicles,
             tuple(offers),
             tuple(problems),
+            found.cause,
         )
 
     def _remaining(self, name: VehicleId, before: Before) -> Remaining:
@@ -151,7 +292,8 @@ class Takeover:
         if vehicle is None:
             return Remaining(name, before.phase, before.pad_m is not None, waits=False, text="not configured")
         mode, action = self._flight.mode(vehicle), self._flight.config.operation.setpoint_loss_action
-        return remaining(name, before, vehicle.phase, mode, action)
+        taken_again = name in self._regained
+        return remaining(name, before, vehicle.phase, mode, action, taken_again=taken_again)
 
     # orders
 
@@ -164,12 +306,19 @@ class Takeover:
             raise RefusedError(f"{offer} is not offered: {shown.notice}")
         self._restore(found, offer)
         waiting = {one.id for one in shown.vehicles if one.waits}
-        chosen = [vehicle for name, vehicle in self._flight.vehicles.items() if name in waiting]
+        refused = {
+            name: why
+            for name in waiting
+            if (vehicle := self._flight.vehicles[name]).phase is Phase.PILOT
+            and (why := why_never(self._flight, vehicle))
+        }
+        waiting -= refused.keys()
         if offer is Offer.BRING_HOME:
-            chosen += [vehicle for vehicle in self._flight.airborne if vehicle.id not in waiting]
-        left_out = {one.id: one.text for one in shown.vehicles if one.id not in {each.id for each in chosen}}
+            return self._send_home(f"brought home: {shown.cause}")
+        chosen = [vehicle for name, vehicle in self._flight.vehicles.items() if name in waiting]
+        left_out = {one.id: one.text for one in shown.vehicles if one.id not in waiting} | refused
         record = self._book.open(offer.value, [vehicle.id for vehicle in chosen], left_out)
-        batch = _Batch(record, offer, {vehicle.id for vehicle in chosen})
+        batch = _Batch(record, {vehicle.id for vehicle in chosen})
         self._batch = batch
         for vehicle in chosen:
             if vehicle.phase is Phase.PILOT:
@@ -195,10 +344,6 @@ class Takeover:
                 reason = f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}"
                 self._book.close(batch.record.id, vehicle.id, Outcome.FAILED, reason)
         self._sent_on |= {vehicle.id for vehicle in ours}
-        if batch.offer is Offer.BRING_HOME:
-            if ours:
-                self._send_home(batch.record, ours)
-            return
         for vehicle in ours:
             if self._rejoins(vehicle):
                 closer = self._book.closer(batch.record, vehicle.id)
@@ -218,6 +363,8 @@ class Takeover:
 
     def _restore(self, found: Interruption, offer: Offer) -> None:
         """Want again what was wanted: all of it, or for the way home the obstacles. Raises: RefusedError."""
+        if found.plan is None and found.stalled_s is not None:
+            return  # it was never forgotten
         if offer is Offer.BRING_HOME:
             if found.plan is not None and self._flight.performance is None:
                 obstacles = self._recorded(found).obstacles
@@ -253,3 +400,7 @@ class Takeover:
         except GcsError as error:
             raise RefusedError(f"what was flown cannot be flown now: {error}") from None
         return plan
+
+
+def _place(vehicle: Vehicle) -> Triple | None:
+    return None if vehicle.home_m is None else triple(vehicle.home_m.tolist())

@@ -63,6 +63,10 @@ class TickClock:
         self._durations, self._latenesses = Counted(), Counted()
         self._summary = self._summarised(0.0, 0.0, 0.0)
 
+    def gap_before(self, now_s: float) -> float:
+        """How long ago the newest noted tick began; 0 before the first."""
+        return now_s - self._began_s if self.count else 0.0
+
     def note(self, began_s: float, duration_s: float, lateness_s: float, missed: int) -> None:
         """Take one tick into account, which began at `began_s` of the loop's clock."""
         self.gap_s = began_s - self._began_s if self.count else 0.0

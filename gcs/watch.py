@@ -30,7 +30,12 @@ class Watch:
         self._errands = errands
         self._inspection = inspection
         self._come_back = come_back
+        self._resumed_s = -np.inf  # after a stall; what was said meanwhile may not be read yet
         self._calm: tuple[object, ...] | None = None  # in which nobody had to be looked at
+
+    def resume(self) -> None:
+        """The service has stalled: it cannot know yet which vehicles were silent meanwhile."""
+        self._resumed_s = self._flight.fleet.time_s
 
     def look(self) -> None:
         """Once a tick: let the telemetry change phases, and end errands that no longer apply."""
@@ -41,8 +46,8 @@ class Watch:
             self._mind_reset(flight.at_row(row))
         known: Mask = np.asarray(np.isfinite(flight.fleet.position_m).all(axis=1))
         age_s: Array = now_s - np.minimum(np.minimum(heard_of.beat_s, heard_of.position_s), heard_of.life_s)
-        fresh: Mask = np.asarray(age_s <= silence_s)
-        flight.note_seen(fresh & known)
+        flight.note_seen(np.asarray(age_s <= silence_s) & known)
+        fresh: Mask = np.asarray(np.minimum(age_s, now_s - self._resumed_s) <= silence_s)
         self._forget_heartbeats(fresh)
         # A thousand vehicles are looked at in every tick: while nothing changes, all at once.
         vehicles = flight.vehicles.values()
@@ -72,6 +77,7 @@ class Watch:
         age_s = now_s - min(life_s, position_s, beat_s + _beats_may_lack_s(vehicle.phase))
         if age_s <= silence_s and is_known:  # though a heartbeat lacks
             flight.note_seen(row)
+        age_s = min(age_s, self._not_judged_s(vehicle.phase))
         lacks = lacking(now_s, life_s, beat_s, position_s, silence_s)
         in_failsafe = flight.facts(vehicle).in_failsafe if vehicle.phase is Phase.PILOT else False
         heard = Heard(
@@ -101,6 +107,10 @@ class Watch:
             self._by_itself(vehicle, self._errands.rest)
         elif vehicle.phase in FLOWN and not vehicle.handed_over and heard.mode is Mode.HOLD:
             vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
+
+    def _not_judged_s(self, phase: Phase) -> float:
+        """Since a stall of the service: a vehicle in the air is not silent for longer, as far as it knows."""
+        return np.inf if phase in {Phase.OFFLINE, Phase.LOST} else self._flight.fleet.time_s - self._resumed_s
 
     def _explained(self, vehicle: Vehicle) -> Explanation:
         """Why it is in a mode that nobody here commanded."""

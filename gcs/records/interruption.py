@@ -1,7 +1,7 @@
 """Finds in the record a flight that was cut off: of the newest session, or one that it had found itself."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -42,9 +42,7 @@ def _newest(root: Path) -> Interruption | None:
     names = ", ".join(f"'{name}'" for name in (PHASE, PAD, FOUND, OVER))
     sql = f"SELECT event, vehicle, detail FROM events WHERE session = ? AND event IN ({names}) ORDER BY rowid"  # noqa: S608
     told = [(row["event"], row["vehicle"], json.loads(row["detail"])) for row in rows(root, sql, session.id)]
-    found = next((Interruption.from_json(detail) for event, _, detail in told if event == FOUND), None)
-    if any(event == OVER for event, _, _ in told):
-        found = None
+    found = _unsettled((event, detail) for event, _, detail in told)
     phases = {vehicle: detail for event, vehicle, detail in told if event == PHASE}
     pads = {vehicle: triple(detail["pad_m"]) for event, vehicle, detail in told if event == PAD}
     own = known.show if known.show is not None and known.show.session == session.id else None
@@ -56,6 +54,8 @@ def _newest(root: Path) -> Interruption | None:
     vehicles = _in_the_air(known, phases, pads, found, show)
     if show in ON_THE_GROUND and show is not ShowPhase.COUNTDOWN and not vehicles:
         return None
+    if show is ShowPhase.UNCONTROLLED and found is not None:
+        show = found.show  # what was flown before control of it was lost
     if own is None or (show in ON_THE_GROUND and found is not None):
         if found is None:
             return None
@@ -72,6 +72,17 @@ def _newest(root: Path) -> Interruption | None:
         written=_written(own),
         plan=own.plan,
     )
+
+
+def _unsettled(told: Iterable[tuple[str, Mapping[str, Any]]]) -> Interruption | None:
+    """The newest that was found cut off and not settled: a stall may follow a restart."""
+    found = None
+    for event, detail in told:
+        if event == FOUND:
+            found = Interruption.from_json(detail)
+        elif event == OVER:
+            found = None
+    return found
 
 
 def _without_pads(found: Interruption) -> Interruption:

@@ -372,7 +372,10 @@ class LoopbackLink:
         return {} if self.trouble is None else self.trouble.broken
 
     def _listen(self, now_s: float) -> None:
-        said = self._fleet.take_frames()
+        self.hear(self._fleet.take_frames(), now_s)
+
+    def hear(self, said: Mapping[int, list[bytes]], now_s: float) -> None:
+        """What vehicles, by row, said arrives."""
         for vehicle_id, heard in self._ears.items():
             row = self._row[self._system_ids[vehicle_id]]
             arrived, channel = said.get(row, []), self._broken().get(row)

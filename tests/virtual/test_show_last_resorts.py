@@ -113,7 +113,7 @@ async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
     given_back = show.view.show
     turned_down = await refused(show, lambda: show.service.command_show(ShowAction.START))
     await show.settled(show.service.command_show(ShowAction.ABORT), 120.0)
-    await show.reach(ShowPhase.LANDED)
+    await show.reach(ShowPhase.UNCONTROLLED)
     return ControlTaken(
         taken, given_back, turned_down.kind, show.view.show, [vehicle.armed for vehicle in show.view.vehicles]
     )
@@ -121,10 +121,10 @@ async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
 
 def test_a_vehicle_control_taken_after_the_show_can_still_be_brought_down() -> None:
     flight = fly(all_taken_over_then_control_taken, show_config(2))
-    assert flight.taken is ShowPhase.LANDED, "nobody in the air was ours"
+    assert flight.taken is ShowPhase.UNCONTROLLED, "two are airborne"
     assert flight.given_back is ShowPhase.PAUSED, "one is: the show is not over"
     assert flight.refusal is RefusedError
-    assert (flight.landed, flight.armed) == (ShowPhase.LANDED, [False, True])
+    assert (flight.landed, flight.armed) == (ShowPhase.UNCONTROLLED, [False, True])
 
 
 async def stop_again_and_again(show: Show) -> list[OrderRecord]:
@@ -184,7 +184,7 @@ async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
 
 def test_a_vehicle_whose_start_is_unknown_lands_where_it_is() -> None:
     text, armed = fly(found_in_the_air, show_config(2))
-    assert text == "d1 cannot return: where it started is not known; use land"
+    assert text == "d1 cannot return: where it started is not known; use land; accepted instead: land d1"
     assert armed == [False, False]
 
 

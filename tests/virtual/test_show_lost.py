@@ -225,7 +225,7 @@ async def back_when_all_others_are_down(show: Show, action: ShowAction) -> tuple
     await show.phase("d2", Phase.LOST)
     await show.settled(show.service.command_show(action), 120.0)
     await show.reach(ShowPhase.LANDED)
-    assert "not ours to land: d2" in show.view.reason
+    assert "not confirmed on the ground: d2" in show.view.reason
     await show.wait(5.0)
     back_s = show.now_s
     show.link.restore("d2")

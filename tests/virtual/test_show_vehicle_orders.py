@@ -189,4 +189,4 @@ async def join_without_a_show(show: Show) -> Refusal:
 def test_joining_is_refused_while_the_show_returns() -> None:
     refusal = fly(join_without_a_show, show_config(3))
     assert refusal.kind is RefusedError
-    assert refusal.text == "d1 has no formation to join: the show is returning"
+    assert refusal.text == "d1 has no formation to join: the show is returning; accepted instead: land d1"

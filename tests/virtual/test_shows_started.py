@@ -5,7 +5,7 @@ from typing import Any
 
 import httpx
 import pytest
-from virtual_show import Show, alarm_texts, refused
+from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, refused
 from written_show import NAME, TEXT, answer, check, config, fly, keep, select
 
 from api.app import create_app
@@ -13,7 +13,6 @@ from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.lifecycle import ShowPhase
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle
 from gcs.service import Outcome, ShowAction, VehicleAction
-from sim.modes import Mode as PilotMode
 
 ALL = ("d1", "d2", "d3", "d4")
 AHEAD_S = 20.0
@@ -315,17 +314,18 @@ def test_a_vehicle_found_in_the_air_does_not_begin_a_show_that_was_never_started
         service = show.service
         await show.standby()
         await show.start()
-        show.link.pilot("d1", PilotMode.HOLD)
-        await show.until(lambda: show.vehicle("d1").phase == "pilot")
-        await show.show(ShowAction.STOP)
+        show.link.silence("d1")
+        await show.until(lambda: show.vehicle("d1").phase == "lost")
+        for name in show.config.ids[1:]:
+            await show.order(name, VehicleAction.LAND)
         await show.reach(ShowPhase.LANDED)
         show_hash = check(show)
         service.select_show(NAME, show_hash)
-        await show.order("d1", VehicleAction.TAKE_CONTROL)
+        show.link.restore("d1")
         await show.reach(ShowPhase.PAUSED)
         refusal = await refused(show, lambda: service.command_show(ShowAction.RESUME))
         assert "was never started: stop brings home" in refusal.text
         await show.show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)
 
-    fly(story, config(tmp_path))
+    fly(story, config(tmp_path, operation=HOLDS_WHEN_LOST))

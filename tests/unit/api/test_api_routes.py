@@ -161,12 +161,12 @@ def test_a_command_in_the_wrong_phase_is_refused_with_the_reason(api: Api) -> No
     [
         ("start", ShowPhase.IDLE, ShowPhase.PREFLIGHT, 409),
         ("stop", ShowPhase.RUNNING, ShowPhase.RETURNING, 202),
-        ("pause", ShowPhase.RUNNING, ShowPhase.PAUSED, 409),
+        ("pause", ShowPhase.RUNNING, ShowPhase.PAUSED, 202),
         ("resume", ShowPhase.PAUSED, ShowPhase.ASSEMBLING, 409),
         ("abort", ShowPhase.RUNNING, ShowPhase.ABORTING, 202),
     ],
 )
-def test_a_show_command_is_accepted_and_only_coming_down_can_be_ordered_again(
+def test_a_show_command_is_accepted_and_only_what_makes_less_of_the_flight_can_be_ordered_again(
     api: Api, action: str, before: ShowPhase, after: ShowPhase, again: int
 ) -> None:
     api.service.show = before

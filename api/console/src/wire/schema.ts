@@ -1763,9 +1763,15 @@ export interface components {
         };
         /**
          * Interrupted
-         * @description A flight that was cut off when the service ended. Nothing of it is taken over without an order.
+         * @description A flight that was cut off when the service ended or stalled. Nothing of it is taken over by itself.
          */
         Interrupted: {
+            /**
+             * Cause
+             * @description What cut it off, in words.
+             * @example the service stalled for 4.4 s
+             */
+            cause: string;
             /**
              * Offers
              * @description What can be ordered: POST /api/v1/show/take-over and so on.
@@ -1782,7 +1788,7 @@ export interface components {
             show: components["schemas"]["ShowPhase"];
             /**
              * Unix Time S
-             * @description When the record ends.
+             * @description When it was cut off.
              */
             unix_time_s: number;
             /** Vehicles */

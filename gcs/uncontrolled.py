@@ -1,0 +1,70 @@
+"""What is airborne outside this station's control, why, and which phase of the show follows from it."""
+
+from collections.abc import Collection
+from typing import Final
+
+from gcs.checks import listed
+from gcs.counts import Whereabouts
+from gcs.flight import Flight
+from gcs.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
+from gcs.vehicle import Vehicle
+
+NAMED: Final = 6
+"""So many vehicles are named one by one; of more, how many there are."""
+
+
+def uncontrolled(flight: Flight) -> list[Vehicle]:
+    """Airborne under a pilot's or their own autopilot's control."""
+    vehicles = flight.in_phase(Phase.PILOT, Phase.KILLED)
+    return [one for one in vehicles if flight.whereabouts(one) is Whereabouts.UNCONTROLLED]
+
+
+def reason(vehicles: Collection[Vehicle]) -> str:
+    """How many of these are airborne, and why not under control; vehicles with one reason are told once."""
+    whose: dict[str, list[str]] = {}
+    for vehicle in vehicles:
+        whose.setdefault(vehicle.reason, []).append(vehicle.id)
+    count = f"{len(vehicles)} {'vehicle' if len(vehicles) == 1 else 'vehicles'} airborne"
+    if len(whose) == 1:
+        (only,) = whose
+        return f"{count}, not under this station's control: {only}"
+    parts = [f"{_named(ids)}: {why}" for why, ids in whose.items()]
+    return f"{count}, not under this station's control: {'; '.join(parts)}"
+
+
+def _named(ids: list[str]) -> str:
+    return listed(ids) if len(ids) <= NAMED else f"{len(ids)} vehicles"
+
+
+def follow(flight: Flight, *, busy: bool) -> None:
+    """Once a tick: keep the show's phase true to what is airborne.
+
+    Args:
+        flight: changed.
+        busy: whether a vehicle is being led to or from the ground, or under control.
+    """
+    if flight.airborne:
+        if flight.show in ON_THE_GROUND | {ShowPhase.UNCONTROLLED} and flight.show is not ShowPhase.COUNTDOWN:
+            names = listed([vehicle.id for vehicle in flight.airborne])
+            flight.move_show(ShowEvent.TAKEN_ON, f"under control, waiting for commands: {names}")
+        return
+    if busy or flight.show in {ShowPhase.PREFLIGHT, ShowPhase.COUNTDOWN}:
+        return
+    others = uncontrolled(flight)
+    if others:
+        why = reason(others)
+        if flight.show is not ShowPhase.UNCONTROLLED:
+            flight.move_show(ShowEvent.CONTROL_LOST, why)
+        flight.reason = why
+    elif flight.show in ANYTHING_FLIES and flight.show is not ShowPhase.ARMING:
+        _land(flight)
+
+
+def _land(flight: Flight) -> None:
+    """Nothing is airborne: what is lost, or was killed, is named, and counts as airborne no more."""
+    unknown = [one.id for one in flight.vehicles.values() if flight.whereabouts(one) is Whereabouts.UNKNOWN]
+    named = f"; not confirmed on the ground: {listed(unknown)}" if unknown else ""
+    if flight.show is ShowPhase.UNCONTROLLED and flight.show_before is ShowPhase.IDLE:
+        flight.move_show(ShowEvent.NEVER_FLEW, f"nothing is airborne any more{named}")
+    else:
+        flight.move_show(ShowEvent.ALL_DOWN, f"all vehicles have landed{named}")

@@ -1,0 +1,45 @@
+"""Stalls the station of a virtual show as SIGSTOP would: nothing of it runs, while the vehicles fly on."""
+
+import asyncio
+from typing import Any
+
+import numpy as np
+from virtual_show import Show
+
+from gcs.safety.separation import minimum_separation
+from gcs.state import Array
+from sim.fleet import STEP_S
+
+HEARD_FIRST: float = 1.0
+"""Share of what vehicles said meanwhile that is heard afterwards: buffers overflow, and keep the oldest."""
+
+
+def stall(show: Show, seconds: float, *, kept_share: float = HEARD_FIRST) -> Array:
+    """Let time pass for the vehicles alone; what they said meanwhile is heard when the station goes on.
+
+    Args:
+        show: running.
+        seconds: how long.
+        kept_share: of what they said, the oldest.
+
+    Returns: (k, n, 3) true positions meanwhile, show frame.
+    """
+    loop: Any = asyncio.get_running_loop()  # async_solipsism's
+    link, fleet = show.link, show.fleet
+    end_s = loop.time() + seconds
+    said, true_m = [], []
+    link._deliver()
+    while fleet.time_s + STEP_S / 2 < end_s:
+        fleet.step()
+        said.append(fleet.take_frames())
+        true_m.append(show.true_m)
+    loop._selector.clock.advance(end_s - loop.time())
+    for frames in said[: round(kept_share * len(said))]:
+        link.hear(frames, end_s)
+    return np.array(true_m)
+
+
+def floor_violations(show: Show, true_m: Array) -> int:
+    """Steps at which a pair was truly inside the floor."""
+    floor, everybody = show.config.control.safety.floor, np.ones(len(show.config.ids), dtype=np.bool_)
+    return sum(minimum_separation(here_m, everybody, floor)[1] > 0 for here_m in true_m)
