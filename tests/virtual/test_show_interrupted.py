@@ -298,7 +298,7 @@ def test_whom_a_pilot_has_is_left_to_the_pilot(tmp_path: Path) -> None:
         await show.wait(0.2)
         record = await show.settled(show.service.settle(Offer.BRING_HOME), 120.0)
         assert record.outcomes["d3"].outcome is Outcome.NOT_INCLUDED
-        assert "a pilot may have it" in record.outcomes["d3"].reason
+        assert "in mode position" in record.outcomes["d3"].reason
         assert record.outcomes["d2"].outcome is Outcome.NOT_INCLUDED
         assert [show.vehicle(name).phase for name in ("d2", "d3")] == [Phase.PILOT] * 2
         assert not show.link.sent["d2"]

@@ -1,0 +1,59 @@
+"""The service is stopped for seconds while it flies, as a swapping machine stops it, and goes on."""
+
+import os
+import signal
+from pathlib import Path
+from time import sleep
+
+import pytest
+from ground import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
+from machine import free_ports
+
+from gcs.config import Config
+from gcs.errors import RefusedError
+
+COUNT = 3
+LOSS_S = 2.5
+"""Without setpoints for so long the vehicles hold by their own failsafe."""
+
+STOPPED_S = 6.0
+
+
+def config_of(port_base: int) -> Config:
+    raw = flying_config(COUNT, port_base, silence_s=20.0, setpoint_loss_s=LOSS_S).model_dump()
+    raw["formation"] = {"radius_m": 6.0, "height_m": 12.0}
+    return Config.model_validate(raw)
+
+
+def test_a_service_that_was_stopped_says_what_it_lost_and_one_command_brings_all_home(tmp_path: Path) -> None:
+    base = free_ports(COUNT)
+    config = config_of(base)
+    with (
+        vehicles(COUNT, base, tmp_path, *proper(config), "--noise", "0"),
+        service(config, tmp_path / "service") as (client, process),
+    ):
+        wait_until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in client.vehicles()))
+        client.start()
+        wait_until("running", SOON_S, lambda: client.show().phase == "running")
+        os.kill(process.pid, signal.SIGSTOP)
+        sleep(STOPPED_S)
+        os.kill(process.pid, signal.SIGCONT)
+        wait_until("uncontrolled", SOON_S, lambda: client.show().phase == "uncontrolled")
+        fleet = client.fleet()
+        assert (fleet.counts.airborne, fleet.counts.uncontrolled) == (COUNT, COUNT)
+        assert fleet.show.reason.startswith(
+            "3 vehicles airborne, not under this station's control: the service"
+        )
+        assert "stalled for" in fleet.show.reason
+        assert {"pause", "stop", "abort"} <= set(fleet.show.possible)
+        assert fleet.interrupted is not None
+        assert set(fleet.interrupted.offers) == {"take-over", "bring-home"}
+        with pytest.raises(RefusedError, match="a start needs all vehicles on the ground"):
+            client.start()
+        order = client.wait_for(client.stop().id, SOON_S)
+        assert {part.outcome for part in order.vehicles.values()} == {"done"}
+        wait_until("landed", SOON_S, lambda: client.show().phase == "landed")
+        assert client.fleet().counts.airborne == 0
+    assert [(truth["landed"], truth["armed"]) for truth in last_truths(tmp_path / "truth.jsonl")] == [
+        (True, False)
+    ] * COUNT

@@ -1,0 +1,196 @@
+"""While anything is airborne, a command that is refused names one that is accepted: checked by sending it."""
+
+import asyncio
+import os
+import re
+import traceback
+from collections.abc import Awaitable, Callable, Iterator
+from functools import partial
+
+import pytest
+from stalls import stall
+from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+
+from gcs.errors import GcsError, RefusedError
+from gcs.interrupted import Offer
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.service import Outcome, ShowAction, VehicleAction, VehicleOutcome
+
+Command = Callable[[Show], object]
+
+ALWAYS = (ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT)
+NAMED = re.compile(r"accepted instead: ([a-z-]+)(?: (d\d+))?$")
+GROUP = sorted(set(VehicleAction) - {VehicleAction.CONFIRM_DOWN})
+
+
+def show_command(action: ShowAction) -> Command:
+    return lambda show: show.service.command_show(action)
+
+
+def vehicle_command(name: str, action: VehicleAction) -> Command:
+    return lambda show: show.service.command_vehicle(name, action)
+
+
+def commands() -> Iterator[tuple[str, Command]]:
+    """Those that may be refused; none of PAUSE, STOP and ABORT, which are tried apart."""
+    for led in (ShowAction.START, ShowAction.RESUME):
+        yield led.value, show_command(led)
+    yield (
+        "start later",
+        lambda show: show.service.command_show(ShowAction.START, at_unix_time_s=show.unix() + 60.0),
+    )
+    for offer in Offer:
+        yield offer.value, lambda show, offer=offer: show.service.settle(offer)  # type: ignore[misc]
+    for name in ("d1", "d2", "d3"):
+        for action in VehicleAction:
+            yield f"{action} {name}", vehicle_command(name, action)
+    for action in GROUP:
+        yield (
+            f"{action} --all",
+            lambda show, action=action: show.service.command_vehicles(action),  # type: ignore[misc]
+        )
+    yield "exclude d3", lambda show: show.service.exclude("d3", "a test")
+    yield "include d3", lambda show: show.service.include("d3")
+    yield "preflight", lambda show: show.service.preflight()
+    yield "seek", lambda show: show.service.seek_show("a cue")
+
+
+async def arming(show: Show) -> None:
+    await show.standby()
+    show.service.command_show(ShowAction.START)
+    await show.until(lambda: show.view.counts.airborne > 0)
+
+
+async def assembling(show: Show) -> None:
+    await arming(show)
+    await show.reach(ShowPhase.ASSEMBLING)
+
+
+async def running(show: Show) -> None:
+    await show.start()
+
+
+async def paused(show: Show) -> None:
+    await running(show)
+    show.service.command_show(ShowAction.PAUSE)
+
+
+async def returning(show: Show) -> None:
+    await running(show)
+    show.service.command_show(ShowAction.STOP)
+
+
+async def aborting(show: Show) -> None:
+    await running(show)
+    show.service.command_show(ShowAction.ABORT)
+
+
+async def stalled(show: Show) -> None:
+    await running(show)
+    stall(show, 4.0)
+
+
+async def piloted(show: Show) -> None:
+    """All are pilots': nothing but a command that names them takes them back."""
+    await running(show)
+    for name in show.config.ids:
+        show.befall(name, "pilot")
+    await show.until(lambda: show.view.counts.controlled == 0)
+
+
+async def one_on_its_pad(show: Show) -> None:
+    """d1 alone flies; d2 has landed and d3 has fallen silent."""
+    await running(show)
+    await show.order("d2", VehicleAction.LAND)
+    show.link.silence("d3")
+    await show.phase("d3", Phase.LOST)
+
+
+PHASES: tuple[Callable[[Show], Awaitable[None]], ...] = (
+    *(arming, assembling, running, paused, returning, aborting, stalled, piloted, one_on_its_pad),
+)
+
+
+def in_a_copy(trial: Callable[[], str]) -> str:
+    """Try something in a copy of this process: the flight here stays as it is. Returns: what it tells."""
+    told_from, tell_to = os.pipe()
+    loop = asyncio.get_running_loop()
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            asyncio._set_running_loop(loop)  # which is remembered by process
+            os.write(tell_to, trial().encode())
+            code = 0
+        finally:
+            if code:
+                os.write(tell_to, traceback.format_exc().encode())
+            os._exit(code)
+    os.close(tell_to)
+    with os.fdopen(told_from) as told:
+        text = told.read()
+    assert os.waitpid(child, 0)[1] == 0, f"it failed: {text}"
+    return text
+
+
+def refusal_of(show: Show, text: str, command: Command) -> str:
+    """Send a command, and what its refusal names. Returns: the refusal, empty where it was accepted."""
+    try:
+        command(show)
+    except RefusedError as error:
+        found = NAMED.search(str(error))
+        if found is None:
+            return f"{text}: names nothing that is accepted: {error}"
+        action, name = found.groups()
+        try:
+            if name is None:
+                show.service.command_show(ShowAction(action))
+            else:
+                show.service.command_vehicle(name, VehicleAction(action))
+        except GcsError as worse:
+            return f"{text}: {error}; but {worse!r}"
+        return f"{text}: refused properly"
+    except GcsError as error:
+        return f"{text}: {error!r}"
+    return ""
+
+
+@pytest.mark.parametrize("into", PHASES)
+def test_a_command_refused_in_the_air_names_one_that_is_accepted(
+    into: Callable[[Show], Awaitable[None]],
+) -> None:
+    async def story(show: Show) -> list[str]:
+        await into(show)
+        await show.wait(0.5)
+        assert show.view.counts.airborne > 0
+        trials = (partial(refusal_of, show, text, command) for text, command in commands())
+        return list(filter(None, map(in_a_copy, trials)))
+
+    refused = fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+    assert len(refused) > 3
+    assert [told for told in refused if not told.endswith("refused properly")] == []
+
+
+@pytest.mark.parametrize("into", PHASES)
+def test_pause_stop_and_abort_are_accepted_whenever_anything_is_airborne(
+    into: Callable[[Show], Awaitable[None]],
+) -> None:
+    async def story(show: Show) -> None:
+        await into(show)
+        await show.wait(0.5)
+        flying = {seen.id for seen in show.view.vehicles if seen.phase is not Phase.STANDBY}
+
+        def accepted(action: ShowAction) -> str:
+            record = show.service.command_show(action)
+            missed = flying - set(record.outcomes)
+            unexplained = [name for name, part in record.outcomes.items() if not explained(part)]
+            return f"{sorted(missed)} {unexplained}"
+
+        for action in ALWAYS:
+            assert in_a_copy(partial(accepted, action)) == "[] []", "each that flies is reached, or named"
+
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+
+
+def explained(part: VehicleOutcome) -> bool:
+    return part.outcome is not Outcome.NOT_INCLUDED or part.reason != ""
