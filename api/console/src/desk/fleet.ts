@@ -61,7 +61,7 @@ function heading(state: State, actions: DeskActions, column: Column): TemplateRe
       aria-label=${texts.fleet.sortBy(name, texts.fleet.columnHelp[column])}
       @click=${() => actions.sort({ column, descending: isSorted && !sort.descending })}
     >
-      ${name}${isSorted ? icon(sort.descending ? "down" : "up") : nothing}
+      ${column === "held" ? icon("restrained") : name}${isSorted ? icon(sort.descending ? "down" : "up") : nothing}
     </button>
   </th>`;
 }
