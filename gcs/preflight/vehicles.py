@@ -135,7 +135,7 @@ def _receiver(facts: Facts, vehicle_id: VehicleId, row: int) -> Iterator[Check]:
         yield judged(
             name,
             value_m,
-            f"below {most_m:.1f} m, one sigma",
+            f"below {most_m:.1f} m (1 sigma)",
             good=not capped,
             problem=f"{of}: too little for any margin"
             if is_told

@@ -1,7 +1,9 @@
-"""Alarms as they come, and the selection: what an operator sees and commands."""
+"""Alarms as they come, the selection, and the way back after a stall: what an operator sees and commands."""
 
 import json
 import random
+import re
+import signal
 import socket
 import subprocess
 import sys
@@ -223,4 +225,39 @@ def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser
         assert [order.action for order in client.orders()][:2] == ["return", "hold"]
         desk.press("stop")
         desk.says("show-phase", "landed", FLIGHT_MS)
+        assert desk.wrong == []
+
+
+def test_after_a_stall_of_the_service_two_presses_bring_the_fleet_home(
+    chrome: Browser, tmp_path: Path
+) -> None:
+    with (
+        station(tmp_path, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0) as ground,
+        console(chrome, ground.url, width=1024, height=768) as desk,
+    ):
+        client = ground.client
+        desk.says("connection", "Live")
+        wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
+        client.start()
+        desk.says("show-phase", "running", FLIGHT_MS)
+        ground.process.send_signal(signal.SIGSTOP)
+        try:
+            expect(desk.part("banner")).to_be_visible(timeout=SOON_MS)
+            desk.page.wait_for_timeout(8_000)  # longer than the vehicles wait for setpoints
+        finally:
+            ground.process.send_signal(signal.SIGCONT)
+        desk.says("connection", "Live", FLIGHT_MS)
+        desk.says("show-phase", "not under control")
+        desk.says("show-reason", "4 airborne, not under control")
+        expect(desk.part("start")).to_have_attribute("aria-disabled", "true")
+        for name in ("pause", "stop", "abort"):
+            expect(desk.part(name)).not_to_have_attribute("aria-disabled", "true")
+        assert desk.serious() == []
+        desk.press("take-over")
+        desk.says("show-phase", "paused", FLIGHT_MS)
+        expect(desk.part("interrupted")).to_have_count(0, timeout=SOON_MS)
+        desk.press("stop")
+        desk.says("show-phase", re.compile("returning home|landed"), FLIGHT_MS)
+        desk.says("show-phase", "landed", FLIGHT_MS)
+        desk.says("airborne", "0/4")
         assert desk.wrong == []

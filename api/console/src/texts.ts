@@ -146,7 +146,7 @@ export const texts = {
   recovery: {
     title: "Flight interrupted",
     flying: (count: number): string => `${count} airborne, not under control`,
-    when: (time: string, show: string): string => `Control was interrupted at ${time}; the show was ${show}.`,
+    when: (cause: string, time: string, show: string): string => `At ${time} ${cause}; the show was ${show}.`,
     takeOver: "Take control: back into the formation, paused",
     takeOverWhat: "The formation stands until Resume.",
     bringHome: "Bring home",

@@ -43,7 +43,7 @@ export function recovery(state: State): TemplateResult | typeof nothing {
   const vehicles = byReason(Object.fromEntries(Object.entries(cut.vehicles).map(([id, one]) => [id, one.text])));
   return html`<section class="interrupted" role="alert" aria-label=${t.title} data-testid="interrupted">
     <h2>${icon("warning")} ${flying > 0 ? t.flying(flying) : t.title}</h2>
-    <p>${t.when(clockTime(cut.unix_time_s), texts.phases[cut.show])}</p>
+    <p>${t.when(cut.cause, clockTime(cut.unix_time_s), texts.phases[cut.show])}</p>
     <ul class="plain">
       ${vehicles.map(({ reason, vehicles: ids }) => html`<li><strong>${ids.join(", ")}</strong>: ${reason}</li>`)}
       ${cut.problems.map((text) => html`<li class="problem">${text}</li>`)}
