@@ -123,6 +123,7 @@ def replay(parser: argparse.ArgumentParser) -> None:
 
 def certify(parser: argparse.ArgumentParser) -> None:
     """Options of `gcs certify`."""
+    parser.epilog = "exit code: 0 kept, 1 broken, 3 incomplete (not all could be judged), 2 no record"
     parser.add_argument(
         "files",
         nargs="+",
