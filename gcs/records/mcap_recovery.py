@@ -34,7 +34,7 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from mcap.stream_reader import breakup_chunk
+from mcap.stream_reader import CRCValidationError, breakup_chunk
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 RECORD_MAX_BYTES: Final = 64 << 20
@@ -153,7 +153,10 @@ def messages(chunk: Chunk) -> list[McapRecord]:
         size = zstandard.get_frame_parameters(chunk.data).content_size
         if size != chunk.uncompressed_size and size > RECORD_MAX_BYTES:
             raise McapError(f"a chunk of {size} bytes")
-    return breakup_chunk(chunk, validate_crc=True)
+    try:
+        return breakup_chunk(chunk, validate_crc=True)
+    except CRCValidationError:
+        raise McapError("the checksum does not match") from None
 
 
 def _record(data: mmap, at: int) -> tuple[McapRecord, int]:
