@@ -292,7 +292,9 @@ def _of_the_interruption(found: Interrupted) -> Condition:
     offers = " or ".join(found.offers)
     return Condition(
         AlarmCause.INTERRUPTED,
-        f"the show{what} was {found.show}",
+        f"{found.cause} while the show{what} was {found.show}"
+        if found.stalled
+        else f"the show{what} was {found.show}",
         consequence=consequence,
         advice=f"Order {offers}." if offers else "",
     )

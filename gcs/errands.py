@@ -6,6 +6,7 @@ A refused order ends the errand and leaves the vehicle where its phase says it i
 import asyncio
 import logging
 from collections.abc import Callable, Mapping
+from math import inf
 from typing import Protocol
 
 import numpy as np
@@ -35,6 +36,9 @@ UP_SHARE, ENDED_SHARE = 0.85, 0.6
 IN_PLACE_M = 0.8
 WELL_IN_PLACE_M = 0.4
 """Where a slanting way ends: there is little height left to come nearer on the way down."""
+
+EARLY_S = 0.05
+"""By how much two take-offs may be closer than the stagger: their timers are not exact."""
 
 SETPOINTS_FIRST_S = 0.3
 RETRY_S = 1.0
@@ -112,6 +116,7 @@ class Errands(ErrandTasks):
         super().__init__(group)
         self._around = around
         self._settings = settings
+        self._next_turn_s = -inf  # of a take-off
         self._up: tuple[FleetState, bool] | None = None  # of a tick: see `_all_up`
 
     # the errands
@@ -127,6 +132,7 @@ class Errands(ErrandTasks):
             check(vehicle)
             # after a landing PX4 reverts to OFFBOARD, and refuses to arm
             await self._order(vehicle, Verb.HOLD)
+            await self._turn()
             await self._order(vehicle, Verb.ARM)
             if vehicle.phase is not Phase.STANDBY:
                 await self._order(vehicle, Verb.DISARM)
@@ -142,6 +148,14 @@ class Errands(ErrandTasks):
                 raise
 
         return errand
+
+    async def _turn(self) -> None:
+        """Wait until the last take-off is long enough ago: after a stall many are due at once."""
+        loop = asyncio.get_running_loop()
+        turn_s = self._next_turn_s
+        self._next_turn_s = max(turn_s, loop.time()) + self._settings.takeoff_stagger_s - EARLY_S
+        if (wait_s := turn_s - loop.time()) > 0.0:
+            await asyncio.sleep(wait_s)
 
     async def _climb(self, vehicle: Vehicle) -> None:
         """Straight up, to hold there; where that fails it is landed. Raises: OrderError, saying why."""

@@ -119,6 +119,7 @@ class Interrupted:
     offers: tuple[Offer, ...]
     problems: tuple[str, ...]  # what speaks against the others
     cause: str = "the service was cut off"
+    stalled: bool = False  # it did not end
 
     @property
     def notice(self) -> str:

@@ -285,6 +285,7 @@ class Takeover:
             tuple(offers),
             tuple(problems),
             found.cause,
+            stalled=found.stalled_s is not None,
         )
 
     def _remaining(self, name: VehicleId, before: Before) -> Remaining:

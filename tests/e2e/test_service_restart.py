@@ -133,7 +133,7 @@ def found_and_left_alone(client: Client, folder: Path) -> None:
     end_s = monotonic() + LEFT_ALONE_S
     while monotonic() < end_s:
         fleet = client.fleet()
-        assert (fleet.show.phase, fleet.setpoints_sent) == ("idle", 0)
+        assert (fleet.show.phase, fleet.setpoints_sent) == ("uncontrolled", 0)
         assert [vehicle.phase for vehicle in fleet.vehicles] == ["pilot"] * 3
         sleep(0.5)
     wait_until("held", SOON_S, lambda: all(truth["mode"] == "HOLD" for truth in truths(folder)))

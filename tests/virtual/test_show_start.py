@@ -97,7 +97,7 @@ def odd() -> dict[str, Refusal]:
         ("unknown", UnknownError, "there is no vehicle d7; there are d1, d2, d3, d4"),
         ("stop", RefusedError, "not possible while the show is idle"),
         ("abort", RefusedError, "not possible while the show is idle"),
-        ("pause", RefusedError, "it is from assembling, running"),
+        ("pause", RefusedError, "it is from aborting, arming, assembling, paused"),
         ("radius", InvalidError, "at least 2.9 m for 3 vehicles"),
         ("pad", RefusedError, "d2"),
         ("nobody", RefusedError, "no vehicle is online"),
