@@ -18,7 +18,7 @@ from gcs.inspection import Inspection
 from gcs.lifecycle import ON_THE_GROUND
 from gcs.lineup import Lineup
 from gcs.performance import Performance
-from gcs.preflight import Facts, Pattern, own_checks, spacing, standing
+from gcs.preflight import Facts, Pattern, own_checks, room_to_wander, spacing, standing
 from gcs.stage import Stage
 from gcs.state import VehicleId
 
@@ -88,6 +88,7 @@ class Clearance:
         self._lineup = lineup
         self._unix_s = unix_s
         self._last: _Kept | None = None
+        self._roomy: frozenset[VehicleId] = frozenset()  # see `gcs.preflight.room_to_wander`
 
     def report(self, wanted: Sequence[VehicleId] | None) -> PreflightReport:
         """What a start of these would find: made now or within the last second, on the ground.
@@ -194,6 +195,10 @@ class Clearance:
         facts = self._facts()
         alone = self._alone(facts, list(self._flight.vehicles))
         stand = standing(facts, chosen, self._pattern())
+        room = room_to_wander(facts, chosen)
+        self._roomy = frozenset(name for name, check in room.items() if check.passes)
+        for name, check in room.items():
+            alone[name].append(check)
         for name, checks in stand.of.items():
             alone[name] += checks
         return _Looked(alone, stand.fleet, [*stand.not_checked, *self._left_unlooked()])
@@ -206,6 +211,8 @@ class Clearance:
             yield "loss of the ground station: operation.require_safe_setpoint_loss is false"
         if not config.preflight.require_fix:
             yield "fix, accuracy: preflight.require_fix is false"
+        if config.preflight.wander_m == 0.0:
+            yield "room to wander: preflight.wander_m is 0"
         if config.preflight.clock_max_s is None:
             yield "clock: preflight.clock_max_s is null"
 
@@ -236,6 +243,7 @@ class Clearance:
             fence=flight.control.safety.fence,
             positioning=flight.config.positioning,
             settings=flight.config.preflight,
+            roomy=self._roomy,
             pads_within_m=operation.pads_within_m if operation.require_parameters else np.inf,
             battery_need=0.0 if show is None else needs,
             speed_need_m_s=0.0 if show is None else show.figures.get("speed_max_m_s", 0.0),

@@ -26,6 +26,7 @@ BLIND_DESCENT_M_S = 0.9  # recorded after setpoint loss with nobody at the stick
 TAKEOFF_START_M_S = -0.7  # PX4 ramps the climb from below zero up, so that lifting off is gentle
 ARRIVED_M = 1.0
 STOPPED_M_S = 0.4
+WANDER_S = 12.0  # once round
 TINY = 1e-9
 
 TAKEOFF, HOLD, RETURN = Mode.TAKEOFF.number, Mode.HOLD.number, Mode.RETURN.number
@@ -114,6 +115,7 @@ class Guidance:
         across_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1]) / (2.0 * p["MPC_ACC_HOR"][rows])
         down_s = np.abs(velocity_m_s[:, 2]) / (2.0 * p["MPC_ACC_DOWN_MAX"][rows])
         stop_m = position_m + velocity_m_s * np.stack([across_s, across_s, down_s], axis=1)
+        stop_m[:, :2] -= self._wander_m(rows)  # it is off its place already
         climbing, homing = mode == TAKEOFF, mode == RETURN
         if climbing.any():
             stop_m[climbing, :2] = position_m[climbing, :2]
@@ -167,7 +169,7 @@ class Guidance:
     def _across(self, rows: Rows, sensed: Sensed, down_m_s: Array) -> Array:
         """Horizontally towards the target, at most MPC_XY_CRUISE, and down_m_s."""
         p = self._parameters
-        way_m = self._state.target_m[rows, :2] - sensed.position_m[rows, :2]
+        way_m = self._state.target_m[rows, :2] + self._wander_m(rows) - sensed.position_m[rows, :2]
         velocity_m_s = p["MPC_XY_P"][rows, np.newaxis] * way_m
         fastest_m_s = p["MPC_XY_CRUISE"][rows]
         speed_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
@@ -176,6 +178,15 @@ class Guidance:
         whole_m_s[:, :2] = scale[:, np.newaxis] * velocity_m_s
         whole_m_s[:, 2] = down_m_s
         return whole_m_s
+
+    def _wander_m(self, rows: Rows) -> Array:
+        """(k, 2) by which TAKEOFF and HOLD miss their place now: round it, each at a pace of its own."""
+        wide_m = self._state.wander_m[rows]
+        if not wide_m.any():
+            return np.zeros((len(rows), 2))
+        turn_rad = self._state.now_s * 2.0 * np.pi / (WANDER_S + 1.7 * (rows % 5)) + 2.4 * rows
+        off_m: Array = wide_m[:, np.newaxis] * np.stack([np.cos(turn_rad), np.sin(turn_rad)], axis=1)
+        return off_m
 
     def _land(self, rows: Rows, sensed: Sensed) -> Array:
         """Sink over the target, slower from MPC_LAND_ALT1 to MPC_LAND_ALT2, slowest below MPC_LAND_ALT3."""

@@ -91,6 +91,7 @@ class State:
         self.demanded_m_s = np.full((count, 3), np.nan)  # what POSITION_TARGET_LOCAL_NED tells
         self.stick_m_s = np.zeros((count, 3))  # what the pilot asks for
         self.returning = _no(count)
+        self.wander_m = np.zeros(count)  # that its own TAKEOFF and HOLD let it be off its place: recorded 1 m
         self.descend_from_s = np.full(count, np.inf)
         self.yaw_rad = np.full(count, yaw_rad)
 

@@ -13,6 +13,9 @@ from gcs.preflight.pattern import Fit, assigned, fit
 from gcs.preflight.vehicles import judged
 from gcs.state import Array, VehicleId
 
+ROOM_TOLERANCE_M, ROOM_HYSTERESIS_M = 0.15, 0.25
+"""Reported places of pads are off by so much; and a check that has passed fails only when more is missing."""
+
 TOLD_MAX_DEG = 30.0
 """A pattern so small that not even this rotation can be told has none that is looked at."""
 
@@ -190,6 +193,38 @@ def _lies(facts: Facts, count: int, fitted: Fit, pattern: Pattern, found: Stand)
             unit="m",
         )
     )
+
+
+def room_to_wander(facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleId, Check]:
+    """Whether neighbours keep the floor while their own autopilots climb and hold them.
+
+    All of them hold at one height until the last is up: the order and the pause between take-offs do not keep
+    neighbours from holding side by side, so that only the pads' distance counts.
+    """
+    floor, wander_m, ids = facts.floor, facts.settings.wander_m, facts.fleet.ids
+    place_m = facts.fleet.position_m[:, :2]
+    at = np.array([facts.rows[name] for name in vehicles], dtype=np.intp)
+    found: dict[VehicleId, Check] = {}
+    for name, row in zip(vehicles, at.tolist(), strict=True):
+        away_m = np.linalg.norm(place_m[at] - place_m[row], axis=1)
+        away_m[(at == row) | ~np.isfinite(away_m)] = np.inf
+        nearest = int(away_m.argmin())
+        if wander_m == 0.0 or not np.isfinite(away_m[nearest]):
+            continue
+        needed_m, apart_m = floor.horizontal_m + 2.0 * wander_m, float(away_m[nearest])
+        slack_m = ROOM_TOLERANCE_M + (ROOM_HYSTERESIS_M if name in facts.roomy else 0.0)
+        found[name] = judged(
+            "room to wander",
+            apart_m,
+            f"at least {needed_m:g} m to the next that flies",
+            good=apart_m >= needed_m - slack_m,
+            problem=f"stands {apart_m:.1f} m from {ids[int(at[nearest])]}: while their autopilots climb and"
+            f" hold, each may be {wander_m:g} m off its place, which leaves"
+            f" {max(0.0, apart_m - 2.0 * wander_m):.1f} m of {floor.horizontal_m:g} m",
+            to_do=f"set the pads at least {needed_m:g} m apart; preflight.wander_m says how far they wander",
+            unit="m",
+        )
+    return found
 
 
 def spacing(facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:

@@ -1,0 +1,62 @@
+"""Autopilots that wander while they climb and hold: preflight asks for room, and the floor is kept."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
+
+from gcs.checks import State
+from gcs.lifecycle import ShowPhase
+from gcs.service import ShowAction
+
+
+def config(count: int, **preflight: Any) -> Any:
+    return show_config(count, operation=HOLDS_WHEN_LOST, preflight=preflight)
+
+
+async def refusal(show: Show) -> str:
+    await show.standby()
+    return (await refused(show, lambda: show.service.command_show(ShowAction.START))).text
+
+
+def test_pads_too_close_to_wander_beside_each_other_are_refused_naming_what_is_needed() -> None:
+    text = fly(refusal, config(2), spacing_m=3.4, noise_scale=0.1)
+    assert "m from d2: while their autopilots climb and hold, each may be 0.85 m off its place" in text
+    assert "leaves 1.7 m of 2 m" in text
+    assert "set the pads at least 3.7 m apart" in text
+
+
+async def ups(show: Show) -> tuple[float, int]:
+    """Least true distance while all climb and hold, and ticks inside the floor."""
+    show.fleet.state.wander_m[:] = 0.85
+    await show.standby()
+    show.service.command_show(ShowAction.START)
+    await show.reach(ShowPhase.RUNNING)
+    pairs = np.triu_indices(len(show.config.ids), 1)
+    true_m = show.track.true_m
+    apart_m = np.linalg.norm(true_m[:, pairs[0]] - true_m[:, pairs[1]], axis=2)
+    return float(apart_m.min()), show.floor_violations()
+
+
+@pytest.mark.parametrize("spacing_m", [4.0, 5.0])
+def test_on_pads_that_preflight_passes_wanderers_keep_the_floor(spacing_m: float) -> None:
+    least_m, violations = fly(ups, config(6), spacing_m=spacing_m, grid_columns=3, noise_scale=0.3)
+    assert violations == 0
+    assert least_m < spacing_m - 0.5, "they did wander"
+
+
+async def around_the_limit(show: Show) -> set[State]:
+    """Reports of places that vary by decimetres, as PX4's simulator rounds them."""
+    await show.standby()
+    found = set()
+    for off_m in (0.0, 0.2, -0.2, 0.3, -0.15, 0.25):
+        show.befall("d2", "gps-jump", east_m=off_m)
+        await show.wait(4.0)
+        for vehicle in show.service.preflight().vehicles:
+            found |= {check.state for check in vehicle.checks if check.name == "room to wander"}
+    return found
+
+
+def test_the_check_does_not_flicker_where_places_vary_by_decimetres() -> None:
+    assert fly(around_the_limit, config(2), spacing_m=4.0, noise_scale=0.1) == {State.PASS}
