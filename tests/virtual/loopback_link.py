@@ -141,6 +141,8 @@ class LoopbackLink:
             while self._fleet.time_s + STEP_S / 2 < loop.time():
                 self._deliver()
                 self._fleet.step()
+                if self.trouble is not None:
+                    self.trouble.pass_time()
                 self._listen(loop.time())
             await asyncio.sleep(self._fleet.time_s + STEP_S - loop.time())
         raise self.failures.pop(0)

@@ -48,6 +48,7 @@ def test_item_6_a_vehicle_that_failed_safe_is_flown_on_through_hold_and_not_by_m
         began_s = show.now_s
         show.link.restore("d2")
         await show.phase("d2", Phase.FORMATION)
+        await show.wait(0.2)
         track = show.track.between(began_s)
         sent = sum(began_s < each.time_s < track.since("d2", Phase.HOLD) for each in show.link.sent["d2"])
         verbs = [order.verb for order in show.link.orders["d2"] if order.time_s > began_s]
