@@ -65,6 +65,11 @@ OF_THE_SHOW: Final = frozenset(
     {Cause.WIND, Cause.LINKS_LATE, Cause.VEHICLES_LOST, Cause.TARGET_STALE, Cause.SERVICE_LATE}
 )
 
+WAITS_FOR_A_COMMAND: Final = (
+    "It waits for a command: take-over or bring-home for all, take-control for this one."
+)
+"""Advice where a stall or a restart of this service explains the mode: nothing is wrong with the vehicle."""
+
 SHOW_FOLLOWS: Final = {
     Action.RE_FORM: "Formation closes the gap.",
     Action.HOLD_TARGET: "The target stays where it was.",
@@ -181,7 +186,7 @@ class AlarmMonitor:
                     because,
                     (vehicle.id,),
                     "The service sends nothing to it.",
-                    advice=advice,
+                    advice=advice or WAITS_FOR_A_COMMAND,
                     severity=AlarmSeverity.EMERGENCY if critical else None,
                 )
             elif vehicle.phase is Phase.PILOT:

@@ -8,6 +8,7 @@ import pytest
 from stalls import floor_violations, stall
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
+from gcs.alarms import AlarmCause
 from gcs.counts import Counts
 from gcs.lifecycle import FLOWN, ShowPhase
 from gcs.service import Outcome, ShowAction
@@ -125,5 +126,17 @@ def test_within_a_second_of_a_stall_all_that_is_shown_is_true_and_one_command_br
             assert np.linalg.norm((show.true_m - pads_m)[:, :2], axis=1).max() < 1.5
         assert show.floor_violations() == 0
         assert floor_violations(show, meanwhile_m) == 0
+
+    fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST))
+
+
+def test_the_alarm_of_a_stall_says_which_commands_lead_back() -> None:
+    async def story(show: Show) -> None:
+        await running(show)
+        stall(show, 4.0)
+        await show.wait(TRUE_WITHIN_S)
+        alarms = [each for each in show.view.alarms if each.cause is AlarmCause.OWN_FAILSAFE]
+        assert [len(each.vehicles) for each in alarms] == [COUNT]
+        assert "take-over or bring-home" in alarms[0].advice
 
     fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST))
