@@ -28,8 +28,9 @@ from gcs.flight import FLIES, Flight
 from gcs.interrupted import Interrupted
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.reactions import Action, Cause
-from gcs.service import WHO, OrderRecord, Reaction
+from gcs.service import WHO, OrderRecord, Outcome, Reaction
 from gcs.state import VehicleId
+from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 
@@ -197,15 +198,25 @@ class AlarmMonitor:
                     "The service sends nothing to it.",
                 )
             elif vehicle.phase is Phase.KILLED:
-                order = self._kill_of(vehicle.id)
-                by = "" if order is None else f" by {order.by}"
-                yield Condition(
-                    AlarmCause.KILLED,
-                    f"motors stopped on command{by}",
-                    (vehicle.id,),
-                    "Other vehicles keep clear of where it came down.",
-                    order_id=None if order is None else order.id,
-                )
+                yield self._of_a_kill(vehicle)
+
+    def _of_a_kill(self, vehicle: Vehicle) -> Condition:
+        """A kill that has not worked must not read as if it had."""
+        order = self._kill_of(vehicle.id)
+        outcome = None if order is None else order.outcomes[vehicle.id].outcome
+        because = "motors stopped on command"
+        if outcome is Outcome.PENDING:
+            because = "motors are being stopped on command"
+        elif outcome is Outcome.FAILED:
+            because = "its motors were not seen to stop; commanded"
+        by = "" if order is None else f" by {order.by}"
+        return Condition(
+            AlarmCause.KILLED,
+            f"{because}{by}",
+            (vehicle.id,),
+            "Other vehicles keep clear of where it was.",
+            order_id=None if order is None else order.id,
+        )
 
     def _kill_of(self, vehicle_id: VehicleId) -> OrderRecord | None:
         kills = (order for order in self._orders() if order.action == "kill")
@@ -289,7 +300,7 @@ def _of_the_interruption(found: Interrupted) -> Condition:
     if found.show is ShowPhase.COUNTDOWN:
         return Condition(
             AlarmCause.INTERRUPTED,
-            f"the show{what} was being counted down",
+            f"{found.cause} while the show{what} was counted down",
             consequence=f"It does not start by itself. {consequence}".strip(),
             advice="Start it again when all is clear.",
             severity=AlarmSeverity.CAUTION,
@@ -297,9 +308,7 @@ def _of_the_interruption(found: Interrupted) -> Condition:
     offers = " or ".join(found.offers)
     return Condition(
         AlarmCause.INTERRUPTED,
-        f"{found.cause} while the show{what} was {found.show}"
-        if found.stalled
-        else f"the show{what} was {found.show}",
+        f"{found.cause} while the show{what} was {found.show}",
         consequence=consequence,
         advice=f"Order {offers}." if offers else "",
     )

@@ -116,7 +116,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         off_after_s=0.0,
     ),
     AlarmCause.INTERRUPTED: CauseRow(
-        W, "Service cut off in flight", "take-over or bring-home, where offered.", off_after_s=0.0
+        W, "Flight interrupted", "take-over or bring-home, where offered.", off_after_s=0.0
     ),
     AlarmCause.DUPLICATE_SYSTEM_ID: CauseRow(
         W, "System id used twice", "Switch one of them off, or give it its own id."

@@ -228,10 +228,14 @@ def room_to_wander(facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleI
 
 
 def spacing(facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
-    """Who stands too close to anybody, whether that one flies or not, to climb beside it."""
+    """Who stands too close to anybody, whether that one flies or not, to climb beside it.
+
+    Two that both fly are told once, with the first of them: the second has no such check then.
+    """
     floor, ids = facts.floor, facts.fleet.ids
     place_m, kept_m = facts.fleet.position_m[:, :2], floor.horizontal_m + floor.margin_m
     found: dict[VehicleId, list[Check]] = {}
+    told: set[tuple[int, int]] = set()
     for name in vehicles:
         row, found[name] = facts.rows[name], []
         if not np.isfinite(place_m[row]).all():
@@ -240,12 +244,16 @@ def spacing(facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list
         away_m[row] = np.inf
         near_m = np.where(np.isfinite(away_m), away_m, np.inf)
         least_m = kept_m + facts.uncertainty_m + facts.uncertainty_m[row]
-        for other in np.flatnonzero(near_m < least_m).tolist():
+        too_close = np.flatnonzero(near_m < least_m).tolist()
+        for other in too_close:
+            if (other, row) in told:
+                continue
+            told.add((row, other))
             limit, value_m = f"at least {least_m[other]:.3g} m", float(near_m[other])
             problem = f"stands {value_m:.1f} m from {ids[other]}, {limit} is needed"
             to_do = f"move it away from {ids[other]}"
             found[name].append(Check("distance to the next", State.FAIL, value_m, "m", limit, problem, to_do))
-        if not found[name] and np.isfinite(near_m).any():
+        if not too_close and np.isfinite(near_m).any():
             nearest = int(near_m.argmin())
             found[name].append(
                 Check(

@@ -201,8 +201,11 @@ def test_a_kill_is_an_emergency_until_the_vehicle_was_seen_on_the_ground() -> No
         await show.until(lambda: listed(show, AlarmCause.KILLED) is not None, WITHIN_S)
         alarm = show.view.alarms[0]
         assert (alarm.severity, alarm.vehicles) == (AlarmSeverity.EMERGENCY, ("d2",))
-        assert alarm.text.startswith("Vehicle d2 killed: motors stopped on command by service")
+        assert alarm.text.startswith("Vehicle d2 killed: motors are being stopped on command by service")
         assert alarm.order_id == order.id
+        await show.settled(order)
+        await show.wait(0.5)
+        assert alarm_texts(show)[0].startswith("Vehicle d2 killed: motors stopped on command by service.")
         await show.show(ShowAction.STOP)
         await show.wait(20.0)
         assert show.view.alarms[0].cause is AlarmCause.KILLED

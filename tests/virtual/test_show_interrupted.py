@@ -122,7 +122,7 @@ def test_what_was_cut_off_is_known_and_nothing_happens_by_itself(tmp_path: Path)
             (name, Phase.FORMATION, True, True) for name in ALL
         ]
         (cut_off,) = [alarm for alarm in show.view.alarms if alarm.cause is AlarmCause.INTERRUPTED]
-        assert cut_off.text == "Service cut off in flight: the show was running."
+        assert cut_off.text == "Flight interrupted: the service was cut off while the show was running."
         assert cut_off.advice == "Order take-over or bring-home."
         assert (show.view.show, show.view.setpoints_sent) == (ShowPhase.UNCONTROLLED, 0)
         assert {phase for name in ALL for phase in show.track.phases(name)} <= {Phase.OFFLINE, Phase.PILOT}
