@@ -39,6 +39,9 @@ AT_ONCE_S = 0.3
 SMOOTH_S = 1.0
 """Time constant with which errors of velocity and lateness are averaged."""
 
+BATTERY_BACK: Final = 0.03
+"""A battery is called low until it is above its limit by this share: under less load it recovers a little."""
+
 LATENESS_COUNTS: Final = 4.0
 """One tick counts for at most this many times the limit: a single long stall is over when it is over."""
 
@@ -185,7 +188,7 @@ def look(seen: Seen, known: Known, settings: ReactionSettings) -> tuple[Known, M
     many_poor = bool(poor.any() and poor.sum() >= settings.links_late.share * commanded.sum())
     weather = Weather(windy=too_windy and not by_links, late=many_poor or (too_windy and bool(by_links)))
     averages = replace(known, time_s=seen.time_s, error_m_s=error_m_s, late_s=late_s, jumps_s=jumps_s)
-    return averages, _conditions(seen, jumps_s, commanded, settings), weather
+    return averages, _conditions(seen, jumps_s, commanded, known.vehicles.active, settings), weather
 
 
 def _poor_links(seen: Seen, settings: LinksLate) -> Mask:
@@ -194,13 +197,16 @@ def _poor_links(seen: Seen, settings: LinksLate) -> Mask:
     return poor
 
 
-def _conditions(seen: Seen, jumps_s: Array, commanded: Mask, settings: ReactionSettings) -> Mask:
-    """(7, n), see OF_VEHICLES; whoever is not in the air is not left out yet."""
+def _conditions(
+    seen: Seen, jumps_s: Array, commanded: Mask, active: Mask, settings: ReactionSettings
+) -> Mask:
+    """(7, n), see OF_VEHICLES, of which `active` are; whoever is not in the air is not left out yet."""
     position, battery = settings.bad_position, settings.low_battery
     on = np.zeros((len(OF_VEHICLES), len(seen.battery)), dtype=np.bool_)
     on[LOST] = seen.silent
-    on[LOW] = seen.battery < battery.below  # False for NaN
-    on[CRITICAL] = seen.battery < battery.critical_below
+    back = np.where(active, BATTERY_BACK, 0.0)
+    on[LOW] = seen.battery < battery.below + back[LOW]  # False for NaN
+    on[CRITICAL] = seen.battery < battery.critical_below + back[CRITICAL]
     on[POOR] = (seen.horizontal_m > position.horizontal_max_m) | (seen.vertical_m > position.vertical_max_m)
     on[SUDDEN] = seen.unbelieved | (seen.time_s - jumps_s[0] <= position.jumps_within_s)
     out_m, below_m = _beyond_m(seen, settings.fence.within_s)

@@ -123,6 +123,18 @@ def test_at_the_threshold_and_where_nothing_is_known_nothing_happens(changes: di
     assert Rules().see(calm(**changes), 20.0) == ()
 
 
+def test_a_battery_about_its_limit_is_one_low_battery_until_it_is_clearly_above() -> None:
+    rules = Rules()
+    for _ in range(5):
+        assert told(rules.see(calm(battery=one(0.195, 0.8)), 8.0)) == [
+            (Cause.LOW_BATTERY, Action.RETURN, (0,))
+        ]
+        wishes = rules.see(calm(battery=one(0.215, 0.8)), 8.0)
+        assert told(wishes) == [(Cause.LOW_BATTERY, Action.RETURN, (0,))]
+        assert wishes[0].since_s < 2.2, "the first, and no other"
+    assert rules.see(calm(battery=one(0.24, 0.8)), 5.2) == ()
+
+
 def test_what_comes_and_goes_faster_than_it_must_last_is_none() -> None:
     rules = Rules()
     for _ in range(20):
