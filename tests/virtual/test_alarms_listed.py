@@ -164,7 +164,7 @@ def test_twelve_causes_in_any_order_are_each_listed_within_a_second_the_most_sev
     config = show_config(
         12, operation=HOLDS_WHEN_LOST, reactions=REACTIONS, formation={"radius_m": 9.0, "height_m": 16.0}
     )
-    fly(story, config, heart=supervisor, grid_columns=4)
+    fly(story, config, heart=supervisor, grid_columns=4, spacing_m=6.0)
 
 
 def test_a_lost_vehicle_is_told_with_its_cause_first_and_acknowledged_until_it_is_back() -> None:
