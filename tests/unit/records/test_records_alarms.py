@@ -1,0 +1,39 @@
+"""The alarms of a recorded moment, as they were then."""
+
+import json
+from pathlib import Path
+
+import pytest
+from records_moment import FULL, moment
+
+from gcs.alarms import AlarmCause, AlarmSeverity
+from gcs.errors import GcsError
+from gcs.records.alarms_past import recorded, replay_alarm
+from gcs.records.layout import status_message
+
+FILE = Path("flight.mcap")
+
+
+def test_the_alarms_of_a_moment_are_read_back_as_they_were() -> None:
+    status = json.loads(status_message(moment()))
+    assert recorded(status, FILE, 1.7e9) == (FULL,)
+
+
+def test_a_record_from_before_there_were_alarms_shows_its_problems() -> None:
+    (note,) = recorded({"problems": ["record: the disk is full"]}, FILE, 1.7e9)
+    assert note.text == "Note: record: the disk is full."
+    assert (note.cause, note.severity) == (AlarmCause.SERVICE_NOTE, AlarmSeverity.INFORMATION)
+
+
+@pytest.mark.parametrize("alarms", [[{}], [7], None, [{"severity": "loud"}]])
+def test_alarms_that_are_none_are_named_with_the_file(alarms: object) -> None:
+    with pytest.raises(GcsError, match=r"flight\.mcap: its alarms are none"):
+        recorded({"alarms": alarms}, FILE, 1.7e9)
+
+
+def test_a_replay_says_that_nothing_flies_and_when_the_record_has_ended() -> None:
+    alarm = replay_alarm(FILE, 1.7e9, ended=True, cut="It was cut off.")
+    assert alarm.severity is AlarmSeverity.INFORMATION
+    assert alarm.text == (
+        "Replay: this is a record of flight.mcap. Nothing here flies. The record has ended. It was cut off."
+    )
