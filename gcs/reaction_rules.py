@@ -360,7 +360,7 @@ def _of_the_show(
         Cause.WIND: (
             wind.action,
             wind.then_return_after_s,
-            f"{strays} fly up to {error_m_s.max(initial=0.0):.1f} m/s otherwise than they are told",
+            f"{strays} vehicles fly up to {error_m_s.max(initial=0.0):.1f} m/s off their setpoints",
         ),
         Cause.LINKS_LATE: (
             settings.links_late.action,
@@ -371,12 +371,12 @@ def _of_the_show(
         Cause.TARGET_STALE: (
             settings.target_stale.action,
             None,
-            f"the live target was not renewed for more than {settings.target_stale.after_s:g} s",
+            f"no new position of it for more than {settings.target_stale.after_s:g} s",
         ),
         Cause.SERVICE_LATE: (
             late.action,
             late.then_return_after_s,
-            f"ticks are {known.late_s * 1e3:.0f} ms late on average, at most {late.late_s * 1e3:.0f} ms",
+            f"ticks are {known.late_s * 1e3:.0f} ms late on average, at most {late.late_s * 1e3:.0f} ms is allowed",
         ),
     }
     wishes = []
