@@ -1,0 +1,57 @@
+"""One command for a selection of vehicles, or for all that it can apply to."""
+
+import pytest
+from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
+
+from gcs.errors import InvalidError, RefusedError, UnknownError
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.service import Outcome, ShowAction, VehicleAction
+from sim.modes import Mode as PilotMode
+
+
+def test_a_selection_holds_joins_and_returns_and_those_not_reached_are_named() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        command = show.service.command_vehicles
+        await show.settled(command(VehicleAction.HOLD, ["d1", "d2"]))
+        assert [show.vehicle(name).phase for name in show.config.ids] == [
+            *(Phase.HOLD, Phase.HOLD),
+            *(Phase.FORMATION, Phase.FORMATION),
+        ]
+        record = await show.settled(command(VehicleAction.JOIN, ["d1", "d2", "d3"]))
+        assert [record.outcomes[name].outcome for name in ("d1", "d2", "d3")] == [
+            *(Outcome.DONE, Outcome.DONE),
+            Outcome.NOT_INCLUDED,
+        ]
+        assert "while formation" in record.outcomes["d3"].reason
+        await show.settled(command(VehicleAction.RETURN, ["d1", "d2"]))
+        assert (await refused(show, lambda: command(VehicleAction.JOIN, ["d1"]))).kind is RefusedError
+        for names, kind in ((["d9"], UnknownError), (None, InvalidError)):
+            with pytest.raises(kind):
+                command(VehicleAction.CONFIRM_DOWN if names is None else VehicleAction.HOLD, names)
+        await show.settled(command(VehicleAction.LAND))
+        await show.reach(ShowPhase.LANDED)
+        assert show.floor_violations() == 0
+
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+
+
+def test_control_of_all_is_taken_but_of_those_that_a_person_flies_and_of_them_by_name() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.befall("d1", "pilot")
+        show.link.pilot("d2", PilotMode.HOLD)
+        await show.phase("d1", Phase.PILOT)
+        await show.phase("d2", Phase.PILOT)
+        assert (show.view.counts.controlled, show.view.counts.uncontrolled) == (1, 2)
+        assert show.view.show is ShowPhase.RUNNING, "it flies on with those under control"
+        record = await show.settled(show.service.command_vehicles(VehicleAction.TAKE_CONTROL))
+        assert record.outcomes["d2"].outcome is Outcome.DONE
+        assert "take-control d1 names it" in record.outcomes["d1"].reason
+        assert [show.vehicle(name).phase for name in ("d1", "d2")] == [Phase.PILOT, Phase.HOLD]
+        await show.settled(show.service.command_vehicles(VehicleAction.TAKE_CONTROL, ["d1"]))
+        assert show.vehicle("d1").phase is Phase.HOLD
+        await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
