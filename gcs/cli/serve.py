@@ -20,6 +20,7 @@ from gcs.cli.notify import Notifier
 from gcs.cli.record import make_record
 from gcs.config import Config, LinkSettings
 from gcs.errors import ConfigError, GcsError, LinkError, RefusedError
+from gcs.interrupted import Offer
 from gcs.lifecycle import AIRBORNE, ShowPhase
 from gcs.links import Link
 from gcs.links.direct.link import DirectLink
@@ -231,9 +232,11 @@ async def _landed(orchestrator: Orchestrator) -> None:
 
 
 def _anybody_up(view: FleetView) -> bool:
-    """Whether a vehicle of ours is in the air, or about to be."""
+    """Whether a vehicle that a stop would bring home is airborne, or about to be."""
     if view.show in {ShowPhase.PREFLIGHT, ShowPhase.ARMING}:
         return True
+    if view.interrupted is not None and Offer.BRING_HOME in view.interrupted.offers:
+        return True  # a stall, or a restart, left them hovering
     return any(vehicle.phase in AIRBORNE for vehicle in view.vehicles)
 
 
