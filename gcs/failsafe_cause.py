@@ -160,6 +160,8 @@ def described(vehicle_id: VehicleId, cause: FailsafeCause, facts: VehicleFacts) 
 
 def _setpoints(facts: VehicleFacts) -> str:
     """Whose fault a loss of setpoints was."""
+    if isnan(facts.setpoint_gap_s):
+        return "this station has sent none since it started"
     if facts.setpoint_gap_s >= facts.setpoint_loss_s:  # False for NaN
         return f"this station sent none for {facts.setpoint_gap_s:.1f} s"
     return "they left, and did not reach it"

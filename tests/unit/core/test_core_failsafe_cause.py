@@ -76,3 +76,10 @@ def test_control_is_refused_only_where_it_would_stop_a_landing() -> None:
     hovers = replace(FACTS, battery_remaining=0.05)
     assert control_refusal("d1", hovers) == "", "nothing else brings it down"
     assert described("d1", cause_of(hovers), hovers).endswith("Take control, and land it.")
+
+
+def test_a_station_that_has_just_started_does_not_blame_the_link() -> None:
+    facts = replace(FACTS, setpoint_gap_s=nan)
+    text = described("d1", cause_of(facts), facts)
+    assert "this station has sent none since it started" in text
+    assert "did not reach it" not in text
