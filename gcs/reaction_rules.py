@@ -376,8 +376,7 @@ def _of_the_show(
         Cause.SERVICE_LATE: (
             late.action,
             late.then_return_after_s,
-            f"ticks are {known.late_s * 1e3:.0f} ms late on average,"
-            f" at most {late.late_s * 1e3:.0f} ms is allowed",
+            f"ticks are {known.late_s * 1e3:.0f} ms late on average, {late.late_s * 1e3:.0f} ms is allowed",
         ),
     }
     wishes = []
