@@ -26,7 +26,7 @@ from gcs import config as configuration
 from gcs.client import Client
 
 COUNT: Final = 16
-SIZES: Final = ((1440, 900), (1024, 768))
+SIZES: Final = ((1440, 900), (1024, 768), (390, 844))
 FOLDER: Final = ROOT / "docs" / "screenshots"
 SETTLED_S: Final = 3.0
 """For trails to grow, and the camera to come to rest."""
@@ -46,10 +46,10 @@ def fleet(config: configuration.Config, port: int, control: int) -> Iterator[Non
 
 
 def shoot(desk: Console, name: str, *panels: str | None) -> None:
-    """In both sizes, with these panels open, left and right."""
+    """In all sizes, with these panels open, left and right; where there is room for one, the left one."""
     for width, height in SIZES:
         desk.page.set_viewport_size({"width": width, "height": height})
-        for side, panel in zip(("left", "right"), panels, strict=True):
+        for side, panel in zip(("right", "left"), reversed(panels), strict=True):
             _open(desk, side, panel)
         time.sleep(SETTLED_S)
         picture = Image.open(BytesIO(desk.page.screenshot()))
