@@ -40,7 +40,7 @@ UNREACHABLE: Final = """(names) => names.flatMap((name) => {
 """Of these, what cannot be pressed with a finger, and why."""
 
 CUT_OFF: Final = """() => [...document.querySelectorAll(
-    ".big-label, [data-testid=show-phase], .life strong, .overall strong, .fleet th, .table-scroll, .topbar")]
+    ".big-label, .offers .button, .topbar, .topbar strong, .fleet th, .table-scroll")]
   .filter((each) => each.checkVisibility() && each.scrollWidth > each.clientWidth + 1)
   .map((each) => `${each.className}: ${each.textContent.trim().slice(0, 60)}`)"""
 """Words and columns that their place cuts off."""
