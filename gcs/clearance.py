@@ -194,8 +194,9 @@ class Clearance:
     def _look(self, chosen: Sequence[VehicleId]) -> "_Looked":
         facts = self._facts()
         alone = self._alone(facts, list(self._flight.vehicles))
-        stand = standing(facts, chosen, self._pattern())
-        room = room_to_wander(facts, chosen)
+        pattern = self._pattern()
+        stand = standing(facts, chosen, pattern)
+        room = room_to_wander(facts, chosen, pattern)
         self._roomy = frozenset(name for name, check in room.items() if check.passes)
         for name, check in room.items():
             alone[name].append(check)

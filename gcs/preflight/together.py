@@ -13,8 +13,10 @@ from gcs.preflight.pattern import Fit, assigned, fit
 from gcs.preflight.vehicles import judged
 from gcs.state import Array, VehicleId
 
-ROOM_TOLERANCE_M, ROOM_HYSTERESIS_M = 0.15, 0.25
-"""Reported places of pads are off by so much; and a check that has passed fails only when more is missing."""
+ROOM_TOLERANCE_M, ROOM_HYSTERESIS_M = 0.5, 0.15
+"""Reported places of two pads are off by so much; a check that has passed fails only when more is missing."""
+
+PLANNED_TOLERANCE_M = 0.01
 
 TOLD_MAX_DEG = 30.0
 """A pattern so small that not even this rotation can be told has none that is looked at."""
@@ -195,36 +197,59 @@ def _lies(facts: Facts, count: int, fitted: Fit, pattern: Pattern, found: Stand)
     )
 
 
-def room_to_wander(facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleId, Check]:
+def room_to_wander(
+    facts: Facts, vehicles: Sequence[VehicleId], pattern: Pattern | None
+) -> dict[VehicleId, Check]:
     """Whether neighbours keep the floor while their own autopilots climb and hold them.
 
     All of them hold at one height until the last is up: the order and the pause between take-offs do not keep
     neighbours from holding side by side, so that only the pads' distance counts.
     """
-    floor, wander_m, ids = facts.floor, facts.settings.wander_m, facts.fleet.ids
-    place_m = facts.fleet.position_m[:, :2]
+    wander_m, least_m = facts.settings.wander_m, facts.floor.horizontal_m
+    if wander_m == 0.0 or len(vehicles) < 2:
+        return {}
     at = np.array([facts.rows[name] for name in vehicles], dtype=np.intp)
-    found: dict[VehicleId, Check] = {}
-    for name, row in zip(vehicles, at.tolist(), strict=True):
-        away_m = np.linalg.norm(place_m[at] - place_m[row], axis=1)
-        away_m[(at == row) | ~np.isfinite(away_m)] = np.inf
-        nearest = int(away_m.argmin())
-        if wander_m == 0.0 or not np.isfinite(away_m[nearest]):
-            continue
-        needed_m, apart_m = floor.horizontal_m + 2.0 * wander_m, float(away_m[nearest])
+    measured_m, planned_m = facts.fleet.position_m[at, :2], _planned_m(vehicles, pattern)
+    needed_m, found = least_m + 2.0 * wander_m, {}
+    for index, name in enumerate(vehicles):
         slack_m = ROOM_TOLERANCE_M + (ROOM_HYSTERESIS_M if name in facts.roomy else 0.0)
+        nearest, apart_m = _nearest(measured_m, index)
+        beside = f"stands {apart_m:.1f} m from {vehicles[nearest]}"
+        good, (next_m, pads_m) = apart_m >= needed_m - slack_m, _nearest(planned_m, index)
+        if good and pads_m < needed_m - PLANNED_TOLERANCE_M:
+            good, apart_m = False, pads_m
+            beside = f"its pad is planned {apart_m:.1f} m from that of {vehicles[next_m]}"
+        if not np.isfinite(apart_m):
+            continue
         found[name] = judged(
             "room to wander",
             apart_m,
             f"at least {needed_m:g} m to the next that flies",
-            good=apart_m >= needed_m - slack_m,
-            problem=f"stands {apart_m:.1f} m from {ids[int(at[nearest])]}: while their autopilots climb and"
-            f" hold, each may be {wander_m:g} m off its place, which leaves"
-            f" {max(0.0, apart_m - 2.0 * wander_m):.1f} m of {floor.horizontal_m:g} m",
+            good=good,
+            problem=f"{beside}: while their autopilots climb and hold, each may be {wander_m:g} m off its"
+            f" place, which leaves {max(0.0, apart_m - 2.0 * wander_m):.1f} m of {least_m:g} m",
             to_do=f"set the pads at least {needed_m:g} m apart; preflight.wander_m says how far they wander",
             unit="m",
         )
     return found
+
+
+def _planned_m(vehicles: Sequence[VehicleId], pattern: Pattern | None) -> Array:
+    """(k, 2) each one's own place, NaN where it has none."""
+    places_m = np.full((len(vehicles), 2), np.nan)
+    if pattern is not None:
+        housed = [index for index, name in enumerate(vehicles) if name in pattern.place_of]
+        places_m[housed] = pattern.places_m[[pattern.place_of[vehicles[index]] for index in housed]]
+    return places_m
+
+
+def _nearest(place_m: Array, index: int) -> tuple[int, float]:
+    """Which of the others (k, 2) is nearest to that one, and how far away; inf where nothing is known."""
+    away_m = np.linalg.norm(place_m - place_m[index], axis=1)
+    away_m[index] = np.inf
+    away_m[np.isnan(away_m)] = np.inf
+    nearest = int(away_m.argmin())
+    return nearest, float(away_m[nearest])
 
 
 def spacing(facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
