@@ -145,6 +145,7 @@ CALLS: Final = (
     Call(
         "playback certificate", "playback.certificate", "what the flight kept and broke; ask until it is done"
     ),
+    Call("playback marks", "playback.marks", "phases, cues, alarms and idle time of the record"),
     Call("order list", "orders", "the last orders, the newest first"),
     Call("order show", "order", "how far an order has got"),
     Call("state", "fleet", "everything at one instant"),
