@@ -113,7 +113,7 @@ function onFrame(now_ms: number): void {
     if (state.attention.soundOn !== shown?.attention.soundOn) localStorage.setItem(SOUND, state.attention.soundOn ? "on" : "off");
     signs.show(state);
     render(desk(state, actions), place);
-    if (shown === null) for (const each of place.querySelectorAll("[data-room], .alarms")) roomChanges.observe(each);
+    if (shown === null) for (const each of place.querySelectorAll("[data-room], .room-low, .alarms")) roomChanges.observe(each);
     else if (frontOf(state) !== frontOf(shown)) fit();
     shown = state;
     shown_ms = now_ms;
@@ -125,6 +125,9 @@ function onFrame(now_ms: number): void {
 /** What moves the room without a change of its size: another panel, another layout. */
 const frontOf = ({ desk: { layout, left, right, front } }: State): string => `${layout} ${left} ${right} ${front}`;
 
+/** Of the room's height: where the camera's buttons take more, they lie over the scene. */
+const COVERED_MOST = 0.3;
+
 /** The scene is drawn in what the desk leaves free and nowhere else: what panels cover is not painted. */
 function fit(): void {
   const room = place.querySelector("[data-room]")!.getBoundingClientRect();
@@ -135,6 +138,9 @@ function fit(): void {
   style.top = `${top}px`;
   style.width = `${width}px`;
   style.height = `${height}px`;
+  const low = place.querySelector(".room-low")?.getBoundingClientRect();
+  const covered_px = low === undefined || low.height === 0 ? 0 : Math.round(room.bottom - low.top);
+  style.paddingBottom = `${covered_px < COVERED_MOST * height ? covered_px : 0}px`; // the formation stays above the buttons
   scene.resize(width, height, devicePixelRatio);
   scene.draw(state, performance.now()); // at once: another size has emptied the picture
 }

@@ -145,6 +145,7 @@ class LiveScene implements Scene {
   resize(width: number, height: number, pixelRatio: number): void {
     this.#size = { width, height, ratio: pixelRatio };
     this.#fitted.renderer.setSize(width, height, false);
+    this.#drawn_ms = -Infinity; // another size has emptied the picture
     this.#remeasure();
   }
 

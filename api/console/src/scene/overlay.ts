@@ -72,9 +72,9 @@ export class Overlay {
 
   /** North is so far clockwise from the screen's top. */
   north(turn: number, eye: Eye): void {
-    const { free } = eye.screen;
+    const { free, height } = eye.screen;
     this.#needle.setAttribute("transform", `rotate(${((turn * 180) / Math.PI).toFixed(1)})`);
-    this.#compass.style.transform = `translate(${free.left + 14}px, ${free.top + free.height - 78}px)`;
+    this.#compass.style.transform = `translate(${free.left + 14}px, ${height - 78}px)`;
   }
 
   /** What is to be said of the map, in the lower right corner; empty: nothing. */
@@ -83,8 +83,8 @@ export class Overlay {
       this.#credit.textContent = text;
       this.#credit.hidden = text === "";
     }
-    const { free } = eye.screen;
-    this.#credit.style.transform = `translate(${free.left + free.width}px, ${free.top + free.height}px) translate(-100%, -100%)`;
+    const { free, height } = eye.screen;
+    this.#credit.style.transform = `translate(${free.left + free.width}px, ${height}px) translate(-100%, -100%)`;
   }
 
   #next(): Word {
