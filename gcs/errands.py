@@ -154,7 +154,7 @@ class Errands(ErrandTasks):
         loop = asyncio.get_running_loop()
         turn_s = self._next_turn_s
         self._next_turn_s = max(turn_s, loop.time()) + self._settings.takeoff_stagger_s - EARLY_S
-        if (wait_s := turn_s - loop.time()) > 0.0:
+        if (wait_s := turn_s - loop.time()) > EARLY_S:
             await asyncio.sleep(wait_s)
 
     async def _climb(self, vehicle: Vehicle) -> None:
