@@ -7,7 +7,7 @@ NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 # Modules are compiled once and kept, wherever we run: pytest's rewriting of them takes longer than many a test.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: ready demo test computed flown console console-test wire check compiled bench mutate flight-quality screenshots format lock clean
+.PHONY: sitl ready demo test computed flown console console-test wire check compiled bench mutate flight-quality screenshots format lock clean
 
 # Two environments are made side by side: one flies, one builds the page.
 ready:
@@ -73,6 +73,11 @@ flight-quality: .venv/ready  ## fly every scenario as it is judged; brings docs/
 screenshots: .venv/ready console  ## docs/screenshots, of a flight over the fake fleet; needs Chromium; look at them
 	$(BIN)/python tests/browser/screenshots.py
 	$(BIN)/python tests/browser/status_pictures.py
+
+# PX4=folder of a PX4 build, PX4_IMAGE=container image that runs PX4's SIH, or FAKE=1; VEHICLES=4
+SITL = $(if $(PX4),--px4 "$(PX4)",$(if $(PX4_IMAGE),--image "$(PX4_IMAGE)",$(if $(FAKE),--fake)))
+sitl: .venv/ready  ## the whole story with real PX4 instances: PX4=BUILD, PX4_IMAGE=IMAGE or FAKE=1; docs/sitl.md
+	$(BIN)/python tests/sitl/fly.py $(SITL) --vehicles $(or $(VEHICLES),4) $(ARGS)
 
 format: .venv/ready
 	$(BIN)/ruff format .

@@ -14,6 +14,7 @@ from sim.fleet import MAX_SYSTEM_ID, Origin, Settings
 from sim.ports import HOST, MAX_PORT, Port, own_ports, shared_ports
 from sim.quirks import Quirks
 from sim.server import serve
+from sim.simulator_link import FIRST_PORT
 from sim.streams import RECORDED_HZ, lean_hz
 from sim.truth import TruthFile
 
@@ -70,6 +71,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(otherwise all of PX4's streams at its rates: 520 messages a second and vehicle)",
     )
     add("--truth", metavar="FILE", help="write the true states to FILE as JSON Lines, 20 a second")
+    add(
+        "--simulator-link",
+        type=arguments.whole(1, MAX_PORT),
+        nargs="?",
+        const=FIRST_PORT,
+        metavar="P",
+        help="vehicle i sends its true state as HIL_STATE_QUATERNION to port P+i, as PX4's SIH does; "
+        f"{FIRST_PORT} without P",
+    )
     add("--seed", type=arguments.whole(0, 2**63 - 1), default=0, help="of everything random")
     add(
         "--noise",
@@ -170,6 +180,8 @@ def run(given: argparse.Namespace) -> int:
     ports = _ports(given)
     if max(max(port.destination, port.bind) for port in ports) > MAX_PORT:
         return _fail(2, f"--port-base {given.port_base} leads beyond port {MAX_PORT}; choose a lower one")
+    if given.simulator_link is not None and given.simulator_link + last > MAX_PORT:
+        return _fail(2, f"--simulator-link {given.simulator_link} leads beyond port {MAX_PORT}")
     with contextlib.ExitStack() as stack:
         try:
             file = None if given.truth is None else stack.enter_context(open(given.truth, "w"))  # noqa: PTH123
@@ -184,6 +196,7 @@ def run(given: argparse.Namespace) -> int:
                 _greeting(given, ports),
                 control_port=given.control,
                 control_input=given.faults_from is not None,
+                simulator_port=given.simulator_link,
             )
         except PortError as error:
             return _fail(

@@ -13,6 +13,7 @@ from sim.control import Control, ControlPort, StandardInput
 from sim.endpoint import Endpoint
 from sim.fleet import STEP_S, Fleet, Settings
 from sim.ports import HOST
+from sim.simulator_link import SimulatorLink
 from sim.trouble import Trouble
 
 if TYPE_CHECKING:
@@ -53,8 +54,11 @@ def serve(
     *,
     control_port: int | None = None,
     control_input: bool = False,
+    simulator_port: int | None = None,
 ) -> None:
     """Fly the fleet until SIGINT or SIGTERM; print the greeting when it can be reached.
+
+    With `simulator_port`, vehicle i sends its true state to that port + i, as PX4's SIH does.
 
     Raises:
         PortError: a port is taken.
@@ -71,6 +75,9 @@ def serve(
             controls.append(stack.enter_context(closing(ControlPort(HOST, control_port))))
         if control_input:
             controls.append(StandardInput())
+        simulator = None
+        if simulator_port is not None:
+            simulator = stack.enter_context(closing(SimulatorLink(simulator_port, settings.count)))
         selector = stack.enter_context(selectors.DefaultSelector())
         for endpoint in endpoints:
             selector.register(endpoint, selectors.EVENT_READ, endpoint)
@@ -78,7 +85,7 @@ def serve(
             _register(selector, control, trouble)
         print(greeting, flush=True)  # noqa: T201 - the command's output
         air = Air(fleet, trouble, endpoints)
-        for waited_s in _paced(fleet, air, trouble, truth, interrupt):
+        for waited_s in _paced(fleet, air, trouble, truth, simulator, interrupt):
             _read(selector, waited_s, air, trouble)
 
 
@@ -92,7 +99,12 @@ def _register(selector: selectors.BaseSelector, control: Control, trouble: Troub
 
 
 def _paced(
-    fleet: Fleet, air: Air, trouble: Trouble, truth: TruthFile | None, interrupt: Interrupt
+    fleet: Fleet,
+    air: Air,
+    trouble: Trouble,
+    truth: TruthFile | None,
+    simulator: SimulatorLink | None,
+    interrupt: Interrupt,
 ) -> Iterator[float]:
     """Step the fleet in time with the clock: whole steps, so nothing drifts; long stalls are dropped.
 
@@ -113,6 +125,8 @@ def _paced(
                 air.deliver()
             if truth is not None:
                 truth.offer(fleet, fleet.time_s + dropped_s)
+            if simulator is not None:
+                simulator.offer(fleet, fleet.time_s)
         yield max(fleet.time_s + STEP_S + dropped_s - time.monotonic(), 0.0)
 
 
