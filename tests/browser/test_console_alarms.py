@@ -44,7 +44,15 @@ def broken_fleet(folder: Path) -> Iterator[tuple[Station, Fault, int]]:
     raw["map"] = {"tiles": str(folder / "none.mbtiles")}
     raw["reactions"]["service_late"]["action"] = "ignore"
     raw["reactions"]["vehicles_lost"] |= {"action": "pause", "count": 2, "share": 0.01}
-    raw["reactions"]["wind"] |= {"action": "pause", "then_return_after_s": None, "for_s": 1.0, "share": 0.2}
+    wind = {
+        "action": "pause",
+        "then_return_after_s": None,
+        "speed_error_m_s": 0.8,
+        "for_s": 0.0,
+        "share": 0.05,
+    }
+    raw["reactions"]["wind"] |= wind  # also of a fleet that is paused, and steers against it
+    raw["reactions"]["links_late"] |= {"late_s": 5.0, "arrive_min": 0.2}  # a busy machine is no late link
     config = configuration.Config.model_validate(raw)
     command = [sys.executable, "-m", "sim", "--count", str(COUNT), "--port-base", str(port)]
     command += ["--origin", ORIGIN, "--grid-columns", "4", "--quirk", "late-ready=off"]
@@ -132,7 +140,7 @@ def test_twelve_alarms_three_at_once_are_all_on_screen_the_most_severe_on_top(
         desk.says("show-phase", "running", FLIGHT_MS)
 
         def wind() -> None:
-            fault(vehicles="all", fault="wind", north_m_s=9.0, east_m_s=0.0, down_m_s=0.0)
+            fault(vehicles="all", fault="wind", north_m_s=13.0, east_m_s=0.0, down_m_s=0.0)
 
         injections: dict[str, Callable[[], None]] = {
             "vehicle-lost": lambda: fault(vehicle=1, fault="silence"),
