@@ -197,11 +197,7 @@ class SitlFlight:
         killed_s = time.monotonic()
         self._service.start()
         self._say("the service was killed and started again")
-        self._until(
-            "the interrupted flight",
-            60.0,
-            lambda: "take-over" in (() if (found := self._client.interrupted()) is None else found.offers),
-        )
+        self._until("telemetry of the interrupted flight", 60.0, lambda: flying <= self._waiting())
         self._accept("take-over", self._client.take_over)
         self._until("control of the whole fleet", self._pace.formed_s, lambda: self._formed() == flying)
         self.account.recovered_after_restart_s = time.monotonic() - killed_s
@@ -219,6 +215,13 @@ class SitlFlight:
         return {each.id for each in self._client.vehicles() if each.phase == "formation"}
 
     _formed = _flying
+
+    def _waiting(self) -> set[str]:
+        """Vehicles of an interrupted flight that wait for take-over, where it is offered."""
+        found = self._client.interrupted()
+        if found is None or "take-over" not in found.offers:
+            return set()
+        return {name for name, vehicle in found.vehicles.items() if vehicle.waits}
 
     def _all_ready(self) -> bool:
         return all(each.ready for each in self._client.vehicles())
