@@ -210,6 +210,9 @@ def test_every_method_of_the_client_is_a_command() -> None:
     }
     assert methods - {call.method.rpartition(".")[2] for call in CALLS} == {
         "report",  # gcs preflight
+        "alarms",  # gcs alarms, gcs acknowledge
+        "acknowledge",
+        "acknowledge_all",
         "wait_for_check",
         "close",
         "wait_for",
