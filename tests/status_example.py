@@ -55,4 +55,21 @@ def example_fleet(count: int = 20, name: str = "d{}") -> wire.Fleet:
         "on_ground": 0,
         "offline": 0,
     }
+    told["severity"] = "warning"
+    told["alarms"] = [
+        {
+            "id": "vehicle-lost-1",
+            "severity": "warning",
+            "cause": "vehicle-lost",
+            "text": "Vehicle d17 lost: no telemetry for 4.2 s. Formation closes the gap.",
+            "advice": "Watch it; it comes back by itself when it is received again.",
+            "vehicles": ["d17"],
+            "since_unix_time_s": 1795350000.0,
+            "raised_unix_time_s": 1795350000.0,
+            "acknowledged_by": None,
+            "acknowledged_unix_time_s": None,
+            "ended_unix_time_s": None,
+            "order_id": None,
+        }
+    ]
     return wire.Fleet.model_validate(told)
