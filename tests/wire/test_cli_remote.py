@@ -218,9 +218,6 @@ def test_every_method_of_the_client_is_a_command() -> None:
         "wait_for",
         "command",
         "command_vehicles",
-        "alarms",  # gcs alarms
-        "acknowledge",  # gcs acknowledge
-        "acknowledge_all",
         "arm_kill",  # gcs kill has both steps
         "confirm_kill",
         "one",
