@@ -36,13 +36,13 @@ flown: .venv/ready console
 console: api/console/dist/index.html  ## the operator's page, built by Node from a wheel of its own
 
 console-test: .venv/ready api/console/node_modules/ready  ## the page's types and unit tests
-	$(BIN)/python -m api.openapi | $(NPM) run --silent wire -- --check --output src/wire/schema.ts || \
+	$(BIN)/python -m gcs.api.openapi | $(NPM) run --silent wire -- --check --output src/wire/schema.ts || \
 	  { echo "api/console/src/wire/schema.ts is not what the API says of itself: make wire" >&2; exit 1; }
 	$(NPM) run --silent types
 	$(NPM) run --silent test
 
 wire: .venv/ready api/console/node_modules/ready  ## the page's wire types, from the API's own OpenAPI
-	$(BIN)/python -m api.openapi | $(NPM) run --silent wire -- --output src/wire/schema.ts
+	$(BIN)/python -m gcs.api.openapi | $(NPM) run --silent wire -- --output src/wire/schema.ts
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
 	@$(BIN)/python -c "from gcs import control, homeward; from gcs.links import setpoint_kernels; \

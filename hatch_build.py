@@ -34,7 +34,7 @@ class ConsoleHook(BuildHookInterface[Any]):
         folder = Path(self.root) / CONSOLE
         if not is_built(folder):
             build(folder)
-        build_data["force_include"][str(folder / "dist")] = f"{CONSOLE}/dist"
+        build_data["force_include"][str(folder / "dist")] = f"gcs/{CONSOLE}/dist"
 
 
 def is_built(folder: Path) -> bool:

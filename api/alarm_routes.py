@@ -2,12 +2,12 @@
 
 from fastapi import APIRouter
 
-from api import convert_alarms
-from api.desk import DeskDep
-from api.path_names import AlarmId
-from api.problem_docs import COMMAND, NO_BODY, TOKEN, errors
-from api.wire_alarms import Alarm, AlarmList
 from gcs.alarms import AlarmCause
+from gcs.api import convert_alarms
+from gcs.api.desk import DeskDep
+from gcs.api.path_names import AlarmId
+from gcs.api.problem_docs import COMMAND, NO_BODY, TOKEN, errors
+from gcs.api.wire_alarms import Alarm, AlarmList
 from gcs.errors import RefusedError
 
 router = APIRouter(prefix="/alarms", tags=["alarms"], dependencies=TOKEN)

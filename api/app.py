@@ -11,7 +11,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 
-from api import (
+from gcs.api import (
     alarm_routes,
     docs,
     kill_routes,
@@ -26,13 +26,13 @@ from api import (
     stream,
     wire,
 )
-from api.audit import Audited
-from api.desk import Desk
-from api.door import Door
-from api.guard import Guard
-from api.methods import Methods, allowed
-from api.problems import echo, error_response, from_pydantic, invalid_response
-from api.security_headers import SecurityHeaders
+from gcs.api.audit import Audited
+from gcs.api.desk import Desk
+from gcs.api.door import Door
+from gcs.api.guard import Guard
+from gcs.api.methods import Methods, allowed
+from gcs.api.problems import echo, error_response, from_pydantic, invalid_response
+from gcs.api.security_headers import SecurityHeaders
 from gcs.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
 from gcs.maps import GroundMap
 from gcs.quoting import cut

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from api import convert_status, frames
-from api.wire_stream import Status
+from gcs.api import convert_status, frames
+from gcs.api.wire_stream import Status
 from gcs.maps import GroundMap
 from gcs.service import FleetView, Service
 

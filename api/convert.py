@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from api import convert_alarms, wire, wire_interrupted, wire_shows
 from gcs import plan
+from gcs.api import convert_alarms, wire, wire_interrupted, wire_shows
 from gcs.counts import Counts
 from gcs.errors import InvalidError, RefusedError
 from gcs.frames import ShowFrame

@@ -1,8 +1,8 @@
 """Alarms, between the service's types and the wire's."""
 
-from api.wire_alarms import Alarm as WireAlarm
-from api.wire_alarms import AlarmList
 from gcs.alarms import CAUSES, Alarm, AlarmCause, OverallSeverity, overall
+from gcs.api.wire_alarms import Alarm as WireAlarm
+from gcs.api.wire_alarms import AlarmList
 from gcs.service import FleetView
 
 

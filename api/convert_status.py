@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from api import convert, convert_alarms, wire_replay, wire_stream
+from gcs.api import convert, convert_alarms, wire_replay, wire_stream
 from gcs.frames import ShowFrame
 from gcs.happenings import Happening
 from gcs.maps import GroundMap

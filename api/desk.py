@@ -9,10 +9,10 @@ from typing import Annotated, Final, cast
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from api import convert
-from api.console_feed import Feed
-from api.door import Door
-from api.killswitch import KillSwitch
+from gcs.api import convert
+from gcs.api.console_feed import Feed
+from gcs.api.door import Door
+from gcs.api.killswitch import KillSwitch
 from gcs.errors import RefusedError
 from gcs.frames import ShowFrame
 from gcs.maps import GroundMap

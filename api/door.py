@@ -15,9 +15,9 @@ from typing import Final
 
 from starlette.datastructures import Headers
 
-from api.page import is_public
-from api.rates import Bucket
 from gcs.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
+from gcs.api.page import is_public
+from gcs.api.rates import Bucket
 from gcs.interrupted import Offer
 from gcs.service import ShowAction, VehicleAction
 from gcs.tokens import Entry, Tokens

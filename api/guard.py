@@ -17,10 +17,10 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from api.audit import WHO_KEY
-from api.door import Call, Door, Refusal, Visitor, is_emergency, needed
-from api.problems import error_response, invalid_response
-from api.strict_json import find_problem
+from gcs.api.audit import WHO_KEY
+from gcs.api.door import Call, Door, Refusal, Visitor, is_emergency, needed
+from gcs.api.problems import error_response, invalid_response
+from gcs.api.strict_json import find_problem
 from gcs.quoting import cut
 from gcs.service import WHO
 

@@ -4,10 +4,10 @@ from http import HTTPStatus
 
 from fastapi import APIRouter, Response
 
-from api import convert, wire, wire_kill
-from api.desk import DeskDep
-from api.killswitch import VALID_S
-from api.problem_docs import COMMAND, TOKEN, errors
+from gcs.api import convert, wire, wire_kill
+from gcs.api.desk import DeskDep
+from gcs.api.killswitch import VALID_S
+from gcs.api.problem_docs import COMMAND, TOKEN, errors
 from gcs.errors import RefusedError, UnknownError
 from gcs.lifecycle import Phase
 from gcs.service import WHO

@@ -17,10 +17,10 @@ from prometheus_client.core import (
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_1_0_0, generate_latest
 from starlette.responses import Response
 
-from api.convert_alarms import current
-from api.desk import DeskDep
-from api.problem_docs import TOKEN
 from gcs.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall
+from gcs.api.convert_alarms import current
+from gcs.api.desk import DeskDep
+from gcs.api.problem_docs import TOKEN
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.rows import VehicleView
 from gcs.service import FleetView, Histogram

@@ -1,4 +1,4 @@
-"""What the API says of itself, as `/openapi.json` does, without a service: `python -m api.openapi`.
+"""What the API says of itself, as `/openapi.json` does, without a service: `python -m gcs.api.openapi`.
 
 The console's types are made of it (`api/console/src/wire/schema.ts`).
 """
@@ -6,7 +6,7 @@ The console's types are made of it (`api/console/src/wire/schema.ts`).
 import json
 import sys
 
-from api.app import routed
+from gcs.api.app import routed
 
 
 def text() -> str:

@@ -14,8 +14,8 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
-from api.encodings import chosen, is_known, is_twin
-from api.problems import error_response
+from gcs.api.encodings import chosen, is_known, is_twin
+from gcs.api.problems import error_response
 
 DIST: Final = Path(__file__).parent / "console" / "dist"
 

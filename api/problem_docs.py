@@ -6,7 +6,7 @@ from fastapi import Depends
 from fastapi.security import HTTPBearer
 from starlette.requests import Request
 
-from api import wire
+from gcs.api import wire
 from gcs.errors import InvalidError
 
 MEANING: Final = {

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from starlette.responses import Response
 
-from api import wire
-from api.security_headers import HEADERS
+from gcs.api import wire
+from gcs.api.security_headers import HEADERS
 from gcs.quoting import cut, quoted
 
 ERROR_HEADERS: Final = {**HEADERS, "Cache-Control": "no-store"}

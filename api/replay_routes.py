@@ -2,9 +2,9 @@
 
 from fastapi import APIRouter
 
-from api import convert_status, wire_replay
-from api.desk import Desk, DeskDep
-from api.problem_docs import COMMAND, READ, TOKEN, errors
+from gcs.api import convert_status, wire_replay
+from gcs.api.desk import Desk, DeskDep
+from gcs.api.problem_docs import COMMAND, READ, TOKEN, errors
 from gcs.errors import RefusedError
 from gcs.service import Replaying
 

@@ -9,11 +9,11 @@ from fastapi import APIRouter, Response
 from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 
-from api import convert, wire
-from api.desk import Desk, DeskDep
-from api.path_names import ObstacleId, OrderId, VehicleId
-from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
-from api.wire_stream import Access, Status
+from gcs.api import convert, wire
+from gcs.api.desk import Desk, DeskDep
+from gcs.api.path_names import ObstacleId, OrderId, VehicleId
+from gcs.api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
+from gcs.api.wire_stream import Access, Status
 from gcs.errors import InvalidError, UnknownError
 from gcs.interrupted import Offer
 from gcs.plan import Obstacle

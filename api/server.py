@@ -15,8 +15,8 @@ from typing import Any, Final
 import uvicorn
 from starlette.types import ASGIApp
 
-from api.protocols import CONNECTIONS_MAX, Http, Viewer, bound_log
 from gcs.access import TlsSettings
+from gcs.api.protocols import CONNECTIONS_MAX, Http, Viewer, bound_log
 from gcs.errors import ConfigError, LinkError
 
 HOST: Final = "127.0.0.1"

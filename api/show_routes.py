@@ -6,9 +6,9 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Path
 from starlette.requests import Request
 
-from api import convert, wire, wire_shows
-from api.desk import DeskDep
-from api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
+from gcs.api import convert, wire, wire_shows
+from gcs.api.desk import DeskDep
+from gcs.api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 
 Name = Annotated[str, Path(pattern=wire_shows.NAME_PATTERN, examples=["lighthouse"])]
 

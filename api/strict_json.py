@@ -11,8 +11,8 @@ from typing import Any, Final
 
 from starlette.datastructures import Headers
 
-from api import wire
-from api.problems import echo
+from gcs.api import wire
+from gcs.api.problems import echo
 from gcs.quoting import cut
 
 DEPTH_MAX: Final = 32

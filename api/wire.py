@@ -11,10 +11,10 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from api.names import VehicleName
-from api.wire_alarms import Alarm
-from api.wire_interrupted import Interrupted
 from gcs.alarms import OverallSeverity
+from gcs.api.names import VehicleName
+from gcs.api.wire_alarms import Alarm
+from gcs.api.wire_interrupted import Interrupted
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Direction, YawPolicy
 from gcs.service import Outcome, ShowAction

@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
-from api.names import VehicleName
-from api.wire import ABSENT, Inward, Outward, without_defaults
+from gcs.api.names import VehicleName
+from gcs.api.wire import ABSENT, Inward, Outward, without_defaults
 
 CODE_PATTERN = r"^[0-9a-f]{6}$"
 

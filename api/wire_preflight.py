@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from api.wire import Inward, Measured, Outward
+from gcs.api.wire import Inward, Measured, Outward
 from gcs.checks import State
 
 REASON_MAX = 200

@@ -4,7 +4,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from api.wire import ABSENT, Change, Measured, Outward
+from gcs.api.wire import ABSENT, Change, Measured, Outward
 from gcs.happenings import Severity
 from gcs.lifecycle import ShowPhase
 from gcs.service import CheckState

@@ -4,7 +4,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from api.wire import (
+from gcs.access import Right
+from gcs.alarms import OverallSeverity
+from gcs.api.wire import (
     Counts,
     Estimates,
     Formation,
@@ -16,11 +18,9 @@ from api.wire import (
     Target,
     Yaw,
 )
-from api.wire_alarms import Alarm
-from api.wire_interrupted import Interrupted
-from api.wire_replay import Replay
-from gcs.access import Right
-from gcs.alarms import OverallSeverity
+from gcs.api.wire_alarms import Alarm
+from gcs.api.wire_interrupted import Interrupted
+from gcs.api.wire_replay import Replay
 from gcs.happenings import Severity
 
 

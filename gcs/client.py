@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     import pydantic
     from pydantic import BaseModel
 
-    from api import wire, wire_alarms, wire_kill, wire_stream
-    from api.wire_interrupted import Interrupted
+    from gcs.api import wire, wire_alarms, wire_kill, wire_stream
+    from gcs.api.wire_interrupted import Interrupted
 else:
     pydantic = Deferred("pydantic")
-    wire = Deferred("api.wire")
-    wire_alarms = Deferred("api.wire_alarms")
-    wire_kill = Deferred("api.wire_kill")
-    wire_stream = Deferred("api.wire_stream")
+    wire = Deferred("gcs.api.wire")
+    wire_alarms = Deferred("gcs.api.wire_alarms")
+    wire_kill = Deferred("gcs.api.wire_kill")
+    wire_stream = Deferred("gcs.api.wire_stream")
 
 M = TypeVar("M", bound="BaseModel")
 

@@ -11,10 +11,10 @@ from gcs.deferred import Deferred
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from api import wire, wire_preflight
+    from gcs.api import wire, wire_preflight
 else:
-    wire = Deferred("api.wire")
-    wire_preflight = Deferred("api.wire_preflight")
+    wire = Deferred("gcs.api.wire")
+    wire_preflight = Deferred("gcs.api.wire_preflight")
 
 M = TypeVar("M", bound="BaseModel")
 

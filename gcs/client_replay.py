@@ -10,9 +10,9 @@ from gcs.deferred import Deferred
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from api import wire_replay
+    from gcs.api import wire_replay
 else:
-    wire_replay = Deferred("api.wire_replay")
+    wire_replay = Deferred("gcs.api.wire_replay")
 
 M = TypeVar("M", bound="BaseModel")
 

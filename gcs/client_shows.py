@@ -14,10 +14,10 @@ from gcs.errors import InvalidError, OrderError
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from api import wire, wire_shows
+    from gcs.api import wire, wire_shows
 else:
-    wire = Deferred("api.wire")
-    wire_shows = Deferred("api.wire_shows")
+    wire = Deferred("gcs.api.wire")
+    wire_shows = Deferred("gcs.api.wire_shows")
 
 M = TypeVar("M", bound="BaseModel")
 

@@ -73,9 +73,13 @@ class Happenings(logging.Handler):
 
 @contextmanager
 def heard(handler: logging.Handler) -> Iterator[None]:
-    """Have a handler hear what the service's loggers say, informations too, until the block ends."""
+    """Have a handler receive what the service's loggers report, information included, until the block ends.
+
+    Not what the API reports: denied calls would push the flight's own events out.
+    """
     logger = logging.getLogger("gcs")
     level = logger.level
+    handler.addFilter(_is_of_the_flight)
     logger.addHandler(handler)
     if logger.getEffectiveLevel() > logging.INFO:
         logger.setLevel(logging.INFO)  # what is shown is the other handlers' business
@@ -83,4 +87,9 @@ def heard(handler: logging.Handler) -> Iterator[None]:
         yield
     finally:
         logger.removeHandler(handler)
+        handler.removeFilter(_is_of_the_flight)
         logger.setLevel(level)
+
+
+def _is_of_the_flight(record: logging.LogRecord) -> bool:
+    return not record.name.startswith(("gcs.api", "gcs.sim"))

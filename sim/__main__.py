@@ -1,8 +1,8 @@
-"""`python -m sim`: a fleet alone."""
+"""`python -m gcs.sim`: a fleet alone."""
 
 import sys
 
-from sim.cli import main
+from gcs.sim.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

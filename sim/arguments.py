@@ -6,9 +6,9 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from sim.fleet import Origin
-from sim.params import ParameterError, Parameters, Value, defaults
-from sim.quirks import QuirkError, Quirks
+from gcs.sim.fleet import Origin
+from gcs.sim.params import ParameterError, Parameters, Value, defaults
+from gcs.sim.quirks import QuirkError, Quirks
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -12,21 +12,21 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pymavlink.dialects.v20 import common
 
-from sim import params, reports
-from sim.commander import CRITICAL, INFO, Commander, Result
-from sim.commands import Command, execute
-from sim.mavlink import AUTOPILOT_COMPONENT
-from sim.state import NO_MODE
+from gcs.sim import params, reports
+from gcs.sim.commander import CRITICAL, INFO, Commander, Result
+from gcs.sim.commands import Command, execute
+from gcs.sim.mavlink import AUTOPILOT_COMPONENT
+from gcs.sim.state import NO_MODE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from sim.mavlink import Message
-    from sim.modes import Mode
-    from sim.outbox import Item, Outbox
-    from sim.quirks import Quirks
-    from sim.state import State
-    from sim.streams import Schedule
+    from gcs.sim.mavlink import Message
+    from gcs.sim.modes import Mode
+    from gcs.sim.outbox import Item, Outbox
+    from gcs.sim.quirks import Quirks
+    from gcs.sim.state import State
+    from gcs.sim.streams import Schedule
 
 MODE_RESULT_AFTER_S = 0.008  # item 3: recorded 6 to 15 ms
 SECOND_PARAMETER_AFTER_S = 0.015  # PX4 answers PARAM_SET, then announces the change: recorded

@@ -1,4 +1,4 @@
-"""The command line of the fake fleet: `python -m sim`, and the same arguments for `gcs sim`."""
+"""The command line of the fake fleet: `python -m gcs.sim`, and the same arguments for `gcs sim`."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import math
 import sys
 from typing import TYPE_CHECKING
 
-from sim import arguments, quirks
-from sim.endpoint import PortError
-from sim.fleet import MAX_SYSTEM_ID, Origin, Settings
-from sim.ports import HOST, MAX_PORT, Port, own_ports, shared_ports
-from sim.quirks import Quirks
-from sim.server import serve
-from sim.simulator_link import FIRST_PORT
-from sim.streams import RECORDED_HZ, lean_hz
-from sim.truth import TruthFile
+from gcs.sim import arguments, quirks
+from gcs.sim.endpoint import PortError
+from gcs.sim.fleet import MAX_SYSTEM_ID, Origin, Settings
+from gcs.sim.ports import HOST, MAX_PORT, Port, own_ports, shared_ports
+from gcs.sim.quirks import Quirks
+from gcs.sim.server import serve
+from gcs.sim.simulator_link import FIRST_PORT
+from gcs.sim.streams import RECORDED_HZ, lean_hz
+from gcs.sim.truth import TruthFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -164,7 +164,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The parser of `python -m sim`."""
+    """The parser of `python -m gcs.sim`."""
     parser = argparse.ArgumentParser(
         prog="sim", description="A fleet of fake PX4 vehicles that speak MAVLink 2."
     )

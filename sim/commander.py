@@ -10,15 +10,15 @@ import math
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING
 
-from sim import battery
-from sim.modes import MODES, NEEDS_PILOT, OFFBOARD_LOSS_MODE, PREVENTS_ARMING, STATION_LOSS_MODE, Mode
+from gcs.sim import battery
+from gcs.sim.modes import MODES, NEEDS_PILOT, OFFBOARD_LOSS_MODE, PREVENTS_ARMING, STATION_LOSS_MODE, Mode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sim.params import Parameters
-    from sim.quirks import Quirks
-    from sim.state import State
+    from gcs.sim.params import Parameters
+    from gcs.sim.quirks import Quirks
+    from gcs.sim.state import State
 
 CRITICAL, INFO = 2, 6  # MAV_SEVERITY
 IMPATIENT_S = 0.25  # how long OFFBOARD lives without setpoints where the quirk of item 13 is off

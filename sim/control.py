@@ -7,11 +7,11 @@ import socket
 import sys
 from typing import TYPE_CHECKING, Protocol
 
-from sim.endpoint import LARGEST, PortError
-from sim.orders import LONGEST_LINE
+from gcs.sim.endpoint import LARGEST, PortError
+from gcs.sim.orders import LONGEST_LINE
 
 if TYPE_CHECKING:
-    from sim.trouble import Trouble
+    from gcs.sim.trouble import Trouble
 
 
 class Control(Protocol):

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim import frames, setpoints
-from sim.mavlink import AUTOPILOT_COMPONENT, MAGIC, Codec
+from gcs.sim import frames, setpoints
+from gcs.sim.mavlink import AUTOPILOT_COMPONENT, MAGIC, Codec
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sim.autopilot import Autopilot
-    from sim.mavlink import Message
-    from sim.state import State
+    from gcs.sim.autopilot import Autopilot
+    from gcs.sim.mavlink import Message
+    from gcs.sim.state import State
 
 EVERYONE = 0  # as target system or component
 NOBODY = -1

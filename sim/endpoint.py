@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from sim.ports import Port
+    from gcs.sim.ports import Port
 
 Address: TypeAlias = tuple[str, int]
 

@@ -8,28 +8,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim import dynamics, frames, noise, reports
-from sim.autopilot import Autopilot, Shared
-from sim.battery import Batteries
-from sim.ears import Ears
-from sim.earth import Tangent
-from sim.guidance import Guidance
-from sim.mavlink import Codec
-from sim.outbox import Outbox
-from sim.params import Columns, Parameters
-from sim.quirks import Quirks
-from sim.sensed import Sensed
-from sim.snapshot import Snapshot
-from sim.state import State
-from sim.streams import RECORDED_HZ, Schedule
-from sim.watch import Watch
+from gcs.sim import dynamics, frames, noise, reports
+from gcs.sim.autopilot import Autopilot, Shared
+from gcs.sim.battery import Batteries
+from gcs.sim.ears import Ears
+from gcs.sim.earth import Tangent
+from gcs.sim.guidance import Guidance
+from gcs.sim.mavlink import Codec
+from gcs.sim.outbox import Outbox
+from gcs.sim.params import Columns, Parameters
+from gcs.sim.quirks import Quirks
+from gcs.sim.sensed import Sensed
+from gcs.sim.snapshot import Snapshot
+from gcs.sim.state import State
+from gcs.sim.streams import RECORDED_HZ, Schedule
+from gcs.sim.watch import Watch
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from sim.dynamics import Array
-    from sim.params import Value
-    from sim.state import Rows
+    from gcs.sim.dynamics import Array
+    from gcs.sim.params import Value
+    from gcs.sim.state import Rows
 
 STEP_S = 0.01
 MAX_SYSTEM_ID = 250

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common
 
-from sim.mavlink import AUTOPILOT_COMPONENT, CHECKSUM_LENGTH, HEADER_LENGTH, MAGIC
+from gcs.sim.mavlink import AUTOPILOT_COMPONENT, CHECKSUM_LENGTH, HEADER_LENGTH, MAGIC
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from sim.dynamics import Mask
-    from sim.mavlink import Message
-    from sim.state import Rows
+    from gcs.sim.dynamics import Mask
+    from gcs.sim.mavlink import Message
+    from gcs.sim.state import Rows
 
 Bytes: TypeAlias = NDArray[np.uint8]
 Words: TypeAlias = NDArray[np.uint16]

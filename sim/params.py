@@ -18,7 +18,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from sim.dynamics import Array
+    from gcs.sim.dynamics import Array
 
 Value: TypeAlias = int | float
 
@@ -34,7 +34,7 @@ class ParameterError(ValueError):
 @cache
 def defaults() -> Mapping[str, Value]:
     """The recorded table, sorted by name, read-only."""
-    text = resources.files("sim").joinpath("px4_params.json").read_text(encoding="ascii")
+    text = resources.files("gcs.sim").joinpath("px4_params.json").read_text(encoding="ascii")
     table: dict[str, Value] = json.loads(text)
     return MappingProxyType(dict(sorted(table.items())))
 

@@ -11,8 +11,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sim.dynamics import Array, Mask
-    from sim.state import Rows
+    from gcs.sim.dynamics import Array, Mask
+    from gcs.sim.state import Rows
 
 MANY = 8
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from sim.ports import HOST
+from gcs.sim.ports import HOST
 
 if TYPE_CHECKING:
-    from sim.fleet import Fleet
+    from gcs.sim.fleet import Fleet
 
 PERIOD_S = 0.04
 """PX4 v1.16 sends the message at 25 Hz (ROMFS, px4-rc.mavlinksim)."""

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim.dynamics import GRAVITY_M_S2
+from gcs.sim.dynamics import GRAVITY_M_S2
 
 if TYPE_CHECKING:
-    from sim.battery import Batteries
-    from sim.dynamics import Array, Mask
-    from sim.sensed import Sensed
-    from sim.state import Numbers, Rows, State
-    from sim.watch import Watch
+    from gcs.sim.battery import Batteries
+    from gcs.sim.dynamics import Array, Mask
+    from gcs.sim.sensed import Sensed
+    from gcs.sim.state import Numbers, Rows, State
+    from gcs.sim.watch import Watch
 
 
 @dataclass(frozen=True, eq=False)

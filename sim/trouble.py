@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from sim.commander import Stuck
-from sim.faults import Channel, Ills
-from sim.modes import Mode
-from sim.orders import FIXES, LINK_FAULTS, SENSORS, Order, OrderError, parse
-from sim.state import FIX_3D
+from gcs.sim.commander import Stuck
+from gcs.sim.faults import Channel, Ills
+from gcs.sim.modes import Mode
+from gcs.sim.orders import FIXES, LINK_FAULTS, SENSORS, Order, OrderError, parse
+from gcs.sim.state import FIX_3D
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from sim.endpoint import Address, Endpoint
-    from sim.fleet import Fleet
-    from sim.orders import Value
+    from gcs.sim.endpoint import Address, Endpoint
+    from gcs.sim.fleet import Fleet
+    from gcs.sim.orders import Value
 
 Origin: TypeAlias = "tuple[Endpoint, Address]"
 """Where a packet came from: the shell's business."""

@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
-    from sim.fleet import Fleet
+    from gcs.sim.fleet import Fleet
 
 PERIOD_S = 0.05
 

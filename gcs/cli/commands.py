@@ -88,7 +88,9 @@ COMMANDS: Final = {
         "gcs.cli.kill:run",
         "stop motors now, even in the air; works without the service",
     ),
-    "sim": Command("sim.cli:add_arguments", "sim.cli:run", "run a fake fleet alone, as python -m sim does"),
+    "sim": Command(
+        "gcs.sim.cli:add_arguments", "gcs.sim.cli:run", "run a fake fleet alone, as python -m gcs.sim does"
+    ),
     "completion": Command(
         "gcs.cli.completion:add_arguments",
         "gcs.cli.completion:run",

@@ -202,7 +202,7 @@ def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, trut
     One process for all: eight of them want most of a core, which flights beside them miss.
     """
     frame, count = config.show_frame, arguments.vehicles
-    common = [sys.executable, "-m", "sim", "--port-base", str(arguments.port_base)]
+    common = [sys.executable, "-m", "gcs.sim", "--port-base", str(arguments.port_base)]
     common += ["--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"]
     common += ["--grid-columns", str(_columns(count)), "--spacing", f"{PAD_SPACING_M:g}"]
     common += ["--seed", str(arguments.seed)]

@@ -23,7 +23,7 @@ class JsonLines(JsonFormatter):
         return {"time": time, **log_data, "level": log_data["level"].lower()}
 
 
-OURS = ("gcs", "api", "sim")
+OURS = ("gcs",)
 
 
 def set_up(level: int) -> None:

@@ -15,7 +15,7 @@ from gcs.cli.remote import REFUSED, add_connection, connected, failed
 from gcs.errors import GcsError
 
 if TYPE_CHECKING:
-    from api import wire_preflight
+    from gcs.api import wire_preflight
 
 STYLE: Final = {State.PASS: "green", State.FAIL: "bold red", State.UNKNOWN: "bold yellow"}
 

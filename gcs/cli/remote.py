@@ -26,9 +26,9 @@ from gcs.errors import AccessError, ConfigError, GcsError, InvalidError, LinkErr
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from api import wire
+    from gcs.api import wire
 else:
-    wire = Deferred("api.wire")
+    wire = Deferred("gcs.api.wire")
 
 EXIT_CODES: Final[dict[type[GcsError], int]] = {
     AccessError: 4,

@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from api.app import create_app
-from api.server import serve as serve_api
+from gcs.api.app import create_app
+from gcs.api.server import serve as serve_api
 from gcs.cli import logs
 from gcs.cli.certify import TRUTH
 from gcs.cli.record import session_folder

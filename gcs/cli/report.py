@@ -61,7 +61,7 @@ def read_truth(files: Sequence[Path], frame: ShowFrame) -> Truth:
     """Join truth files, each with the same vehicles from beginning to end.
 
     Args:
-        files: as `python -m sim --truth` writes them, their origin that of the show.
+        files: as `python -m gcs.sim --truth` writes them, their origin that of the show.
         frame: to rotate into the show frame.
 
     Raises: GcsError when a file is empty.

@@ -10,11 +10,11 @@ from pathlib import Path
 
 from starlette.types import ASGIApp
 
-from api.app import create_app
-from api.door import Door, log_denied
-from api.guard import EmergencyLane
-from api.server import serve as serve_api
 from gcs.access import Audit, is_loopback
+from gcs.api.app import create_app
+from gcs.api.door import Door, log_denied
+from gcs.api.guard import EmergencyLane
+from gcs.api.server import serve as serve_api
 from gcs.cli import eventloop, notify
 from gcs.cli.notify import Notifier
 from gcs.cli.record import make_record

@@ -18,7 +18,7 @@ from gcs.cli.alarm_lines import alarm_lines
 from gcs.lifecycle import Phase
 
 if TYPE_CHECKING:
-    from api import wire
+    from gcs.api import wire
 
 OLD_S: Final = 1.0
 POOR_LINK: Final = 0.8

@@ -104,7 +104,7 @@ def busy_s(pid: int) -> float:
 
 
 def measure(count: int, shared: bool) -> str:
-    command = [sys.executable, "-m", "sim", "--count", str(count), "--port-base", str(PORT)]
+    command = [sys.executable, "-m", "gcs.sim", "--count", str(count), "--port-base", str(PORT)]
     command += ["--telemetry-hz", str(TELEMETRY_HZ), "--battery", "600", "--param", "COM_OF_LOSS_T=10"]
     station = Station(count, shared)
     with subprocess.Popen(command + ["--shared-port"] * shared, stdout=subprocess.PIPE, text=True) as process:

@@ -55,7 +55,15 @@ def fleet(config: Config) -> Iterator[None]:
     """Fake vehicles in a process of their own, with the parameters that the configuration asks for."""
     values = settings_of(requirements(config.operation, config.control))
     options = [word for name, value in values.items() for word in ("--param", f"{name}={value:g}")]
-    command = [sys.executable, "-m", "sim", "--count", str(len(config.ids)), "--port-base", str(FIRST_PORT)]
+    command = [
+        sys.executable,
+        "-m",
+        "gcs.sim",
+        "--count",
+        str(len(config.ids)),
+        "--port-base",
+        str(FIRST_PORT),
+    ]
     process = subprocess.Popen([*command, *options], stdout=subprocess.DEVNULL)
     try:
         yield

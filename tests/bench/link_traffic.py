@@ -1,7 +1,7 @@
 """Light vehicles for measuring: a whole fleet's telemetry, made in batches, in a process of its own.
 
 They are in OFFBOARD from the beginning, do what setpoints say with a little lag, and answer commands with
-"accepted". `python -m sim` is the fake fleet that behaves like PX4; this one only costs little.
+"accepted". `python -m gcs.sim` is the fake fleet that behaves like PX4; this one only costs little.
 
 Ended by SIGTERM it says in one line of JSON what it saw of its ground station; SIGUSR1 lets what it measures
 begin anew.

@@ -22,8 +22,8 @@ from gcs.frames import ShowFrame
 from gcs.plan import Formation, Plan
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
+from gcs.sim.dynamics import PointMasses, Response, step
 from gcs.state import Array, FleetState, Traits
-from sim.dynamics import PointMasses, Response, step
 
 WARM_UPS = 3
 LONGEST_S = 6.0

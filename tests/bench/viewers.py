@@ -21,8 +21,8 @@ from link_measures import WARM_UP_S, flying
 from link_service import config_of, ended, in_formation, links_of, p99_ms
 from websockets.asyncio.client import connect
 
-from api.app import create_app
-from api.server import serve
+from gcs.api.app import create_app
+from gcs.api.server import serve
 from gcs.cli import eventloop
 from gcs.orchestrator import Orchestrator
 

@@ -35,7 +35,7 @@ SETTLED_S: Final = 3.0
 @contextmanager
 def fleet(config: configuration.Config, port: int, control: int) -> Iterator[None]:
     """One process of fake vehicles, which hears faults."""
-    command = [sys.executable, "-m", "sim", "--count", str(COUNT), "--port-base", str(port)]
+    command = [sys.executable, "-m", "gcs.sim", "--count", str(COUNT), "--port-base", str(port)]
     command += ["--origin", ORIGIN, "--grid-columns", "4", "--quirk", "late-ready=off"]
     command += ["--control", str(control), *proper(config)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:

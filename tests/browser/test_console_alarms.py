@@ -54,7 +54,7 @@ def broken_fleet(folder: Path) -> Iterator[tuple[Station, Fault, int]]:
     raw["reactions"]["wind"] |= wind  # also of a fleet that is paused, and steers against it
     raw["reactions"]["links_late"] |= {"late_s": 5.0, "arrive_min": 0.2}  # a busy machine is no late link
     config = configuration.Config.model_validate(raw)
-    command = [sys.executable, "-m", "sim", "--count", str(COUNT), "--port-base", str(port)]
+    command = [sys.executable, "-m", "gcs.sim", "--count", str(COUNT), "--port-base", str(port)]
     command += ["--origin", ORIGIN, "--grid-columns", "4", "--quirk", "late-ready=off"]
     command += ["--control", str(control), *proper(config)]
 
@@ -77,7 +77,7 @@ def broken_fleet(folder: Path) -> Iterator[tuple[Station, Fault, int]]:
 @contextmanager
 def second_with_the_same_id(port: int) -> Iterator[None]:
     """Another vehicle with the system id of d9, on its port."""
-    command = [sys.executable, "-m", "sim", "--first", "8", "--count", "1", "--port-base", str(port)]
+    command = [sys.executable, "-m", "gcs.sim", "--first", "8", "--count", "1", "--port-base", str(port)]
     with subprocess.Popen([*command, "--origin", ORIGIN], stdout=subprocess.DEVNULL) as other:
         try:
             yield

@@ -19,9 +19,9 @@ from pathlib import Path
 import yaml
 from machine import free_ports
 
-from api.app import create_app
-from api.server import serve as serve_api
 from gcs import config as configuration
+from gcs.api.app import create_app
+from gcs.api.server import serve as serve_api
 from gcs.client import Client
 from gcs.errors import GcsError
 from gcs.orchestrator import Orchestrator
@@ -65,7 +65,7 @@ def vehicles(
     One process flies them all, but for the one that is to be `apart`, and so can be killed: it is yielded.
     They can be armed at once: PX4's few seconds until then are the demo's and the README session's.
     """
-    command = [sys.executable, "-m", "sim", "--port-base", str(port_base)]
+    command = [sys.executable, "-m", "gcs.sim", "--port-base", str(port_base)]
     command += ["--origin", ORIGIN, "--grid-columns", "3", "--quirk", "late-ready=off", *options]
 
     def started(first: int, end: int, *more: str) -> subprocess.Popen[bytes]:

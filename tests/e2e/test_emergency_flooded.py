@@ -101,7 +101,17 @@ async def printed(program: str, *words: object) -> bytes:
 @contextmanager
 def fake_fleet(base: int, *options: str) -> Iterator[None]:
     """All of it in one process, which ends with the block."""
-    sim = [sys.executable, "-m", "sim", "--count", str(COUNT), "--port-base", str(base), "--origin", ORIGIN]
+    sim = [
+        sys.executable,
+        "-m",
+        "gcs.sim",
+        "--count",
+        str(COUNT),
+        "--port-base",
+        str(base),
+        "--origin",
+        ORIGIN,
+    ]
     fleet = subprocess.Popen([*sim, "--telemetry-hz", "10", *options], stdout=subprocess.DEVNULL)
     try:
         yield

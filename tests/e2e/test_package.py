@@ -25,14 +25,15 @@ def test_a_wheel_brings_its_configurations_and_the_fake_autopilot(tmp_path: Path
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "site")
     names = {str(path.relative_to(tmp_path / "site")) for path in (tmp_path / "site").rglob("*")}
-    assert {"gcs/_configs/demo.yaml", "sim/px4_params.json"} <= names
-    assert {"api/console/dist/index.html", "api/console/dist/docs.html"} <= names
-    assert {f"{package}/py.typed" for package in ("gcs", "api", "sim")} <= names
+    assert {"gcs/_configs/demo.yaml", "gcs/py.typed", "gcs/sim/px4_params.json"} <= names
+    assert {"gcs/api/console/dist/index.html", "gcs/api/console/dist/docs.html"} <= names
+    own = {name for name in names if "/" not in name and not name.endswith(".dist-info")}
+    assert own == {"gcs"}  # a user's own package `api` or `sim` is not shadowed
     assert {f"gcs/_docs/{name}" for name in NAMES} <= names
-    page = (tmp_path / "site" / "api" / "console" / "dist" / "index.html").read_text(encoding="utf-8")
+    page = (tmp_path / "site" / "gcs" / "api" / "console" / "dist" / "index.html").read_text(encoding="utf-8")
     scripts = [name for name in names if name.endswith(".js")]
     assert scripts
-    assert all(name.startswith("api/console/dist/assets/") for name in scripts)
+    assert all(name.startswith("gcs/api/console/dist/assets/") for name in scripts)
     assert any(Path(name).name in page for name in scripts)
     assert all({f"{name}.br", f"{name}.gz"} <= names for name in scripts)
     assert not [name for name in names if name.endswith((".ts", "package.json")) or "node_modules" in name]
@@ -88,12 +89,15 @@ def test_an_sdist_builds_the_page_for_itself(tmp_path: Path) -> None:
     shutil.unpack_archive(sdist, tmp_path, filter="data")
     (source,) = tmp_path.glob("formation_gcs-*/")
     assert not (source / "api" / "console" / "dist").exists()
+    assert (source / "sim" / "cli.py").is_file()
     (node,) = ROOT.glob(".venv-node/lib/*/site-packages")  # as a build frontend brings it
     alone = {"PYTHONPATH": str(node), "PATH": "/usr/bin:/bin"}
     subprocess.run([*hatchling, "wheel"], check=True, cwd=source, capture_output=True, env=os.environ | alone)
     (wheel,) = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as built:
-        assert b"/assets/" in built.read("api/console/dist/index.html")
+        names = set(built.namelist())
+        assert {"gcs/api/app.py", "gcs/sim/px4_params.json", "gcs/cli/main.py"} <= names
+        assert b"/assets/" in built.read("gcs/api/console/dist/index.html")
 
 
 @pytest.mark.parametrize("lock", ["requirements.lock", "requirements-mutate.lock", "requirements-node.lock"])

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from ground import SOON_S, flying_config, last_truths, proper, until, vehicles
 
-from api.app import create_app
-from api.server import serve
+from gcs.api.app import create_app
+from gcs.api.server import serve
 from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.config import Config

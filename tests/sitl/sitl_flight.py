@@ -10,7 +10,7 @@ import numpy as np
 from sitl_service import Service, ServiceError
 from sitl_simulators import Simulators
 
-from api import wire
+from gcs.api import wire
 from gcs.cli.report import Commanded
 from gcs.client import Client
 from gcs.errors import GcsError, RefusedError

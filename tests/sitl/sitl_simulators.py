@@ -181,7 +181,15 @@ class FakeFleet:
         """`lost` is the index of the vehicle that can be killed."""
         frame = pads.frame
         self._command = [
-            *(sys.executable, "-m", "sim", "--port-base", str(port), "--simulator-link", str(simulator_port)),
+            *(
+                sys.executable,
+                "-m",
+                "gcs.sim",
+                "--port-base",
+                str(port),
+                "--simulator-link",
+                str(simulator_port),
+            ),
             *("--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"),
             *("--grid-columns", str(COLUMNS), "--spacing", f"{pads.spacing_m:g}"),
         ]

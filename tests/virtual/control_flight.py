@@ -1,4 +1,4 @@
-"""Flights of `gcs.control.tick` against `sim.dynamics` in virtual time, judged by the true positions."""
+"""Flights of `gcs.control.tick` against `gcs.sim.dynamics` in virtual time, judged by the true positions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,9 +11,9 @@ from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
 from gcs.formation.thomson import best_configuration, energy, nearest_m
 from gcs.plan import Formation, Plan
 from gcs.safety.separation import minimum_separation
+from gcs.sim import noise
+from gcs.sim.dynamics import PointMasses, Response, step
 from gcs.state import Array, FleetState, Mask, Traits
-from sim import noise
-from sim.dynamics import PointMasses, Response, step
 
 TICK_S = 0.05
 STEP_S = 0.01

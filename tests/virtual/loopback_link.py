@@ -22,12 +22,12 @@ from gcs.links.mavlink_frames import HEARTBEAT, PARAM_VALUE, kill_frame, paramet
 from gcs.links.parameter_news import ParameterNews
 from gcs.links.roster import Address
 from gcs.links.settings import StreamSettings
+from gcs.sim.autopilot import Autopilot
+from gcs.sim.faults import Channel
+from gcs.sim.fleet import STEP_S, Fleet
+from gcs.sim.modes import Mode as PilotMode
+from gcs.sim.trouble import Origin, Trouble
 from gcs.state import Array, Setpoints, Telemetry, VehicleId
-from sim.autopilot import Autopilot
-from sim.faults import Channel
-from sim.fleet import STEP_S, Fleet
-from sim.modes import Mode as PilotMode
-from sim.trouble import Origin, Trouble
 
 STATION = (245, 190)
 VELOCITY_AND_YAW = 0x9C7

@@ -7,8 +7,8 @@ import numpy as np
 from virtual_show import Show
 
 from gcs.safety.separation import minimum_separation
+from gcs.sim.fleet import STEP_S
 from gcs.state import Array
-from sim.fleet import STEP_S
 
 HEARD_FIRST: float = 1.0
 """Share of what vehicles said meanwhile that is heard afterwards: buffers overflow, and keep the oldest."""

@@ -10,8 +10,8 @@ import pytest
 from reaction_stories import reaction
 from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
-from api.console_feed import Feed
 from gcs.alarms import RANK, Alarm, AlarmCause, AlarmSeverity
+from gcs.api.console_feed import Feed
 from gcs.errors import LinkError
 from gcs.lifecycle import Phase
 from gcs.reactions import Cause

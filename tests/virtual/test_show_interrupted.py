@@ -33,8 +33,8 @@ from gcs.records.exclusions import exclusions
 from gcs.records.interruption import interruption
 from gcs.records.record import Record
 from gcs.service import WHO, Outcome, ShowAction, VehicleAction
+from gcs.sim.fleet import Fleet, Settings
 from gcs.state import Mode
-from sim.fleet import Fleet, Settings
 
 T = TypeVar("T")
 Story = Callable[[Show], Awaitable[T]]

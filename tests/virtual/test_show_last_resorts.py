@@ -10,8 +10,8 @@ from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.links import Verb
 from gcs.plan import Obstacle
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.sim.modes import Mode as PilotMode
 from gcs.state import Mode
-from sim.modes import Mode as PilotMode
 
 
 async def hold_overtaken_by_stop(show: Show) -> tuple[OrderRecord, ShowPhase, list[bool]]:

@@ -9,8 +9,8 @@ from gcs.errors import RefusedError
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Verb
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.sim.modes import Mode as PilotMode
 from gcs.state import Mode, VehicleId
-from sim.modes import Mode as PilotMode
 
 
 class TakenOver(NamedTuple):

@@ -8,7 +8,7 @@ import pytest
 from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, refused
 from written_show import NAME, TEXT, answer, check, config, fly, keep, select
 
-from api.app import create_app
+from gcs.api.app import create_app
 from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.lifecycle import ShowPhase
 from gcs.plan import MAX_OBSTACLES, Formation, Obstacle

@@ -14,7 +14,7 @@ from gcs.interrupted import Offer
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.parameters import requirements, settings_of
 from gcs.service import Outcome, ShowAction, VehicleAction
-from sim.fleet import Fleet, Settings
+from gcs.sim.fleet import Fleet, Settings
 
 
 async def cut_off(show: Show, stalled_s: float = 4.0) -> None:

@@ -12,7 +12,7 @@ from gcs.alarms import AlarmCause
 from gcs.counts import Counts
 from gcs.lifecycle import FLOWN, ShowPhase
 from gcs.service import Outcome, ShowAction
-from sim.modes import Mode as PilotMode
+from gcs.sim.modes import Mode as PilotMode
 
 COUNT = 5
 TRUE_WITHIN_S = 1.0

@@ -22,9 +22,9 @@ from gcs.records.record import Record
 from gcs.rows import VehicleView
 from gcs.safety.separation import minimum_separation
 from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.sim.fleet import Fleet, Settings
+from gcs.sim.trouble import Trouble
 from gcs.state import Array, VehicleId
-from sim.fleet import Fleet, Settings
-from sim.trouble import Trouble
 
 T = TypeVar("T")
 

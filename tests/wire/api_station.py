@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from api.app import create_app
-from api.door import Door
-from api.server import serve
+from gcs.api.app import create_app
+from gcs.api.door import Door
+from gcs.api.server import serve
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 

@@ -1,7 +1,7 @@
 """A vehicle small enough to read: real MAVLink frames over a real UDP socket, from a thread of its own.
 
-It obeys at once and has no dynamics; `python -m sim` is the one that flies. It can do what that one should
-not: share a system id, fall silent, refuse, and keep every frame that reached it.
+It obeys at once and has no dynamics; `python -m gcs.sim` is the one that flies. It can do what that one
+should not: share a system id, fall silent, refuse, and keep every frame that reached it.
 """
 
 import socket

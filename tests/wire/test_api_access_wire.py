@@ -15,12 +15,12 @@ from starlette.types import ASGIApp
 from websockets.asyncio.client import connect
 from websockets.typing import Subprotocol
 
-from api.app import create_app
-from api.door import Door
-from api.guard import EmergencyLane
-from api.server import serve
 from gcs import config as configuration
 from gcs.access import Role, TlsSettings
+from gcs.api.app import create_app
+from gcs.api.door import Door
+from gcs.api.guard import EmergencyLane
+from gcs.api.server import serve
 from gcs.cli.main import main
 from gcs.client import Client
 from gcs.errors import AccessError, ConfigError, LinkError

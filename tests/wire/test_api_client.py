@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from api.app import create_app
+from gcs.api.app import create_app
 from gcs.client import Client
 from gcs.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
 from gcs.service import Outcome

@@ -17,10 +17,10 @@ from api_station import narrow, served, ticking
 from api_station import run as run_beside
 from websockets.asyncio.client import ClientConnection, connect
 
-from api import frames
-from api.desk import VIEWERS_MAX
-from api.door import Door
 from gcs.access import Role
+from gcs.api import frames
+from gcs.api.desk import VIEWERS_MAX
+from gcs.api.door import Door
 from gcs.plan import Formation
 from gcs.tokens import Tokens, create_token, revoke_token
 

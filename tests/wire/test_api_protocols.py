@@ -11,10 +11,10 @@ import websockets
 from api_station import run, served
 from websockets.asyncio.client import connect
 
-from api import wire
-from api.door import TELL_BURST, TELL_PER_S, Door
-from api.protocols import CONNECTIONS_MAX, LINES_BURST
 from gcs.access import Denied, Role
+from gcs.api import wire
+from gcs.api.door import TELL_BURST, TELL_PER_S, Door
+from gcs.api.protocols import CONNECTIONS_MAX, LINES_BURST
 from gcs.tokens import Tokens, create_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))

@@ -13,14 +13,14 @@ import schemathesis
 from hypothesis import HealthCheck, Phase, settings
 from schemathesis import Case
 
-from api.app import create_app
-from api.door import Door
-from api.server import serve
 from gcs.access import Role
+from gcs.api.app import create_app
+from gcs.api.door import Door
+from gcs.api.server import serve
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
+from gcs.sim.fleet import Fleet, Settings
 from gcs.tokens import Tokens, create_token
-from sim.fleet import Fleet, Settings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "virtual"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))

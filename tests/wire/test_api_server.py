@@ -17,10 +17,10 @@ from api_station import narrow, run, served, ticking
 from machine import Witness
 from websockets.asyncio.client import ClientConnection, connect
 
-from api.app import create_app
-from api.desk import VIEWERS_MAX
-from api.protocols import CONNECTIONS_MAX
-from api.server import serve
+from gcs.api.app import create_app
+from gcs.api.desk import VIEWERS_MAX
+from gcs.api.protocols import CONNECTIONS_MAX
+from gcs.api.server import serve
 from gcs.errors import LinkError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))

@@ -14,10 +14,10 @@ import pytest
 from rich.console import Console
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from api.app import create_app
-from api.door import Door
 from gcs.access import Role
 from gcs.alarms import AlarmCause, Condition
+from gcs.api.app import create_app
+from gcs.api.door import Door
 from gcs.cli import status
 from gcs.cli.commands import ACTIONS, CALLS
 from gcs.cli.main import main

@@ -21,7 +21,7 @@ def simulator(first_port: int, count: int, *parameters: str) -> Iterator[None]:
     options += ["--quirk", "late-ready=off"]
     options += ["--param", "COM_OF_LOSS_T=3"]  # they notice the tick's end, not a pause of the machine
     options += [word for each in parameters for word in ("--param", each)]
-    process = subprocess.Popen([sys.executable, "-m", "sim", *options], stdout=subprocess.DEVNULL)
+    process = subprocess.Popen([sys.executable, "-m", "gcs.sim", *options], stdout=subprocess.DEVNULL)
     try:
         yield
     finally:

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("transport")
 
 @contextmanager
 def simulator(first_port: int) -> Iterator[None]:
-    command = [sys.executable, "-m", "sim", "--count", "2", "--port-base", str(first_port)]
+    command = [sys.executable, "-m", "gcs.sim", "--count", "2", "--port-base", str(first_port)]
     command += ["--quirk", "late-ready=off", "--param", "MPC_XY_VEL_MAX=7.5"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:

@@ -12,9 +12,9 @@ import pytest
 from replays import replay
 from websockets.asyncio.client import connect
 
-from api import frames
 from gcs import config as configuration
 from gcs.alarms import Alarm, AlarmCause, AlarmSeverity
+from gcs.api import frames
 from gcs.cli.main import main
 from gcs.client import Client
 from gcs.errors import InvalidError, RefusedError

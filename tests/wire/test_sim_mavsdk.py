@@ -1,4 +1,4 @@
-"""MAVSDK's own calls against `python -m sim` over UDP, on the real clock."""
+"""MAVSDK's own calls against `python -m gcs.sim` over UDP, on the real clock."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LOCAL = "127.0.0.1"
 @contextlib.contextmanager
 def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     """A sim that has said it is ready; stopped at the end, and it must stop cleanly."""
-    command = [sys.executable, "-m", "sim", *arguments]
+    command = [sys.executable, "-m", "gcs.sim", *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
@@ -164,7 +164,7 @@ def test_as_px4_it_answers_whoever_speaks_first_to_its_port() -> None:
 def test_a_taken_port_is_named_and_exits_with_one() -> None:
     with listen(14580 + 210):
         done = subprocess.run(
-            [sys.executable, "-m", "sim", "--first", "210"],
+            [sys.executable, "-m", "gcs.sim", "--first", "210"],
             capture_output=True,
             text=True,
             timeout=60,

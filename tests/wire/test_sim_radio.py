@@ -1,4 +1,4 @@
-"""`python -m sim` behind a radio: shared ports, namespaces, faults by order; on the real clock."""
+"""`python -m gcs.sim` behind a radio: shared ports, namespaces, faults by order; on the real clock."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LIMIT_S = 60.0
 
 @contextlib.contextmanager
 def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "sim", *arguments]
+    command = [sys.executable, "-m", "gcs.sim", *arguments]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
         try:

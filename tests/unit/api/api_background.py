@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 from starlette.types import ASGIApp
 
-from api.server import serve
+from gcs.api.server import serve
 
 
 @contextmanager

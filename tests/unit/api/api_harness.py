@@ -6,7 +6,7 @@ from typing import Any
 import httpx
 from api_fake_service import FakeService
 
-from api.app import create_app
+from gcs.api.app import create_app
 
 
 class Api:

@@ -8,10 +8,10 @@ import httpx
 import pytest
 from api_fake_service import FakeService
 
-from api.app import create_app
-from api.door import TELL_BURST, Door
-from api.guard import EmergencyLane
 from gcs.access import Denied, Role
+from gcs.api.app import create_app
+from gcs.api.door import TELL_BURST, Door
+from gcs.api.guard import EmergencyLane
 from gcs.lifecycle import ShowPhase
 from gcs.tokens import Tokens, create_token, revoke_token
 

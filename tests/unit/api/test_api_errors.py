@@ -7,7 +7,7 @@ import pytest
 from api_fake_service import FakeService
 from api_harness import Api
 
-from api import wire
+from gcs.api import wire
 from gcs.errors import LinkError, ShapeError
 from gcs.lifecycle import ShowPhase
 from gcs.service import OrderRecord, ShowAction

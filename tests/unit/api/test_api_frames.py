@@ -10,7 +10,7 @@ import pytest
 from api_fake_service import FRAME, FakeService
 from numpy.typing import NDArray
 
-from api import convert, frames
+from gcs.api import convert, frames
 from gcs.estimates import Estimates
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.service import SelectedShow

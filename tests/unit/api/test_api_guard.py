@@ -6,9 +6,9 @@ import pytest
 from api_fake_service import FakeService
 from api_harness import Api
 
-from api.app import create_app
-from api.door import Door
-from api.guard import BODY_MAX_BYTES, DRAIN_MAX_BYTES
+from gcs.api.app import create_app
+from gcs.api.door import Door
+from gcs.api.guard import BODY_MAX_BYTES, DRAIN_MAX_BYTES
 from gcs.lifecycle import ShowPhase
 from gcs.service import OrderRecord
 

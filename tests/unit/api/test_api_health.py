@@ -6,9 +6,9 @@ import pytest
 from api_fake_service import FRAME, FakeService
 from api_harness import Api
 
-from api import convert
-from api.desk import VIEWERS_MAX, Desk
-from api.door import Door
+from gcs.api import convert
+from gcs.api.desk import VIEWERS_MAX, Desk
+from gcs.api.door import Door
 from gcs.errors import RefusedError
 
 

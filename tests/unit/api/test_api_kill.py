@@ -3,7 +3,7 @@
 import pytest
 from api_harness import Api
 
-from api.killswitch import VALID_S, WAITING_MAX, KillSwitch
+from gcs.api.killswitch import VALID_S, WAITING_MAX, KillSwitch
 from gcs.errors import RefusedError
 from gcs.lifecycle import Phase
 

@@ -8,9 +8,9 @@ import pytest
 from api_fake_service import FakeService
 from mbtiles import mbtiles
 
-from api.app import create_app
-from api.door import Door
 from gcs.access import Role
+from gcs.api.app import create_app
+from gcs.api.door import Door
 from gcs.map_settings import MapSettings
 from gcs.maps import GroundMap, open_map
 from gcs.tokens import Tokens, create_token

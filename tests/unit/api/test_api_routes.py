@@ -6,8 +6,8 @@ from api_fake_service import FakeService
 from api_harness import Api
 from rich.console import Console
 
-from api import convert, wire
 from gcs.alarms import AlarmCause, Condition
+from gcs.api import convert, wire
 from gcs.cli.status_table import board
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.plan import Direction, YawPolicy

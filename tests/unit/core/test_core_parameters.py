@@ -9,7 +9,7 @@ from gcs.config import OperationSettings
 from gcs.control import ControlSettings
 from gcs.links import ParameterValue
 from gcs.parameters import Requirement, broken, parameter_checks, requirements, settings_of
-from sim.params import Parameters, defaults
+from gcs.sim.params import Parameters, defaults
 
 OPERATION, CONTROL = OperationSettings(), ControlSettings()
 NEEDED = requirements(OPERATION, CONTROL)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sim import cli
+from gcs.sim import cli
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,10 +9,10 @@ import pymap3d
 import pytest
 from pymavlink.dialects.v20 import common
 
-from sim import frames, ports
-from sim.earth import Tangent
-from sim.fleet import Fleet, Settings
-from sim.streams import RECORDED_HZ
+from gcs.sim import frames, ports
+from gcs.sim.earth import Tangent
+from gcs.sim.fleet import Fleet, Settings
+from gcs.sim.streams import RECORDED_HZ
 
 
 def heard(fleet: Fleet) -> list[tuple[int, bytes]]:

@@ -11,8 +11,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-from sim.fleet import STEP_S, Fleet, Settings
-from sim.streams import RECORDED_HZ
+from gcs.sim.fleet import STEP_S, Fleet, Settings
+from gcs.sim.streams import RECORDED_HZ
 
 PX4_DATA = Path(__file__).parents[2] / "data" / "px4"
 STATION = (245, 190)

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from sim_bench import ACCEPTED, HOLD, LAND, OFFBOARD, POSITION, TEMPORARILY_REJECTED, VELOCITY_ONLY, Bench
 
-from sim.quirks import QuirkError, Quirks, names
-from sim.streams import RECORDED_HZ
+from gcs.sim.quirks import QuirkError, Quirks, names
+from gcs.sim.streams import RECORDED_HZ
 
 
 def without(quirk: str, **settings: Any) -> Bench:

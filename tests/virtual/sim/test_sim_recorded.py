@@ -10,8 +10,8 @@ import pytest
 from pymavlink.dialects.v20 import common
 from sim_bench import Bench, digest
 
-from sim.dynamics import GRAVITY_M_S2
-from sim.streams import RECORDED_HZ
+from gcs.sim.dynamics import GRAVITY_M_S2
+from gcs.sim.streams import RECORDED_HZ
 
 # What the recorded PX4 sends and the fake does not: see sim/reports.py.
 LEFT_OUT = {
