@@ -144,7 +144,6 @@ CALLS: Final = (
     Call("include", "preflight.include", "take an excluded vehicle into the show again"),
     Call("playback show", "playback.now", "how the record is played, and where it is"),
     Call("playback set", "playback.change", "pause the record, change its speed or position"),
-    Call("playback marks", "playback.marks", "phases, cues and events of the record, and where it is idle"),
     Call(
         "playback certificate", "playback.certificate", "what the flight kept and broke; ask until it is done"
     ),
