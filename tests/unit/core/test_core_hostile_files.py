@@ -57,6 +57,7 @@ def test_a_yaml_bomb_is_refused_with_line_and_column_before_it_goes_off(
 
 
 @pytest.mark.parametrize("levels", LEVELS)
+@pytest.mark.usefixtures("logging_restored")
 def test_the_command_line_refuses_a_bomb_in_one_line(
     levels: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
