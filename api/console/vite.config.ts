@@ -1,6 +1,6 @@
 import { defineConfig } from "vitest/config";
 
-import { compressed } from "./compress";
+import { compressed } from "./compress.ts";
 
 // `npx vite` serves the page while one works on it, and asks a service on this machine for the rest.
 export default defineConfig({
