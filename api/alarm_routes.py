@@ -26,7 +26,7 @@ async def list_alarms(desk: DeskDep) -> AlarmList:
     responses=COMMAND,
 )
 async def acknowledge_all_alarms(desk: DeskDep) -> list[Alarm]:
-    """Answers those that nobody had acknowledged. Ended ones are listed no more; nothing else changes."""
+    """Returns the alarms that were not acknowledged before. Ended ones are removed from the list."""
     return [convert_alarms.alarm(each) for each in desk.service.acknowledge_alarms()]
 
 
@@ -37,7 +37,7 @@ async def acknowledge_all_alarms(desk: DeskDep) -> list[Alarm]:
     responses=COMMAND | errors(404),
 )
 async def acknowledge_alarm(alarm_id: AlarmId, desk: DeskDep) -> Alarm:
-    """It stays listed while its cause lasts, with who has seen it and when. Who was first stays named."""
+    """It stays listed while its cause lasts, with the name and time of the first acknowledgement."""
     if alarm_id == AlarmCause.CONTROL_STOPPED.value:
         raise RefusedError("control-stopped is not acknowledged: it stays on top until control runs again")
     return convert_alarms.alarm(desk.service.acknowledge_alarm(alarm_id))

@@ -63,7 +63,7 @@ def _number(parameter: str) -> float:
 
 
 def _quality(coding: str, liked: Mapping[str, float]) -> float:
-    """Files as they are may be sent to everybody who does not refuse them, compressed ones only who asks."""
+    """Uncompressed files are sent unless refused, compressed ones only on request."""
     if coding in liked:
         return liked[coding]
     if coding == IDENTITY:

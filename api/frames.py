@@ -50,7 +50,7 @@ ARMED, READY, RESTRAINED, COMMANDED, LIT = (1 << bit for bit in range(5))
 """Bits of `flags`."""
 
 NO_ROW: Final = 2**32 - 1
-"""Where a row is told and there is none."""
+"""The row number that means none."""
 
 UPWARDS: Final = np.array([1.0, 1.0, -1.0])
 

@@ -133,7 +133,7 @@ def _is_embedded(call: Call) -> bool:
     """Whether a page of another site asks, for a picture, a frame or whatever needs no `Origin`.
 
     Such a request is refused before it is counted: it must not use up the calls of the operator's own page.
-    A link that leads here from elsewhere is followed: that is a person who opens the console.
+    A link from another site is followed: an operator opens the console with it.
     """
     if call.headers.get("sec-fetch-site", "none") in {"none", "same-origin"}:
         return False

@@ -132,9 +132,7 @@ def _one_of(name: str, text: str, kinds: type[ShowPhase], now: ShowPhase) -> Met
 
 def _alarms(view: FleetView, problem: str) -> Iterator[Metric]:
     lasting = [alarm for alarm in current(view, problem) if alarm.lasts]
-    of_severity = GaugeMetricFamily(
-        "formation_alarms", "Alarms whose cause lasts, by severity.", labels=["severity"]
-    )
+    of_severity = GaugeMetricFamily("formation_alarms", "Alarms that last, by severity.", labels=["severity"])
     for severity in AlarmSeverity:
         of_severity.add_metric([severity.value], sum(alarm.severity is severity for alarm in lasting))
     yield of_severity
@@ -151,7 +149,7 @@ def _alarms(view: FleetView, problem: str) -> Iterator[Metric]:
         state.add_metric([kind.value], float(kind is worst))
     yield state
     is_open = sum(alarm.acknowledged_by is None for alarm in current(view, problem))
-    yield _gauge("formation_alarms_unacknowledged", "Alarms that nobody has acknowledged.", float(is_open))
+    yield _gauge("formation_alarms_unacknowledged", "Alarms not acknowledged yet.", float(is_open))
 
 
 def _histogram(name: str, text: str, seen: Histogram) -> Metric:

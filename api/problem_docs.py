@@ -12,7 +12,7 @@ from gcs.errors import InvalidError
 MEANING: Final = {
     400: "The body cannot be read.",
     401: "No token, or one that is not known.",
-    403: "A token whose role may not do this, a foreign web page, or a host name that is not this service's.",
+    403: "A token without the role for this, a foreign web page, or a host name that is not accepted.",
     404: "No such thing.",
     408: "The body did not come in time.",
     409: "Proper, but not now; `detail` says why and what to do.",

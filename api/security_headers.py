@@ -1,4 +1,4 @@
-"""Headers of every answer: what it is taken for, who may show it, what it may load.
+"""Headers of every answer: its type, which pages may frame it, what it may load.
 
 An answer that brings headers of its own, as the console's page does, keeps them.
 """

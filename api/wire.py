@@ -480,7 +480,7 @@ class Fleet(Outward):
     setpoints_sent: int
     filter_interventions: int = Field(description="Each vehicle in each tick that safety changed, in all.")
     interrupted: Interrupted | None = Field(description="A flight that was cut off, and is not settled.")
-    severity: OverallSeverity = Field(description="The worst of the alarms whose cause lasts.")
+    severity: OverallSeverity = Field(description="The worst severity of the alarms that last.")
     alarms: list[Alarm] = Field(
         description="The most severe first, of one severity the newest first; those that have ended at last."
     )

@@ -32,12 +32,12 @@ class Alarm(BaseModel):
             " acknowledged. The newest of a severity is listed first."
         )
     )
-    acknowledged_by: str | None = Field(description="Whose token; null: nobody has.")
+    acknowledged_by: str | None = Field(description="Name of the token used; null: not acknowledged.")
     acknowledged_unix_time_s: float | None
     ended_unix_time_s: float | None = Field(
         description=(
-            "null: the cause lasts. Emergencies and warnings that nobody acknowledged stay listed after their"
-            " cause has ended, until somebody does; they do not count for the state of the whole."
+            "null: the cause lasts. Emergencies and warnings stay listed after their cause has ended until"
+            " they are acknowledged; they do not count for the state of the whole."
         )
     )
     order_id: str | None = Field(description="The command that the service gave because of it; null: none.")
@@ -48,7 +48,7 @@ class AlarmList(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
-    severity: OverallSeverity = Field(description="The worst of the alarms whose cause lasts.")
+    severity: OverallSeverity = Field(description="The worst severity of the alarms that last.")
     alarms: list[Alarm] = Field(
-        description="Those whose cause lasts first, the most severe first, of one severity the newest first."
+        description="Lasting alarms before ended ones; the most severe first, of one severity the newest."
     )

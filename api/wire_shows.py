@@ -76,7 +76,7 @@ class CueFigures(Outward):
 
 
 class ColumnPair(Outward):
-    """Two that stood one above the other in the check: they cannot both come straight down."""
+    """Two vehicles, one above the other in the check: they cannot both come straight down."""
 
     upper: int = Field(description="Vehicle of the show, from 1.")
     lower: int

@@ -129,7 +129,7 @@ class Status(Outward):
     fence: Fence
     separation: Separation
     interrupted: Interrupted | None = Field(description="A flight that was cut off, and is not settled.")
-    severity: OverallSeverity = Field(description="The worst of the alarms whose cause lasts.")
+    severity: OverallSeverity = Field(description="The worst severity of the alarms that last.")
     alarms: list[Alarm] = Field(
         description="The most severe first, of one severity the newest first; those that have ended at last."
     )

@@ -23,7 +23,7 @@ def main() -> int:
         sys.stdout.flush()
     except KeyboardInterrupt:  # also while it is still being loaded
         return INTERRUPTED
-    except BrokenPipeError:  # who reads has enough: `gcs phase | head -1`
+    except BrokenPipeError:  # the reader closed the pipe: `gcs phase | head -1`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing is left to flush at the end
         return PIPE_CLOSED
     return code

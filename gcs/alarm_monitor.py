@@ -1,6 +1,6 @@
-"""Looks several times a second which conditions hold that an operator should know of, and keeps the alarms.
+"""Collects, five times a second, the conditions that an operator should know, and keeps the alarms.
 
-What is looked at costs next to nothing while nothing is wrong: columns at once, never vehicle by vehicle.
+While nothing is wrong a round costs little: it compares whole columns, never vehicle by vehicle.
 """
 
 import logging
@@ -101,7 +101,7 @@ class Findings:
     not_recorded: Sequence[str] = ()
     failed_links: Mapping[str, str] = field(default_factory=dict)  # why, by name
     interrupted: Interrupted | None = None
-    supervisor: str = ""  # why nobody restarts this service any more
+    supervisor: str = ""  # why this service is not restarted any more
     notes: Sequence[str] = ()  # what holds as long as this service runs
 
 
@@ -145,7 +145,7 @@ class AlarmMonitor:
             _tell(change)
 
     def acknowledge(self, alarm_id: str) -> Alarm:
-        """Note that whoever calls has seen it. Raises: UnknownError."""
+        """Note that the caller has seen it. Raises: UnknownError."""
         known = {alarm.id: alarm.acknowledged_by for alarm in self.alarms}
         alarm = self._book.acknowledge(alarm_id, WHO.get(), self._unix_s())
         if known[alarm_id] is None:
@@ -153,7 +153,7 @@ class AlarmMonitor:
         return alarm
 
     def acknowledge_all(self) -> tuple[Alarm, ...]:
-        """Likewise all that nobody has acknowledged."""
+        """Likewise all alarms not acknowledged yet."""
         acknowledged = self._book.acknowledge_all(WHO.get(), self._unix_s())
         for alarm in acknowledged:
             _tell_acknowledged(alarm)

@@ -207,7 +207,7 @@ class Client:
         return self.one(lambda: wire_alarms.Alarm, "POST", path, urgent=True)
 
     def acknowledge_all(self) -> list[wire_alarms.Alarm]:
-        """Say that all alarms were seen; answers those that nobody had acknowledged."""
+        """Acknowledge all alarms; returns those that were not acknowledged before."""
         return self.many(lambda: wire_alarms.Alarm, "/api/v1/alarms/acknowledge", "POST", urgent=True)
 
     def orders(self) -> list[wire.Order]:

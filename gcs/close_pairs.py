@@ -1,4 +1,4 @@
-"""Pairs of vehicles inside the floor, steady against noise: each until it is clearly outside again."""
+"""Pairs of vehicles inside the floor, with hysteresis: each until it is clearly outside again."""
 
 from dataclasses import dataclass
 from typing import Final

@@ -1,4 +1,4 @@
-"""Who stands above whom: they cannot both come straight down. Pure."""
+"""Stacked pairs, one vehicle above the other: they cannot both come straight down. Pure."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def column_m(floor: Floor) -> float:
-    """How wide the column is that somebody who comes down keeps free."""
+    """Width of the column that a descending vehicle keeps free."""
     return floor.horizontal_m + floor.margin_m + 2.0 * floor.uncertainty_m
 
 
@@ -42,7 +42,7 @@ def overlapping(position_m: Array, width_m: float) -> tuple[NDArray[np.intp], Ar
 def most_overlapping(position_m: Array, width_m: float) -> int:
     """At most how many pairs' columns overlap, whichever way the formation (n, 3) is turned.
 
-    The law gives nobody a certain place: how the shape will stand, and who is where, is not known beforehand.
+    The law assigns no fixed slots: the shape's orientation and the vehicles' slots are not known beforehand.
     """
     first, second = np.triu_indices(len(position_m), 1)
     chord_m = position_m[first] - position_m[second]
@@ -62,14 +62,14 @@ def told(pairs: int, rehearsed: Sequence[str] = ()) -> str:
     """In words, empty where there are none.
 
     Args:
-        pairs: at most so many, whoever takes which place.
-        rehearsed: those of the show's check by name, which may come otherwise: the law gives nobody a place.
+        pairs: the greatest number, whichever slots the vehicles take.
+        rehearsed: the pairs of the show's check by name; others may be stacked in flight.
     """
     if not pairs and not rehearsed:
         return ""
     names = [*rehearsed[:NAMED_MAX], *(["others"] if len(rehearsed) > NAMED_MAX else [])]
     named = f" (in the show's check {', '.join(names)})" if names else ""
     return (
-        f"in the formation up to {max(pairs, len(rehearsed))} pairs stand one above the other{named}:"
+        f"up to {max(pairs, len(rehearsed))} pairs in the formation are stacked{named}:"
         " land now leads them apart first, and brings the lowest down first"
     )

@@ -1,4 +1,4 @@
-"""What is wrong with a configuration whose values are sound one by one: for its fleet, its fence. Pure."""
+"""Rules across the values of a configuration: fleet, radius, fence. Pure."""
 
 from collections.abc import Iterator, Sequence
 from math import isfinite

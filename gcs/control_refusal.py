@@ -1,4 +1,4 @@
-"""Whose control this station does not take in the air, and why. Pure questions about one vehicle."""
+"""Which airborne vehicles this station does not take control of, and why. Pure functions of one vehicle."""
 
 from gcs.failsafe_cause import control_refusal
 from gcs.flight import Flight

@@ -1,4 +1,4 @@
-"""How many vehicles are airborne and under whose control, on the ground, unknown. Pure."""
+"""Numbers of vehicles that are controlled, uncontrolled, unknown, on the ground and offline. Pure."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from gcs.lifecycle import AIRBORNE, Phase
 from gcs.state import Landed
 
 KILLED_HEARD_S: Final = 3.0
-"""What a killed vehicle said longer ago tells nothing of where it is now; heartbeats come once a second."""
+"""An older landed state of a killed vehicle does not count; heartbeats come once a second."""
 
 
 class Whereabouts(StrEnum):
@@ -36,7 +36,7 @@ class Counts:
 
     @property
     def airborne(self) -> int:
-        """In the air, whoever controls them."""
+        """In the air, controlled or not."""
         return self.controlled + self.uncontrolled
 
 

@@ -1,4 +1,4 @@
-"""Modules that are loaded when something of them is needed, so that a command is sent before they are."""
+"""Modules loaded at their first use, so that a command is sent before they load."""
 
 from importlib import import_module
 from typing import Any

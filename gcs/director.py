@@ -1,4 +1,4 @@
-"""What is done with the whole fleet on an order, and what follows by itself."""
+"""Executes fleet-wide commands and advances the show automatically."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -39,7 +39,7 @@ OVER = frozenset({ShowPhase.LANDED, ShowPhase.UNCONTROLLED})
 """Nothing is led by the show any more."""
 
 STOPS_WITHIN_S = 0.8
-"""On pause, everybody's place is where their velocity takes them in this time."""
+"""On pause, each vehicle's goal is where its velocity takes it in this time."""
 
 
 class Director:
@@ -75,7 +75,7 @@ class Director:
         self._reacting = Reacting(flight, stage, clock, unix_s, self, errands.running)
 
     def close(self) -> None:
-        """Plan nothing any more that nobody will fly."""
+        """Stop planning returns that no vehicle will fly."""
         if self._homecoming is not None:
             self._homecoming.give_up()
 
@@ -108,7 +108,7 @@ class Director:
         else:
             await self._errands.hold(vehicle)
         if flight.show in OVER and flight.came_down_by is not None:
-            reason = f"{vehicle.id}, which was lost, is back, and comes down as was ordered"
+            reason = f"{vehicle.id}, which was lost, is received again and comes down as commanded"
             goes_on = ShowEvent.STOP if flight.came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
             flight.move_show(ShowEvent.TAKEN_ON, reason)
             flight.move_show(goes_on, reason)
@@ -149,19 +149,19 @@ class Director:
         elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
             flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
         elif flight.performance is not None and flight.performance.is_over(flight.fleet.time_s):
-            self._stop(f"show {flight.performance.name!r} is over: everybody comes home")
+            self._stop(f"show {flight.performance.name!r} is over: all vehicles return home")
         self.takeover.note_setpoints()
 
     def _all_have_taken_off(self) -> None:
-        """Go on with those who are up, if there are any."""
+        """Go on with the vehicles that are up, if any."""
         flight = self._flight
         holding = ", ".join(f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.in_phase(Phase.HOLD))
         if flight.in_phase(Phase.FORMATION):
             flight.move_show(ShowEvent.ALL_UP, "all airborne")
         elif holding:
-            flight.move_show(ShowEvent.TAKEN_ON, f"nobody flies in formation; waiting for orders: {holding}")
+            flight.move_show(ShowEvent.TAKEN_ON, f"no vehicle in formation; waiting for commands: {holding}")
         elif not flight.airborne:
-            flight.move_show(ShowEvent.ALL_DOWN, "nobody took off")
+            flight.move_show(ShowEvent.ALL_DOWN, "no vehicle took off")
 
     # by itself
 
@@ -175,7 +175,7 @@ class Director:
         return self._vehicle_orders.command_some(vehicles, action)
 
     def react_show(self, action: ShowAction, reason: str) -> OrderRecord:
-        """Pause, stop or abort, by the service itself: who comes down already goes on doing so.
+        """Pause, stop or abort, by the service itself: vehicles that come down already go on doing so.
 
         Control of what is out of control is not taken without an operator's command.
         """
@@ -191,7 +191,7 @@ class Director:
         return self._done("re-form", self._not_ours())
 
     def note_target_held(self) -> OrderRecord:
-        """Everybody follows a target that stands now."""
+        """All vehicles follow a target that stands now."""
         return self._done("hold-target")
 
     # before take-off
@@ -212,7 +212,7 @@ class Director:
 
     def _need_no_countdown(self) -> None:
         if self.countdown is not None:
-            raise RefusedError("a start is being counted down: stop calls it off")
+            raise RefusedError("a start is being counted down: stop cancels it")
 
     # orders
 
@@ -261,7 +261,7 @@ class Director:
         return self._vehicle_orders.kill(vehicle_ids)
 
     def _reclaimed(self, *, reclaim: bool) -> list[Vehicle]:
-        """Airborne out of control, of which a command first takes control."""
+        """Airborne vehicles outside control, of which a command first takes control."""
         return self.takeover.reclaimable if reclaim else []
 
     def _stop(
@@ -364,7 +364,7 @@ class Director:
     def _resume(self) -> OrderRecord:
         performance = self._flight.performance
         if performance is not None and not performance.started:
-            raise RefusedError(f"show {performance.name!r} was never started: stop brings home who is up")
+            raise RefusedError(f"show {performance.name!r} was never started: stop brings home all vehicles")
         self._flight.move_show(ShowEvent.RESUME, "re-forms, then goes on")
         return self._done("resume")
 

@@ -20,7 +20,7 @@ from typing import Final
 from gcs.quoting import cut
 
 PROBLEMS_MAX: Final = 100
-"""Of one file: who mends that many asks again."""
+"""Problems listed for one file; further ones show once these are fixed."""
 
 
 class GcsError(Exception):

@@ -1,4 +1,4 @@
-"""How long the batteries and the manoeuvres will last: the fleet's energy and time at a glance. Pure.
+"""Estimates of the time that batteries and maneuvers last. Pure.
 
 Nothing here commands anything. What is not known yet is NaN or None, never a guess.
 """
@@ -68,7 +68,7 @@ class BatteryHistory:
 
         Args:
             remaining: (n,) 0 to 1, NaN where nothing is known.
-            flying: (n,) in the air and heard; a vehicle that lands begins anew with its next take-off.
+            flying: (n,) in the air and received; a vehicle that lands begins anew with its next take-off.
             now_s: any monotonic clock, s.
         """
         begins = flying & np.isnan(self._since_s)
@@ -120,7 +120,7 @@ class Estimates:
 
     low_s: Array  # (n,) until the low-battery threshold, 0 below it; NaN: not known
     empty_s: Array  # (n,) until nothing is left; NaN: not known
-    battery_least: float | None  # 0 to 1, of those that fly; where none does, of all that are heard
+    battery_least: float | None  # 0 to 1, of the flying vehicles; where none flies, of all that report
     battery_least_row: int | None
     battery_median: float | None
     low_row: int | None  # the vehicle that reaches the threshold first
@@ -142,8 +142,8 @@ def batteries(
     Args:
         history: that has noted `remaining`.
         remaining: (n,) 0 to 1, NaN where nothing is known.
-        flying: (n,) in the air and heard.
-        heard: (n,) whose reports are new.
+        flying: (n,) in the air and received.
+        heard: (n,) with fresh telemetry.
         below: threshold of the low-battery failsafe, 0 to 1.
         now_s: the clock of `history`.
     """

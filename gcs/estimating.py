@@ -1,4 +1,4 @@
-"""Once a second: what the estimates need of a running flight, put together in columns."""
+"""Collects the inputs of the estimates from a running flight, once a second."""
 
 from dataclasses import replace
 from typing import Final

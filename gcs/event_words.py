@@ -16,7 +16,7 @@ WORDS: Final[Mapping[str, str]] = {
     "audit_failed": "the audit is not recorded: {cause}",
     "audit_goes_on": "the audit is recorded again in {file}",
     "cannot_connect": "link {link} cannot connect to {address}: {cause}",
-    "columns_overlap": "vehicles above one another: {reason}",
+    "columns_overlap": "stacked pairs: {reason}",
     "connected": "link {link} connected to {address}",
     "connection_lost": "link {link} lost the connection to {address}: {cause}",
     "cue": "cue {cue} of show {name}",

@@ -26,7 +26,7 @@ TEXTS_COUNT_S: Final = 15.0
 
 
 class FailsafeCause(StrEnum):
-    """Why a vehicle is in a mode that nobody here commanded."""
+    """Why a vehicle is in a mode that this station did not command."""
 
     LOW_BATTERY = "low-battery"
     CRITICAL_BATTERY = "critical-battery"
@@ -159,7 +159,7 @@ def described(vehicle_id: VehicleId, cause: FailsafeCause, facts: VehicleFacts) 
 
 
 def _setpoints(facts: VehicleFacts) -> str:
-    """Whose fault a loss of setpoints was."""
+    """Where setpoints were lost: at this station or on the link."""
     if isnan(facts.setpoint_gap_s):
         return "this station has sent none since it started"
     if facts.setpoint_gap_s >= facts.setpoint_loss_s:  # False for NaN

@@ -124,7 +124,7 @@ class Flight:
         self.performance: Performance | None = None
         self.show = ShowPhase.IDLE
         self.reason = "nothing has been started"
-        self.columns = ""  # how many will stand one above the other, in words; as of the last start
+        self.columns = ""  # how many pairs will be stacked, in words; as of the last start
         self.show_before = ShowPhase.IDLE  # the phase before control of everything airborne was lost
         self.came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator

@@ -65,7 +65,7 @@ class Inspection:
             self._begin(flight.at_row(row))
 
     def _take_announced(self, heard: Columns) -> None:
-        """Compare with what preflight demands whatever vehicles announce, whoever has set it."""
+        """Compare announced parameters with what preflight demands, whichever station set them."""
         for link in self._flight.links:
             for vehicle_id, values in link.told_parameters().items():
                 vehicle = self._flight.vehicles[vehicle_id]

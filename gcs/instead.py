@@ -1,4 +1,4 @@
-"""What an operator can command instead of what was refused, while anything is airborne."""
+"""The accepted command that a refusal names while anything is airborne."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

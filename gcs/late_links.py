@@ -1,7 +1,7 @@
-"""How a fleet is flown over late links: the filter knows the delay, and the fast loop rests. Pure.
+"""Control over late links: the safety filter is given the delay, the fast inner loop is off. Pure.
 
-The inner loop on the measured velocity (decision 0004) swings once it hears of its own effect half a second
-later; the separation filter keeps its promise if it knows the delay. Decision 0024.
+The inner loop on the measured velocity (decision 0004) oscillates when its own effect is measured half a
+second late; the separation filter keeps the floor if it knows the delay. Decision 0024.
 """
 
 from typing import Final
@@ -18,7 +18,7 @@ STEP_S: Final = 0.1
 """The delay is reckoned with in steps, rounded up: settings do not change with every sample."""
 
 MOST_S: Final = 0.6
-"""More delay than that the filter is not told: its bounds would leave nobody a velocity."""
+"""The greatest delay given to the filter: beyond it no velocity would satisfy its bounds."""
 
 SHARE: Final = 0.9
 """The delay of the fleet is one that this share of its links does not pass."""
@@ -28,7 +28,7 @@ TRIM_SHARE: Final = 0.2
 
 
 def fleet_delay_s(late_s: Array, flying: Mask) -> float:
-    """One way, of those who fly: 0 while links are on time, else in whole steps."""
+    """One-way delay of the flying vehicles: 0 while links are on time, else in whole steps."""
     if not flying.any():
         return 0.0
     delay_s = float(np.quantile(late_s[flying], SHARE))

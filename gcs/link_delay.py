@@ -1,4 +1,4 @@
-"""How late each vehicle's telemetry arrives, compared with the soonest it ever did. Pure; times are given.
+"""Delay of each vehicle's telemetry, compared with its smallest so far. Pure; times are given.
 
 A vehicle's SYSTEM_TIME says what its own clock showed when the message left. Clocks differ by a constant, so
 what varies of the difference to its arrival is the way. (The boot clock will not do: a simulator's loses 1 to

@@ -334,7 +334,7 @@ class Orchestrator:
 
     def _need_no_countdown(self) -> None:
         if self._running().countdown is not None:
-            raise RefusedError("a start is being counted down: stop calls it off")
+            raise RefusedError("a start is being counted down: stop cancels it")
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
         """Order one vehicle."""
@@ -373,7 +373,7 @@ class Orchestrator:
         return self._alarms.acknowledge(alarm_id)
 
     def acknowledge_alarms(self) -> Sequence[Alarm]:
-        """Acknowledge all that nobody has acknowledged."""
+        """Acknowledge all alarms."""
         return self._alarms.acknowledge_all()
 
     def settle(self, offer: Offer) -> OrderRecord:

@@ -43,7 +43,7 @@ def due(
         wishes: all that are wanted, the most severe first.
         standing: what goes on.
         acted: what was answered already.
-        together_share: when so many of those in the air have to come home, everybody does.
+        together_share: where this share of the vehicles in the air has to come home, all return.
     """
     fresh = [wish for wish in wishes if any(acted.get(key, 0) < wish.severity for key in keys(wish))]
     own: dict[int, Wish] = {}
@@ -86,5 +86,5 @@ def _together(
     if len(leaving) < 2 or len(leaving) < share * in_air:
         return None
     first = homeward[0]
-    reason = f"{first.reason}; {len(leaving)} of {in_air} have to leave: everybody comes home"
+    reason = f"{first.reason}; {len(leaving)} of {in_air} have to leave: all vehicles return home"
     return replace(first, rows=tuple(sorted(leaving)), whole_show=True, reason=reason)

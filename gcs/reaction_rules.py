@@ -138,7 +138,7 @@ class Known:
 class Weather:
     """What befalls the fleet as a whole."""
 
-    windy: bool = False  # most fly otherwise than they are told, over links that are on time
+    windy: bool = False  # most velocities differ from their setpoints, over links that are on time
     late: bool = False  # their links are late
 
 
@@ -183,7 +183,7 @@ def look(seen: Seen, known: Known, settings: ReactionSettings) -> tuple[Known, M
     strays = np.hypot(error_m_s[:, 0], error_m_s[:, 1]) > wind.speed_error_m_s
     poor = commanded & _poor_links(seen, settings.links_late)
     too_windy = bool(strays.any() and strays.sum() >= wind.share * commanded.sum())
-    # Who is told late flies otherwise than told: that is wind only where links are on time.
+    # Late setpoints also make velocities differ: it is wind only where links are on time.
     by_links = 2 * (strays & poor).sum() > strays.sum()
     many_poor = bool(poor.any() and poor.sum() >= settings.links_late.share * commanded.sum())
     weather = Weather(windy=too_windy and not by_links, late=many_poor or (too_windy and bool(by_links)))
@@ -192,7 +192,7 @@ def look(seen: Seen, known: Known, settings: ReactionSettings) -> tuple[Known, M
 
 
 def _poor_links(seen: Seen, settings: LinksLate) -> Mask:
-    """(n,) whose telemetry arrives late, or hardly."""
+    """(n,) vehicles with late or little telemetry."""
     poor: Mask = (seen.link_late_s > settings.late_s) | (seen.link_share < settings.arrive_min)
     return poor
 
@@ -397,7 +397,7 @@ def _of_the_show(
 
 
 def _late_links(seen: Seen, roles: Roles, settings: LinksLate) -> str:
-    """How late, and how little, telemetry arrives of those who fly."""
+    """Delay and share of the telemetry of flying vehicles."""
     flying = np.flatnonzero(roles.flying)
     poor = int(_poor_links(seen, settings)[flying].sum())
     if not len(flying):

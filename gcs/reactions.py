@@ -109,7 +109,7 @@ class TooMuchWind(Settings):
 
 
 class LinksLate(Settings):
-    """Telemetry of many arrives late, or little of it arrives: they cannot fly as they are told."""
+    """Telemetry of many vehicles arrives late or not at all: they cannot follow setpoints in time."""
 
     action: Literal["ignore", "pause", "return", "land"] = "pause"
     then_return_after_s: Positive | None = None  # a way home over late links is no safer than standing

@@ -94,7 +94,7 @@ class VehicleRows:
             freeze(getattr(self, name), (n,), name)
 
     def counts(self) -> Counts:
-        """How many are airborne and under whose control, on the ground, unknown."""
+        """Numbers of vehicles controlled, uncontrolled, unknown, on the ground and offline."""
         return counts_of(self.phases, self.landed, self.armed, self.heartbeat_age_s.tolist())
 
     def one_by_one(self) -> tuple[VehicleView, ...]:

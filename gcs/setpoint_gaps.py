@@ -1,4 +1,4 @@
-"""How long each vehicle went without a setpoint lately: a station that stalled leaves a gap, a link does not.
+"""Recent gaps between the setpoints sent to each vehicle: a stall of the station leaves one.
 
 Pure; times are given.
 """
@@ -21,7 +21,7 @@ class SetpointGaps:
         self._gap_s, self._ended_s = np.zeros(count), np.full(count, -np.inf)  # the longest of late
 
     def note(self, commanded: Mask, now_s: float) -> None:
-        """Take in a tick: (n,) who was sent a setpoint at `now_s`."""
+        """Add a tick: (n,) vehicles to which a setpoint was sent at `now_s`."""
         gap_s = np.where(commanded, now_s - self._last_s, np.nan)
         longer = (gap_s >= self._gap_s) | (commanded & (now_s - self._ended_s > REMEMBERED_S))
         self._gap_s = np.where(longer, np.nan_to_num(gap_s), self._gap_s)

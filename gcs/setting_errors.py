@@ -1,4 +1,4 @@
-"""What is wrong with settings that were read: in words of ours, by key, with what would be right."""
+"""Error messages for settings: key, value, what is allowed, the key that was meant."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches

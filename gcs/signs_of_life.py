@@ -1,12 +1,12 @@
-"""Which signs of life a vehicle gives, and what it means where one lacks. Pure; decision 0024.
+"""Which signs of life of a vehicle are missing, and what follows. Pure; decision 0024.
 
 Every message of a vehicle's autopilot is a sign of life. Its position is needed to fly it, its heartbeat to
 know its mode: a pilot's takeover shows nowhere else.
 
 - No telemetry at all, or no position: the vehicle is lost, and nothing is sent to it.
 - No heartbeat, but positions: it is flown on. Setpoints take nothing from a pilot, for PX4 follows them in
-  OFFBOARD alone. The operator reads that heartbeats lack. What changes a mode is not sent by the service on
-  its own without a fresh heartbeat. After BEATS_LACK_MAX_S more the vehicle counts as lost: a pilot may have
+  OFFBOARD alone. An alarm names the missing heartbeats. Without a fresh heartbeat the service sends no mode
+  change on its own. After BEATS_LACK_MAX_S more the vehicle counts as lost: a pilot may have
   had it for so long that the others must not rely on its giving way.
 """
 

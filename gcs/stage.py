@@ -80,7 +80,7 @@ class Stage:
         return misfits(show, config.frame, config.control, config.operation, count)
 
     def _clashes(self, show: Show) -> Iterator[Flaw]:
-        """Its obstacles, and those that were told."""
+        """The show's obstacles and those set by operators."""
         own, its = self._told_obstacles, {box.id for cue in show.timeline for box in cue.obstacles.appear}
         twice = sorted(its & {box.id for box in own})
         if twice:

@@ -57,7 +57,7 @@ def freeze(array: Array | Bits, shape: tuple[int, ...], what: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class StatusText:
-    """What an autopilot said in words."""
+    """A STATUSTEXT of an autopilot."""
 
     time_s: float  # of its arrival
     severity: int  # MAV_SEVERITY: 0 emergency to 7 debug

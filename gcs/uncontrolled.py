@@ -1,4 +1,4 @@
-"""What is airborne outside this station's control, why, and which phase of the show follows from it."""
+"""The phase `uncontrolled`: how many vehicles are airborne outside this station's control, and why."""
 
 from collections.abc import Collection
 from typing import Final
@@ -20,7 +20,7 @@ def uncontrolled(flight: Flight) -> list[Vehicle]:
 
 
 def reason(vehicles: Collection[Vehicle]) -> str:
-    """How many of these are airborne, and why not under control; vehicles with one reason are told once."""
+    """How many of these are airborne and why not under control, vehicles with one reason together."""
     whose: dict[str, list[str]] = {}
     for vehicle in vehicles:
         whose.setdefault(vehicle.reason, []).append(vehicle.id)

@@ -18,7 +18,7 @@ SHOW_FLIES = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 
 
 Explanation: TypeAlias = tuple[FailsafeCause, str]
-"""Why a vehicle is in a mode that nobody here commanded: the cause, and the text for the operator."""
+"""Why a vehicle is in a mode that this station did not command: the cause, and the text for the operator."""
 
 
 _VAGUE = {FailsafeCause.UNKNOWN, FailsafeCause.OTHER, FailsafeCause.SETPOINT_LOSS, None}
@@ -62,7 +62,7 @@ class Vehicle:
     handed_over: bool = False  # in LANDING, the autopilot's own LAND touches down
     pilots: bool = False  # a person's (or its failsafe's) until handed back, silent or not
     try_again_s: float = 0.0  # when what the service does by itself may be tried again
-    cause: FailsafeCause | None = None  # while PILOT: why it is in a mode that nobody here commanded
+    cause: FailsafeCause | None = None  # while PILOT: why it is in its mode
     rejoins: bool = False  # it was in formation when it was lost, and nothing was commanded since
     _explained: tuple[Mode, bool] | None = None
     modes: frozenset[Mode] = field(default_factory=frozenset)  # those that an order of ours explains
@@ -198,7 +198,7 @@ class Vehicle:
         if heard.mode not in (self.modes | {Mode.HOLD} if lost_holds else self.modes):
             self.cause, text = heard.explain()
             self._explained = heard.mode, heard.in_failsafe
-            return Event.TAKEN_OVER, f"heard again: {text}"
+            return Event.TAKEN_OVER, f"received again: {text}"
         return None
 
 

@@ -67,7 +67,9 @@ class VehicleOrders:
         if not (action is VehicleAction.HOLD and vehicle.phase is Phase.HOLD):
             require_phase(vehicle, EVENT_OF[action])
         if action is VehicleAction.HOLD and vehicle.pilots:
-            raise RefusedError(f"{name} was taken over before it fell silent: take-control, once it is heard")
+            raise RefusedError(
+                f"{name} was taken over before its telemetry stopped: take-control once it is received again"
+            )
         if action is VehicleAction.JOIN and show not in IN_THE_AIR - {ShowPhase.RETURNING}:
             raise RefusedError(f"{name} has no formation to join: the show is {show}")
         if action is VehicleAction.RETURN and vehicle.home_m is None:

@@ -30,7 +30,7 @@ class Watch:
         self._errands = errands
         self._inspection = inspection
         self._come_back = come_back
-        self._resumed_s = -np.inf  # after a stall; what was said meanwhile may not be read yet
+        self._resumed_s = -np.inf  # after a stall; messages of that time may not be read yet
         self._calm: tuple[object, ...] | None = None  # in which nobody had to be looked at
 
     def resume(self) -> None:
@@ -113,7 +113,7 @@ class Watch:
         return np.inf if phase in {Phase.OFFLINE, Phase.LOST} else self._flight.fleet.time_s - self._resumed_s
 
     def _explained(self, vehicle: Vehicle) -> Explanation:
-        """Why it is in a mode that nobody here commanded."""
+        """Why it is in a mode that this station did not command."""
         facts = self._flight.facts(vehicle)
         cause = cause_of(facts)
         return cause, described(vehicle.id, cause, facts)
@@ -130,7 +130,7 @@ class Watch:
             self._by_itself(vehicle, self._come_back)
 
     def _note_heartbeats(self, vehicle: Vehicle, lacks: str) -> None:
-        """Keep whose heartbeats lack in the air, though positions come."""
+        """Remember airborne vehicles that send positions and no heartbeats."""
         known = self._flight.without_heartbeat
         if lacks and vehicle.phase in AIRBORNE and vehicle.id not in known:
             known[vehicle.id] = lacks
@@ -167,7 +167,7 @@ class Watch:
 def _beats_may_lack_s(phase: Phase) -> float:
     """What a heartbeat may be older by than `operation.silence_s`.
 
-    Nothing for who was lost: an old heartbeat does not tell whether a pilot has taken over meanwhile.
+    Nothing for a lost vehicle: an old heartbeat does not show whether a pilot has taken over meanwhile.
     """
     if phase in {Phase.OFFLINE, Phase.LOST}:
         return 0.0

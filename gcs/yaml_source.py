@@ -1,6 +1,6 @@
-"""A YAML file of ours: its values, and the line and column of each.
+"""Reads a YAML file: its values, and the line and column of each.
 
-Files come from anybody who may upload a show. What is read is therefore bounded: no anchors, aliases and
+Any operator can upload a show, so input is bounded: no anchors, aliases and
 merge keys (a few hundred bytes of them stand for gigabytes), no tags, at most so many values and levels.
 Words are numbers and truth values as in YAML 1.2: `yes` and `12:30` are text, `1e3` is a number.
 """

@@ -64,4 +64,4 @@ class SimulatorLink:
                     message.pack(encoder), (HOST, self._first_port + fleet.settings.first + autopilot.row)
                 )
             except (BlockingIOError, ConnectionRefusedError):
-                continue  # nobody reads there: the flight does not depend on it
+                continue  # no reader on that port: the flight does not depend on it

@@ -16,10 +16,10 @@ NAMED_MAX: Final = 12
 """So many vehicles are named in a text; of more it has the number, and the alarm's `vehicles` the names."""
 
 NUMBERS_S: Final = 5.0
-"""A text whose numbers alone differ is written anew after this time."""
+"""A text in which only numbers differ is rewritten after this time."""
 
 KEPT_UNTIL_ACKNOWLEDGED: Final = frozenset({AlarmSeverity.EMERGENCY, AlarmSeverity.WARNING})
-"""Alarms that stay listed as ended: nobody may miss that they were."""
+"""Alarms that stay listed as ended until they are acknowledged."""
 
 ENDED_MAX: Final = 200
 """So many ended alarms are kept at most; the oldest goes first."""
@@ -100,7 +100,7 @@ class AlarmBook:
         return tuple(changes)
 
     def acknowledge(self, alarm_id: str, by: str, unix_s: float) -> Alarm:
-        """Note who has seen it; an ended one is listed no more. Raises: UnknownError."""
+        """Note the operator's name; an ended alarm is then removed. Raises: UnknownError."""
         for entry in self._entries.values():
             if entry.alarm is not None and entry.alarm.id == alarm_id:
                 if entry.alarm.acknowledged_by is None:
@@ -116,7 +116,7 @@ class AlarmBook:
         raise UnknownError(f"there is no alarm {alarm_id!r}; listed now: {listed}")
 
     def acknowledge_all(self, by: str, unix_s: float) -> tuple[Alarm, ...]:
-        """Everything that nobody has acknowledged yet, as `acknowledge`."""
+        """Acknowledge every alarm not acknowledged yet."""
         open_ids = [alarm.id for alarm in self.alarms if alarm.acknowledged_by is None]
         return tuple(self.acknowledge(alarm_id, by, unix_s) for alarm_id in open_ids)
 

@@ -147,7 +147,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         I, "{vehicles} not flying", "include takes an excluded vehicle into the show again.", off_after_s=0.0
     ),
     AlarmCause.STACKED: CauseRow(
-        I, "Vehicles above one another", "A larger radius, or another number of vehicles, avoids it.",
+        I, "Stacked pairs", "A larger radius, or another number of vehicles, avoids it.",
         off_after_s=0.0,
     ),
     AlarmCause.SERVICE_NOTE: CauseRow(I, "Note", "See the service's log.", off_after_s=0.0),

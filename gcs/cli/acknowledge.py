@@ -1,4 +1,4 @@
-"""`gcs acknowledge`: somebody has seen an alarm."""
+"""`gcs acknowledge`: notes that an operator has seen an alarm."""
 
 import argparse
 
@@ -10,7 +10,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """`gcs acknowledge`."""
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("alarm", nargs="?", metavar="ID", help="as gcs alarms lists it")
-    which.add_argument("--all", action="store_true", help="every alarm that nobody has acknowledged")
+    which.add_argument("--all", action="store_true", help="every alarm not acknowledged yet")
     parser.add_argument("--json", action="store_true", help="print the alarms as the API answers them")
     add_connection(parser)
 

@@ -1,4 +1,4 @@
-"""`gcs alarms`: what an operator should know now, once or for as long as somebody looks."""
+"""`gcs alarms`: what an operator should know now, printed once or kept up to date."""
 
 import argparse
 import time

@@ -1,4 +1,4 @@
-"""Configurations of commands that open their links: read, and asked of this computer, too."""
+"""Configurations of commands that open their links: read, with addresses tested on this computer."""
 
 import errno
 import socket
@@ -41,7 +41,7 @@ def _misfits(config: Config) -> Iterator[Misfit]:
 
 
 def _is_ours(host: str) -> bool:
-    """Whether this computer has that address; what cannot be told counts as ours."""
+    """Whether this computer has that address; True where it cannot be tested."""
     try:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
     except OSError:

@@ -75,7 +75,7 @@ def _chosen(known: LastKnown, arguments: argparse.Namespace) -> list[KnownVehicl
 
 
 def _code(known: LastKnown, chosen: Sequence[KnownVehicle], unix_s: float) -> str:
-    """Names whom, and when: nothing needs to be remembered between the two steps."""
+    """A hash of the vehicles and the time, so that nothing is stored between the two steps."""
     session = "" if known.session is None else known.session.id
     said = [session, str(int(unix_s / CODE_S)), *sorted(one.id for one in chosen)]
     return hashlib.sha256("\0".join(said).encode()).hexdigest()[:6]

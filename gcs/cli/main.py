@@ -110,7 +110,7 @@ def _run(where: str, parsed: argparse.Namespace) -> int:
 
 
 def whole_parser() -> argparse.ArgumentParser:
-    """One parser with every command, for those who read parsers: completion, tests. It loads every module."""
+    """One parser with every command, for completion and tests. It imports every module."""
     parser = argparse.ArgumentParser(prog="gcs", description=DESCRIPTION)
     parser.add_argument("--version", action="version", version=version())
     commands = parser.add_subparsers(dest="command", required=True)

@@ -1,4 +1,4 @@
-"""Arguments of the commands that load much: a parser of theirs is made without loading any of it."""
+"""Arguments of the commands with slow imports: their parsers are made without those imports."""
 
 import argparse
 from typing import Final
@@ -22,7 +22,7 @@ ROWS: Final = (
 """Of docs/flight-quality.md; as `gcs.cli.simulation.scenario.ROWS`."""
 
 HEARD_S: Final = 8.0
-"""For vehicles to be heard."""
+"""Time for the vehicles' first messages."""
 
 
 def demo(parser: argparse.ArgumentParser) -> None:

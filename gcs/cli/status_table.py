@@ -35,7 +35,7 @@ STYLE: Final = {
 }
 
 ORDINARY: Final = frozenset({Phase.FORMATION, Phase.TAKEOFF, Phase.RETURN, Phase.LANDING})
-"""Phases whose reason says no more than the phase, as long as the safety filter holds nothing back."""
+"""Phases whose reason adds nothing unless the safety filter holds the vehicle back."""
 
 GAP: Final = 2
 

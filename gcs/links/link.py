@@ -102,7 +102,7 @@ class Link(Protocol):
         ...
 
     def watch_parameters(self, names: Collection[str]) -> None:
-        """Keep what vehicles announce of these parameters, whoever has set them; of no others."""
+        """Keep the values of these parameters that vehicles announce, whichever station set them."""
         ...
 
     def told_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:

@@ -301,7 +301,7 @@ class MavsdkLink(LinkFacts):
         return self._workers.hand(vehicle_id, vehicle, self._wire.heard[self._vehicles[vehicle_id]])
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
-        """Whether it shows a sign of life, and has told a mode before."""
+        """Whether it has a sign of life and a known mode."""
         heard = self._wire.heard[system_id]
         return now_s - heard.life_time_s <= SILENT_AFTER_S and heard.mode is not Mode.UNKNOWN
 

@@ -1,4 +1,4 @@
-"""Parameters that vehicles announce unasked: whoever sets one, every station hears of it.
+"""Parameter values that vehicles announce without a request.
 
 PX4 answers each PARAM_SET with a PARAM_VALUE to all. Used on the loop's thread.
 """

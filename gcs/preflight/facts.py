@@ -26,7 +26,7 @@ class Facts:
     fence: Fence  # pads beyond its distance are not where the show is
     positioning: Positioning  # what receivers may report
     settings: PreflightSettings
-    roomy: frozenset[VehicleId] = frozenset()  # whose room to wander sufficed when it was looked at last
+    roomy: frozenset[VehicleId] = frozenset()  # vehicles with enough room to wander at the last check
     pads_within_m: float = np.inf  # of the origin; the autopilots' own fences are wide enough for no others
     battery_need: float | None = 0.0  # of a selected show, share of a full one; None: not known
     speed_need_m_s: float = 0.0  # of a selected show, sideways

@@ -253,9 +253,9 @@ def _nearest(place_m: Array, index: int) -> tuple[int, float]:
 
 
 def spacing(facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
-    """Who stands too close to anybody, whether that one flies or not, to climb beside it.
+    """Vehicles too close to another one, flying or not, to climb beside it.
 
-    Two that both fly are told once, with the first of them: the second has no such check then.
+    A pair that both fly is reported once, with the first of them: the second has no such check then.
     """
     floor, ids = facts.floor, facts.fleet.ids
     place_m, kept_m = facts.fleet.position_m[:, :2], floor.horizontal_m + floor.margin_m

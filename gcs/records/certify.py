@@ -76,7 +76,7 @@ class Certificate:
     def missing(self) -> tuple[str, ...]:
         """Why it is not known that all was kept, in words; empty where it is."""
         if not self.tracks.airborne.any():
-            return *self.tracks.missing, "nobody was in the air: there was nothing to judge"
+            return *self.tracks.missing, "no vehicle was in the air: there was nothing to judge"
         if all(check.kept is None for check in self.checks):
             return *self.tracks.missing, "nothing is known of those in the air"
         return self.tracks.missing

@@ -245,7 +245,7 @@ class _Newest:
         self._said: dict[str, bytes] = {}
 
     def forget(self) -> None:
-        """What was said before says nothing of what follows."""
+        """Discard the state before a gap: it does not hold after it."""
         self._said.clear()
 
     def ticks(self, inside: Sequence[McapRecord]) -> Iterator[Moment]:

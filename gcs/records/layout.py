@@ -24,7 +24,7 @@ from gcs.records.standard import limits_of
 from gcs.state import Array, Mask, Mode
 
 VERSION: Final = 2
-UNCHECKED: Final = "1"  # the version whose metadata had no checksum, and whose vehicles had no light
+UNCHECKED: Final = "1"  # metadata without a checksum, vehicles without lights
 CHECKSUM: Final = "crc32"
 PROFILE: Final = "formation-gcs"
 SHOW, MAP = "show", "map"
@@ -62,7 +62,7 @@ ROWS: Final[dict[str, np.dtype[np.void]]] = {UNCHECKED: np.dtype(_FIRST), str(VE
 """The same, by the version of the file."""
 
 TOPICS: Final = dict(enumerate(SCHEMAS, start=1))
-"""By their channels' numbers, in every file: for one whose first chunk is damaged."""
+"""By channel number, the same in every file: for a file with a damaged first chunk."""
 
 _FLOAT32, _UINT8 = 7, 1  # foxglove.NumericType
 _FIELDS: Final = [

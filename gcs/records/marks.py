@@ -77,7 +77,7 @@ class _Spans:
 
 
 class _Flying:
-    """When any vehicle was in the air, or may have been, whoever controlled it."""
+    """When any vehicle was in the air, or may have been, under any control."""
 
     def __init__(self, duration_s: float) -> None:
         self._duration_s = duration_s

@@ -45,7 +45,7 @@ LATE_S: Final = 0.1
 """States that come later than that are passed over: it is played too fast to show every one."""
 
 DUE_S: Final = 1e-3
-"""Who waits for less than that waits in vain: clocks are no finer."""
+"""The shortest wait: clocks are no finer."""
 
 PASSED: Final = 100
 """After so many that were passed over somebody else may have the loop."""

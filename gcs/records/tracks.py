@@ -46,7 +46,7 @@ class Tracks:
 
 GAPS_TOLD: Final = 20
 GAP_S: Final = 1.0
-"""Where vehicles fly that long between two samples, nobody knows how."""
+"""Between two samples farther apart than this the path is unknown."""
 
 
 def estimated(data: FlightData) -> Tracks:
@@ -111,14 +111,14 @@ def _before(data: FlightData, first: Flown, *, flies: bool) -> list[str]:
     """What was not recorded before the first tick, where somebody flies in that."""
     lost = int(first.tick.get("number", 1)) - 1
     if any(loss.from_s is None for loss in data.losses):
-        return []  # it is damaged, and told so
+        return []  # it is damaged, and reported as such
     return [f"{lost} ticks before the first were not recorded"] if flies and lost > 0 else []
 
 
 def _gaps(
     ticks: Sequence[Flown], time_s: Array, airborne: Mask, told: set[float | None]
 ) -> list[tuple[int, str]]:
-    """Samples before which some are missing while somebody flies, and what is missing; `told` are told of."""
+    """Gaps while a vehicle flies: the sample after each, and what is missing; without those in `told`."""
     numbers = [int(tick.tick.get("number", 0)) for tick in ticks]  # an older file has none
     found = []
     for at in range(1, len(ticks)):
@@ -138,14 +138,14 @@ def _gaps(
 
 
 def _unknown(ids: Sequence[VehicleId], position_m: Single, airborne: Mask) -> list[str]:
-    """Who flew where nobody knows, in words."""
+    """The vehicles with unknown paths, in words."""
     blind = (airborne & ~np.isfinite(position_m).all(axis=2)).sum(axis=0)
     names = [name for name, count in zip(ids, blind.tolist(), strict=True) if count]
     return [f"in the air, at a position that is not known: {', '.join(names)}"] if names else []
 
 
 def _with_gaps(tracks: Tracks, before: Sequence[int]) -> Tracks:
-    """A sample in which nothing is known, before each of these: nobody is taken to fly straight across."""
+    """Insert an unknown sample before each of these, so that no straight path is assumed."""
     if not before:
         return replace(tracks, missing=tuple(text for text in tracks.missing if text))
     time_s = np.insert(

@@ -218,7 +218,7 @@ class Service(Protocol):
         ...
 
     def acknowledge_alarms(self) -> Sequence[Alarm]:
-        """Acknowledge all that nobody has acknowledged; answers these."""
+        """Acknowledge all alarms; returns those that were not acknowledged before."""
         ...
 
     def settle(self, offer: Offer) -> OrderRecord:

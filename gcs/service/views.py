@@ -165,7 +165,7 @@ class FleetView:
 
     @cached_property
     def counts(self) -> Counts:
-        """How many vehicles are airborne and under whose control, on the ground, unknown."""
+        """Numbers of vehicles controlled, uncontrolled, unknown, on the ground and offline."""
         return self.rows.counts()
 
     @cached_property

@@ -158,6 +158,6 @@ async def nobody_can_join(show: Show) -> Nobody:
 def test_a_show_that_nobody_can_join_is_paused_and_says_why_and_can_be_stopped() -> None:
     flight = fly(nobody_can_join, show_config(2))
     assert flight.shows[-4:] == [ShowPhase.ARMING, ShowPhase.PAUSED, ShowPhase.RETURNING, ShowPhase.LANDED]
-    assert flight.reason.startswith("nobody flies in formation; waiting for orders: d1 (up, but cannot join:")
+    assert flight.reason.startswith("no vehicle in formation; waiting for commands: d1 (up, but cannot join:")
     assert "d2: offboard refused" in flight.reason
     assert flight.armed == (False, False)

@@ -203,7 +203,7 @@ async def nobody_gets_up(show: Show) -> Start:
 def test_a_show_in_which_nobody_gets_up_is_over() -> None:
     start = fly(nobody_gets_up, show_config(2))
     assert start.started.outcome is Outcome.FAILED
-    assert start.track.moments[-1].view.reason == "nobody took off"
+    assert start.track.moments[-1].view.reason == "no vehicle took off"
 
 
 class Arming(NamedTuple):
@@ -247,12 +247,12 @@ def test_a_climb_can_be_stopped_in_hold(arming: Arming) -> None:
 
 
 async def above_each_other(show: Show) -> tuple[str, int, list[str]]:
-    """Before take-off the notice; then, in truth, how many pairs stand one above the other."""
+    """Before take-off the notice; then, in truth, how many pairs are stacked."""
     await show.standby()
     show.service.command_show(ShowAction.START)
     await show.reach(ShowPhase.ARMING)
     assert not any(any(moment.armed) for moment in show.track.moments), "nobody has left the ground"
-    await show.until(lambda: any("one above the other" in text for text in alarm_texts(show)), 1.0)
+    await show.until(lambda: any("are stacked" in text for text in alarm_texts(show)), 1.0)
     (notice,) = alarm_texts(show)
     await show.reach(ShowPhase.RUNNING)
     await show.wait(8.0)

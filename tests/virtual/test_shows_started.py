@@ -193,7 +193,7 @@ def test_who_stood_above_whom_in_the_check_is_told_by_name_before_take_off(tmp_p
         show.service.select_show(NAME, checked.hash)
         show.service.command_show(ShowAction.START, show_hash=checked.hash)
         await show.reach(ShowPhase.ARMING)
-        await show.until(lambda: any("one above the other" in text for text in alarm_texts(show)), 1.0)
+        await show.until(lambda: any("are stacked" in text for text in alarm_texts(show)), 1.0)
         (notice,) = alarm_texts(show)
         assert "d4 above d1 at 'turn'" in notice
 

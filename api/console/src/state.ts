@@ -83,7 +83,7 @@ export interface Frame {
   assembled_s: number;
   /** Until all have landed at their pads, if the return began now. */
   home_s: number;
-  /** Whose battery is the least; beyond all rows: nobody's. */
+  /** Row of the vehicle with the least battery; beyond all rows: none. */
   batteryLeastRow: number;
   x_m: Float32Array;
   y_m: Float32Array;

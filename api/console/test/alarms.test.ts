@@ -58,7 +58,7 @@ describe("the list of alarms", () => {
 });
 
 describe("a screen reader", () => {
-  it("is told of each alarm once, of emergencies and warnings at once, of the others when it is idle", () => {
+  it("announces each alarm once, emergencies and warnings at once, the others when it is idle", () => {
     const first = after(initial(0), told(alarm("d3", "warning"), alarm("d4", "caution")));
     expect(first.attention.announced.urgent).toBe("warning: Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap.");
     expect(first.attention.announced.calm).toContain("caution: Vehicle d4");
@@ -69,7 +69,7 @@ describe("a screen reader", () => {
     expect(more.attention.announced.urgent).not.toContain("d3");
   });
 
-  it("is told again of what another service says, whose numbers begin anew", () => {
+  it("announces again after another service answers with new ids", () => {
     const first = after(initial(0), told(alarm("a-1", "warning")));
     const other: Message = { kind: "status", status: { ...status({ began_unix_time_s: 1_790_000_100 }), alarms: [alarm("a-1", "warning")] } };
     expect(after(first, other).attention.announced.number).toBe(2);
@@ -96,7 +96,7 @@ describe("the sound", () => {
     expect(rings(after(initial(0), told(alarm("a", "caution")), tick(1e6)))).toBe(1);
   });
 
-  it("is silent while it is switched off, and in a replay; switched on again it tells what nobody has acknowledged", () => {
+  it("is silent while it is switched off, and in a replay; switched on again it sounds for unacknowledged alarms", () => {
     const off = after(initial(0), { kind: "sound", on: false }, told(alarm("a", "emergency")), tick(60_000));
     expect(rings(off)).toBe(0);
     expect(rings(after(off, { kind: "sound", on: true }, tick(60_050)))).toBe(1);

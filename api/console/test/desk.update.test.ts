@@ -189,7 +189,7 @@ describe("commands to the selection", () => {
   });
 });
 
-describe("a show whose Select was refused", () => {
+describe("a show that Select refused", () => {
   const check = (hash: string) => ({ name: "parade", state: "done", good: true, hash, problems: [], figures: null, reason: "" }) as never;
   const refused = after(
     [

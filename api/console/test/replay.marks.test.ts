@@ -13,7 +13,7 @@ test("a phase lies where it was, and stays within the record", () => {
   expect(span(-5, 500, 120)).toEqual({ left: "0.000%", width: "100.000%" });
 });
 
-test("cues, alarms and warnings are told where they happened, in order", () => {
+test("cues, alarms and warnings are marked where they happened, in order", () => {
   const found = ticks({ ...NONE, cues: [{ cue: "rise", at_s: 50 }], events: [event(80, "warning", false, "d2"), event(20, "error", true)] }, 100);
   expect(found.map(({ left, kind, text }) => [left, kind, text])).toEqual([
     ["20.000%", "alarm", "at 20"], ["50.000%", "cue", "rise"], ["80.000%", "warning", "d2: at 80"],

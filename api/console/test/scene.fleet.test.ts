@@ -138,7 +138,7 @@ test("the larger the fleet, the shorter its trails, and never more in all than c
   expect(slotsFor(0)).toBeGreaterThan(0);
 });
 
-test("after a scrub no trail joins where everybody was with where everybody is", () => {
+test("after a scrub no trail joins the vehicles' old and new places", () => {
   const playback = new Playback();
   const poses = new Poses();
   const show = (k: number, unix_time_s: number, x_m: number): void => {
@@ -151,7 +151,7 @@ test("after a scrub no trail joins where everybody was with where everybody is",
   expect(ring.joins(poses)).toBe(true);
   show(2, 5361, 12); // six minutes on, 12 m away: a leap that the distance alone does not tell
   expect(ring.joins(poses)).toBe(false);
-  expect(-poses.place[2]!).toBe(12); // and nobody slides there
+  expect(-poses.place[2]!).toBe(12); // and no vehicle slides there
   const anew = new Ring(1, new Table(2), poses.run);
   show(3, 5361.1, 12.5);
   expect(anew.joins(poses)).toBe(true);

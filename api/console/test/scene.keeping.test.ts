@@ -70,7 +70,7 @@ class Stage {
     this.state = { ...this.state, view: { ...this.state.view, fits: this.state.view.fits + 1 } };
   }
 
-  /** Those of whom every one should be seen, and is not. */
+  /** Vehicles that should be visible and are not. */
   unseen(margin_px = 0): number[] {
     return believed(this.state, this.poses).filter((i) => !isVisible(this.cameraman.pose, this.screen, placeOf(this.poses, i), margin_px));
   }
@@ -142,7 +142,7 @@ test("what an operator chose to look at is kept until most of it has gone; a fit
   stage.show(around(0));
   stage.cameraman.zoom(0.45);
   const close = stage.show(around(0), 8).at(-1)!;
-  expect(stage.unseen().length).toBeGreaterThan(0); // and nobody took the close look away
+  expect(stage.unseen().length).toBeGreaterThan(0); // and the close look stayed
   expect(stage.show(around(0.3), 4).at(-1)).toBe(close);
   stage.show(around(80));
   expect(stage.unseen()).toEqual([]);
@@ -193,7 +193,7 @@ test("when a panel opens or the screen is turned, all is fitted into what is lef
   }
 });
 
-test("a position that cannot be so does not empty the picture; who stays on the ground is not gone after", () => {
+test("an implausible position does not empty the picture; the camera does not follow vehicles on the ground", () => {
   const stage = new Stage(SCREENS[5]!);
   stage.show([...around(0), { x_m: 4_000_000, y_m: 0, height_m: 20, phase: "lost" }, { x_m: NaN, phase: "formation" }]);
   expect(stage.cameraman.pose.span_m).toBeLessThan(150);
@@ -202,6 +202,6 @@ test("a position that cannot be so does not empty the picture; who stays on the 
   expect(span_m).toBeLessThan(150);
   stage.fit();
   stage.show([...around(150), { x_m: -150, y_m: 0, height_m: 0, phase: "standby" }]);
-  expect(stage.unseen()).toEqual([]); // asked for by a person, everybody is shown
+  expect(stage.unseen()).toEqual([]); // on an operator's request all vehicles are shown
   expect(stage.cameraman.pose.span_m).toBeGreaterThan(span_m);
 });

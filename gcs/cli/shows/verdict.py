@@ -45,7 +45,7 @@ class CueFigures:
 
 @dataclass(frozen=True, slots=True)
 class ColumnPair:
-    """Two that stood one above the other in the rehearsal: they cannot both come straight down.
+    """Two vehicles that were stacked in the rehearsal: they cannot both come straight down.
 
     In flight it may be others: the law gives nobody a certain place.
     """
@@ -227,7 +227,7 @@ class _Judge:
         return need
 
     def _columns(self) -> list[ColumnPair]:
-        """Pairs that stand one above the other while the show runs, the nearest first."""
+        """Pairs that are stacked while the show runs, the nearest first."""
         width_m = column_m(self._flight.settings.safety.floor)
         nearest: dict[tuple[int, int], tuple[float, int]] = {}
         for tick in self._ticks(0.0, self._loaded.timeline.duration_s)[::LOOKED_AT].tolist():

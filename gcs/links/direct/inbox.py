@@ -24,7 +24,7 @@ class Inbox:
     Attributes:
         observers: whoever wants to see every frame; replace the tuple, do not mutate it.
         commands: who waits for answers; None: nobody.
-        note_parameter: called with row, name and value of every PARAM_VALUE; None: nobody.
+        note_parameter: called with row, name and value of every PARAM_VALUE; None: not called.
         pass_on: who else is to read what was taken: (data, frames, rows, times) as `FleetHeard.take` gets
             them; None: nobody.
     """

@@ -282,7 +282,7 @@ class UdpLink(LinkFacts, ABC):
         return order
 
     def _connected(self, now_s: float) -> Mask:
-        """(n,) who shows a sign of life, and has told a mode before."""
+        """(n,) vehicles with a sign of life and a known mode."""
         alive: Mask = now_s - self._heard.life_time_s <= SILENT_AFTER_S
         connected: Mask = alive & np.isfinite(self._heard.heartbeat_time_s)
         return connected

@@ -79,7 +79,7 @@ def test_the_certificate_is_told_once_it_is_made() -> None:
     report = {
         "source": "flight.mcap",
         "verdict": "incomplete",
-        "missing": ["nobody was in the air: there was nothing to judge"],
+        "missing": ["no vehicle was in the air: there was nothing to judge"],
         "based_on": "estimated positions",
         "uncertainty": "none",
         "remarks": [],

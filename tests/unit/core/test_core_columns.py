@@ -38,8 +38,8 @@ def test_what_stands_as_it_may_is_no_more_than_what_was_told() -> None:
 
 def test_it_is_told_in_words_and_not_at_all_where_there_is_nothing_to_tell() -> None:
     assert told(0) == ""
-    assert "up to 3 pairs stand one above the other:" in told(3)
-    assert "up to 3 pairs stand one above the other (in the show's check a above b)" in told(3, ["a above b"])
+    assert "up to 3 pairs in the formation are stacked:" in told(3)
+    assert "pairs in the formation are stacked (in the show's check a above b):" in told(3, ["a above b"])
     many = told(3, [f"{n} above {n + 1}" for n in range(12)])
     assert "up to 12 pairs" in many
     assert "9 above 10, others)" in many

@@ -179,7 +179,7 @@ def test_where_nobody_flew_nothing_is_kept(
     file = written(tmp_path, [standing(tick) for tick in range(60)])
     code, report, _ = judged(file, capsys)
     assert (code, report["verdict"], report["flew"]) == (3, "incomplete", 0)
-    assert report["missing"] == ["nobody was in the air: there was nothing to judge"]
+    assert report["missing"] == ["no vehicle was in the air: there was nothing to judge"]
     assert {each["kept"] for each in report["checks"] if each["worst"] is None} == {None}
     assert main(["certify", str(file)]) == 3
     told = capsys.readouterr().out

@@ -1,4 +1,4 @@
-// What calls for an operator who does not look at the list: sound, title, icon, and what a screen reader says. Pure.
+// What calls the operator's attention beside the list: sound, title, icon, screen reader. Pure.
 
 import { fresh, type State } from "../state";
 import { alarmsOf, ordered, rank, raised, worst, type Alarm, type Overall, type Severity } from "./model";
@@ -37,7 +37,7 @@ export function initialAttention(soundOn: boolean): Attention {
   };
 }
 
-/** An alarm that nobody acknowledges sounds again after this time; what is not named sounds once, or never. */
+/** An unacknowledged alarm sounds again after this time; other severities sound once, or never. */
 export const REPEATED_MS: Partial<Record<Severity, number>> = { emergency: 4_000, warning: 20_000 };
 const SOUNDING: ReadonlySet<Severity> = new Set(["emergency", "warning", "caution"]);
 
@@ -54,7 +54,7 @@ export function heard(attention: Attention, before: readonly Alarm[], now: reado
   return rung({ ...attention, announced }, worst(fresh), now_ms, isSilent);
 }
 
-/** What nobody has acknowledged sounds again. */
+/** Unacknowledged alarms sound again. */
 export function reminded(attention: Attention, alarms: readonly Alarm[], now_ms: number, isSilent: boolean): Attention {
   const open = worst(alarms.filter((each) => each.acknowledged_by === null));
   const every_ms = open === "normal" ? undefined : REPEATED_MS[open];
@@ -100,7 +100,7 @@ function attended(before: State, state: State, message: AttentionMessage | { kin
   }
 }
 
-/** What is shown was so, and nobody knows whether it still is. */
+/** The state shown is old; the present one is unknown. */
 export function isCutOff(state: State): boolean {
   const { connection, status, frame } = state;
   return status !== null && !status.replay && frame !== null && connection.kind !== "denied" && !fresh(state);

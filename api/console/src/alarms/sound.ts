@@ -22,7 +22,7 @@ export class Sounder {
   readonly #blocked: (isBlocked: boolean) => void;
   #context: AudioContext | null = null;
 
-  /** `blocked` is told whenever the browser begins or ceases to play sound. */
+  /** `blocked` is called whenever the browser begins or ceases to play sound. */
   constructor(blocked: (isBlocked: boolean) => void) {
     this.#blocked = blocked;
   }

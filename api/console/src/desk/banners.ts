@@ -1,4 +1,4 @@
-/** What nobody may overlook: old data, and answers to what was ordered. */
+/** Old data, and answers to commands: shown where they cannot be overlooked. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { State, Toast } from "../state";

@@ -32,7 +32,7 @@ export function entries(frame: Frame, ids: readonly string[]): Entry[] {
   return all.filter((each) => each !== null);
 }
 
-/** The vehicle whose battery is low first; -1: none is known. */
+/** Row of the vehicle with the first low battery; -1: unknown. */
 function firstLow({ low_s }: Frame): number {
   let first = -1;
   low_s.forEach((left_s, i) => {

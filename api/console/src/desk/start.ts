@@ -45,7 +45,7 @@ export function whyNotStart(state: State): string {
   return report.passes ? "" : t.fails(failures(report));
 }
 
-/** The same reason of many vehicles is told once: "d1, d2: offline". In the order in which they come. Pure. */
+/** Vehicles with one reason together: "d1, d2: offline", in their order. Pure. */
 export function byReason(reasons: Readonly<Record<string, string>>): { reason: string; vehicles: string[] }[] {
   const groups = new Map<string, string[]>();
   for (const [id, reason] of Object.entries(reasons)) groups.set(reason, [...(groups.get(reason) ?? []), id]);

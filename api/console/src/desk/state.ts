@@ -39,7 +39,7 @@ export interface DeskState {
   table: Table;
   shows: readonly StoredShow[] | null;
   checks: Readonly<Record<string, ShowCheck>>;
-  showsRefused: Readonly<Record<string, { hash: string; problem: string }>>; // shows whose Select was refused, as checked then
+  showsRefused: Readonly<Record<string, { hash: string; problem: string }>>; // shows that Select refused, by the hash then
   showsProblem: string;
   openShow: string | null;
   wasDown: boolean; // with the newest status: a start could be prepared

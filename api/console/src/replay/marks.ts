@@ -14,7 +14,7 @@ export interface Tick {
   text: string;
 }
 
-const NEAR = 0.004; // of the record: ticks that are nearer than this share a place, and are told together
+const NEAR = 0.004; // of the record: ticks that are nearer than this share a place and a hint
 const TOLD = 6; // in one tick's hint
 
 const percent = (share: number): string => `${(100 * Math.min(1, Math.max(0, share))).toFixed(3)}%`;

@@ -186,7 +186,7 @@ export class Cameraman {
   }
 }
 
-/** Nearly the same view: to go there would be seen by nobody, and cost a picture. */
+/** Nearly the same view: a move there would not be visible, and cost a picture. */
 function isSame(a: Pose, b: Pose): boolean {
   const off_m = Math.hypot(a.focus[0] - b.focus[0], a.focus[1] - b.focus[1], a.focus[2] - b.focus[2]);
   return off_m < 0.005 * a.span_m && Math.abs(a.span_m - b.span_m) < 0.005 * a.span_m;

@@ -12,7 +12,7 @@ const FAR_M = 1000; // beyond this, and beyond three times the fence, a position
 const WIDE_ORBIT = 3; // radii: a wider orbit is followed, a narrower one is in the picture as a whole
 const TINY = 0.45; // of the visible region: what takes less is fitted again
 
-/** Vehicles whose position is known, and can be so. */
+/** Vehicles with a known and plausible position. */
 export function believed({ status }: State, poses: Poses): number[] {
   const limit_m = Math.max(FAR_M, 3 * (status?.fence.distance_max_m ?? 0));
   return Array.from({ length: poses.n }, (_, i) => i).filter((i) => poses.known(i) && Math.hypot(...placeOf(poses, i)) < limit_m);
@@ -84,7 +84,7 @@ export function visible(pose: Pose, screen: Screen, poses: Poses, vehicles: read
   return vehicles.filter((i) => isVisible(pose, screen, placeOf(poses, i), margin_px));
 }
 
-/** Whether all places together take so little of the visible region that nothing can be told apart. */
+/** Whether all places together take so little of the visible region that vehicles cannot be told apart. */
 export function isTiny(pose: Pose, screen: Screen, places: Iterable<Vec3>): boolean {
   const basis = basisOf(pose);
   const seen = [...places].map((place) => project(basis, pose, screen, place)).filter((each) => each !== null);

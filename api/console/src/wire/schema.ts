@@ -55,7 +55,7 @@ export interface paths {
         put?: never;
         /**
          * Acknowledge one alarm
-         * @description It stays listed while its cause lasts, with who has seen it and when. Who was first stays named.
+         * @description It stays listed while its cause lasts, with the name and time of the first acknowledgement.
          */
         post: operations["acknowledge_alarm"];
         delete?: never;
@@ -75,7 +75,7 @@ export interface paths {
         put?: never;
         /**
          * Acknowledge every alarm
-         * @description Answers those that nobody had acknowledged. Ended ones are listed no more; nothing else changes.
+         * @description Returns the alarms that were not acknowledged before. Ended ones are removed from the list.
          */
         post: operations["acknowledge_all_alarms"];
         delete?: never;
@@ -1116,7 +1116,7 @@ export interface components {
         Alarm: {
             /**
              * Acknowledged By
-             * @description Whose token; null: nobody has.
+             * @description Name of the token used; null: not acknowledged.
              */
             acknowledged_by: string | null;
             /** Acknowledged Unix Time S */
@@ -1134,7 +1134,7 @@ export interface components {
             cause: string;
             /**
              * Ended Unix Time S
-             * @description null: the cause lasts. Emergencies and warnings that nobody acknowledged stay listed after their cause has ended, until somebody does; they do not count for the state of the whole.
+             * @description null: the cause lasts. Emergencies and warnings stay listed after their cause has ended until they are acknowledged; they do not count for the state of the whole.
              */
             ended_unix_time_s: number | null;
             /**
@@ -1178,10 +1178,10 @@ export interface components {
         AlarmList: {
             /**
              * Alarms
-             * @description Those whose cause lasts first, the most severe first, of one severity the newest first.
+             * @description Lasting alarms before ended ones; the most severe first, of one severity the newest.
              */
             alarms: components["schemas"]["Alarm"][];
-            /** @description The worst of the alarms whose cause lasts. */
+            /** @description The worst severity of the alarms that last. */
             severity: components["schemas"]["OverallSeverity"];
         };
         /**
@@ -1344,7 +1344,7 @@ export interface components {
         CheckState: "waiting" | "running" | "done" | "failed";
         /**
          * ColumnPair
-         * @description Two that stood one above the other in the check: they cannot both come straight down.
+         * @description Two vehicles, one above the other in the check: they cannot both come straight down.
          */
         ColumnPair: {
             /**
@@ -1601,7 +1601,7 @@ export interface components {
             origin: components["schemas"]["Origin"];
             /** Setpoints Sent */
             setpoints_sent: number;
-            /** @description The worst of the alarms whose cause lasts. */
+            /** @description The worst severity of the alarms that last. */
             severity: components["schemas"]["OverallSeverity"];
             show: components["schemas"]["Show"];
             target: components["schemas"]["Target"];
@@ -2661,7 +2661,7 @@ export interface components {
              */
             revision: number;
             separation: components["schemas"]["Separation"];
-            /** @description The worst of the alarms whose cause lasts. */
+            /** @description The worst severity of the alarms that last. */
             severity: components["schemas"]["OverallSeverity"];
             show: components["schemas"]["Show"];
             /**
@@ -2958,7 +2958,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3023,7 +3023,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3099,7 +3099,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3227,7 +3227,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3337,7 +3337,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3415,7 +3415,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3547,7 +3547,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3679,7 +3679,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3811,7 +3811,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3943,7 +3943,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4062,7 +4062,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4140,7 +4140,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4263,7 +4263,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4395,7 +4395,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4505,7 +4505,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4583,7 +4583,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4695,7 +4695,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4793,7 +4793,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4921,7 +4921,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5040,7 +5040,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5118,7 +5118,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5228,7 +5228,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5295,7 +5295,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5381,7 +5381,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5473,7 +5473,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5569,7 +5569,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5679,7 +5679,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5762,7 +5762,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5845,7 +5845,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5919,7 +5919,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6038,7 +6038,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6155,7 +6155,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6274,7 +6274,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6393,7 +6393,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6516,7 +6516,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6648,7 +6648,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6776,7 +6776,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6895,7 +6895,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7005,7 +7005,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7081,7 +7081,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7193,7 +7193,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7312,7 +7312,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7433,7 +7433,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7527,7 +7527,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7661,7 +7661,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7780,7 +7780,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7845,7 +7845,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7923,7 +7923,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8033,7 +8033,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8100,7 +8100,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8194,7 +8194,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8328,7 +8328,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8458,7 +8458,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8588,7 +8588,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8718,7 +8718,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8848,7 +8848,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8978,7 +8978,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -9108,7 +9108,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -9227,7 +9227,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -9305,7 +9305,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -9415,7 +9415,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -9480,7 +9480,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -9545,7 +9545,7 @@ export interface operations {
                     "application/json": components["schemas"]["ErrorBody"];
                 };
             };
-            /** @description A token whose role may not do this, a foreign web page, or a host name that is not this service's. */
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
             403: {
                 headers: {
                     [name: string]: unknown;
