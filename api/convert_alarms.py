@@ -28,21 +28,21 @@ def _control_stopped(view: FleetView, problem: str) -> Alarm:
     )
 
 
-def alarm(told: Alarm) -> WireAlarm:
+def alarm(known: Alarm) -> WireAlarm:
     """One of them."""
     return WireAlarm(
-        id=told.id,
-        severity=told.severity,
-        cause=told.cause.value,
-        text=told.text,
-        advice=told.advice,
-        vehicles=list(told.vehicles),
-        since_unix_time_s=told.since_unix_s,
-        raised_unix_time_s=told.raised_unix_s,
-        acknowledged_by=told.acknowledged_by,
-        acknowledged_unix_time_s=told.acknowledged_unix_s,
-        ended_unix_time_s=told.ended_unix_s,
-        order_id=told.order_id,
+        id=known.id,
+        severity=known.severity,
+        cause=known.cause.value,
+        text=known.text,
+        advice=known.advice,
+        vehicles=list(known.vehicles),
+        since_unix_time_s=known.since_unix_s,
+        raised_unix_time_s=known.raised_unix_s,
+        acknowledged_by=known.acknowledged_by,
+        acknowledged_unix_time_s=known.acknowledged_unix_s,
+        ended_unix_time_s=known.ended_unix_s,
+        order_id=known.order_id,
     )
 
 

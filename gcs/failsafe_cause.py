@@ -98,7 +98,7 @@ _SETPOINT_LOSS_MODES: Final = {
 
 def cause_of(facts: VehicleFacts) -> FailsafeCause:
     """Which failsafe has a vehicle in a mode that this station did not command."""
-    told = {
+    announced = {
         cause
         for text in facts.texts
         if not _REFUSALS.search(text.lower())
@@ -106,25 +106,25 @@ def cause_of(facts: VehicleFacts) -> FailsafeCause:
         if words.search(text.lower())
     }
     comes_down = facts.mode in {Mode.LAND, Mode.RETURN}
-    battery = _battery(facts, told)
-    if battery is not None and (facts.in_failsafe or (comes_down and told & BATTERY)):
+    battery = _battery(facts, announced)
+    if battery is not None and (facts.in_failsafe or (comes_down and announced & BATTERY)):
         return battery
     if not facts.in_failsafe:
         return FailsafeCause.UNKNOWN
     for cause, _ in _TEXTS:
-        if cause in told and cause not in BATTERY:
+        if cause in announced and cause not in BATTERY:
             return cause
     if not facts.position_age_s <= facts.setpoint_loss_s + 1.0 and facts.mode in {Mode.LAND, Mode.OTHER}:
         return FailsafeCause.POSITION_LOSS
     return FailsafeCause.SETPOINT_LOSS if _fits(facts) else FailsafeCause.OTHER
 
 
-def _battery(facts: VehicleFacts, told: set[FailsafeCause]) -> FailsafeCause | None:
+def _battery(facts: VehicleFacts, announced: set[FailsafeCause]) -> FailsafeCause | None:
     """What the battery is in a state for."""
     left = facts.battery_remaining
-    if FailsafeCause.CRITICAL_BATTERY in told or left <= CRITICAL_BELOW + ROUNDING:  # False for NaN
+    if FailsafeCause.CRITICAL_BATTERY in announced or left <= CRITICAL_BELOW + ROUNDING:  # False for NaN
         return FailsafeCause.CRITICAL_BATTERY
-    if FailsafeCause.LOW_BATTERY in told or left <= LOW_BELOW + ROUNDING:
+    if FailsafeCause.LOW_BATTERY in announced or left <= LOW_BELOW + ROUNDING:
         return FailsafeCause.LOW_BATTERY
     return None
 

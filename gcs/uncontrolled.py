@@ -21,14 +21,14 @@ def uncontrolled(flight: Flight) -> list[Vehicle]:
 
 def reason(vehicles: Collection[Vehicle]) -> str:
     """How many of these are airborne and why not under control, vehicles with one reason together."""
-    whose: dict[str, list[str]] = {}
+    by_reason: dict[str, list[str]] = {}
     for vehicle in vehicles:
-        whose.setdefault(vehicle.reason, []).append(vehicle.id)
+        by_reason.setdefault(vehicle.reason, []).append(vehicle.id)
     count = f"{len(vehicles)} {'vehicle' if len(vehicles) == 1 else 'vehicles'} airborne"
-    if len(whose) == 1:
-        (only,) = whose
+    if len(by_reason) == 1:
+        (only,) = by_reason
         return f"{count}, not under this station's control: {only}"
-    parts = [f"{_named(ids)}: {why}" for why, ids in whose.items()]
+    parts = [f"{_named(ids)}: {why}" for why, ids in by_reason.items()]
     return f"{count}, not under this station's control: {'; '.join(parts)}"
 
 

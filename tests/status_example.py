@@ -36,8 +36,8 @@ def example_fleet(count: int = 20, name: str = "d{}") -> wire.Fleet:
     service = FakeService(count)
     service.fly()
     service.tick()
-    told: dict[str, Any] = Api(service)("GET", "/api/v1/fleet").json()
-    for index, vehicle in enumerate(told["vehicles"]):
+    answered: dict[str, Any] = Api(service)("GET", "/api/v1/fleet").json()
+    for index, vehicle in enumerate(answered["vehicles"]):
         vehicle.update(
             {"restrained_by": "", "battery_remaining": 0.82 - 0.005 * index, "position_age_s": 0.1}
         )
@@ -47,7 +47,7 @@ def example_fleet(count: int = 20, name: str = "d{}") -> wire.Fleet:
         vehicle["position"]["height_m"] = 24.0 + 0.7 * (index % 7)
         vehicle["velocity"] = {"x_m_s": 1.2, "y_m_s": 0.6, "up_m_s": 0.0}
         vehicle.update(NOT_ORDINARY.get(f"d{index + 1}", {}))
-    told["counts"] = {
+    answered["counts"] = {
         "airborne": 19,
         "controlled": 18,
         "uncontrolled": 1,
@@ -55,8 +55,8 @@ def example_fleet(count: int = 20, name: str = "d{}") -> wire.Fleet:
         "on_ground": 0,
         "offline": 0,
     }
-    told["severity"] = "warning"
-    told["alarms"] = [
+    answered["severity"] = "warning"
+    answered["alarms"] = [
         {
             "id": "vehicle-lost-1",
             "severity": "warning",
@@ -72,4 +72,4 @@ def example_fleet(count: int = 20, name: str = "d{}") -> wire.Fleet:
             "order_id": None,
         }
     ]
-    return wire.Fleet.model_validate(told)
+    return wire.Fleet.model_validate(answered)

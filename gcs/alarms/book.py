@@ -208,13 +208,13 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
     conditions = list(dict.fromkeys(active.values()))
     worst = min(conditions, key=_rank)
     vehicles = tuple(name for name in active if name is not None)
-    whose: dict[str, list[VehicleId]] = {}
+    by_reason: dict[str, list[VehicleId]] = {}
     for name, condition in active.items():
-        whose.setdefault(condition.because, []).extend(() if name is None else (name,))
-    if len(whose) == 1:
-        because = next(iter(whose))
+        by_reason.setdefault(condition.because, []).extend(() if name is None else (name,))
+    if len(by_reason) == 1:
+        because = next(iter(by_reason))
     else:
-        because = "; ".join(f"{named(names)}: {why}" if names else why for why, names in whose.items())
+        because = "; ".join(f"{named(names)}: {why}" if names else why for why, names in by_reason.items())
     headline = row.headline.format(vehicles=_subject(vehicles), about=worst.about)
     follows = " ".join(dict.fromkeys(filter(None, (one.consequence for one in conditions))))
     first = f"{headline}: {because}" if because else headline

@@ -40,24 +40,24 @@ def alarm_lines(severity: str, alarms: Sequence[Alarm]) -> RenderableType:
     for alarm in alarms:
         is_over = alarm.ended_unix_time_s is not None
         style = ENDED if is_over else STYLE[alarm.severity]
-        table.add_row(Text(f" {alarm.severity} ", style=style), _told(alarm))
+        table.add_row(Text(f" {alarm.severity} ", style=style), _entry(alarm))
     return table
 
 
-def _told(alarm: Alarm) -> Text:
-    told = Text(alarm.text)
+def _entry(alarm: Alarm) -> Text:
+    entry = Text(alarm.text)
     if not all(name in alarm.text for name in alarm.vehicles):
-        told.append(f"\nVehicles: {', '.join(alarm.vehicles)}")
-    told.append(f"\n{alarm.advice}", style="italic")
-    told.append(f"\n{alarm.id}, since {_clock(alarm.since_unix_time_s)}", style="dim")
+        entry.append(f"\nVehicles: {', '.join(alarm.vehicles)}")
+    entry.append(f"\n{alarm.advice}", style="italic")
+    entry.append(f"\n{alarm.id}, since {_clock(alarm.since_unix_time_s)}", style="dim")
     if alarm.ended_unix_time_s is not None:
-        told.append(f", ended {_clock(alarm.ended_unix_time_s)}: acknowledge it", style="bold")
+        entry.append(f", ended {_clock(alarm.ended_unix_time_s)}: acknowledge it", style="bold")
     elif alarm.acknowledged_by is not None and alarm.acknowledged_unix_time_s is not None:
         when = _clock(alarm.acknowledged_unix_time_s)
-        told.append(f", acknowledged by {alarm.acknowledged_by} {when}", style="dim")
+        entry.append(f", acknowledged by {alarm.acknowledged_by} {when}", style="dim")
     else:
-        told.append(", not acknowledged", style="bold")
-    return told
+        entry.append(", not acknowledged", style="bold")
+    return entry
 
 
 def _counted(alarms: Sequence[Alarm]) -> str:

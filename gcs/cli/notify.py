@@ -58,7 +58,7 @@ class Notifier:
         except BlockingIOError:  # it is behind with reading: the next one will do
             return
         except OSError as error:
-            self._note("nobody starts this service again", str(error))
+            self._note("nothing starts this service again", str(error))
         else:
             self._note("", "")
 

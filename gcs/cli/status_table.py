@@ -195,11 +195,11 @@ def _head(fleet: wire.Fleet) -> RenderableType:
             f" nearest two {number(fleet.minimum_separation_m)} m"
         ),
     )
-    told = f"{counts.airborne} airborne, {counts.on_ground} on the ground, {counts.offline} offline"
+    summary = f"{counts.airborne} airborne, {counts.on_ground} on the ground, {counts.offline} offline"
     table.add_row(
         "vehicles",
         Text.assemble(
-            told,
+            summary,
             (f", {counts.uncontrolled} not under control", "magenta") if counts.uncontrolled else "",
             (f", {counts.unknown} unknown", BAD) if counts.unknown else "",
         ),
@@ -215,18 +215,18 @@ def _energy(found: wire.Estimates | None) -> str:
     """Batteries and times in one line; what is not known is left out."""
     if found is None:
         return ""
-    told = []
+    summary = []
     if found.battery_least is not None:
-        told.append(f"battery least {found.battery_least:.0%} ({found.battery_least_vehicle})")
+        summary.append(f"battery least {found.battery_least:.0%} ({found.battery_least_vehicle})")
     if found.battery_median is not None:
-        told.append(f"median {found.battery_median:.0%}")
+        summary.append(f"median {found.battery_median:.0%}")
     if found.low_s is not None:
-        told.append(f"low in {_minutes(found.low_s)} ({found.low_vehicle})")
+        summary.append(f"low in {_minutes(found.low_s)} ({found.low_vehicle})")
     if found.assembled_s is not None:
-        told.append(f"assembled in ~{found.assembled_s:.0f} s")
+        summary.append(f"assembled in ~{found.assembled_s:.0f} s")
     if found.home_s is not None:
-        told.append(f"home in ~{found.home_s:.0f} s")
-    return ", ".join(told)
+        summary.append(f"home in ~{found.home_s:.0f} s")
+    return ", ".join(summary)
 
 
 def _minutes(left_s: float) -> str:

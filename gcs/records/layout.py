@@ -83,7 +83,7 @@ def about(session: str, config_json: str, vehicles: Mapping[str, tuple[int, str]
         config_json: the whole configuration.
         vehicles: system id and link of each, in the order of the rows.
     """
-    said = {
+    values = {
         "version": str(VERSION),
         "session": session,
         "config": config_json,
@@ -91,13 +91,13 @@ def about(session: str, config_json: str, vehicles: Mapping[str, tuple[int, str]
         "phases": json.dumps([phase.value for phase in PHASES]),
         "modes": json.dumps([mode.value for mode in MODES]),
     }
-    return {**said, CHECKSUM: checksum(said)}
+    return {**values, CHECKSUM: checksum(values)}
 
 
 def checksum(metadata: Mapping[str, str]) -> str:
     """Of all but itself: MCAP has none for metadata, and a limit with a flipped bit would be judged by."""
-    said = {key: value for key, value in metadata.items() if key != CHECKSUM}
-    return f"{crc32(json.dumps(said, sort_keys=True).encode()):08x}"
+    values = {key: value for key, value in metadata.items() if key != CHECKSUM}
+    return f"{crc32(json.dumps(values, sort_keys=True).encode()):08x}"
 
 
 def nanoseconds(unix_s: float) -> int:

@@ -36,7 +36,7 @@ def marks_of(events: Iterable[Event], began_unix_s: float, duration_s: float) ->
 
     Raises: KeyError or ValueError for events that are none.
     """
-    show, cues, told = _Spans(duration_s), list[CueMark](), list[EventMark]()
+    show, cues, event_marks = _Spans(duration_s), list[CueMark](), list[EventMark]()
     flying = _Flying(duration_s)
     for unix_s, level, event, vehicle, detail in events:
         at_s = min(max(unix_s - began_unix_s, 0.0), duration_s)
@@ -48,9 +48,9 @@ def marks_of(events: Iterable[Event], began_unix_s: float, duration_s: float) ->
             cues.append(CueMark(str(detail["cue"]), at_s))
         how = severity(level)
         if event == ALARM or how is not Severity.INFO:
-            told.append(EventMark(at_s, how, event == ALARM, words(event, detail), vehicle))
+            event_marks.append(EventMark(at_s, how, event == ALARM, words(event, detail), vehicle))
     phases = show.spans()
-    return ReplayMarks(phases, tuple(cues), _fewer(told), _idle(phases, flying.spans(), duration_s))
+    return ReplayMarks(phases, tuple(cues), _fewer(event_marks), _idle(phases, flying.spans(), duration_s))
 
 
 class _Spans:
@@ -126,8 +126,8 @@ def _idle(
     return tuple(found)
 
 
-def _fewer(told: list[EventMark]) -> tuple[EventMark, ...]:
-    if len(told) <= EVENTS_MAX:
-        return tuple(told)
-    kept = sorted(told, key=lambda mark: not mark.is_alarm)[:EVENTS_MAX]
+def _fewer(event_marks: list[EventMark]) -> tuple[EventMark, ...]:
+    if len(event_marks) <= EVENTS_MAX:
+        return tuple(event_marks)
+    kept = sorted(event_marks, key=lambda mark: not mark.is_alarm)[:EVENTS_MAX]
     return tuple(sorted(kept, key=lambda mark: mark.at_s))

@@ -54,7 +54,7 @@ TARGET_PX, BOX_PX, SPHERE_PX = -26.0, 14.0, 0.0
 AXE: Final = ROOT / "api" / "console" / "node_modules" / "axe-core" / "axe.min.js"
 
 SEEN: Final = """
-// When messages and alarms came, what the page said and showed when, and how long it could not draw.
+// When messages and alarms came, what the page announced and showed when, and how long it could not draw.
 window.seen = { message_ms: 0, said: [], counted: [], stalled: [], told: {}, shown: {}, tones: 0 };
 window.WebSocket = class extends WebSocket {
   constructor(...given) {

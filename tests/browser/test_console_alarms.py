@@ -36,7 +36,7 @@ Fault = Callable[..., None]
 
 @contextmanager
 def broken_fleet(folder: Path) -> Iterator[tuple[Station, Fault, int]]:
-    """Vehicles that hear faults, and a service whose reactions keep the show where it is."""
+    """Vehicles that receive faults, and a service whose reactions keep the show where it is."""
     port, control = free_ports(COUNT), free_ports()
     raw = flying_config(COUNT, port, silence_s=2.0, takeoff_height_m=4.0).model_dump()
     raw["api"]["port"] = free_ports()
@@ -110,7 +110,7 @@ def listed(desk: Console) -> list[dict[str, Any]]:
 
 
 def not_shown_in_time(desk: Console) -> list[str]:
-    """Alarms that were told the page, and not seen on it so long after, but for the time it stood still."""
+    """Alarms sent to the page and not shown on it so long after, without the time it stood still."""
     seen = desk.seen()
     late = []
     for alarm, told_ms in seen["told"].items():

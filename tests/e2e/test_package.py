@@ -50,15 +50,15 @@ def test_a_wheel_brings_its_configurations_and_the_fake_autopilot(tmp_path: Path
     assert Path(where) == tmp_path / "site" / "gcs" / "_configs" / "demo.yaml"
     assert count == "10"
     (metadata,) = (tmp_path / "site").glob("formation_gcs-*.dist-info/METADATA")
-    told = email.message_from_string(metadata.read_text(encoding="utf-8"))
-    assert {each.split(",")[0] for each in told.get_all("Project-URL", [])} >= {
+    described = email.message_from_string(metadata.read_text(encoding="utf-8"))
+    assert {each.split(",")[0] for each in described.get_all("Project-URL", [])} >= {
         "Source",
         "Changelog",
         "Issues",
     }
-    assert told["Author"]
-    assert "Typing :: Typed" in told.get_all("Classifier", [])
-    links = re.findall(r'\]\(([^)]+)\)|src="([^"]+)"', str(told.get_payload()))
+    assert described["Author"]
+    assert "Typing :: Typed" in described.get_all("Classifier", [])
+    links = re.findall(r'\]\(([^)]+)\)|src="([^"]+)"', str(described.get_payload()))
     assert len(links) > 5
     assert all("".join(link).startswith("https://") for link in links)
     check_types(tmp_path)

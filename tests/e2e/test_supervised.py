@@ -50,7 +50,7 @@ def test_a_service_whose_supervisor_is_gone_goes_on_and_says_so(tmp_path: Path) 
         assert client.alarms().alarms == []
         station.parent.kill()
         station.parent.wait()
-        told = ["Supervisor gone: nobody starts this service again."]
+        told = ["Supervisor gone: nothing starts this service again."]
         wait_until("told", SOON_S, lambda: [alarm.text for alarm in client.alarms().alarms] == told)
         assert client.health().alive
         assert len(station.said("supervisor_gone")) == 1

@@ -106,7 +106,7 @@ class LoopbackLink:
         self.conflicts: dict[VehicleId, str] = {}
         self.addresses: dict[VehicleId, Address] = {}
         self.problems: tuple[str, ...] = ()
-        self.trouble: Trouble | None = None  # whose broken links bytes go through
+        self.trouble: Trouble | None = None  # of the broken links that bytes pass
 
     # the link
 
@@ -364,7 +364,7 @@ class LoopbackLink:
             if channel is None:
                 arrived.append((row, frame))
             else:
-                channel.into.put(frame, None, now_s)  # type: ignore[arg-type]  # nobody asks where it came from
+                channel.into.put(frame, None, now_s)  # type: ignore[arg-type]  # its source is not used
         for row, channel in self._broken().items():
             arrived += [(row, frame) for frame, _ in channel.into.take(now_s)]
         self._fleet.ears.hear(arrived)
@@ -377,7 +377,7 @@ class LoopbackLink:
         self.hear(self._fleet.take_frames(), now_s)
 
     def hear(self, said: Mapping[int, list[bytes]], now_s: float) -> None:
-        """What vehicles, by row, said arrives."""
+        """Messages of the vehicles, by row, arrive."""
         for vehicle_id, heard in self._ears.items():
             row = self._row[self._system_ids[vehicle_id]]
             arrived, channel = said.get(row, []), self._broken().get(row)

@@ -11,16 +11,16 @@ from gcs.sim.fleet import STEP_S
 from gcs.state import Array
 
 HEARD_FIRST: float = 1.0
-"""Share of what vehicles said meanwhile that is heard afterwards: buffers overflow, and keep the oldest."""
+"""Share of the messages sent meanwhile that is received afterwards: buffers overflow and keep the oldest."""
 
 
 def stall(show: Show, seconds: float, *, kept_share: float = HEARD_FIRST) -> Array:
-    """Let time pass for the vehicles alone; what they said meanwhile is heard when the station goes on.
+    """Let time pass for the vehicles alone; the station receives their messages when it goes on.
 
     Args:
         show: running.
         seconds: how long.
-        kept_share: of what they said, the oldest.
+        kept_share: share of their messages that is kept, the oldest.
 
     Returns: (k, n, 3) true positions meanwhile, show frame.
     """

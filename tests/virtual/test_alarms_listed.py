@@ -27,7 +27,7 @@ REACTIONS: Final = {
 
 
 class Supervisor:
-    """Is told that control lives, as `gcs.cli.notify` is."""
+    """Receives the signs that control lives, as `gcs.cli.notify` does."""
 
     def __init__(self) -> None:
         self.problem = ""
@@ -37,7 +37,7 @@ class Supervisor:
 
     def leave(self) -> None:
         """It has ended."""
-        self.problem = "nobody starts this service again"
+        self.problem = "nothing starts this service again"
 
 
 @dataclass(frozen=True)
@@ -122,22 +122,22 @@ async def all_shown(show: Show, feed: Feed, troubles: Mapping[AlarmCause, Troubl
         for cause in waits - known_s.keys():
             if troubles[cause].is_known(show):
                 known_s[cause] = show.now_s
-        told = json.loads(feed.status(show.now_s)[1])
-        check_order(told)
-        waits -= {AlarmCause(alarm["cause"]) for alarm in told["alarms"]}
+        message = json.loads(feed.status(show.now_s)[1])
+        check_order(message)
+        waits -= {AlarmCause(alarm["cause"]) for alarm in message["alarms"]}
         for cause in waits & known_s.keys():
             assert show.now_s - known_s[cause] < WITHIN_S, cause
 
 
-def check_order(told: Mapping[str, Any]) -> None:
+def check_order(message: Mapping[str, Any]) -> None:
     """The most severe on top, and the state of the whole is that."""
     ranks = [
         (alarm["ended_unix_time_s"] is not None, RANK[AlarmSeverity(alarm["severity"])])
-        for alarm in told["alarms"]
+        for alarm in message["alarms"]
     ]
     assert ranks == sorted(ranks)
-    lasting = [alarm["severity"] for alarm in told["alarms"] if alarm["ended_unix_time_s"] is None]
-    assert told["severity"] == (lasting[0] if lasting else "normal")
+    lasting = [alarm["severity"] for alarm in message["alarms"] if alarm["ended_unix_time_s"] is None]
+    assert message["severity"] == (lasting[0] if lasting else "normal")
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -40,7 +40,7 @@ def test_too_much_wind_pauses_the_show_and_an_operator_resumes_it() -> None:
         storm(show, 0.0)
         await show.until(lambda: reaction(show, Cause.WIND) is None)
         await show.wait(10.0)
-        assert show.view.show is ShowPhase.PAUSED, "nobody flies on by itself"
+        assert show.view.show is ShowPhase.PAUSED, "no vehicle flies on by itself"
         assert [order.action for order in by_itself(show)[1:]] == ["pause"]
         show.service.command_show(ShowAction.RESUME)
         await show.reach(ShowPhase.RUNNING)
@@ -113,7 +113,7 @@ def test_whom_an_earlier_show_lost_is_no_loss_of_this_one() -> None:
         assert show.view.reason.startswith("too many vehicles lost")
         await show.reach(ShowPhase.LANDED, 120.0)
         await show.wait(7.0)
-        assert show.view.reactions == (), "it is over; the alarms tell who is lost"
+        assert show.view.reactions == (), "it is over; an alarm names the lost vehicles"
         show.service.command_show(ShowAction.START, ("d1", "d3"))
         await show.reach(ShowPhase.RUNNING)
         await show.wait(5.0)

@@ -67,7 +67,7 @@ def test_three_that_land_on_flat_batteries_are_named_and_left_alone() -> None:
 
 
 async def deaf(show: Show, seconds: float) -> tuple[list[Phase], str, list[ShowPhase]]:
-    """Setpoints leave, and do not reach it; it is heard all the while."""
+    """Setpoints leave, and do not reach it; its telemetry arrives all the while."""
     await show.start()
     began_s = show.now_s
     show.link.silence("d2", down=False)

@@ -1,4 +1,4 @@
-"""Links that lose and delay: nobody is lost for want of heartbeats, and who was lost comes back by itself."""
+"""Links that lose and delay: no vehicle is lost for want of heartbeats, and lost vehicles rejoin."""
 
 from typing import Any, NamedTuple
 

@@ -29,7 +29,7 @@ async def another_station_sets(show: Show, name: str, value: ParameterValue) -> 
 
 async def changed_in_flight(show: Show) -> Changed:
     await show.start()
-    await another_station_sets(show, "MPC_YAWRAUTO_MAX", 40.0)  # nobody demands anything of it
+    await another_station_sets(show, "MPC_YAWRAUTO_MAX", 40.0)  # preflight demands nothing of it
     assert of_parameters(show) == ()
     await another_station_sets(show, "COM_OF_LOSS_T", 5.0)
     alarms = of_parameters(show)

@@ -24,7 +24,7 @@ LINES = {
     "fleet.takeoff_height_m": "fleet:",
     "fleet.takeoff_stagger_s": "fleet:",
 }
-"""Where in the file the problem is told to be."""
+"""Where in the file the problem is."""
 
 
 def box(name: str, y_m: float = -60.0) -> Obstacle:

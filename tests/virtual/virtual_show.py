@@ -268,7 +268,7 @@ class Show:
 
 
 def alarm_texts(show: Show) -> list[str]:
-    """What an operator is told now: the text of every alarm."""
+    """The text of every present alarm."""
     return [alarm.text for alarm in show.view.alarms]
 
 
@@ -326,7 +326,7 @@ def fly(
         failures: of the link, before it first runs.
         record: where the flight is recorded, entered.
         planning: of ways home; None: done as soon as it is begun.
-        heart: is told that control lives.
+        heart: receives the signs that control lives.
         fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
     """
     plan = show_config(4) if config is None else config

@@ -86,12 +86,12 @@ def test_denied_handshakes_write_no_line_of_the_servers_and_few_of_the_audit(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     count = int(TELL_BURST) + 60
-    told: list[Denied] = []
+    denied: list[Denied] = []
     file = tmp_path / "tokens.json"
     create_token(file, "crew", Role.WATCH)
 
     async def main() -> None:
-        door = Door(Tokens(file), audit=told.append, clock_s=lambda: 0.0)
+        door = Door(Tokens(file), audit=denied.append, clock_s=lambda: 0.0)
         async with asyncio.timeout(60), served(FakeService(), door) as port:
             for _ in range(count):
                 with pytest.raises(websockets.InvalidStatus) as refused:
@@ -102,5 +102,5 @@ def test_denied_handshakes_write_no_line_of_the_servers_and_few_of_the_audit(
     with caplog.at_level(logging.INFO):
         asyncio.run(main())
     assert [line for line in caplog.records if line.name.startswith("uvicorn") and line.levelno >= 30] == []
-    assert sum(each.count for each in told) == count
-    assert len(told) <= TELL_BURST + TELL_PER_S
+    assert sum(each.count for each in denied) == count
+    assert len(denied) <= TELL_BURST + TELL_PER_S

@@ -30,10 +30,10 @@ def api() -> Api:
 
 @pytest.mark.parametrize("path", ["/api/v1/fleet", "/api/v1/status", "/api/v1/alarms"])
 def test_alarms_are_listed_the_most_severe_first_with_the_state_of_the_whole(api: Api, path: str) -> None:
-    told = api("GET", path).json()
-    assert told["severity"] == "emergency"
-    assert [alarm["severity"] for alarm in told["alarms"]] == ["emergency", "warning", "information"]
-    lost = told["alarms"][1]
+    answered = api("GET", path).json()
+    assert answered["severity"] == "emergency"
+    assert [alarm["severity"] for alarm in answered["alarms"]] == ["emergency", "warning", "information"]
+    lost = answered["alarms"][1]
     assert lost["text"] == "Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap."
     assert (lost["cause"], lost["vehicles"], lost["order_id"]) == ("vehicle-lost", ["d3"], "o7")
     assert lost["acknowledged_by"] is lost["ended_unix_time_s"] is None
@@ -72,10 +72,10 @@ def test_that_control_has_stopped_is_on_top_and_cannot_be_acknowledged_away(api:
     api.service.control_alive = False
     api.service.tick()
     for path in ("/api/v1/fleet", "/api/v1/status", "/api/v1/alarms"):
-        told = api("GET", path).json()
-        assert told["severity"] == "emergency"
-        first = told["alarms"][0]
-        assert (first["id"], len(told["alarms"])) == ("control-stopped", 4)
+        answered = api("GET", path).json()
+        assert answered["severity"] == "emergency"
+        first = answered["alarms"][0]
+        assert (first["id"], len(answered["alarms"])) == ("control-stopped", 4)
         assert first["text"].startswith("Control stopped: the control loop has completed no tick")
     answer = api("POST", "/api/v1/alarms/control-stopped/acknowledge")
     assert answer.status_code == 409

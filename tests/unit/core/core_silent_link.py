@@ -57,17 +57,17 @@ class SilentLink:
         )
 
     def send(self, setpoints: Setpoints) -> None:
-        """Nobody there."""
+        """No vehicle answers."""
 
     def watch_parameters(self, names: Collection[str]) -> None:
-        """Nobody there."""
+        """No vehicle answers."""
 
     def told_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
-        """Nobody there."""
+        """No vehicle answers."""
         return {}
 
     async def execute(self, order: Order) -> None:
-        """Nobody there."""
+        """No vehicle answers."""
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]

@@ -18,7 +18,7 @@ from gcs.cli.main import load, main, whole_parser
 from gcs.cli.progress import working
 from gcs.cli.simulation.scenario import ROWS
 
-NOBODY = "http://127.0.0.1:9"
+NO_SERVICE = "http://127.0.0.1:9"
 
 HEAVY = ("numpy", "numba", "scipy", "matplotlib", "fastapi", "starlette", "uvicorn", "pymavlink", "mavsdk")
 MODELS = ("pydantic", "gcs.api.wire", "gcs.service", "gcs.config", "yaml", "sqlite3")
@@ -37,8 +37,8 @@ print("\\n".join(sorted(sys.modules)), file=sys.stderr)
 def loaded(line: str) -> set[str]:
     """The modules that are there after a command, in a process of its own."""
     command = [sys.executable, "-c", LOADED, *line.split()]
-    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    return set(told.stderr.splitlines())
+    result = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    return set(result.stderr.splitlines())
 
 
 @pytest.mark.parametrize(
@@ -54,12 +54,12 @@ def test_help_and_mistakes_load_nothing_but_the_table(line: str) -> None:
         "kill --help",
         "phase --help",
         "status --help",
-        f"stop --url {NOBODY}",
-        f"pause --url {NOBODY}",
-        f"land d1 d2 --url {NOBODY}",
-        f"status --url {NOBODY}",
-        f"phase --json --url {NOBODY}",
-        f"shows list --url {NOBODY}",
+        f"stop --url {NO_SERVICE}",
+        f"pause --url {NO_SERVICE}",
+        f"land d1 d2 --url {NO_SERVICE}",
+        f"status --url {NO_SERVICE}",
+        f"phase --json --url {NO_SERVICE}",
+        f"shows list --url {NO_SERVICE}",
     ],
 )
 def test_a_call_is_sent_before_any_model_or_array_is_loaded(line: str) -> None:
@@ -68,8 +68,8 @@ def test_a_call_is_sent_before_any_model_or_array_is_loaded(line: str) -> None:
 
 def test_the_client_of_a_program_loads_neither_arrays_nor_the_server() -> None:
     command = [sys.executable, "-c", "import sys, gcs.client; print(*sys.modules)"]
-    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    assert set(told.stdout.split()) & {*HEAVY, *MODELS} == set()
+    result = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert set(result.stdout.split()) & {*HEAVY, *MODELS} == set()
 
 
 def test_every_command_is_in_the_help_with_a_text_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
@@ -111,11 +111,11 @@ def test_a_mistake_shows_the_usage_of_that_command_alone(
 ) -> None:
     with pytest.raises(SystemExit) as ended:
         main(line.split())
-    told = capsys.readouterr().err
+    result = capsys.readouterr().err
     assert ended.value.code == 2
-    assert told.startswith(usage)
-    assert wrong in told
-    assert len(told.splitlines()) < 9
+    assert result.startswith(usage)
+    assert wrong in result
+    assert len(result.splitlines()) < 9
 
 
 def test_the_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
@@ -140,8 +140,10 @@ def test_bash_completes_a_command_and_its_options(tmp_path: Path) -> None:
         f"source {script}; COMP_WORDS=(gcs target set-g); COMP_CWORD=2; _shtab_gcs; echo ${{COMPREPLY[@]}};"
         " COMP_WORDS=(gcs kill --al); COMP_CWORD=2; _shtab_gcs; echo ${COMPREPLY[@]}"
     )
-    told = subprocess.run(["/bin/bash", "-c", asked], capture_output=True, text=True, check=True, timeout=60)
-    assert told.stdout.split() == ["set-geodetic", "--all"]
+    result = subprocess.run(
+        ["/bin/bash", "-c", asked], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert result.stdout.split() == ["set-geodetic", "--all"]
 
 
 def test_a_reader_that_has_enough_gets_no_traceback() -> None:
@@ -149,20 +151,20 @@ def test_a_reader_that_has_enough_gets_no_traceback() -> None:
     os.close(read)
     command = [sys.executable, "-m", "gcs", "--help"]
     try:
-        told = subprocess.run(
+        result = subprocess.run(
             command, stdout=write, stderr=subprocess.PIPE, text=True, check=False, timeout=60
         )
     finally:
         os.close(write)
-    assert (told.returncode, told.stderr) == (141, "")
+    assert (result.returncode, result.stderr) == (141, "")
 
 
 def test_ctrl_c_while_a_command_is_loaded_ends_it_without_a_traceback(tmp_path: Path) -> None:
     (tmp_path / "numba.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
     command = [sys.executable, "-m", "gcs", "serve", "--config", "demo"]
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}
-    told = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, env=environment)
-    assert (told.returncode, told.stdout, told.stderr) == (128 + signal.SIGINT, "", "")
+    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, env=environment)
+    assert (result.returncode, result.stdout, result.stderr) == (128 + signal.SIGINT, "", "")
 
 
 def test_tokens_keys_and_hashes_are_told_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -106,7 +106,7 @@ def test_the_state_of_the_whole_is_the_worst_that_lasts(story: Story) -> None:
     assert overall(story.holds()) is OverallSeverity.NORMAL
     assert overall(story.holds(NOTE, killed("d3"))) is OverallSeverity.EMERGENCY
     after = story.holds(NOTE)
-    assert causes(after) == ["service-note", "killed"]  # ended, and nobody has acknowledged it
+    assert causes(after) == ["service-note", "killed"]  # ended, not acknowledged
     assert overall(after) is OverallSeverity.INFORMATION
 
 

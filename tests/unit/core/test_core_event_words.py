@@ -74,17 +74,23 @@ def test_the_scan_finds_what_the_service_logs() -> None:
 
 
 def test_a_reaction_names_its_vehicles_as_a_person_would() -> None:
-    said = {"cause": "fence ahead", "action": "return", "order": "o3", "vehicles": ("d3",), "reason": "wind"}
-    assert words("reaction", said) == "return of d3 by the service: fence ahead (wind)"
-    assert words("reaction", {**said, "vehicles": ()}) == "return by the service: fence ahead (wind)"
+    details = {
+        "cause": "fence ahead",
+        "action": "return",
+        "order": "o3",
+        "vehicles": ("d3",),
+        "reason": "wind",
+    }
+    assert words("reaction", details) == "return of d3 by the service: fence ahead (wind)"
+    assert words("reaction", {**details, "vehicles": ()}) == "return by the service: fence ahead (wind)"
 
 
 def test_phases_are_told_with_their_reason() -> None:
-    said = {"was": "arming", "phase": "running", "reason": "all stand"}
-    assert words("show_phase", said) == "show running: all stand"
+    details = {"was": "arming", "phase": "running", "reason": "all stand"}
+    assert words("show_phase", details) == "show running: all stand"
     assert words("vehicle_phase", {"phase": "hold", "reason": ""}) == "hold"
 
 
 def test_events_without_words_of_their_own_are_still_readable() -> None:
-    said = {"how_many": 3, "names": ("a", "b"), "also": None, "cause": "full"}
-    assert words("something_new", said) == "something new: how many 3, names a, b: full"
+    details = {"how_many": 3, "names": ("a", "b"), "also": None, "cause": "full"}
+    assert words("something_new", details) == "something new: how many 3, names a, b: full"

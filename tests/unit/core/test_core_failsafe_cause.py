@@ -1,4 +1,4 @@
-"""Which of an autopilot's own failsafes explains a mode that nobody here commanded."""
+"""Which of an autopilot's own failsafes explains a mode that this station did not command."""
 
 from dataclasses import replace
 from math import nan

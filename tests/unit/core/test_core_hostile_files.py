@@ -64,10 +64,10 @@ def test_the_command_line_refuses_a_bomb_in_one_line(
     file = tmp_path / "bomb.yaml"
     file.write_text(bomb(levels))
     assert main(["show", "check", str(file), "--json"]) == 1
-    told = capsys.readouterr().out
-    (problem,) = json.loads(told)["problems"]
+    output = capsys.readouterr().out
+    (problem,) = json.loads(output)["problems"]
     assert (problem["line"], problem["text"][:14]) == (1, "column 8: &a0:")
-    assert len(told) < 1000
+    assert len(output) < 1000
     assert main(["params", "check", "--config", str(file)]) == 2
     assert "line 1: column 8" in capsys.readouterr().err
 
@@ -92,9 +92,9 @@ def test_what_is_not_read_is_refused_where_it_stands(text: str, words: str) -> N
 
 def test_words_are_numbers_only_where_they_look_like_it() -> None:
     text = "[yes, no, on, off, 12:30, 1_000, 010, 1e3, -.5, .inf, true, ~, 0x10, 2020-01-01, '7']"
-    said: Any = Source(text, "x").value()
+    parsed: Any = Source(text, "x").value()
     infinite = float("inf")
-    assert said == [
+    assert parsed == [
         *("yes", "no", "on", "off", "12:30", "1_000", 10, 1000.0, -0.5, infinite, True, None, 16),
         *("2020-01-01", "7"),
     ]

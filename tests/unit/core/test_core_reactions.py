@@ -378,7 +378,7 @@ def test_settings_that_make_no_sense_are_refused_by_name(reactions: dict[str, An
 
 
 ASTRAY = calm(velocity_m_s=np.full((N, 3), 2.0) * [1, 0, 0])
-"""All fly 2 m/s otherwise than they are told."""
+"""The velocities of all are 2 m/s off their setpoints."""
 
 
 def test_strays_over_links_on_time_are_blown_by_the_wind() -> None:

@@ -32,9 +32,9 @@ def test_both_transports_read_the_same(name: str, value: float, kind: int) -> No
     data = announced(name, value, kind)
     (frame,) = split(data).frames
     found = codec.find(np.frombuffer(data, np.uint8), np.array([0]), np.array([len(data)]))
-    said = codec.decode(PARAM_VALUE, np.frombuffer(data, np.uint8), found.frames)
+    messages = codec.decode(PARAM_VALUE, np.frombuffer(data, np.uint8), found.frames)
     assert parameter_value(frame) == (name, value)
-    assert parameter_values(said) == [(name, value)]
+    assert parameter_values(messages) == [(name, value)]
     assert isinstance(parameter_value(frame)[1], int) is (kind == 6)
 
 

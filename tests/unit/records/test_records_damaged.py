@@ -72,8 +72,8 @@ def judged(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[st
     """The exit code, the report (empty without one) and the complaint."""
     capsys.readouterr()
     code = main(["certify", str(path), "--json"])
-    told = capsys.readouterr()
-    return code, json.loads(told.out) if told.out else {}, told.err
+    printed = capsys.readouterr()
+    return code, json.loads(printed.out) if printed.out else {}, printed.err
 
 
 def test_a_whole_record_is_kept(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -157,7 +157,7 @@ def test_what_is_broken_behind_the_damage_is_found(
 def test_nobody_is_taken_to_fly_straight_across_what_is_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """They change sides while the record is damaged: how, nobody knows."""
+    """They change sides while the record is damaged: their paths are unknown."""
     monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
     moments = []
     for tick in range(TICKS):
@@ -182,9 +182,9 @@ def test_where_nobody_flew_nothing_is_kept(
     assert report["missing"] == ["no vehicle was in the air: there was nothing to judge"]
     assert {each["kept"] for each in report["checks"] if each["worst"] is None} == {None}
     assert main(["certify", str(file)]) == 3
-    told = capsys.readouterr().out
-    assert "verdict: incomplete" in told
-    assert "kept    separation" not in told
+    printed = capsys.readouterr().out
+    assert "verdict: incomplete" in printed
+    assert "kept    separation" not in printed
 
 
 def test_ticks_that_were_not_recorded_in_flight_are_missing(

@@ -63,7 +63,7 @@ def test_idle_is_where_nothing_flies_and_a_little_is_left_on_both_sides() -> Non
 
 
 def test_while_a_vehicle_may_be_in_the_air_nothing_is_idle_whatever_the_show_says() -> None:
-    (before,) = marks_of(FLIGHT, BEGAN_S, LASTS_S).idle  # d2 is lost, and nobody has seen it on the ground
+    (before,) = marks_of(FLIGHT, BEGAN_S, LASTS_S).idle  # d2 is lost, not confirmed on the ground
     assert before.until_s < 100.0
     piloted = at(50.0, "vehicle_phase", "d3", was="pilot", phase="standby", reason="")
     later = marks_of([*FLIGHT[:1], piloted, *FLIGHT[1:]], BEGAN_S, LASTS_S).idle
