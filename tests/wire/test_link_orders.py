@@ -157,7 +157,7 @@ def test_a_silent_vehicle_delays_nobody() -> None:
                     assert machine.awake_s(began_s, time.monotonic()) < 0.3
                 with pytest.raises(OrderError, match=r"arm failed \(TIMEOUT\)"):
                     await lost
-                await until(lambda: time.monotonic() - link.snapshot().heartbeat_time_s[0] > 3.1)
+                await until(lambda: time.monotonic() - link.snapshot().life_time_s[0] > 3.1)
                 await asyncio.sleep(0.25)
                 now_s = time.monotonic()
                 await until(lambda: link.setpoint_times_s("v2")[-1] > now_s + 2 * PERIOD_S)

