@@ -22,7 +22,8 @@ def answer(folder: Path) -> float:
         "numba.config.CACHE_DIR = ''; numba.config.CACHE_DIR = str(c.kept_in(folder));"
         "from caller import asked; print(asked(1.0))"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    # -B: a file that is changed within a second keeps its size, and Python would take its old bytecode
+    done = subprocess.run([sys.executable, "-B", "-c", script], capture_output=True, text=True, check=True)
     return float(done.stdout)
 
 
