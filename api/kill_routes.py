@@ -29,7 +29,7 @@ async def arm_kill(desk: DeskDep, body: wire_kill.KillBody | None = None) -> wir
         dict.fromkeys(named or (name for name, phase in phases.items() if phase is not Phase.OFFLINE))
     )
     if not chosen:
-        raise RefusedError("everybody is offline: this service does not know where; gcs kill --direct may")
+        raise RefusedError("all vehicles are offline, at unknown addresses: gcs kill --direct may know them")
     armed = desk.kill_switch.arm(chosen, WHO.get(), desk.now_s())
     return wire_kill.KillArmed(code=armed.code, vehicles=list(armed.vehicles), valid_s=VALID_S)
 

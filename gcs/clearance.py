@@ -30,7 +30,7 @@ AGAIN_S = 1.0
 SWAYS_M = 0.5
 """By which two vehicles may be nearer to each other than their places."""
 
-ON_GROUND = "everybody on the ground, and heard"
+ON_GROUND = "all vehicles on the ground and received"
 AS_CHECKED = "as it was checked, with as many vehicles"
 TO_DO: Final = {
     "vehicles": "wait until it is heard on the ground, or take it out of the show",
@@ -271,14 +271,14 @@ class Clearance:
         flight, operation = self._flight, self._flight.config.operation
         yield (
             "formation",
-            "a sphere that has room for everybody",
+            "a sphere that has room for all vehicles",
             lambda: check_formation(flight.plan.formation, len(chosen), flight.control.safety),
         )
         if operation.require_safe_setpoint_loss:
             rows = [flight.vehicles[name].row for name in chosen]
             yield (
                 "loss of the ground station",
-                "nobody is brought together",
+                "no two vehicles are brought together",
                 lambda: check_setpoint_loss(
                     tuple(chosen),
                     flight.fleet.position_m[rows],
@@ -298,7 +298,7 @@ class Clearance:
             check_obstacle(obstacle, flight.control.law.avoidance, {}, pads_m)
 
     def _look_at_columns(self, chosen: Sequence[VehicleId]) -> None:
-        """Say how many will stand above others, as far as that can be known."""
+        """Note how many pairs will be stacked, as far as that can be known."""
         flight = self._flight
         home_m = np.array([flight.position_m(flight.vehicles[name]) for name in chosen])
         width_m = column_m(flight.control.safety.floor)
@@ -314,7 +314,7 @@ class Clearance:
         flight.columns = words
 
     def _rehearsed_columns(self, chosen: Sequence[VehicleId]) -> list[str]:
-        """Who stood above whom when the selected show was checked, by the names of those who fly now."""
+        """Stacked pairs in the check of the selected show, by the names of the vehicles that fly now."""
         performance = self._flight.performance
         pairs = () if performance is None else performance.figures.get("columns", ())
         return [

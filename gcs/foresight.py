@@ -109,7 +109,7 @@ def check_setpoint_loss(
         " and run: gcs params apply --config FILE"
     )
     raise RefusedError(
-        f"if everybody lost this ground station at once{when}, '{action}' would bring {named}{more} closer"
+        f"if all vehicles lost this ground station at once{when}, '{action}' would bring {named}{more} closer"
         f" than the floor ({found[0].sideways_m:.1f} m, seen from above; the formation may turn). {mend}"
     )
 

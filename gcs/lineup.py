@@ -91,6 +91,8 @@ class Lineup:
     def _need_ground(self, vehicle_id: VehicleId) -> None:
         vehicle, flight = self._flight.vehicle(vehicle_id), self._flight
         if flight.show not in ON_THE_GROUND or flight.airborne:
-            raise RefusedError(f"who flies is decided on the ground, and the show is {flight.show}")
+            raise RefusedError(
+                f"vehicles can be excluded or included only on the ground (the show is {flight.show})"
+            )
         if vehicle.phase not in GROUNDED:
             raise RefusedError(f"{vehicle_id} is {vehicle.phase}: {vehicle.reason}; it is not on the ground")

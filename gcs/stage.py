@@ -246,7 +246,7 @@ class Stage:
         if performance is not None:
             raise RefusedError(
                 f"show {performance.name!r} decides the {what}: it can be paused or stopped, and deselected"
-                " once everybody is down"
+                " once all vehicles are down"
             )
 
     def need_own_obstacle(self, obstacle_id: str) -> None:

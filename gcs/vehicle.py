@@ -192,9 +192,9 @@ class Vehicle:
     def _heard_again(self, heard: Heard, *, lost_holds: bool) -> tuple[Event, str] | None:
         """Back from LOST: only one that still waits for us is taken on (by an order to HOLD)."""
         if not heard.armed:
-            return Event.HEARD, "heard again, on the ground, motors off"
+            return Event.HEARD, "received again, on the ground, motors off"
         if self.pilots:
-            return Event.TAKEN_OVER, "heard again; it had been taken over, and nobody has handed it back"
+            return Event.TAKEN_OVER, "received again; it had been taken over, and no take-control came since"
         if heard.mode not in (self.modes | {Mode.HOLD} if lost_holds else self.modes):
             self.cause, text = heard.explain()
             self._explained = heard.mode, heard.in_failsafe

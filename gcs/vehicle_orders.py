@@ -169,7 +169,7 @@ class VehicleOrders:
         chosen = [vehicle for vehicle in named if vehicle.id not in left_out]
         if not chosen:
             told = "; ".join(f"{name} is {why}" for name, why in left_out.items()) or "nobody is named"
-            raise RefusedError(f"there is nobody to kill: {told}")
+            raise RefusedError(f"there is no vehicle to kill: {told}")
         record = self._book.open("kill", [vehicle.id for vehicle in chosen], left_out)
         for vehicle in chosen:
             flown = vehicle.phase in FLOWN

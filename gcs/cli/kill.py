@@ -89,7 +89,7 @@ def asked(names: Sequence[str], code: str, valid: str, arguments: argparse.Names
     print(f"type '{wanted}' to kill: ", end="", flush=True)
     if sys.stdin.readline().split() == wanted.split():
         return True
-    say("nothing has happened: that was something else")
+    say("confirmation does not match; no motors were stopped")
     return False
 
 

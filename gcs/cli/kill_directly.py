@@ -61,7 +61,7 @@ def _chosen(known: LastKnown, arguments: argparse.Namespace) -> list[KnownVehicl
     if arguments.all:
         heard = [one for one in known.vehicles.values() if one.host is not None]
         if not heard:
-            raise RefusedError(f"{arguments.record}: nobody was ever heard")
+            raise RefusedError(f"{arguments.record}: no vehicle was ever received")
         return heard
     if not arguments.vehicles:
         raise InvalidError(
@@ -69,8 +69,8 @@ def _chosen(known: LastKnown, arguments: argparse.Namespace) -> list[KnownVehicl
         )
     unknown = [name for name in arguments.vehicles if name not in known.vehicles]
     if unknown:
-        there = ", ".join(known.vehicles) or "nobody"
-        raise UnknownError(f"{arguments.record}: never heard of {', '.join(unknown)}; there are {there}")
+        there = ", ".join(known.vehicles) or "none"
+        raise UnknownError(f"{arguments.record}: no such vehicle: {', '.join(unknown)}; there are {there}")
     return [known.vehicles[name] for name in dict.fromkeys(arguments.vehicles)]
 
 

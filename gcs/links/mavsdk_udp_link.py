@@ -115,7 +115,7 @@ class MavsdkUdpLink(UdpLink):
             await self._shut(offstage, orders, workers)
 
     def snapshot(self) -> Telemetry:
-        """See `UdpLink`; whom MAVSDK has not met has no position, for it cannot be ordered yet."""
+        """See `UdpLink`; vehicles not yet discovered by MAVSDK have no position: they take no commands."""
         self._hear()
         return self._heard.telemetry(may_be_ready=self._healthy, met=self._is_met)
 

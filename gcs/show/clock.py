@@ -41,7 +41,7 @@ class ShowClock:
             known = ", ".join(one.cue for one in timeline.show.timeline)
             raise UnknownError(f"there is no cue {cue}; there are {known}")
         if not grounded:
-            raise RefusedError("a show is set to a cue on the ground only: bring everybody home first")
+            raise RefusedError("a show is set to a cue on the ground only: bring all vehicles home first")
         return ShowClock(times_s[cue])
 
     def ended(self, timeline: Timeline, clock_s: float) -> bool:

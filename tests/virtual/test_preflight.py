@@ -253,7 +253,7 @@ def test_who_is_taken_out_stays_on_the_ground_and_is_named_with_whoever_did_it(t
         assert not show.link.autopilot("d2").commander.armed
         for change in (lambda: service.exclude("d1", ""), lambda: service.include("d2")):
             refusal = await refused(show, change)
-            assert "who flies is decided on the ground" in refusal.text
+            assert "excluded or included only on the ground" in refusal.text
         await show.show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)
         service.include("d2")

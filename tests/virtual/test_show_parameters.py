@@ -109,7 +109,7 @@ def test_start_is_refused_when_losing_everybody_at_once_would_bring_them_togethe
 
     refusal = fly(story, show_config(4, operation={"require_safe_setpoint_loss": True}))
     assert refusal.kind is RefusedError
-    assert "if everybody lost this ground station at once, 'descend' would bring d" in refusal.text
+    assert "if all vehicles lost this ground station at once, 'descend' would bring d" in refusal.text
     assert "'hold' would keep them apart" in refusal.text
 
 

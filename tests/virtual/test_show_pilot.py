@@ -174,11 +174,11 @@ def test_a_pilots_vehicle_that_falls_silent_is_the_pilots_still_when_it_is_heard
     flight = fly(lambda show: silent_while_a_pilot_has_it(show, action), config)
     assert flight.track.phases("d2") == [Phase.LOST, Phase.PILOT]
     assert flight.sent == 0
-    assert "nobody has handed it back" in flight.reason
+    assert "no take-control came since" in flight.reason
     assert flight.hold_while_lost.kind is RefusedError
-    assert "taken over before it fell silent" in flight.hold_while_lost.text
+    assert "taken over before its telemetry stopped" in flight.hold_while_lost.text
     assert flight.control_taken.outcome is Outcome.DONE
-    assert flight.after_take_control == [Phase.PILOT, Phase.HOLD], "handed back it waits for orders"
+    assert flight.after_take_control == [Phase.PILOT, Phase.HOLD], "it waits for commands"
 
 
 async def heard_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:

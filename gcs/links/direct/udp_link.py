@@ -276,7 +276,7 @@ class UdpLink(LinkFacts, ABC):
         return ids, np.array(list(ours.values()), np.int64), np.array(list(ours), np.int64)
 
     def _by_urgency(self, rows: Whole) -> Whole:
-        """(k,) an order of `rows`: first whose news have waited longest for this tick, last who has none."""
+        """(k,) an order of `rows`: the oldest newest telemetry first, vehicles without any last."""
         news_s = self._heard.position_time_s[rows]
         order: Whole = np.argsort(np.where(news_s > self._asked_before_s, news_s, np.inf), kind="stable")
         return order

@@ -228,7 +228,7 @@ class FakeService:
     def exclude(self, vehicle_id: str, reason: str) -> OrderRecord:
         self._require(vehicle_id)
         if self.show is not ShowPhase.IDLE:
-            raise RefusedError("who flies is decided on the ground")
+            raise RefusedError("vehicles can be excluded or included only on the ground")
         self.excluded[vehicle_id] = Exclusion(WHO.get(), reason, time.time())
         return self._accept("exclude", (vehicle_id,))
 
