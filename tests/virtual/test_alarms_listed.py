@@ -167,7 +167,7 @@ def test_twelve_causes_in_any_order_are_each_listed_within_a_second_the_most_sev
     fly(story, config, heart=supervisor, grid_columns=4, spacing_m=6.0)
 
 
-def test_a_lost_vehicle_is_told_with_its_cause_first_and_acknowledged_until_it_is_back() -> None:
+def test_a_lost_vehicle_is_an_alarm_with_its_cause_first_until_it_is_back() -> None:
     async def story(show: Show) -> None:
         await show.start()
         assert alarm_texts(show) == []

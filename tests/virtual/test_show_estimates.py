@@ -82,7 +82,7 @@ def test_the_time_home_is_what_it_takes_before_the_return_and_during_it(flight: 
     assert max(off_s) < 1.0  # once a second
 
 
-def test_what_is_not_known_or_not_going_on_is_not_told(flight: Flight) -> None:
+def test_an_estimate_that_is_not_known_or_not_due_is_absent(flight: Flight) -> None:
     for moment in flight.track.moments:
         estimates, show = estimates_of(moment), moment.view.show
         if show in {ShowPhase.RUNNING, ShowPhase.RETURNING, ShowPhase.LANDED} and moment.time_s % 1.0 > 0.5:

@@ -57,7 +57,7 @@ def review() -> Poor:
     return fly(lambda show: poor_links(show, 0.2), config(), grid_columns=5, seed=5)
 
 
-def test_a_fifth_of_all_messages_lost_makes_nobody_lost(review: Poor) -> None:
+def test_no_vehicle_is_lost_while_a_fifth_of_all_messages_is(review: Poor) -> None:
     assert {phase for phases in review.phases.values() for phase in phases} == {Phase.FORMATION}
 
 
@@ -69,7 +69,7 @@ def test_the_floor_is_kept_over_poor_links(review: Poor) -> None:
     assert review.violations == 0
 
 
-def test_who_was_lost_over_very_poor_links_flies_in_formation_again_without_an_order() -> None:
+def test_a_vehicle_lost_over_very_poor_links_rejoins_without_a_command() -> None:
     poor = fly(lambda show: poor_links(show, 0.6), config(), grid_columns=5, seed=5)
     left = {name for name, phases in poor.phases.items() if set(phases) != {Phase.FORMATION}}
     assert left, "at such a loss somebody falls out"
@@ -121,7 +121,7 @@ async def taken_while_beatless(show: Show) -> tuple[list[Phase], list[Verb]]:
     return show.track.between(began_s).phases("d2"), orders
 
 
-def test_a_pilot_who_takes_it_while_heartbeats_lack_keeps_it() -> None:
+def test_a_pilot_that_takes_over_while_heartbeats_are_missing_keeps_it() -> None:
     phases, orders = fly(taken_while_beatless, show_config(4, operation=HOLDS_WHEN_LOST))
     assert phases == [Phase.FORMATION, Phase.PILOT]
     assert orders == []

@@ -62,7 +62,7 @@ def test_taken_over_they_are_in_formation_again_and_fly_on_when_resumed() -> Non
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
-def test_who_was_a_pilots_before_or_during_the_stall_stays_the_pilots() -> None:
+def test_a_vehicle_taken_by_a_pilot_before_or_during_the_stall_stays_the_pilots() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d1", "pilot")

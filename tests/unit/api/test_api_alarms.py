@@ -43,7 +43,7 @@ def test_without_alarms_the_state_of_the_whole_is_normal() -> None:
     assert Api()("GET", "/api/v1/alarms").json() == {"severity": "normal", "alarms": []}
 
 
-def test_an_acknowledged_alarm_says_by_whom_and_stays_while_its_cause_lasts(api: Api) -> None:
+def test_an_acknowledged_alarm_names_its_operator_and_stays_while_its_cause_lasts(api: Api) -> None:
     alarm_id = api("GET", "/api/v1/alarms").json()["alarms"][0]["id"]
     answer = api("POST", f"/api/v1/alarms/{alarm_id}/acknowledge")
     assert answer.status_code == 200
@@ -83,7 +83,7 @@ def test_that_control_has_stopped_is_on_top_and_cannot_be_acknowledged_away(api:
 
 
 @pytest.mark.parametrize(("role", "status"), [(Role.WATCH, 403), (Role.EMERGENCY, 200), (Role.OPERATE, 200)])
-def test_alarms_are_acknowledged_by_those_who_may_act(role: Role, status: int) -> None:
+def test_alarms_are_acknowledged_by_roles_that_may_act(role: Role, status: int) -> None:
     for path in ("/api/v1/alarms/acknowledge", "/api/v1/alarms/killed-1/acknowledge"):
         right = needed("POST", path)
         assert (right in RIGHTS[role]) == (status == 200)

@@ -368,7 +368,7 @@ def test_options_of_no_path_is_404(api: Api) -> None:
     assert api("OPTIONS", "/api/v1/nothing").status_code == 404
 
 
-def test_a_long_path_is_told_short(api: Api) -> None:
+def test_a_long_path_is_cut_in_messages(api: Api) -> None:
     answer = api("GET", "/api/v1/" + "x" * 5000)
     assert answer.status_code == 404
     assert len(answer.text) < 300

@@ -109,7 +109,7 @@ def test_the_document_tells_the_bytes_as_they_are() -> None:
         assert ", ".join(f"{number} {kind.value}" for number, kind in enumerate(kinds)) in DOCUMENT
 
 
-def test_estimates_are_told_in_the_header_and_for_each_vehicle() -> None:
+def test_estimates_are_in_the_header_and_for_each_vehicle() -> None:
     found = Estimates(
         low_s=np.array([120.0, np.nan, 90.0]),
         empty_s=np.array([240.0, np.nan, 180.0]),

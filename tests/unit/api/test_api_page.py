@@ -176,14 +176,16 @@ def test_a_script_comes_in_the_form_that_the_caller_accepts(
 
 
 @pytest.mark.parametrize("refused", ["identity;q=0", "*;q=0", "br;q=0, gzip;q=0, identity;q=0"])
-def test_who_accepts_no_form_is_told_which_there_are(compressed: Path, refused: str) -> None:
+def test_a_request_that_accepts_no_form_is_answered_with_those_there_are(
+    compressed: Path, refused: str
+) -> None:
     answer = raw(compressed, f"/assets/{SCRIPT}", {"accept-encoding": refused})
     assert answer.status_code == 406
     assert b"br, gzip or identity" in answer.content
     assert answer.headers["vary"] == "Accept-Encoding"
 
 
-def test_each_form_has_its_own_tag_and_who_has_it_is_not_sent_it_again(compressed: Path) -> None:
+def test_each_form_has_its_own_tag_and_is_not_sent_again_to_a_matching_one(compressed: Path) -> None:
     path = f"/assets/{SCRIPT}"
     forms = {
         coding: raw(compressed, path, {"accept-encoding": coding}) for coding in ("br", "gzip", "identity")

@@ -96,7 +96,7 @@ def test_the_certificate_is_told_once_it_is_made() -> None:
     assert api("GET", "/api/v1/replay/certificate").json()["reason"] == "the disk is gone"
 
 
-def test_the_marks_of_the_record_are_told_and_idle_time_can_be_played() -> None:
+def test_the_marks_of_the_record_are_listed_and_idle_time_can_be_played() -> None:
     api, record = playing()
     record.marks = ReplayMarks(
         phases=(PhaseSpan(ShowPhase.RUNNING, 0.0, 60.0),),

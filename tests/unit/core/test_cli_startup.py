@@ -124,7 +124,7 @@ def test_the_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_shell_is_told_every_command(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_shell_completes_every_command(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["completion", shell]) == 0
     script = capsys.readouterr().out
     assert all(name in script for name in names())
@@ -167,7 +167,9 @@ def test_ctrl_c_while_a_command_is_loaded_ends_it_without_a_traceback(tmp_path: 
     assert (result.returncode, result.stdout, result.stderr) == (128 + signal.SIGINT, "", "")
 
 
-def test_tokens_keys_and_hashes_are_told_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tokens_keys_and_hashes_are_printed_as_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = f"--file={tmp_path / 'tokens.json'}"
     assert main(["token", "create", "crew", "--role", "watch", "--json", file]) == 0
     made = json.loads(capsys.readouterr().out)

@@ -178,7 +178,7 @@ def test_numbers_alone_change_a_text_every_few_seconds_only(story: Story) -> Non
     assert story.told == [(ChangeKind.BEGUN, AlarmCause.LOW_BATTERY)]
 
 
-def test_a_text_whose_words_change_changes_at_once(story: Story) -> None:
+def test_an_alarm_with_changed_words_is_rewritten_at_once(story: Story) -> None:
     story.holds(Condition(AlarmCause.VEHICLE_LOST, "no telemetry for 2.0 s", ("d3",)))
     (alarm,) = story.holds(lost("d3"))
     assert alarm.text.endswith("Formation closes the gap.")

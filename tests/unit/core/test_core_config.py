@@ -457,7 +457,7 @@ def test_yes_and_no_still_answer_what_is_asked_so() -> None:
     assert (config.operation.pilot_takes_over, config.operation.require_parameters) == (False, True)
 
 
-def test_a_folder_given_as_a_file_is_called_one_and_another_encoding_is_told_with_its_byte(
+def test_a_folder_given_as_a_file_and_another_encoding_are_named(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "mine.yaml").write_bytes(b"# one\nabout: Z\xfcrich\n")

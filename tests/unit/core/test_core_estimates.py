@@ -36,7 +36,7 @@ def test_a_steady_battery_is_foretold_within_a_few_percent_once_it_is_known(endu
         assert left_s == pytest.approx(endurance_s - now_s, abs=max(3.0, 0.1 * endurance_s))
 
 
-def test_nothing_is_told_before_three_percent_were_used_in_the_air() -> None:
+def test_time_left_is_unknown_before_three_percent_were_used_in_the_air() -> None:
     assert np.isnan(reported(1200.0, 35.0).rate_per_s(35.0)).all()
     assert np.isnan(reported(1e9, 3000.0).rate_per_s(3000.0)).all()
 
@@ -46,7 +46,7 @@ def test_noise_of_a_percent_does_not_spoil_it() -> None:
     assert left_s == pytest.approx(0.8 * 1200.0 - 300.0, rel=0.25)
 
 
-def test_a_battery_that_is_used_more_slowly_is_soon_told_so() -> None:
+def test_the_estimate_soon_follows_a_battery_that_is_used_more_slowly() -> None:
     history, remaining = reported(600.0, 120.0), 0.8
     before_s = float(history.left_s(0.0, 120.0)[0])
     for now_s in np.arange(121.0, 241.0):
@@ -77,7 +77,7 @@ def of(remaining: Array, flying: list[bool], heard: list[bool]) -> list[float | 
     return [None if value is None else round(value, 6) for value in known]
 
 
-def test_least_and_median_are_of_those_that_fly_else_of_those_that_are_heard() -> None:
+def test_least_and_median_are_of_flying_vehicles_else_of_all_that_report() -> None:
     remaining = np.array([0.9, 0.5, 0.3, np.nan])
     assert of(remaining, [True, True, False, True], [True] * 4) == [0.5, 0.7]
     assert of(remaining, [False] * 4, [True, False, True, True]) == [0.3, 0.6]

@@ -48,7 +48,7 @@ LINES = tuple(logged())
 
 
 @pytest.mark.parametrize("line", LINES, ids=lambda line: f"{line.event} {line.where}")
-def test_every_event_that_the_code_logs_is_told_in_plain_words(line: Logged) -> None:
+def test_every_event_that_the_code_logs_has_plain_words(line: Logged) -> None:
     fields = line.fields
     if fields is None:
         fields = frozenset(re.findall(r"\{(\w+)\}", WORDS.get(line.event, ""))) | {"other"}
@@ -85,7 +85,7 @@ def test_a_reaction_names_its_vehicles_as_a_person_would() -> None:
     assert words("reaction", {**details, "vehicles": ()}) == "return by the service: fence ahead (wind)"
 
 
-def test_phases_are_told_with_their_reason() -> None:
+def test_phases_have_their_reason() -> None:
     details = {"was": "arming", "phase": "running", "reason": "all stand"}
     assert words("show_phase", details) == "show running: all stand"
     assert words("vehicle_phase", {"phase": "hold", "reason": ""}) == "hold"

@@ -52,7 +52,7 @@ LANDS = replace(FACTS, mode=Mode.LAND)
         ),
     ],
 )
-def test_each_failsafe_is_told_from_the_others(facts: VehicleFacts, cause: FailsafeCause) -> None:
+def test_each_failsafe_is_distinguished_from_the_others(facts: VehicleFacts, cause: FailsafeCause) -> None:
     assert cause_of(facts) is cause
 
 

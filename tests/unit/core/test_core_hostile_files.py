@@ -112,7 +112,7 @@ def test_no_value_makes_a_message_long() -> None:
     assert max(map(len, str(error).splitlines())) < 300
 
 
-def test_of_many_problems_the_first_are_told() -> None:
+def test_of_many_problems_the_first_are_listed() -> None:
     cues = "\n".join(f"  - {{cue: a{at}, at_s: x}}" for at in range(400))
     error = refused(parse_show, f"about: x\ntimeline:\n{cues}\n")
     assert len(error.problems) == 101

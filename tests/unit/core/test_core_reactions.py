@@ -394,7 +394,7 @@ def test_strays_over_poor_links_are_late_links_and_no_wind(poor: dict[str, Any])
     assert "8 of 8" in wishes[0].reason
 
 
-def test_a_late_service_that_is_on_time_again_sends_nobody_home() -> None:
+def test_a_late_service_that_is_on_time_again_sends_no_vehicle_home() -> None:
     """As it was flown: "16 ms late on average, at most 50 ms; a pause of 10 s did not help"."""
     rules, late = Rules(), calm(late_s=0.09)
     assert told(rules.see(late, 6.0)) == [(Cause.SERVICE_LATE, Action.PAUSE, ())]
@@ -410,7 +410,7 @@ def test_a_late_service_that_is_on_time_again_sends_nobody_home() -> None:
     )
 
 
-def test_wind_that_dropped_sends_nobody_home() -> None:
+def test_wind_that_dropped_sends_no_vehicle_home() -> None:
     rules = Rules()
     rules.see(ASTRAY, 8.0)
     rules.paused_s = 30.0

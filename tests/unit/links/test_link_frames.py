@@ -164,7 +164,7 @@ def test_a_heartbeat_tells_arming_mode_and_whether_it_is_an_autopilots() -> None
 @pytest.mark.parametrize(
     ("state", "armed", "in_failsafe"), [(4, 0x81, False), (5, 0x81, True), (6, 0x81, True)]
 )
-def test_a_heartbeat_tells_whether_its_autopilot_itself_intervenes(
+def test_a_heartbeat_shows_whether_its_autopilot_intervenes(
     state: int, armed: int, in_failsafe: bool
 ) -> None:
     frame = only(framed(beat(base_mode=armed, system_status=state)))

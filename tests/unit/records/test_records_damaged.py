@@ -154,7 +154,7 @@ def test_what_is_broken_behind_the_damage_is_found(
     assert len(report["missing"]) == 1
 
 
-def test_nobody_is_taken_to_fly_straight_across_what_is_lost(
+def test_no_straight_path_is_assumed_across_lost_samples(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """They change sides while the record is damaged: their paths are unknown."""
@@ -172,7 +172,7 @@ def test_nobody_is_taken_to_fly_straight_across_what_is_lost(
     assert judged(file, capsys)[0] == 3
 
 
-def test_where_nobody_flew_nothing_is_kept(
+def test_a_record_without_flight_is_never_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)

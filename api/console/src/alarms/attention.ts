@@ -42,7 +42,7 @@ export const REPEATED_MS: Partial<Record<Severity, number>> = { emergency: 4_000
 const SOUNDING: ReadonlySet<Severity> = new Set(["emergency", "warning", "caution"]);
 
 /** New alarms are announced and sound once. */
-export function heard(attention: Attention, before: readonly Alarm[], now: readonly Alarm[], now_ms: number, isSilent: boolean): Attention {
+export function afterAlarms(attention: Attention, before: readonly Alarm[], now: readonly Alarm[], now_ms: number, isSilent: boolean): Attention {
   const fresh = ordered(raised(before, now));
   if (fresh.length === 0) return attention;
   const say = (isUrgent: boolean): string =>
@@ -89,7 +89,7 @@ function attended(before: State, state: State, message: AttentionMessage | { kin
       return { ...attention, isFolded: message.isFolded };
     case "status": {
       const isSame = before.status?.began_unix_time_s === status?.began_unix_time_s; // another service numbers its alarms anew
-      return heard(attention, isSame ? alarmsOf(before.status) : [], alarmsOf(status), page_ms, isSilent);
+      return afterAlarms(attention, isSame ? alarmsOf(before.status) : [], alarmsOf(status), page_ms, isSilent);
     }
     case "connection":
     case "tick":

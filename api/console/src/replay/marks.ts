@@ -15,7 +15,7 @@ export interface Tick {
 }
 
 const NEAR = 0.004; // of the record: ticks that are nearer than this share a place and a hint
-const TOLD = 6; // in one tick's hint
+const SHOWN = 6; // in one tick's hint
 
 const percent = (share: number): string => `${(100 * Math.min(1, Math.max(0, share))).toFixed(3)}%`;
 
@@ -43,8 +43,8 @@ export function ticks(marks: ReplayMarks, duration_s: number): Tick[] {
   }
   return groups.map((group) => {
     const gravest = group.reduce((a, b) => (RANK[b.kind] < RANK[a.kind] ? b : a));
-    const more = group.length - TOLD;
-    const told = group.slice(0, TOLD).map((each) => each.text);
-    return { ...gravest, left: percent(gravest.at_s / duration_s), text: [...told, ...(more > 0 ? [`+ ${more}`] : [])].join("; ") };
+    const more = group.length - SHOWN;
+    const shown = group.slice(0, SHOWN).map((each) => each.text);
+    return { ...gravest, left: percent(gravest.at_s / duration_s), text: [...shown, ...(more > 0 ? [`+ ${more}`] : [])].join("; ") };
   });
 }
