@@ -191,9 +191,10 @@ class AlarmMonitor:
                     severity=AlarmSeverity.EMERGENCY if critical else None,
                 )
             elif vehicle.phase is Phase.PILOT:
+                because = vehicle.reason.removeprefix(f"{vehicle.id} ").partition(". ")[0]
                 yield Condition(
                     AlarmCause.OUTSIDE_CONTROL,
-                    vehicle.reason,
+                    because.removesuffix("."),  # what to do stands in the advice
                     (vehicle.id,),
                     "The service sends nothing to it.",
                 )

@@ -150,6 +150,7 @@ def batteries(
     counted = np.isfinite(remaining) & (flying if flying.any() else heard)
     rows = np.flatnonzero(counted)
     low_s, empty_s = history.left_s(below, now_s), history.left_s(0.0, now_s)
+    low_s[counted & (remaining <= below)] = 0.0  # however fast it was used until then
     known = np.flatnonzero(np.isfinite(low_s))
     least = int(rows[np.argmin(remaining[rows])]) if len(rows) else None
     return Estimates(

@@ -1,35 +1,50 @@
 """Pictures of the console, taken of a real flight over the fake fleet: `make screenshots`.
 
-Look at them. What is to be seen in docs/screenshots/ is what an operator sees.
+Look at them. What is to be seen in docs/screenshots/ is what an operator sees. `--every-size --folder FOLDER`
+takes each picture in every size that the console is made for, and leaves docs/screenshots as it is.
 """
 
+import argparse
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Final
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from console_bench import FLIGHT_MS, ROOT, Console, browser, console, fault
+from console_bench import FLIGHT_MS, ROOT, SOON_MS, Console, browser, console, fault
 from ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
 from machine import free_ports
 from PIL import Image
-from playwright.sync_api import expect
+from playwright.sync_api import Page, expect
 from replays import replay
 
 from gcs import config as configuration
 from gcs.client import Client
 
+Size = tuple[int, int]
+"""Width and height of the window, CSS pixels."""
+
 COUNT: Final = 16
-SIZES: Final = ((1440, 900), (1024, 768), (390, 844))
-FOLDER: Final = ROOT / "docs" / "screenshots"
-SETTLED_S: Final = 3.0
+DESKS: Final[tuple[Size, ...]] = ((1440, 900), (1024, 768))
+PHONES: Final[tuple[Size, ...]] = ((390, 844), (844, 390))
+EVERY: Final[tuple[Size, ...]] = (
+    *((360, 640), (640, 360), (390, 844), (844, 390), (768, 1024), (1024, 768)),
+    *((1440, 900), (900, 1440), (2560, 1440), (1440, 2560)),
+)
+SETTLED_S: Final = 2.0
 """For trails to grow, and the camera to come to rest."""
+LAID_OUT_MS: Final = 500
+"""For the page to take note of the window's new size."""
+STALL_S: Final = 8.0
+"""Longer than the fake vehicles fly on without setpoints."""
 
 
 @contextmanager
@@ -45,17 +60,32 @@ def fleet(config: configuration.Config, port: int, control: int) -> Iterator[Non
             process.terminate()
 
 
-def shoot(desk: Console, name: str, *panels: str | None) -> None:
-    """In all sizes, with these panels open, left and right; where there is room for one, the left one."""
-    for width, height in SIZES:
-        desk.page.set_viewport_size({"width": width, "height": height})
-        for side, panel in zip(("right", "left"), reversed(panels), strict=True):
-            _open(desk, side, panel)
+@dataclass(frozen=True, slots=True)
+class Photographer:
+    """Where the pictures go, and in which sizes they are taken."""
+
+    folder: Path
+    every: bool  # in every size, not only in those that are asked for
+
+    def shoot(
+        self, desk: Console, name: str, *panels: str | None, sizes: tuple[Size, ...] = (*DESKS, *PHONES)
+    ) -> None:
+        """With these panels open, left and right; where one has room, the left one; on a phone none."""
+        for width, height in EVERY if self.every else sizes:
+            desk.page.set_viewport_size({"width": width, "height": height})
+            desk.page.wait_for_timeout(LAID_OUT_MS)
+            is_small = desk.part("desk").get_attribute("data-layout") in {"sheet", "side"}
+            for side, panel in zip(("right", "left"), reversed(panels), strict=True):
+                _open(desk, side, None if is_small else panel)
+            self.take(desk.page, f"{name}-{width}x{height}")
+            if desk.wrong:
+                raise RuntimeError(f"{name} {width}x{height}: {desk.wrong}")
+
+    def take(self, page: Page, name: str) -> None:
+        """As it looks once it has come to rest; 256 colours are enough."""
         time.sleep(SETTLED_S)
-        picture = Image.open(BytesIO(desk.page.screenshot()))
-        picture.convert("RGB").quantize(256).save(FOLDER / f"{name}-{width}x{height}.png", optimize=True)
-        if desk.wrong:
-            raise RuntimeError(f"{name} {width}x{height}: {desk.wrong}")
+        picture = Image.open(BytesIO(page.screenshot()))
+        picture.convert("RGB").quantize(256).save(self.folder / f"{name}.png", optimize=True)
 
 
 def _open(desk: Console, side: str, panel: str | None) -> None:
@@ -67,13 +97,24 @@ def _open(desk: Console, side: str, panel: str | None) -> None:
         desk.press(f"tab-{panel}")
 
 
-def fly(desk: Console, client: Client, control: int) -> None:
-    """Preflight that fails, then a flight, from the ground back to it."""
+def stall(desk: Console, process: subprocess.Popen[str]) -> None:
+    """The service stands still for longer than the vehicles wait for its setpoints."""
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(STALL_S)
+    process.send_signal(signal.SIGCONT)
+    expect(desk.part("take-over")).to_be_visible(timeout=SOON_MS)
+    desk.says("connection", "Live")
+
+
+def fly(camera: Photographer, desk: Console, client: Client, control: int) -> None:
+    """Preflight that fails, then a flight."""
     wait_until("ready", SOON_S, lambda: all(each.ready for each in client.fleet().vehicles))
+    if camera.every:
+        camera.shoot(desk, "idle", "shape", "fleet")
     fault(control, vehicle=3, fault="fix", type="2d")
     fault(control, vehicle=7, fault="battery", remaining=0.18)
     wait_until("fails", SOON_S, lambda: not client.preflight.report().passes)
-    shoot(desk, "preflight", "preflight", "fleet")
+    camera.shoot(desk, "preflight", "preflight", "fleet", sizes=DESKS)
     fault(control, vehicle=3, fault="fix", type="3d")
     fault(control, vehicle=7, fault="battery", remaining=0.93)
     wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
@@ -84,41 +125,100 @@ def fly(desk: Console, client: Client, control: int) -> None:
     desk.says("show-phase", "running", FLIGHT_MS)
     client.change_orbit(radius_m=14.0, speed_m_s=2.0)
     time.sleep(4 * SETTLED_S)
-    shoot(desk, "scene", None, None)
-    shoot(desk, "desk", "shape", "plots")
-    client.stop()
-    desk.says("show-phase", "landed", FLIGHT_MS)
+    camera.shoot(desk, "scene", None, None)
+    camera.shoot(desk, "desk", "shape", "plots", sizes=DESKS)
+
+
+def go_wrong(
+    camera: Photographer, desk: Console, client: Client, control: int, process: subprocess.Popen[str]
+) -> None:
+    """Three alarms, a kill that is not confirmed, a stall, and home."""
+    fault(control, vehicle=3, fault="silence")
+    fault(control, vehicle=7, fault="battery", remaining=0.18)
+    fault(control, vehicle=11, fault="pilot", mode="POSITION")
+    wait_until("three alarms", SOON_S, lambda: len(client.fleet().alarms) >= 3)
+    desk.page.set_viewport_size({"width": 1440, "height": 900})
+    _open(desk, "right", "fleet")
+    for name in ("d1", "d2", "d5"):
+        desk.part(f"row-{name}").click(modifiers=["Control"])
+    camera.shoot(desk, "alarms", None, "fleet")
+    desk.opens("Shift+K", "kill-arm")
+    camera.shoot(desk, "kill", None, "fleet", sizes=PHONES)
+    desk.press("kill-arm")
+    expect(desk.part("kill-hold")).to_be_visible(timeout=SOON_MS)
+    for width, height in PHONES:  # before the code expires
+        desk.page.set_viewport_size({"width": width, "height": height})
+        camera.take(desk.page, f"armed-{width}x{height}")
+    desk.press("kill-disarm")
+    desk.closes("Escape", "sheet-kill")
+
+    stall(desk, process)
+    camera.shoot(desk, "recovery", None, "fleet")
+    if camera.every:
+        desk.page.set_viewport_size({"width": 390, "height": 844})
+        desk.part("start").click(force=True)  # not available: the page says why
+        camera.take(desk.page, "unavailable-390x844")
+        desk.press("tab-fleet")
+        camera.take(desk.page, "recovery-fleet-390x844")
+        desk.page.set_viewport_size({"width": 844, "height": 390})
+        camera.take(desk.page, "recovery-fleet-844x390")
+    desk.press("bring-home")
+    for vehicle in (3, 11):
+        fault(control, vehicle=vehicle, fault="none")
+    wait_until("heard", SOON_S, lambda: client.vehicle("d3").phase != "lost")
+    client.command_vehicles("take-control", ["d11"])
+    wait_until("under control", SOON_S, lambda: client.vehicle("d11").phase == "hold")
+    desk.press("stop")
+    wait_until("landed", SOON_S, lambda: client.fleet().counts.airborne == 0)
+
+
+def watch(camera: Photographer, desk: Console, client: Client) -> None:
+    """The flight once more, with what its scrubber marks."""
+    wait_until("flies", SOON_S, lambda: client.show().phase == "running")
+    client.playback.change(paused=True)
+    desk.page.set_viewport_size({"width": 1440, "height": 900})
+    _open(desk, "right", "certificate")
+    desk.press("certificate-read")
+    expect(desk.part("certificate-verdict")).to_be_visible(timeout=FLIGHT_MS)
+    camera.shoot(desk, "replay", None, "certificate")
 
 
 def main() -> None:
-    """Overwrites what is in docs/screenshots."""
-    FOLDER.mkdir(exist_ok=True)
+    """Overwrites what is in the folder."""
+    parser = argparse.ArgumentParser(description="Pictures of the console.")
+    parser.add_argument("--folder", type=Path, default=ROOT / "docs" / "screenshots")
+    parser.add_argument("--every-size", action="store_true", help="each picture in every size")
+    options = parser.parse_args()
+    camera = Photographer(options.folder, options.every_size)
+    camera.folder.mkdir(exist_ok=True, parents=True)
     port, control = free_ports(COUNT), free_ports()
     raw = flying_config(COUNT, port, silence_s=5.0).model_dump()
     raw["api"]["port"] = free_ports()
     raw["formation"] |= {"radius_m": 10.0, "height_m": 18.0}
     raw["reactions"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
+    raw["reactions"]["links_late"] |= {"late_s": 5.0, "arrive_min": 0.2}  # and takes time from the vehicles
     config = configuration.Config.model_validate(raw)
     url = f"http://127.0.0.1:{config.api.port}"
     with tempfile.TemporaryDirectory() as temporary, browser() as chrome:
         folder = Path(temporary) / "service"
         with (
             fleet(config, port, control),
-            service(config, folder) as (client, _),
+            service(config, folder) as (client, process),
             console(chrome, url) as desk,
         ):
-            fly(desk, client, control)
+            fly(camera, desk, client, control)
+            go_wrong(camera, desk, client, control, process)
+            desk.page.goto(f"{url}/docs")
+            desk.page.locator(".opblock").first.wait_for(timeout=SOON_MS)
+            for width, height in ((1440, 900), (390, 844)) if camera.every else ((1440, 900),):
+                desk.page.set_viewport_size({"width": width, "height": height})
+                camera.take(desk.page, f"docs-{width}x{height}")
         with (
             replay(folder.name, "--speed", "4", folder=folder.parent) as url,
             Client(url, timeout_s=30.0) as client,
             console(chrome, url) as desk,
         ):
-            wait_until("flies", SOON_S, lambda: client.show().phase == "running")
-            client.playback.change(paused=True)
-            _open(desk, "right", "certificate")
-            desk.press("certificate-read")
-            expect(desk.part("certificate-verdict")).to_be_visible(timeout=FLIGHT_MS)
-            shoot(desk, "replay", None, "certificate")
+            watch(camera, desk, client)
 
 
 if __name__ == "__main__":

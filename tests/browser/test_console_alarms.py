@@ -256,7 +256,7 @@ def test_after_a_stall_of_the_service_two_presses_bring_the_fleet_home(
             ground.process.send_signal(signal.SIGCONT)
         desk.says("connection", "Live", FLIGHT_MS)
         desk.says("show-phase", "not under control")
-        desk.says("show-reason", "4 airborne, not under control")
+        desk.says("show-reason", "4 airborne")
         expect(desk.part("start")).to_have_attribute("aria-disabled", "true")
         for name in ("pause", "stop", "abort"):
             expect(desk.part(name)).not_to_have_attribute("aria-disabled", "true")

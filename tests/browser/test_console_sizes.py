@@ -121,6 +121,18 @@ def test_a_kill_is_armed_and_disarmed_on_a_small_phone(chrome: Browser, flying: 
         assert not [order for order in flying.client.orders() if order.action == "kill"]
 
 
+def test_a_press_on_a_phone_says_why_a_command_is_unavailable(chrome: Browser, flying: Station) -> None:
+    with console(chrome, flying.url, width=390, height=844, touch=True) as desk:
+        desk.says("connection", "Live")
+        for width, height in ((390, 844), (844, 390)):
+            desk.page.set_viewport_size({"width": width, "height": height})
+            desk.part("start").tap(force=True)  # it is unavailable, and answers
+            desk.tells("refused", "4 airborne")
+            expect(desk.part("toast-refused").first).to_be_in_viewport(ratio=1.0)
+            desk.part("toast-dismiss").first.tap()
+            expect(desk.part("toast-refused")).to_have_count(0, timeout=SOON_MS)
+
+
 def test_commands_are_given_on_a_phone_that_is_turned_and_after_a_stall(
     chrome: Browser, flying: Station
 ) -> None:

@@ -130,7 +130,9 @@ async def all_shown(show: Show, feed: Feed, troubles: Mapping[AlarmCause, Troubl
 
 
 def check_order(message: Mapping[str, Any]) -> None:
-    """The most severe on top, and the state of the whole is that."""
+    """The most severe on top, and the state of the whole is that; texts end once, without the advice."""
+    texts = [alarm["text"] for alarm in message["alarms"]]
+    assert not [text for text in texts if ".." in text or "when the pilot agrees" in text]
     ranks = [
         (alarm["ended_unix_time_s"] is not None, RANK[AlarmSeverity(alarm["severity"])])
         for alarm in message["alarms"]

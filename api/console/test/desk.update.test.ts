@@ -76,7 +76,7 @@ describe("who may press what", () => {
   it("says how many fly without this station's control, whatever the reason's words are", () => {
     const counts = { ...status().counts, airborne: 14, controlled: 0, uncontrolled: 14 };
     const state = flying(undefined, { show: { ...status().show, phase: "uncontrolled", reason: "long words" }, counts });
-    expect(showReason(state)).toBe("14 airborne, not under control");
+    expect(showReason(state)).toBe("14 airborne");
   });
 
   it("leaves to a selected show what it decides, also while it is paused; a live cue takes the target", () => {

@@ -85,6 +85,14 @@ def test_least_and_median_are_of_flying_vehicles_else_of_all_that_report() -> No
     assert of(np.full(4, np.nan), [True] * 4, [True] * 4) == [None, None]
 
 
+def test_a_vehicle_that_is_low_already_is_the_first_to_be_low_whatever_its_rate() -> None:
+    all_fly = np.array([True, True, True])
+    found = batteries(BatteryHistory(3), np.array([0.9, 0.18, np.nan]), all_fly, all_fly, 0.2, 0.0)
+    assert found.low_row == 1
+    assert found.low_s[1] == 0.0
+    assert np.isnan(found.low_s[[0, 2]]).all()
+
+
 def test_a_way_is_flown_at_the_speed_and_its_end_is_drawn_out() -> None:
     far_s, near_s, there_s = approach_s(np.array([44.0, 4.0, 0.5]), 4.0, 1.0, 1.0)
     assert far_s == pytest.approx(10.0 + np.log(4.0))

@@ -24,11 +24,12 @@ export function offers(state: State, actions: DeskActions): TemplateResult | typ
       ${button(actions, {
         id: name,
         label,
+        describedBy: `what-${name}`,
         kind: "primary",
         icon: name === "bring-home" ? "home" : "resume",
         why: whyNot(state, name) || (cut.offers.includes(name) ? "" : t.not(label)),
         press: () => actions.show(name),
-      })}<small>${what}</small>
+      })}<small id="what-${name}">${what}</small>
     </div>`;
   return html`<section class="offers" aria-label=${t.title}>
     ${offer("take-over", t.takeOver, t.takeOverWhat)} ${offer("bring-home", t.bringHome, t.bringHomeWhat)}

@@ -18,9 +18,12 @@ function choice(id: string, label: string, key: string, hint: string, pressed: b
     title=${hint}
     @click=${press}
   >
-    ${t.withKey(label, key.toUpperCase())}
+    ${label}${keyHint(key)}
   </button>`;
 }
+
+/** Left out where there is no room for it; see scene.css. */
+const keyHint = (key: string): TemplateResult => html`<span class="choice-key"> ${t.key(key.toUpperCase())}</span>`;
 
 export function camera(state: State, actions: DeskActions): TemplateResult {
   const { view } = state;
@@ -38,7 +41,7 @@ export function camera(state: State, actions: DeskActions): TemplateResult {
       title=${t.fitHint}
       @click=${() => actions.view({ fits: view.fits + 1 })}
     >
-      ${t.withKey(t.fit, FIT_KEY.toUpperCase())}
+      ${t.fit}${keyHint(FIT_KEY)}
     </button>
   </div>`;
 }

@@ -16,6 +16,7 @@ export interface Button {
   icon?: IconName;
   kind?: "normal" | "primary" | "danger" | "quiet";
   name?: string; // for a screen reader, where the label alone says too little
+  describedBy?: string; // id of the element that says what it does
   pressed?: boolean;
   expanded?: boolean;
   iconOnly?: boolean;
@@ -31,6 +32,7 @@ export function button(actions: DeskActions, b: Button): TemplateResult {
     data-testid=${b.id}
     aria-label=${b.name ?? (b.iconOnly ? b.label : nothing)}
     aria-disabled=${why === "" ? nothing : "true"}
+    aria-describedby=${b.describedBy ?? nothing}
     aria-pressed=${b.pressed === undefined ? nothing : String(b.pressed)}
     aria-expanded=${b.expanded === undefined ? nothing : String(b.expanded)}
     title=${why || b.name || (b.iconOnly ? b.label : "") || nothing}
