@@ -2,6 +2,7 @@
 
 from gcs.failsafe_cause import control_refusal
 from gcs.flight import Flight
+from gcs.signs_of_life import BEATS_MAY_LACK_S
 from gcs.state import Mode
 from gcs.vehicle import Vehicle
 
@@ -20,4 +21,17 @@ def why_not_unasked(flight: Flight, vehicle: Vehicle) -> str:
     if facts.mode in A_PERSON_FLIES and not facts.in_failsafe:
         agreed = f"take-control {vehicle.id} names it, when the pilot agrees"
         return f"a pilot flies it, in mode {facts.mode}: {agreed}"
-    return why_never(flight, vehicle)
+    return why_never(flight, vehicle) or why_not_without_heartbeat(flight, vehicle)
+
+
+def why_not_without_heartbeat(flight: Flight, vehicle: Vehicle) -> str:
+    """Why a command to all vehicles leaves out one whose mode is not known any more; empty while it is.
+
+    Its positions may still arrive, while a pilot has taken it.
+    """
+    telemetry, at = flight.telemetry[vehicle.id]
+    age_s = flight.fleet.time_s - float(telemetry.heartbeat_time_s[at])
+    if age_s <= flight.config.operation.silence_s + BEATS_MAY_LACK_S:
+        return ""
+    agreed = f"take-control {vehicle.id} names it, when its pilot agrees"
+    return f"no heartbeat for {age_s:.1f} s, a pilot may have it: {agreed}"

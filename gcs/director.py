@@ -149,7 +149,8 @@ class Director:
         elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
             flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
         elif flight.performance is not None and flight.performance.is_over(flight.fleet.time_s):
-            self._stop(f"show {flight.performance.name!r} is over: all vehicles return home")
+            reason = f"show {flight.performance.name!r} is over: all vehicles return home"
+            self._stop(reason, reclaim=False)
         self.takeover.note_setpoints()
 
     def _all_have_taken_off(self) -> None:
@@ -275,14 +276,39 @@ class Director:
         """All vehicles home but those spared; those that have not left the ground stay there."""
         back = self._reclaimed(reclaim=reclaim)
         flying = [*(v for v in self._flight.airborne if v not in spared), *back]
-        waiting = self.waiting
+        waiting, later = self.waiting, self._expected(reclaim=reclaim)
         self._lead(ShowEvent.STOP, reason, [*flying, *waiting])
         left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
-        record = self._book.open(action, [v.id for v in (*flying, *waiting)], left_out)
-        self._send_home(record, flying)
+        record = self._book.open(action, [v.id for v in (*flying, *waiting, *later)], left_out)
+        homecoming = self._send_home(record, flying, later)
+
+        def reached(vehicle: Vehicle) -> None:
+            self._lead_again(ShowEvent.STOP, reason)
+            self._send_one_home(record, vehicle, homecoming, landing_places_m(self._flight, [vehicle]))
+
+        self._expect(record, later, reached)
         for vehicle in waiting:
             self._errands.start(vehicle, self._errands.stay_down, self._book.closer(record, vehicle.id))
         return record
+
+    def _expected(self, *, reclaim: bool) -> list[Vehicle]:
+        """Vehicles of an interrupted flight that are not received yet: a command to all means them."""
+        return self.takeover.unreceived if reclaim else []
+
+    def _expect(
+        self, record: OrderRecord, later: Sequence[Vehicle], reached: Callable[[Vehicle], None]
+    ) -> None:
+        """Await these for a command; those that are not received in time are named in its outcome."""
+
+        def missed(vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
+            self._book.close(record.id, vehicle.id, outcome, reason)
+
+        self.takeover.expect(later, reached, missed)
+
+    def _lead_again(self, event: ShowEvent, reason: str) -> None:
+        """A vehicle is reached later than the others, of which none may have been reached."""
+        if self._flight.show is ShowPhase.UNCONTROLLED:
+            self._flight.move_show(event, reason)
 
     def _lead(self, event: ShowEvent, reason: str, reached: Sequence[Vehicle]) -> None:
         """Let the show follow a command; one that reaches no vehicle is accepted, and changes nothing.
@@ -298,21 +324,36 @@ class Director:
         """What was cut off in flight comes under control, and home together with the others."""
         return self._stop(reason, action=Offer.BRING_HOME.value)
 
-    def _send_home(self, record: OrderRecord, flying: Sequence[Vehicle]) -> None:
-        """These together above their own starts and down; down where they are when those are not known."""
+    def _send_home(
+        self, record: OrderRecord, flying: Sequence[Vehicle], later: Sequence[Vehicle]
+    ) -> Homecoming:
+        """These together above their own starts and down; down where they are when those are not known.
+
+        `later` are not received yet: part of the plan if they are until it is made.
+        """
         homeless_m = landing_places_m(self._flight, [vehicle for vehicle in flying if vehicle.home_m is None])
-        together = [v for v in flying if v.home_m is not None and not v.comes_down_alone]
+        together = [v for v in (*flying, *later) if v.home_m is not None and not v.comes_down_alone]
         self.close()
-        self._homecoming = Homecoming(self._flight, together, self._planning)
+        self._homecoming = homecoming = Homecoming(self._flight, together, self._planning)
         for vehicle in flying:
-            place_m = homeless_m.get(vehicle.id)  # its start is not known: down where it is
-            errand = (
-                self._errands.come_home_together(self._homecoming, self._stops_m(vehicle))
-                if place_m is None
-                else self._errands.descend(place_m)
-            )
-            errand = self._errands.take_control_first(errand)
-            self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
+            self._send_one_home(record, vehicle, homecoming, homeless_m)
+        return homecoming
+
+    def _send_one_home(
+        self,
+        record: OrderRecord,
+        vehicle: Vehicle,
+        homecoming: Homecoming,
+        places_m: Mapping[VehicleId, Array],
+    ) -> None:
+        """Above its own start and down; where that is not known, down on its place of `places_m`."""
+        errand = (
+            self._errands.descend(places_m[vehicle.id])
+            if vehicle.home_m is None
+            else self._errands.come_home_together(homecoming, self._stops_m(vehicle))
+        )
+        errand = self._errands.take_control_first(errand)
+        self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
 
     def _not_ours(self, reclaimed: Sequence[Vehicle] = ()) -> dict[VehicleId, str]:
         """Vehicles that no command to all reaches, and why."""
@@ -331,6 +372,7 @@ class Director:
         flight, errands = self._flight, self._errands
         advance_show(flight.show, ShowEvent.PAUSE)
         back, waiting = self._reclaimed(reclaim=reclaim), self.waiting
+        later = self._expected(reclaim=reclaim)
         if flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
             for vehicle in flight.in_phase(Phase.HOLD):  # about to come home, or down
                 errands.stop(vehicle, "paused by another command")
@@ -345,11 +387,16 @@ class Director:
         left_out = self._not_ours(back) | {
             v.id: f"{v.phase}: {v.reason}" for v in flight.in_phase(Phase.TAKEOFF, Phase.HOLD, Phase.LANDING)
         }
-        record = self._book.open("pause", [v.id for v in (*stopped, *back, *waiting)], left_out)
+        record = self._book.open("pause", [v.id for v in (*stopped, *back, *waiting, *later)], left_out)
         for vehicle in stopped:
             self._book.close(record.id, vehicle.id, Outcome.DONE)
-        for vehicle in back:
+
+        def reached(vehicle: Vehicle) -> None:
             errands.start(vehicle, errands.take_control, self._book.closer(record, vehicle.id))
+
+        for vehicle in back:
+            reached(vehicle)
+        self._expect(record, later, reached)
         for vehicle in waiting:
             errands.start(vehicle, errands.stay_down, self._book.closer(record, vehicle.id))
         return self._book.get(record.id)
@@ -386,18 +433,27 @@ class Director:
         """A filtered descent of all vehicles but those spared, lowest first, to distinct places."""
         back = self._reclaimed(reclaim=reclaim)
         flying = [*(v for v in self._flight.airborne if v not in spared), *back]
-        waiting = self.waiting
+        waiting, later = self.waiting, self._expected(reclaim=reclaim)
         self._lead(ShowEvent.ABORT, reason, [*flying, *waiting])
         places_m = landing_places_m(
             self._flight, [vehicle for vehicle in flying if not vehicle.comes_down_alone]
         )
         left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
-        record = self._book.open("abort", [v.id for v in (*flying, *waiting)], left_out)
-        for vehicle in flying:
+        record = self._book.open("abort", [v.id for v in (*flying, *waiting, *later)], left_out)
+
+        def come_down(vehicle: Vehicle, places_m: Mapping[VehicleId, Array]) -> None:
             alone = vehicle.comes_down_alone
             errand = self._errands.autopilot_land if alone else self._errands.descend(places_m[vehicle.id])
             errand = self._errands.take_control_first(errand)
             self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
+
+        def reached(vehicle: Vehicle) -> None:
+            self._lead_again(ShowEvent.ABORT, reason)
+            come_down(vehicle, landing_places_m(self._flight, [vehicle]))
+
+        for vehicle in flying:
+            come_down(vehicle, places_m)
+        self._expect(record, later, reached)
         for vehicle in waiting:
             self._errands.start(vehicle, self._errands.stay_down, self._book.closer(record, vehicle.id))
         return record

@@ -25,13 +25,14 @@ class ErrandTasks:
 
     def running(self, vehicle: Vehicle) -> bool:
         """Whether the vehicle is on an errand."""
-        return vehicle.id in self._running
+        running = self._running.get(vehicle.id)
+        return running is not None and not running[0].done()
 
     def stop(self, vehicle: Vehicle, reason: str) -> None:
         """End the vehicle's errand, if any; it has failed for that reason."""
         running = self._running.pop(vehicle.id, None)
         vehicle.engaging = False
-        if running is not None:
+        if running is not None and not running[0].done():
             task, done = running
             task.cancel()
             done(Outcome.FAILED, reason)  # here: a task cancelled before its first step says nothing

@@ -5,13 +5,14 @@ is known from memory. Both are an `Interruption`, and both offer the same two co
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Final
 
 import numpy as np
 
-from gcs.control_refusal import why_never
+from gcs.control_refusal import why_never, why_not_without_heartbeat
 from gcs.errands import Errands
 from gcs.errors import GcsError, RefusedError
 from gcs.failsafe_cause import FailsafeCause
@@ -55,6 +56,13 @@ setpoint may have been late, and vehicles may be set to less.
 """
 
 
+RECEIVED_WITHIN_S: Final = 3.0
+"""So long a command for the interrupted flight awaits vehicles of which nothing was received yet."""
+
+REPLACED: Final = "replaced by another command"
+
+COMES_DOWN: Final = frozenset({ShowPhase.RETURNING, ShowPhase.ABORTING})
+
 OTHER_FAILSAFES = frozenset(FailsafeCause) - {
     FailsafeCause.SETPOINT_LOSS,
     FailsafeCause.DATA_LINK_LOSS,
@@ -71,6 +79,16 @@ class _Batch:
     record: OrderRecord
     awaited: set[VehicleId]
     handed: list[Vehicle] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Expected:
+    """Vehicles of the interrupted flight that a command means, and of which nothing was received yet."""
+
+    vehicles: dict[VehicleId, Vehicle]
+    until_s: float
+    reached: Callable[[Vehicle], None]  # it was received, and waits for a command
+    missed: Callable[[Vehicle, Outcome, str], None]  # it was not, or it may not be commanded
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +123,8 @@ class Takeover:
         self._batch: _Batch | None = None
         self._wrong: tuple[str, ...] = ()  # with the whole record
         self._sent_on: set[VehicleId] = set()
+        self._expected: _Expected | None = None
+        self._restored: set[Offer] = set()  # what was wanted then is wanted again: only once
         self._no_plan = ""  # why the formation cannot go on
         self._stall: _Stall | None = None
         self._under_setpoints: set[VehicleId] = set()  # as of the tick before
@@ -206,7 +226,8 @@ class Takeover:
             self._no_plan = self._why_no_plan(stall.flown)
         else:
             vehicles = {**self._found.vehicles, **fallen}
-            self._found = replace(self._found, vehicles=vehicles, stalled_s=stall.flown.stalled_s)
+            plan = None if Offer.TAKE_OVER in self._restored else self._found.plan  # flown since
+            self._found = replace(self._found, vehicles=vehicles, stalled_s=stall.flown.stalled_s, plan=plan)
         self._sent_on -= fallen.keys()
         log.warning("interrupted", extra={**self._found.to_json(), "cause": self._found.cause})
 
@@ -216,7 +237,66 @@ class Takeover:
         shown = self.view()
         waiting = () if shown is None or self._wrong else (one.id for one in shown.vehicles if one.waits)
         vehicles = [self._flight.vehicles[name] for name in waiting]
-        return [one for one in vehicles if one.phase is Phase.PILOT and not why_never(self._flight, one)]
+        return [one for one in vehicles if one.phase is Phase.PILOT and not self._why_not(one)]
+
+    def _why_not(self, vehicle: Vehicle) -> str:
+        """Why no command to all takes control of it; empty when one may."""
+        return why_never(self._flight, vehicle) or why_not_without_heartbeat(self._flight, vehicle)
+
+    @property
+    def unreceived(self) -> list[Vehicle]:
+        """Of the interrupted flight, those of which nothing was received yet: a command means them."""
+        if self._found is None or self._wrong:
+            return []
+        vehicles = [self._flight.vehicles[name] for name in self._found.vehicles]
+        return [one for one in vehicles if one.phase is Phase.OFFLINE]
+
+    def expect(
+        self,
+        vehicles: Sequence[Vehicle],
+        reached: Callable[[Vehicle], None],
+        missed: Callable[[Vehicle, Outcome, str], None],
+    ) -> None:
+        """Await `vehicles` for a command, instead of those that an earlier one awaits.
+
+        Args:
+            vehicles: of `unreceived`.
+            reached: called once for each that is received in time, and that the command may take control of.
+            missed: called once for each other, with the outcome and the reason.
+        """
+        self._expect_no_more()
+        if vehicles:
+            until_s = self._flight.fleet.time_s + RECEIVED_WITHIN_S
+            self._expected = _Expected({one.id: one for one in vehicles}, until_s, reached, missed)
+
+    def _expect_no_more(self) -> None:
+        expected, self._expected = self._expected, None
+        if expected is not None:
+            for vehicle in expected.vehicles.values():
+                expected.missed(vehicle, Outcome.FAILED, REPLACED)
+
+    def _receive(self, expected: _Expected) -> None:
+        """Hand on those that were received meanwhile; name those that were not received in time."""
+        late = self._flight.fleet.time_s > expected.until_s
+        waiting = {one.id for one in self.reclaimable}
+        shown = self.view()
+        texts = {} if shown is None else {one.id: one.text for one in shown.vehicles}
+        for vehicle in list(expected.vehicles.values()):
+            if vehicle.phase is Phase.OFFLINE and not late:
+                continue
+            del expected.vehicles[vehicle.id]
+            if vehicle.phase is Phase.OFFLINE:
+                why = f"not received within {RECEIVED_WITHIN_S:g} s of the command"
+                expected.missed(vehicle, Outcome.FAILED, why)
+            elif vehicle.id in waiting:
+                expected.reached(vehicle)
+            else:
+                why_not = self._why_not(vehicle) if vehicle.phase is Phase.PILOT else ""
+                expected.missed(
+                    vehicle, Outcome.NOT_INCLUDED, why_not or texts.get(vehicle.id, vehicle.reason)
+                )
+        if not expected.vehicles and self._expected is expected:
+            self._expected = None
 
     # once a tick
 
@@ -229,6 +309,8 @@ class Takeover:
         found, batch = self._found, self._batch
         if found is not None:
             self._keep_true(found)
+        if self._expected is not None:
+            self._receive(self._expected)
         if batch is not None and not batch.awaited:
             self._batch = None
             self._go_on(batch)
@@ -236,7 +318,7 @@ class Takeover:
             return
         if self._flight.show in BEGUN_ANEW or (found.vehicles and self._all_settled(found)):
             log.info("interruption_over", extra={"of_session": found.session})
-            self._found, self._regained = None, set()
+            self._found, self._regained, self._restored = None, set(), set()
 
     def _keep_true(self, found: Interruption) -> None:
         """Remember which vehicles came under control again, and say why the others are not."""
@@ -255,7 +337,7 @@ class Takeover:
 
     def _all_settled(self, found: Interruption) -> bool:
         """Nobody is unheard or waits for an order, and nobody who was handed back is yet to be sent on."""
-        if self._batch is not None:
+        if self._batch is not None or self._expected is not None:
             return False
         open_phases = {Phase.OFFLINE, Phase.PILOT, Phase.HOLD}
         left = [one for name in found.vehicles if (one := self._flight.vehicles.get(name)) is not None]
@@ -311,23 +393,35 @@ class Takeover:
             name: why
             for name in waiting
             if (vehicle := self._flight.vehicles[name]).phase is Phase.PILOT
-            and (why := why_never(self._flight, vehicle))
+            and (why := self._why_not(vehicle))
         }
         waiting -= refused.keys()
         if offer is Offer.BRING_HOME:
             return self._send_home(f"brought home: {shown.cause}")
         chosen = [vehicle for name, vehicle in self._flight.vehicles.items() if name in waiting]
-        left_out = {one.id: one.text for one in shown.vehicles if one.id not in waiting} | refused
-        record = self._book.open(offer.value, [vehicle.id for vehicle in chosen], left_out)
-        batch = _Batch(record, {vehicle.id for vehicle in chosen})
+        unreceived = self.unreceived
+        meant = [vehicle.id for vehicle in (*chosen, *unreceived)]
+        left_out = {one.id: one.text for one in shown.vehicles if one.id not in meant} | refused
+        record = self._book.open(offer.value, meant, left_out)
+        if self._batch is not None:
+            self._close(self._batch)
+        batch = _Batch(record, set(meant))
         self._batch = batch
+        self.expect(unreceived, partial(self._take_one, batch), partial(self._note, batch))
         for vehicle in chosen:
             if vehicle.phase is Phase.PILOT:
-                done = partial(self._note, batch, vehicle)
-                self._errands.start(vehicle, self._errands.take_control, done)
+                self._take_one(batch, vehicle)
             else:
                 self._note(batch, vehicle, Outcome.DONE, "")
         return record
+
+    def _take_one(self, batch: _Batch, vehicle: Vehicle) -> None:
+        self._errands.start(vehicle, self._errands.take_control, partial(self._note, batch, vehicle))
+
+    def _close(self, batch: _Batch) -> None:
+        """Another take-over begins before all of this batch hold."""
+        for vehicle in batch.handed:
+            self._book.close(batch.record.id, vehicle.id, Outcome.FAILED, REPLACED)
 
     def _note(self, batch: _Batch, vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
         """One of a batch holds, or could not be had."""
@@ -339,10 +433,11 @@ class Takeover:
 
     def _go_on(self, batch: _Batch) -> None:
         """All of a batch hold: send them on, together."""
-        ours = [vehicle for vehicle in batch.handed if vehicle.phase in AIRBORNE]
+        ours = [one for one in batch.handed if one.phase is Phase.HOLD and not self._is_commanded(one)]
         for vehicle in batch.handed:
             if vehicle not in ours:
-                reason = f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}"
+                changed = f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}"
+                reason = REPLACED if vehicle.phase is Phase.HOLD else changed
                 self._book.close(batch.record.id, vehicle.id, Outcome.FAILED, reason)
         self._sent_on |= {vehicle.id for vehicle in ours}
         for vehicle in ours:
@@ -351,6 +446,10 @@ class Takeover:
                 self._errands.start(vehicle, self._errands.join, closer)
             else:
                 self._book.close(batch.record.id, vehicle.id, Outcome.DONE, "holds, as before")
+
+    def _is_commanded(self, vehicle: Vehicle) -> bool:
+        """Whether another command has come since it holds: that one counts."""
+        return self._errands.running(vehicle) or self._flight.show in COMES_DOWN
 
     def _rejoins(self, vehicle: Vehicle) -> bool:
         found = self._found
@@ -366,6 +465,12 @@ class Takeover:
         """Want again what was wanted: all of it, or for the way home the obstacles. Raises: RefusedError."""
         if found.plan is None and found.stalled_s is not None:
             return  # it was never forgotten
+        if not self._restored.isdisjoint({offer, Offer.TAKE_OVER}):
+            return  # what was changed since then is wanted now
+        self._restore_first(found, offer)
+        self._restored.add(offer)
+
+    def _restore_first(self, found: Interruption, offer: Offer) -> None:
         if offer is Offer.BRING_HOME:
             if found.plan is not None and self._flight.performance is None:
                 obstacles = self._recorded(found).obstacles

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -32,14 +32,15 @@ from gcs.plan import Formation, Obstacle
 from gcs.records.exclusions import exclusions
 from gcs.records.interruption import interruption
 from gcs.records.record import Record
-from gcs.service import WHO, Outcome, ShowAction, VehicleAction
+from gcs.service import WHO, OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet, Settings
-from gcs.state import Mode
+from gcs.state import Mode, VehicleId
 
 T = TypeVar("T")
 Story = Callable[[Show], Awaitable[T]]
 
 ALL = ("d1", "d2", "d3", "d4")
+LATE = ("d3", "d4")
 AT_REST_M_S = 0.3
 BOX = Obstacle("box", 60.0, -60.0, 1.0, 1.0, 5.0)
 
@@ -52,10 +53,21 @@ def with_shows(folder: Path) -> Config:
     return four(shows={"folder": str(folder)})
 
 
-async def one_session(config: Config, fleet: Fleet, root: Path, unix: UnixClock, story: Story[T]) -> T:
-    """A service of its own over vehicles that were there before; cut off when the story ends."""
+async def one_session(
+    config: Config,
+    fleet: Fleet,
+    root: Path,
+    unix: UnixClock,
+    story: Story[T],
+    late: Sequence[VehicleId] = (),
+) -> T:
+    """A service of its own over vehicles that were there before; cut off when the story ends.
+
+    Of those that are `late` nothing arrives before the story restores them.
+    """
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
     link = LoopbackLink("loop", system_ids(config.ids), fleet, config.frame, deadman_s=config.deadman_s)
+    link.silence(*late)
     record = Record(
         root,
         config.model_dump_json(),
@@ -79,8 +91,13 @@ async def one_session(config: Config, fleet: Fleet, root: Path, unix: UnixClock,
             await asyncio.gather(*tasks, told, return_exceptions=True)
 
 
-def sessions(root: Path, *parts: tuple[Config, Story[T]], away_s: float = 2.0) -> list[T]:
-    """One service after the other over the same vehicles. Returns: what each story tells."""
+def sessions(
+    root: Path, *parts: tuple[Config, Story[T]], away_s: float = 2.0, late: Sequence[VehicleId] = ()
+) -> list[T]:
+    """One service after the other over the same vehicles, of which some are `late` in the last session.
+
+    Returns: what each story tells.
+    """
     config = parts[0][0]
 
     async def main() -> list[T]:
@@ -92,7 +109,8 @@ def sessions(root: Path, *parts: tuple[Config, Story[T]], away_s: float = 2.0) -
         fleet = Fleet(settings, start_s=loop.time(), unix_at_start_s=unix())
         told = []
         for each, story in parts:
-            told.append(await one_session(each, fleet, root, unix, story))
+            last = story is parts[-1][1]
+            told.append(await one_session(each, fleet, root, unix, story, late if last else ()))
             await asyncio.sleep(away_s)
         return told
 
@@ -314,3 +332,78 @@ def test_a_single_vehicle_control_taken_returns_to_where_it_took_off(tmp_path: P
         assert record.outcomes["d1"].outcome is Outcome.DONE
 
     sessions(tmp_path, (four(), fly_for_a_while), (four(), one_by_one))
+
+
+async def received_first(show: Show) -> None:
+    """Of LATE nothing arrives yet."""
+    await show.until(lambda: [show.vehicle(name).phase for name in ("d1", "d2")] == [Phase.PILOT] * 2)
+
+
+COMMANDS: dict[str, Callable[[Show], OrderRecord]] = {
+    "take-over": lambda show: show.service.settle(Offer.TAKE_OVER),
+    "bring-home": lambda show: show.service.settle(Offer.BRING_HOME),
+    "stop": lambda show: show.service.command_show(ShowAction.STOP),
+    "abort": lambda show: show.service.command_show(ShowAction.ABORT),
+    "pause": lambda show: show.service.command_show(ShowAction.PAUSE),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_means_the_whole_flight_also_what_is_received_a_moment_later(
+    tmp_path: Path, command: str
+) -> None:
+    async def go_on(show: Show) -> None:
+        await received_first(show)
+        show.befall("d4", "pilot")
+        record = COMMANDS[command](show)
+        await show.wait(1.0)
+        show.link.restore(*LATE)
+        record = await show.settled(record, 150.0)
+        told = {name: (part.outcome, part.reason) for name, part in record.outcomes.items()}
+        assert [told[name][0] for name in ("d1", "d2", "d3")] == [Outcome.DONE] * 3, told
+        assert told["d4"][0] is Outcome.NOT_INCLUDED
+        assert "take-control" in told["d4"][1]
+        assert show.vehicle("d4").phase is Phase.PILOT
+        assert not show.link.sent["d4"]
+        assert show.floor_violations() == 0
+
+    sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on), late=LATE)
+
+
+def test_what_is_not_received_in_time_is_named_and_a_later_command_keeps_what_was_changed_since(
+    tmp_path: Path,
+) -> None:
+    changed = Formation(radius_m=8.0, height_m=16.0)
+
+    async def go_on(show: Show) -> None:
+        await received_first(show)
+        record = await show.settled(show.service.settle(Offer.TAKE_OVER))
+        for name in LATE:
+            assert record.outcomes[name].outcome is Outcome.FAILED
+            assert record.outcomes[name].reason == "not received within 3 s of the command"
+        await show.show(ShowAction.RESUME)
+        show.service.set_formation(changed)
+        show.link.restore(*LATE)
+        await show.until(lambda: [show.vehicle(name).phase for name in LATE] == [Phase.PILOT] * 2)
+        record = await show.settled(show.service.settle(Offer.TAKE_OVER))
+        assert [record.outcomes[name].outcome for name in LATE] == [Outcome.DONE] * 2
+        assert show.view.plan.formation == changed
+
+    sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on), late=LATE)
+
+
+def test_a_later_command_replaces_one_that_still_awaits_vehicles(tmp_path: Path) -> None:
+    async def go_on(show: Show) -> None:
+        await received_first(show)
+        take_over = show.service.settle(Offer.TAKE_OVER)
+        await show.wait(0.5)
+        stopped = show.service.command_show(ShowAction.STOP)
+        await show.wait(0.5)
+        show.link.restore(*LATE)
+        record = await show.settled(stopped, 150.0)
+        assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
+        assert show.service.order(take_over.id).outcome is Outcome.FAILED
+        await show.reach(ShowPhase.LANDED)
+        assert show.floor_violations() == 0
+
+    sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on), late=LATE)

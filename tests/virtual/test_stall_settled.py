@@ -2,19 +2,24 @@
 
 import asyncio
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from stalls import stall
 from test_show_interrupted import four, one_session
 from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Show, UnixClock, fly, refused, run_virtual, show_config
-from written_show import on_pads
+from written_show import config, on_pads, select
+from written_show import fly as fly_written
 
 from gcs.interrupted import Offer
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.parameters import requirements, settings_of
-from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet, Settings
+from gcs.state import Mode
+
+FIRST = ("d1", "d2", "d3")
 
 
 async def cut_off(show: Show, stalled_s: float = 4.0) -> None:
@@ -165,3 +170,85 @@ def test_a_service_that_ends_after_a_stall_still_knows_which_vehicles_it_flew(tm
         await one_session(config, fleet, tmp_path, unix, goes_on)
 
     run_virtual(main)
+
+
+def test_a_stop_while_a_take_over_waits_for_one_vehicle_counts_for_those_that_hold_already() -> None:
+    async def story(show: Show) -> None:
+        await cut_off(show)
+        show.link.silence("d4", up=False)
+        take_over = show.service.settle(Offer.TAKE_OVER)
+        await show.until(lambda: [show.vehicle(name).phase for name in FIRST] == [Phase.HOLD] * 3)
+        stopped = show.service.command_show(ShowAction.STOP)
+        show.link.restore("d4")
+        record = await show.settled(stopped, 150.0)
+        assert {name: part.reason for name, part in record.outcomes.items() if part.reason} == {}
+        assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
+        await show.reach(ShowPhase.LANDED)
+        assert {part.outcome for part in show.service.order(take_over.id).outcomes.values()} == {
+            Outcome.FAILED
+        }
+
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+
+
+def test_a_take_over_that_is_repeated_leaves_no_part_of_the_first_pending() -> None:
+    async def story(show: Show) -> None:
+        await cut_off(show)
+        show.link.silence("d4", up=False)
+        first = show.service.settle(Offer.TAKE_OVER)
+        await show.until(lambda: [show.vehicle(name).phase for name in FIRST] == [Phase.HOLD] * 3)
+        show.link.restore("d4")
+        second = await show.settled(show.service.settle(Offer.TAKE_OVER))
+        assert {part.outcome for part in second.outcomes.values()} == {Outcome.DONE}
+        assert show.service.order(first.id).outcome is Outcome.FAILED
+
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+
+
+def test_a_vehicle_without_heartbeats_is_reached_by_no_command_to_all() -> None:
+    async def story(show: Show) -> None:
+        await cut_off(show)
+        show.link.beatless.add("d1")
+        await show.wait(1.0)
+        show.befall("d1", "pilot")
+        await show.wait(4.0)
+        assert show.vehicle("d1").phase is Phase.PILOT
+        assert show.vehicle("d1").mode is Mode.HOLD, "nothing is known of the pilot"
+        sent = len(show.link.orders["d1"])
+        commands: tuple[Callable[[], OrderRecord], ...] = (
+            lambda: show.service.settle(Offer.TAKE_OVER),
+            lambda: show.service.command_vehicles(VehicleAction.TAKE_CONTROL),
+            lambda: show.service.command_show(ShowAction.PAUSE),
+            lambda: show.service.command_show(ShowAction.STOP),
+        )
+        for command in commands:
+            record = command()
+            assert record.outcomes["d1"].outcome is Outcome.NOT_INCLUDED
+            assert "take-control d1" in record.outcomes["d1"].reason
+            await show.wait(0.1)
+        await show.settled(record, 150.0)
+        assert len(show.link.orders["d1"]) == sent
+
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+
+
+def test_the_end_of_a_written_show_takes_control_of_nothing(tmp_path: Path) -> None:
+    async def story(show: Show) -> None:
+        show_hash = select(show)
+        await show.standby()
+        show.service.command_show(ShowAction.START, show_hash=show_hash)
+        await show.reach(ShowPhase.RUNNING)
+        await show.wait(1.0)
+        stall(show, 4.0)
+        await show.wait(1.0)
+        for name in FIRST:
+            await show.order(name, VehicleAction.TAKE_CONTROL)
+            await show.order(name, VehicleAction.JOIN)
+        await show.show(ShowAction.RESUME)
+        await show.reach(ShowPhase.RETURNING, 300.0)
+        await show.wait(5.0)
+        assert show.view.reason.endswith("is over: all vehicles return home")
+        assert show.vehicle("d4").phase is Phase.PILOT
+        assert show.vehicle("d4").setpoint_m_s is None
+
+    fly_written(story, config(tmp_path, operation=HOLDS_WHEN_LOST))
