@@ -33,11 +33,16 @@ VIEW_AGE_MAX_S: Final = 1.0
 
 
 def health_problem(view: FleetView, now_s: float) -> str:
-    """Why control cannot be called alive at `now_s` (loop clock); empty when it can."""
+    """Why control cannot be called alive at `now_s` (loop clock); empty when it can.
+
+    A replay has no control loop that could stop: only that it shows nothing new is wrong with it.
+    """
     age_s = now_s - view.time_s
+    replays = view.playback is not None
     if not abs(age_s) <= VIEW_AGE_MAX_S:  # so written that NaN is unhealthy, too
-        return f"the newest state is {age_s:.1f} s old: the control loop does not run"
-    if not view.control_alive:
+        stands = "the replay does not go on" if replays else "the control loop does not run"
+        return f"the newest state is {age_s:.1f} s old: {stands}"
+    if not (view.control_alive or replays):
         return "the control loop has completed no tick within the deadman's time: no setpoints are sent"
     return ""
 

@@ -9,9 +9,11 @@ from gcs.service import FleetView
 def current(view: FleetView, problem: str) -> tuple[Alarm, ...]:
     """The alarms of a state; first of all, that control has stopped, which a state cannot say of itself.
 
-    `problem` is `convert.health_problem`'s answer.
+    `problem` is `convert.health_problem`'s answer. A replay has no control that could stop.
     """
-    return (_control_stopped(view, problem), *view.alarms) if problem else view.alarms
+    if not problem or view.playback is not None:
+        return view.alarms
+    return (_control_stopped(view, problem), *view.alarms)
 
 
 def _control_stopped(view: FleetView, problem: str) -> Alarm:

@@ -465,7 +465,7 @@ class Fleet(Outward):
 
     time_s: float = Field(description="The service's monotonic clock.")
     unix_time_s: float
-    control_alive: bool = Field(description="False also when this state is old.")
+    control_alive: bool = Field(description="False also when this state is old; of a replay, only then.")
     control_reason: str = Field(description="Why it is not alive, empty when it is.")
     show: Show
     counts: Counts

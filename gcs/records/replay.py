@@ -239,7 +239,7 @@ class Replay(Refusing):
             target_m=(tick["target_m"][0], tick["target_m"][1]),
             minimum_separation_m=tick["minimum_separation_m"],
             tick=TickView(**timing, durations=NOTHING_COUNTED, latenesses=NOTHING_COUNTED),
-            control_alive=not ended and tick["control_alive"],
+            control_alive=tick["control_alive"],
             setpoints_sent=tick["setpoints_sent"],
             interventions=0,
             alarms=ordered(

@@ -1,8 +1,11 @@
 """A record in the same page: played, stopped, looked at anywhere, and judged."""
 
+import logging
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from console_bench import FLIGHT_MS, SOON_MS, chromes, console
@@ -12,7 +15,7 @@ from replays import replay
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "virtual"))
 
-from virtual_show import Show, fly, show_config
+from virtual_show import Show, UnixClock, fly, show_config
 
 from gcs.client import Client
 from gcs.lifecycle import ShowPhase
@@ -31,12 +34,30 @@ async def a_show(show: Show) -> None:
     await show.reach(ShowPhase.LANDED)
 
 
+@contextmanager
+def told_in_flown_time() -> Iterator[None]:
+    """Until the block ends, events are of the virtual clock, as the recorded states are."""
+    usual, clock = logging.getLogRecordFactory(), UnixClock()
+
+    def made(*given: Any, **named: Any) -> logging.LogRecord:
+        record = usual(*given, **named)
+        with suppress(RuntimeError):  # outside of a flight there is no virtual clock
+            record.created = clock()
+        return record
+
+    logging.setLogRecordFactory(made)
+    try:
+        yield
+    finally:
+        logging.setLogRecordFactory(usual)
+
+
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """`gcs replay` of a flight in virtual time; where its page is."""
     root = tmp_path_factory.mktemp("runs")
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(CONFIG.ids)}
-    with Record(root, CONFIG.model_dump_json(), vehicles) as record:
+    with told_in_flown_time(), Record(root, CONFIG.model_dump_json(), vehicles) as record:
         fly(a_show, CONFIG, record=record)
     with replay(root) as address:
         yield address

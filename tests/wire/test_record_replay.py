@@ -191,7 +191,9 @@ def test_it_is_paused_and_sought_and_tells_what_had_happened_by_then(recorded: P
             pass
         with pytest.raises(RefusedError, match="the record has ended"):
             client.playback.change(paused=False)
-        assert not asyncio.run(headers(address, 1))[0]["control_alive"]
+        assert asyncio.run(headers(address, 1))[0]["control_alive"]  # nothing that could have stopped
+        now = client.status()
+        assert (now.control_reason, [each.cause for each in now.alarms]) == ("", ["replay"])
         assert client.playback.change(position_s=3.0, paused=True).ended is False
         assert positions_s(address, 3)[-1] == pytest.approx(3.0, abs=0.06)
 

@@ -5,7 +5,7 @@ import { whyNot, whyNotOnGround, whyNotShape, whyNotShow, whyNotVehicle } from "
 import { lastOrder, whyNotSelection } from "../src/desk/group";
 import { refusal } from "../src/desk/shows";
 import { startOrder } from "../src/desk/start";
-import { showReason } from "../src/desk/topbar";
+import { life, showReason } from "../src/desk/topbar";
 import { typedNumbers } from "../src/desk/shape";
 import { initial, type Right, type State } from "../src/state";
 import { texts } from "../src/texts";
@@ -96,6 +96,19 @@ describe("who may press what", () => {
     expect(whyNotOnGround(flying())).toContain(texts.phases.running);
     expect(whyNotOnGround(flying(undefined, { show: { ...status().show, phase: "landed" }, counts: GROUNDED }))).toBe("");
     expect(whyNotOnGround(flying(undefined, { show: { ...status().show, phase: "landed" } }))).toContain("2 airborne");
+  });
+});
+
+describe("what the connection is called", () => {
+  const replay = { file: "f", began_unix_time_s: 0, duration_s: 9, position_s: 9, speed: 1, paused: false, ended: true, skips_idle: true };
+  const said = (controlAlive: boolean, change: Parameters<typeof status>[0]): string => life(after([
+    { kind: "connection", connection: { kind: "live", reason: "", since_ms: 0 } },
+    { kind: "frame", frame: frame({ vehicles: FLEET, controlAlive }, 100) },
+  ], flying(undefined, change)));
+
+  it("never says of a replay that control stopped: there is none", () => {
+    expect([said(true, { replay }), said(false, { replay })]).toEqual(["replay", "stale"]);
+    expect([said(true, {}), said(false, {})]).toEqual(["live", "dead"]);
   });
 });
 

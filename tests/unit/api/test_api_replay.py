@@ -1,5 +1,6 @@
 """How a record is played, over REST."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -113,3 +114,18 @@ def test_the_marks_of_the_record_are_listed_and_idle_time_can_be_played() -> Non
     assert api("GET", "/api/v1/replay").json()["skips_idle"] is True
     assert api("POST", "/api/v1/replay", json={"skips_idle": False}).json()["skips_idle"] is False
     assert Api()("GET", "/api/v1/replay/marks").status_code == 409
+
+
+@pytest.mark.parametrize("age_s", [0.0, 1.5])
+def test_control_is_never_called_stopped_where_there_is_none(age_s: float) -> None:
+    api, _ = playing()
+    view = api.service.view.value
+    api.service.view.set(replace(view, time_s=view.time_s - age_s, control_alive=False))
+    alarms = [alarm.cause.value for alarm in view.alarms]
+    for path in ("/api/v1/fleet", "/api/v1/status"):
+        told = api("GET", path).json()
+        assert [alarm["cause"] for alarm in told["alarms"]] == alarms
+        assert "control loop" not in told["control_reason"]
+        assert bool(told["control_reason"]) == (age_s > 0.0)
+    assert [alarm["cause"] for alarm in api("GET", "/api/v1/alarms").json()["alarms"]] == alarms
+    assert api("GET", "/healthz").status_code == (503 if age_s > 0.0 else 200)

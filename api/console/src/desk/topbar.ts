@@ -17,9 +17,10 @@ type Life = keyof typeof texts.bar.states;
 export function life(state: State): Life {
   const { kind } = state.connection;
   if (kind !== "live") return kind;
-  if (state.frame && !state.frame.controlAlive) return "dead";
+  const replays = state.status?.replay != null;
+  if (state.frame && !state.frame.controlAlive) return replays ? "stale" : "dead"; // a replay has no control
   if (!fresh(state)) return "stale";
-  return state.status?.replay ? "replay" : "live";
+  return replays ? "replay" : "live";
 }
 
 const LIFE_ICON: Record<Life, IconName> = {

@@ -1574,7 +1574,7 @@ export interface components {
             center: components["schemas"]["Center"] | null;
             /**
              * Control Alive
-             * @description False also when this state is old.
+             * @description False also when this state is old; of a replay, only then.
              */
             control_alive: boolean;
             /**
