@@ -11,7 +11,6 @@ import logging
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from threading import Event, Lock, Thread
 from time import monotonic
@@ -55,7 +54,7 @@ class FlightFile:
         self._folder = folder
         self._about = dict(about)
         self._lock = Lock()
-        self._waiting: list[Moment | Said] = []
+        self._waiting: list[tuple[Moment | Said, int]] = []
         self._closed = Event()
         self._thread: Thread | None = None
         self._problem = ""
@@ -86,14 +85,18 @@ class FlightFile:
             self._thread.join(JOIN_S)
             self._thread = None
 
+    @property
+    def waiting(self) -> int:
+        """Moments and events that the writer has not begun with."""
+        return len(self._waiting)
+
     def put(self, what: Moment | Said) -> None:
         """Have it written. For any thread; takes a microsecond."""
         with self._lock:
             if isinstance(what, Moment):
                 self._number += 1  # of those that are dropped, too: so a reader knows of them
-                what = replace(what, number=self._number)
             if len(self._waiting) < WAITING_MAX:
-                self._waiting.append(what)
+                self._waiting.append((what, self._number))
             elif isinstance(what, Moment):
                 self.dropped += 1
 
@@ -110,14 +113,14 @@ class FlightFile:
     def _write(self) -> None:
         with self._lock:
             batch, self._waiting = self._waiting, []
-        moments = sum(isinstance(what, Moment) for what in batch)
+        moments = sum(isinstance(what, Moment) for what, _ in batch)
         if not moments and self._file is None:
             return
         try:
             if self._file is None:
                 self._file = _OpenFile(_free_name(self._folder), self._about)
-            for what in batch:
-                self._file.add(what)
+            for what, number in batch:
+                self._file.add(what, number)
             self._file.flush()
         except OSError as error:
             self._failed(error, moments)
@@ -166,8 +169,8 @@ class _OpenFile:
         self._status_due_s = self._scene_due_s = -1.0
         self._status: tuple[object, ...] = ()
 
-    def add(self, what: Moment | Said) -> None:
-        """Put one moment, or event, into the chunk."""
+    def add(self, what: Moment | Said, number: int | None = None) -> None:
+        """Put one moment, or event, into the chunk; `number` in place of the moment's own."""
         if isinstance(what, Said):
             self._add("/log", what.unix_s, layout.log_message(*what))
             return
@@ -190,7 +193,7 @@ class _OpenFile:
             self._add("/fleet/scene", unix_s, scene_message(what))
             self._add("/tf", unix_s, layout.transform_message(unix_s))
         self._add("/fleet/vehicles", unix_s, layout.vehicles_message(what))
-        self._add("/fleet/tick", unix_s, layout.tick_message(what))
+        self._add("/fleet/tick", unix_s, layout.tick_message(what, number))
 
     def _add(self, topic: str, unix_s: float, data: bytes) -> None:
         when = layout.nanoseconds(unix_s)

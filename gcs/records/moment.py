@@ -55,7 +55,7 @@ class Moment:
     alarms: tuple[Alarm, ...]  # all of the moment, the most severe first
     parts: Mapping[VehicleId, int] = field(default_factory=dict)  # who plays which part in it
     control: ControlSettings | None = None  # the limits that held: the service's, or the selected show's
-    number: int = 0  # of those given to the record, from 1; 0: not given yet
+    number: int = 0  # of those given to the record, from 1; the record counts them itself
     colours: Colours | None = None  # that the show gave; None: there is none
 
     def lights(self) -> tuple[NDArray[np.uint8], Mask]:

@@ -15,7 +15,7 @@ from gcs.interrupted import Interruption
 from gcs.links import Link
 from gcs.records import layout
 from gcs.records.audit import Audit
-from gcs.records.flightfile import FlightFile, Said
+from gcs.records.flightfile import WAITING_MAX, FlightFile, Said
 from gcs.records.journal import Journal
 from gcs.records.known import AUDIT
 from gcs.records.moment import Moment
@@ -81,6 +81,11 @@ class Record:
         """What is not being recorded, in words; empty while all is."""
         flight = "" if self._flight is None else self._flight.problem
         return tuple(f"record: {problem}" for problem in (self._journal.problem, flight) if problem)
+
+    @property
+    def has_room(self) -> bool:
+        """Less than half of the flight data that may wait do: who is faster than time waits for it."""
+        return self._flight is None or self._flight.waiting < WAITING_MAX // 2
 
     def note(self, moment: Moment, links: Sequence[Link]) -> None:
         """Take in one tick, and where the vehicles of the links speak from."""

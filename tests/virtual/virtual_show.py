@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
@@ -36,6 +37,8 @@ JUMP_M_S = 1.5
 """What two successive setpoints may differ by: 1.0 when the centre's acceleration reverses (0.5 s of lead),
 0.375 of wanted change (3 m/s^2 for 0.05 s, 2.5 times through the inner loop), and noise.
 """
+WRITER_S = 60.0
+"""So long a record's writer is waited for, by the clock on the wall; then it counts what it does not keep."""
 HOLDS_WHEN_LOST = {"setpoint_loss_action": "hold"}
 """Section `operation` of a show whose vehicles stay where they are when they lose the ground station."""
 
@@ -200,9 +203,10 @@ class Show:
         if not answer["ok"] or "unmoved" in answer:
             raise ValueError(f"{order}: {answer}")
 
-    async def record(self) -> None:
-        """Note every tick until cancelled."""
+    async def record(self, onto: Record | None = None) -> None:
+        """Note every tick until cancelled; no time passes while the writer of `onto` is behind."""
         async for view in self.service.view.values():
+            wait_for_writer(onto)
             armed = tuple(pilot.commander.armed for pilot in self.fleet.autopilots)
             self._moments.append(Moment(view, self.true_m, armed))
 
@@ -265,6 +269,13 @@ class Show:
         """An obstacle of the plan, without the law's margins."""
         box = next(known for known in self.view.plan.obstacles if known.id == obstacle_id)
         return Ellipse.around(box, margin_m=0.0, headroom_m=0.0)
+
+
+def wait_for_writer(record: Record | None) -> None:
+    """Ticks come as fast as they are worked out here, the writer has 50 ms for each: let it catch up."""
+    end_s = time.monotonic() + WRITER_S
+    while record is not None and not record.has_room and time.monotonic() < end_s:
+        time.sleep(0.01)  # the whole loop waits, and with it virtual time
 
 
 def alarm_texts(show: Show) -> list[str]:
@@ -350,7 +361,7 @@ def fly(
         show = Show(plan, fleet, link, orchestrator, unix)
         services = {
             asyncio.create_task(show.service.run(), name="service"),
-            asyncio.create_task(show.record(), name="record"),
+            asyncio.create_task(show.record(record), name="record"),
         }
         await show.wait(0.0)
         told = asyncio.ensure_future(story(show))

@@ -21,7 +21,8 @@ from gcs.records import layout
 from gcs.records.flightfile import WAITING_MAX, FlightFile, Said
 from gcs.records.flown import FlightData
 from gcs.records.moment import Moment
-from gcs.state import Mode
+from gcs.records.record import Record
+from gcs.state import Mode, Setpoints
 
 ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})
 
@@ -218,3 +219,37 @@ def test_more_than_the_disk_takes_is_counted_not_kept(tmp_path: Path) -> None:
         file.put(moment())
     assert file.dropped == 100
     assert file.problem == "100 ticks of flight data were not kept"
+
+
+class Name(str):
+    """Counts how often it is looked up."""
+
+    __slots__ = ()
+    looked_up = 0
+
+    def __hash__(self) -> int:
+        Name.looked_up += 1
+        return super().__hash__()
+
+
+def test_the_work_for_a_tick_grows_with_the_fleet_not_with_its_square() -> None:
+    count = 1000
+    ids = tuple(Name(f"d{row + 1}") for row in range(count))
+    wanted_m_s = np.arange(3.0 * count).reshape(count, 3)
+    one = moment(count)
+    fleet = replace(one.fleet, ids=ids)
+    told = Setpoints(one.fleet.time_s, ids[::-1], wanted_m_s, np.zeros(count))
+    table = layout.packed(replace(one, fleet=fleet, setpoints=told))
+    np.testing.assert_allclose(layout.setpoints_m_s(table), wanted_m_s[::-1])
+    assert Name.looked_up < 10 * count
+
+
+def test_who_is_faster_than_the_writer_is_told_to_wait(tmp_path: Path) -> None:
+    record = Record(tmp_path, "{}", {"d1": (1, "radio"), "d2": (2, "radio")})  # nobody writes yet
+    for _ in range(WAITING_MAX // 2):
+        assert record.has_room
+        record.note(moment(), [])
+    assert not record.has_room
+    with record:
+        soon(lambda: record.has_room)
+        assert record.problems == ()
