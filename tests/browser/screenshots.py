@@ -180,7 +180,7 @@ def watch(camera: Photographer, desk: Console, client: Client) -> None:
     _open(desk, "right", "certificate")
     desk.press("certificate-read")
     expect(desk.part("certificate-verdict")).to_be_visible(timeout=FLIGHT_MS)
-    camera.shoot(desk, "replay", None, "certificate")
+    camera.shoot(desk, "replay", None, "certificate", sizes=(*DESKS, (844, 390)))
 
 
 def main() -> None:
