@@ -15,6 +15,14 @@ from machine import free_ports
 from playwright.sync_api import Browser, expect
 
 COMMANDS: Final = ("start", "pause", "resume", "stop", "abort", "kill")
+PHASES: Final = (
+    "running",
+    "assembling",
+    "taking off",
+    "returning home",
+    "counting down",
+    "not under control",
+)
 OFFERS: Final = ("take-over", "bring-home")
 STALL_S: Final = 8.0
 """Longer than the fake vehicles fly on without setpoints."""
@@ -44,6 +52,18 @@ CUT_OFF: Final = """() => [...document.querySelectorAll(
   .filter((each) => each.checkVisibility() && each.scrollWidth > each.clientWidth + 1)
   .map((each) => `${each.className}: ${each.textContent.trim().slice(0, 60)}`)"""
 """Words and columns that their place cuts off."""
+
+CUT_WORDS: Final = """(words) => {
+  const phase = document.querySelector("[data-testid=show-phase]");
+  const text = [...phase.childNodes].find((node) => node.nodeType === Node.TEXT_NODE && node.data.trim());
+  const was = text.data;
+  try {
+    return words.filter((word) => (text.data = word, phase.scrollWidth > phase.clientWidth + 1));
+  } finally {
+    text.data = was;
+  }
+}"""
+"""Which of these phases the bar cuts off."""
 
 OVERLAPS: Final = """() => {
   const box = (name) => document.querySelector(name).getBoundingClientRect();
@@ -86,6 +106,7 @@ def test_flight_commands_are_on_screen_whatever_is_open(
         expect(desk.part("alarm").first).to_be_visible()
         assert not desk.page.evaluate(OVERLAPS)
         pressable(desk, *COMMANDS)
+        assert desk.page.evaluate(CUT_WORDS, list(PHASES)) == []
         assert desk.serious() == []
         for panel in ("shape", "fleet"):
             if desk.part(f"panel-{panel}").count() == 0:
