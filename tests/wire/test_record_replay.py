@@ -193,7 +193,7 @@ def test_it_is_paused_and_sought_and_tells_what_had_happened_by_then(recorded: P
             client.playback.change(paused=False)
         assert asyncio.run(headers(address, 1))[0]["control_alive"]  # nothing that could have stopped
         now = client.status()
-        assert (now.control_reason, [each.cause for each in now.alarms]) == ("", ["replay"])
+        assert (now.control_reason, [each.cause for each in now.alarms]) == ("", ["vehicle-lost", "replay"])
         assert client.playback.change(position_s=3.0, paused=True).ended is False
         assert positions_s(address, 3)[-1] == pytest.approx(3.0, abs=0.06)
 
