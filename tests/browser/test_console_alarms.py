@@ -48,7 +48,7 @@ def broken_fleet(folder: Path) -> Iterator[tuple[Station, Fault, int]]:
         "action": "pause",
         "then_return_after_s": None,
         "speed_error_m_s": 0.8,
-        "for_s": 0.0,
+        "for_s": 1.5,  # a machine that stands still for a moment is no wind
         "share": 0.05,
     }
     raw["reactions"]["wind"] |= wind  # also of a fleet that is paused, and steers against it

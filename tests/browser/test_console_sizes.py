@@ -147,8 +147,10 @@ def test_a_press_on_a_phone_says_why_a_command_is_unavailable(chrome: Browser, f
         desk.says("connection", "Live")
         for width, height in ((390, 844), (844, 390)):
             desk.page.set_viewport_size({"width": width, "height": height})
-            desk.part("start").tap(force=True)  # it is unavailable, and answers
-            desk.tells("refused", "airborne")
+            desk.until(
+                lambda: desk.part("start").tap(force=True),  # it is unavailable, and answers
+                lambda within_ms: desk.tells("refused", "airborne", within_ms),
+            )
             expect(desk.part("toast-refused").first).to_be_in_viewport(ratio=1.0)
             desk.part("toast-dismiss").first.tap()
             expect(desk.part("toast-refused")).to_have_count(0, timeout=SOON_MS)

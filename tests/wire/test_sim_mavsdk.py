@@ -109,8 +109,9 @@ def test_mavsdk_connects_arms_takes_off_flies_offboard_holds_lands_and_reads_par
     lines = [json.loads(line) for line in truth.read_text().splitlines()]
     times = [line["time_s"] for line in lines]
     assert np.median(np.diff(times)) == pytest.approx(0.05, abs=0.0025)
-    # every pause of the machine leaves a hole
-    assert 19.0 < (len(times) - 1) / machine.awake_s(times[0], times[-1]) < 21.0
+    # a long pause of the machine leaves a hole, after a short one the fleet catches up
+    assert (len(times) - 1) / machine.awake_s(times[0], times[-1]) > 19.0
+    assert (len(times) - 1) / (times[-1] - times[0]) < 21.0
     assert abs(times[-1] - time.monotonic()) < 60.0
     flown = [line["vehicles"][0] for line in lines]
     assert {v["mode"] for v in flown} >= {"HOLD", "TAKEOFF", "OFFBOARD", "LAND"}
