@@ -16,6 +16,7 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from gcs.access import TlsSettings
+from gcs.api.absolute_target import AbsoluteTarget
 from gcs.api.protocols import CONNECTIONS_MAX, Http, Viewer, bound_log
 from gcs.errors import ConfigError, LinkError
 
@@ -108,7 +109,7 @@ async def serve(
     listener = await _listen(host, port)
     bound_log()
     config = uvicorn.Config(
-        app,
+        AbsoluteTarget(app),
         log_config=None,
         access_log=False,
         lifespan="off",

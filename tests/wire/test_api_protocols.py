@@ -64,6 +64,71 @@ def test_what_is_no_http_and_no_handshake_is_answered_in_the_one_shape(
     run(main)
 
 
+CLOSE = "Host: elsewhere.example\r\nConnection: close\r\n"
+
+
+@pytest.mark.parametrize(
+    ("target", "same_as"),
+    [
+        ("http://127.0.0.1:{port}/api/v1/show", "/api/v1/show"),
+        ("HTTP://localhost/api/v1/vehicles/d%31", "/api/v1/vehicles/d1"),
+        ("http://[::1]:{port}/api/v1/replay?x=http://a/", "/api/v1/replay"),
+        ("http://127.0.0.1:{port}", "/"),
+        ("http://127.0.0.1:{port}/nothing", "/nothing"),
+    ],
+)
+def test_an_absolute_target_is_answered_as_its_path_and_its_host_counts(target: str, same_as: str) -> None:
+    async def main(_service: FakeService, port: int) -> None:
+        absolute = await asked(port, f"GET {target.format(port=port)} HTTP/1.1\r\n{CLOSE}\r\n")
+        origin = await asked(port, f"GET {same_as} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+        assert (absolute[0], absolute[2]) == (origin[0], origin[2])
+
+    run(main)
+
+
+@pytest.mark.parametrize(
+    ("target", "status", "says"),
+    [
+        ("http://elsewhere.example/api/v1/show", 403, "elsewhere.example"),
+        ("http:///api/v1/show", 400, "names no host"),
+        ("http://127.0.0.1:65536/api/v1/show", 400, "names no host and port"),
+        ("http://127.0.0.1:x/api/v1/show", 400, "names no host and port"),
+        ("http://[::1/api/v1/show", 400, "names no host"),
+        ("http://gcs_secret@127.0.0.1/api/v1/show", 400, "tokens go into Authorization"),
+        ("https://127.0.0.1/api/v1/show", 400, "http:// alone"),
+        ("ftp://127.0.0.1/api/v1/show", 400, "the scheme is 'ftp'"),
+    ],
+)
+def test_a_bad_absolute_target_is_refused_with_the_reason(target: str, status: int, says: str) -> None:
+    async def main(_service: FakeService, port: int) -> None:
+        request = f"GET {target} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n"
+        answered, headers, body = await asked(port, request)
+        assert answered == status
+        assert says in check_shape(headers, body).detail
+
+    run(main)
+
+
+@pytest.mark.parametrize(
+    ("target", "status"),
+    [
+        ("http://127.0.0.1/api/v1/stream", 101),
+        ("ws://127.0.0.1/api/v1/stream", 101),
+        ("https://127.0.0.1/api/v1/stream", 400),
+        ("http://elsewhere.example/api/v1/stream", 403),
+    ],
+)
+def test_a_stream_is_opened_by_its_absolute_target_too(target: str, status: int) -> None:
+    async def main(_service: FakeService, port: int) -> None:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(f"GET {target} HTTP/1.1\r\n{UPGRADE}{KEY}\r\n".encode())
+        line = await asyncio.wait_for(reader.readline(), timeout=30)
+        writer.close()
+        assert int(line.split()[1]) == status
+
+    run(main, tick_s=0.1)
+
+
 def test_one_connection_too_many_is_503_in_the_one_shape_and_hardly_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
