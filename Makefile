@@ -7,7 +7,7 @@ NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 # Modules are compiled once and kept, wherever we run: pytest's rewriting of them takes longer than many a test.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: sitl ready demo test computed flown console console-test wire check compiled bench mutate flight-quality screenshots format lock clean
+.PHONY: sitl ready demo test computed flown console console-test wire check compiled bench mutate flight-quality screenshots docs format lock clean
 
 # Two environments are made side by side: one flies, one builds the page.
 ready:
@@ -79,6 +79,10 @@ SITL = $(if $(PX4),--px4 "$(PX4)",$(if $(PX4_IMAGE),--image "$(PX4_IMAGE)",$(if 
 sitl: .venv/ready  ## the whole story with real PX4 instances: PX4=BUILD, PX4_IMAGE=IMAGE or FAKE=1; docs/sitl.md
 	$(BIN)/python tests/sitl/fly.py $(SITL) --vehicles $(or $(VEHICLES),4) $(ARGS)
 
+docs: .venv/docs  ## the documentation site in build/site, strictly; no network; decision 0032
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet  # the variable hides an announcement of the theme
+	@echo "build/site/index.html"
+
 format: .venv/ready
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
@@ -88,6 +92,8 @@ lock:  ## needs uv on the PATH; names no registry host
 	  --extra dev --output-file requirements.lock pyproject.toml
 	uv pip compile --quiet --generate-hashes --universal --python-version 3.11 --no-header \
 	  --constraint requirements.lock --group mutate --output-file requirements-mutate.lock
+	uv pip compile --quiet --generate-hashes --universal --python-version 3.11 --no-header \
+	  --constraint requirements.lock --group docs --output-file requirements-docs.lock
 	uv pip compile --quiet --generate-hashes --universal --python-version 3.11 --no-header \
 	  --group node --output-file requirements-node.lock
 
@@ -100,6 +106,10 @@ clean:
 
 .venv/mutate: .venv/ready requirements-mutate.lock
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements-mutate.lock
+	@touch $@
+
+.venv/docs: .venv/ready requirements-docs.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.lock
 	@touch $@
 
 .venv/locked: requirements.lock

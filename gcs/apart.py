@@ -51,8 +51,11 @@ async def answered(
         answer_max_bytes: when it prints more it is ended.
         memory_max_bytes: of its addresses; beyond, it fails by itself.
 
-    Raises: RefusedError with its last words when it fails, or prints too much; OSError when it cannot be
-        started, TimeoutError, ValueError when it prints no JSON.
+    Raises:
+        RefusedError: the process failed or printed too much; the text has its last lines.
+        OSError: the process could not be started.
+        TimeoutError: the process ran for longer than `within_s`.
+        ValueError: the output is not JSON.
     """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "gcs", *arguments),

@@ -71,8 +71,10 @@ class TileFile:
     def tile(self, zoom: int, column: int, row: int) -> bytes:
         """A picture.
 
-        Raises: InvalidError for numbers that no tile has, UnknownError where there is none, sqlite3.Error
-            when the file cannot be read.
+        Raises:
+            InvalidError: no tile can have these numbers.
+            UnknownError: the file has no such tile.
+            sqlite3.Error: the file cannot be read.
         """
         if not 0 <= zoom <= ZOOM_MAX:
             raise InvalidError("z", zoom, f"from 0 to {ZOOM_MAX}")

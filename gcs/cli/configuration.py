@@ -16,8 +16,9 @@ from gcs.yaml_source import Source
 def load_here(name: str) -> Config:
     """The configuration of a file, or a shipped one.
 
-    Raises: ConfigError that names file, line, key, value and what would be right; of addresses, too, that
-        this computer does not have.
+    Raises:
+        ConfigError: names file, line, key, value and what is allowed; also for addresses that this
+            computer does not have.
     """
     path = configuration.find(name)
     config = configuration.load(path)

@@ -90,8 +90,9 @@ async def running(config: Config, heart: Heart | None = None) -> AsyncIterator[t
     Control and API share the loop, not their fate: an API that fails is restarted, and control does not
     notice. When control fails, its error ends the block. `heart` is told of every tick that came in time.
 
-    Raises: LinkError when the API's port cannot be had at the start, ConfigError for a bad file of tokens or
-        keys.
+    Raises:
+        LinkError: the API's port is not available at the start.
+        ConfigError: the file of tokens or keys is not valid.
     """
     ground, problems = open_ground(config)
     record = make_record(config)

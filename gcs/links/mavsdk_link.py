@@ -95,8 +95,8 @@ class MavsdkLink(LinkFacts):
             signing: signs what leaves, refuses what comes unsigned. Of this link alone.
             forward: further ground stations.
 
-        Raises: InvalidError for a system id out of range or used twice, and for a deadman's time that leaves
-            nothing.
+        Raises:
+            InvalidError: a system id is out of range or used twice, or `deadman_s` leaves no time to send.
         """
         self._frame = frame
         self._clock = clock

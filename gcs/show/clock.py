@@ -33,8 +33,9 @@ class ShowClock:
     def seek(self, timeline: Timeline, cue: str, *, grounded: bool) -> "ShowClock":
         """Begin at a cue, the first time that it is played.
 
-        Raises: UnknownError naming the cues there are; RefusedError when somebody is in the air: the
-            formation would jump from one place of the show to another.
+        Raises:
+            UnknownError: the show has no such cue; the text names the cues it has.
+            RefusedError: a vehicle is airborne; the formation would jump to another place of the show.
         """
         times_s = {one.cue.cue: one.at_s for one in reversed(timeline.played)}
         if cue not in times_s:

@@ -96,8 +96,8 @@ class UdpLink(LinkFacts, ABC):
             record: a folder for recordings of every frame.
             clock: the loop's, ``loop.time``.
 
-        Raises: InvalidError for a system id out of range or used twice, and for a deadman's time that leaves
-            nothing.
+        Raises:
+            InvalidError: a system id is out of range or used twice, or `deadman_s` leaves no time to send.
         """
         counters = Counters()
         recorder = None if record is None else Recorder(record, name, counters, clock)

@@ -1,0 +1,11 @@
+"""Start all vehicles, wait for the formation, and enlarge it. Argument: URL of the service."""
+
+import sys
+
+from gcs.client import Client
+
+with Client(*sys.argv[1:]) as client:
+    order = client.wait_for(client.start().id, timeout_s=120)
+    print(order.action, order.outcome, *order.vehicles)
+    formation = client.change_formation(radius_m=14)
+    print("radius now", formation.radius_now_m, "m, on the way to", formation.radius_m, "m")

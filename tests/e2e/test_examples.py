@@ -1,0 +1,54 @@
+"""The programs in docs/examples, one after the other against one station with the fake fleet."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from ground import SOON_S, flying_config, proper, service, vehicles, wait_until
+from machine import free_ports
+
+from gcs.config import Config
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+COUNT = 3
+
+
+def output_of(name: str, argument: str) -> str:
+    """What the program `name` prints."""
+    command = [sys.executable, str(EXAMPLES / f"{name}.py"), argument]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=SOON_S)
+    assert done.returncode == 0, f"{name}: {done.stderr}"
+    return done.stdout
+
+
+def test_the_examples_run_against_one_station(tmp_path: Path) -> None:
+    port_base, port = free_ports(COUNT), free_ports(2)
+    flown = flying_config(COUNT, port_base, silence_s=5.0)
+    config = Config.model_validate(flown.model_dump() | {"api": {"port": port}})
+    url, folder = f"http://127.0.0.1:{port}", tmp_path / "record"
+    run = {path.stem for path in EXAMPLES.glob("*.py")}
+    with vehicles(COUNT, port_base, tmp_path, *proper(config)), service(config, folder) as (client, process):
+        wait_until("ready", SOON_S, lambda: all(each.ready for each in client.vehicles()))
+
+        assert "start done d1 d2 d3" in output_of("hello_formation", url)
+        assert client.formation().radius_m == 14.0
+
+        assert output_of("orbit_moving_target", url).count("target at") == 3
+        assert client.orbit().direction == "clockwise"
+        assert client.target().velocity_y_m_s == 0.5
+
+        assert "at 60.0 0.0 m, 40.0 m high" in output_of("add_obstacle", url)
+        assert client.obstacles() == []
+
+        lines = output_of("watch_stream", url).splitlines()
+        assert len(lines) == 5
+        assert all("running" in line and "'d3': 'formation'" in line for line in lines)
+
+        for _ in range(2):  # the second one does not wait for the landing
+            process.send_signal(signal.SIGINT)
+        process.wait(SOON_S)
+        (flight,) = folder.glob("*/flight.mcap")
+        figures = output_of("analyse_record", str(flight))
+        assert "closest pair" in figures
+    assert run == {"hello_formation", "orbit_moving_target", "add_obstacle", "watch_stream", "analyse_record"}
