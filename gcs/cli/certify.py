@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from gcs import config as configuration
+from gcs.cli.plots import require_matplotlib
 from gcs.cli.progress import working
 from gcs.cli.record import session_folder
 from gcs.errors import GcsError
@@ -28,6 +29,8 @@ TRUTH = "truth*.jsonl"
 def run(arguments: argparse.Namespace) -> int:
     """Judge. Returns: 0 kept, 1 broken, 3 incomplete: not all could be judged; 2 when the input is none."""
     try:
+        if arguments.html:
+            require_matplotlib("--html")
         with working("judging the flight"):
             certificate, source = _judge(arguments)
         report = {"source": source, **certificate.report()}

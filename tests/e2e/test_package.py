@@ -62,6 +62,40 @@ def test_a_wheel_brings_its_configurations_and_the_fake_autopilot(tmp_path: Path
     assert len(links) > 5
     assert all("".join(link).startswith("https://") for link in links)
     check_types(tmp_path)
+    check_headless(tmp_path, described)
+
+
+def check_headless(folder: Path, described: email.message.Message) -> None:
+    """Without the extra `plots` nothing asks for matplotlib; commands that draw name the extra at once."""
+    needed = [each for each in described.get_all("Requires-Dist", []) if "extra ==" not in each]
+    assert any(each.startswith("scipy") for each in needed)
+    assert not [each for each in needed if each.startswith("matplotlib")]
+    assert "plots" in described.get_all("Provides-Extra", [])
+    others = folder / "headless"
+    others.mkdir()
+    for path in Path(mypy.__file__).parents[1].iterdir():
+        if not path.name.startswith(("matplotlib", "mpl_toolkits", "pylab", "formation_gcs")):
+            (others / path.name).symlink_to(path)
+    environment = {"PYTHONPATH": f"{folder / 'site'}:{others}", "PATH": "/usr/bin:/bin", "HOME": str(folder)}
+
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-S", "-m", "gcs", *words]  # -S: no site-packages but those
+        return subprocess.run(
+            command, check=False, capture_output=True, text=True, cwd=folder, env=environment
+        )
+
+    serve = run("serve", "--config", "no-such-file")
+    assert serve.returncode == 2
+    assert "no-such-file" in serve.stderr
+    assert run("show", "hash", "lighthouse").returncode == 0
+    for words in (
+        ("simulate", "assembly", "--plot", "flight.png"),
+        ("show", "plot", "lighthouse", "show.png"),
+        ("certify", "runs", "--html", "page.html"),
+    ):
+        done = run(*words)
+        assert done.returncode == 2, words
+        assert "pip install 'formation-gcs[plots]'" in done.stderr, done.stderr
 
 
 def check_types(folder: Path) -> None:
@@ -100,7 +134,7 @@ def test_an_sdist_builds_the_page_for_itself(tmp_path: Path) -> None:
         assert b"/assets/" in built.read("gcs/api/console/dist/index.html")
 
 
-@pytest.mark.parametrize("lock", ["requirements.lock", "requirements-mutate.lock", "requirements-node.lock"])
+@pytest.mark.parametrize("lock", [f"requirements{part}.lock" for part in ("", "-docs", "-mutate", "-node")])
 def test_the_locks_name_no_host(lock: str) -> None:
     text = (ROOT / lock).read_text(encoding="utf-8")
     assert "://" not in text

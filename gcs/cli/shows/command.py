@@ -6,6 +6,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from gcs.cli.plots import require_matplotlib
 from gcs.cli.progress import working
 from gcs.cli.shows.rehearsal import rehearse
 from gcs.cli.shows.verdict import judge, table
@@ -44,6 +45,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _plot(loaded: LoadedShow, arguments: argparse.Namespace) -> int:
+    require_matplotlib("gcs show plot")
     from gcs.cli.shows.plot import draw  # noqa: PLC0415  (a second that only a plot need wait for)
 
     file = Path(arguments.picture)

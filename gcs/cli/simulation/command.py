@@ -5,6 +5,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from gcs.cli.plots import require_matplotlib
 from gcs.cli.progress import working
 from gcs.cli.simulation import scenario as scenarios
 from gcs.cli.simulation.batch import Run, judged_runs, passed, run_all
@@ -61,6 +62,7 @@ def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
 
 
 def _plot(paths: list[Path], arguments: argparse.Namespace) -> int:
+    require_matplotlib("--plot")
     from gcs.cli.simulation.plot import draw  # noqa: PLC0415  (a second that only a plot need wait for)
 
     runs = [run for path in paths for run in _runs(path, arguments)]
