@@ -78,7 +78,7 @@ async def answered(
             await process.wait()
     said = answer.result()
     if process.returncode not in codes or not said:
-        words = complaint.result().decode(errors="replace").strip()
+        words = _words(complaint.result())
         if "MemoryError" in words:
             words = f"it needed more than {memory_max_bytes >> 20} MiB of memory"
         raise RefusedError(f"it ended with {process.returncode}: {words[-WORDS:]}")
@@ -86,6 +86,15 @@ async def answered(
     if not isinstance(found, dict):
         raise RefusedError("it answered no JSON object")
     return found
+
+
+def _words(complaint: bytes) -> str:
+    """What a process says is wrong: the text of its error where that is JSON, else all that it printed."""
+    words = complaint.decode(errors="replace").strip()
+    try:
+        return str(json.loads(words.rpartition("\n")[2])["error"]["detail"])
+    except (ValueError, KeyError, TypeError):
+        return words
 
 
 def _restrict(pid: int, priority: int, memory_max_bytes: int) -> None:

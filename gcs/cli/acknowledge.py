@@ -2,8 +2,8 @@
 
 import argparse
 
-from gcs.cli.remote import add_connection, connected, failed
-from gcs.errors import GcsError
+from gcs.cli.output import print_json
+from gcs.cli.remote import add_connection, connected
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -11,18 +11,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("alarm", nargs="?", metavar="ID", help="as gcs alarms lists it")
     which.add_argument("--all", action="store_true", help="every alarm not acknowledged yet")
-    parser.add_argument("--json", action="store_true", help="print the alarms as the API answers them")
     add_connection(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Returns: the exit code."""
-    try:
-        with connected(arguments) as client:
-            alarms = client.acknowledge_all() if arguments.all else [client.acknowledge(arguments.alarm)]
-    except GcsError as error:
-        return failed(error)
-    for alarm in alarms:
-        by = f"acknowledged by {alarm.acknowledged_by}"
-        print(alarm.model_dump_json(indent=2) if arguments.json else f"{alarm.id} {by}: {alarm.text}")
+    """Returns: 0. Raises: GcsError."""
+    with connected(arguments) as client:
+        alarms = client.acknowledge_all() if arguments.all else [client.acknowledge(arguments.alarm)]
+    if arguments.json:
+        told = [alarm.model_dump(mode="json") for alarm in alarms]
+        print_json(told if arguments.all else told[0])
+    for alarm in () if arguments.json else alarms:
+        print(f"{alarm.id} acknowledged by {alarm.acknowledged_by}: {alarm.text}")
     return 0

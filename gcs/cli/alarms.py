@@ -9,7 +9,8 @@ from rich.live import Live
 from rich.text import Text
 
 from gcs.cli.alarm_lines import STYLE, alarm_lines
-from gcs.cli.remote import add_connection, connected, failed
+from gcs.cli.output import print_json
+from gcs.cli.remote import add_connection, connected, watched_json
 from gcs.client import Client
 from gcs.errors import GcsError
 
@@ -18,24 +19,21 @@ PERIOD_S: Final = 0.5
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """`gcs alarms`."""
-    how = parser.add_mutually_exclusive_group()
-    how.add_argument("--json", action="store_true", help="print them as the API answers them")
-    how.add_argument("--watch", action="store_true", help="go on until Ctrl-C")
+    parser.add_argument("--watch", action="store_true", help="go on until Ctrl-C")
     add_connection(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print them. Returns: the exit code."""
+    """Print them. Returns: 0. Raises: GcsError."""
     console = Console()
-    try:
-        with connected(arguments) as client:
-            if arguments.watch:
-                return _watch(client, console)
-            found = client.alarms()
-    except GcsError as error:
-        return failed(error)
+    with connected(arguments) as client:
+        if arguments.watch and arguments.json:
+            return watched_json(client.alarms, PERIOD_S, arguments)
+        if arguments.watch:
+            return _watch(client, console)
+        found = client.alarms()
     if arguments.json:
-        print(found.model_dump_json(indent=2))
+        print_json(found.model_dump(mode="json"))
     else:
         console.print(alarm_lines(found.severity, found.alarms))
     return 0

@@ -2,11 +2,11 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Final
 
 from gcs import config as configuration
+from gcs.cli.output import WRONG, failed
 from gcs.cli.plots import require_matplotlib
 from gcs.cli.progress import working
 from gcs.cli.record import session_folder
@@ -42,8 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
 
             _write(Path(arguments.html), page(certificate, source))
     except GcsError as error:
-        print(f"gcs certify: {error}", file=sys.stderr)
-        return 2
+        return failed(error, arguments, WRONG)
     print(text if arguments.json else summary(certificate, source))
     return EXIT_CODES[certificate.verdict]
 

@@ -6,17 +6,22 @@ new command is a line in `COMMANDS` (a module of its own) or in `CALLS` (one cal
 
 from typing import Final, NamedTuple
 
+DOCUMENT: Final = "print one JSON document, also of an error"
+LINES: Final = "print JSON, one object a line, also of an error"
+WATCHED: Final = "print one JSON document, with --watch one a line; also of an error"
+
 
 class Command(NamedTuple):
     """One of our own.
 
     `options` names, as `module:function`, what adds its arguments to a parser; `run` what does it. That is
-    empty where the options say so.
+    empty where the options say so. `json` is what it prints with `--json`, which every command takes.
     """
 
     options: str
     run: str
     text: str
+    json: str = DOCUMENT
 
 
 class Call(NamedTuple):
@@ -43,10 +48,10 @@ class Action(NamedTuple):
 
 COMMANDS: Final = {
     "demo": Command(
-        "gcs.cli.options:demo", "gcs.cli.demo:run", "fly the whole story with an embedded fake fleet"
+        "gcs.cli.options:demo", "gcs.cli.demo:run", "fly the whole story with an embedded fake fleet", LINES
     ),
     "serve": Command(
-        "gcs.cli.options:serve", "gcs.cli.serve_command:run", "run the service and its REST API"
+        "gcs.cli.options:serve", "gcs.cli.serve_command:run", "run the service and its REST API", LINES
     ),
     "show": Command("gcs.cli.options:show", "gcs.cli.shows.command:run", "check, draw or hash a show file"),
     "params": Command(
@@ -58,9 +63,13 @@ COMMANDS: Final = {
         "gcs.cli.options:simulate",
         "gcs.cli.simulation.command:run",
         "fly scenarios in virtual time and judge them",
+        LINES,
     ),
     "replay": Command(
-        "gcs.cli.options:replay", "gcs.cli.replay:run", "show a recorded flight through the API, as if live"
+        "gcs.cli.options:replay",
+        "gcs.cli.replay:run",
+        "show a recorded flight through the API, as if live",
+        LINES,
     ),
     "certify": Command(
         "gcs.cli.options:certify", "gcs.cli.certify:run", "judge a recorded flight: separation, fence, limits"
@@ -71,11 +80,13 @@ COMMANDS: Final = {
         "gcs.cli.status:add_arguments",
         "gcs.cli.status:run",
         "the fleet of a running service, as a table",
+        WATCHED,
     ),
     "alarms": Command(
         "gcs.cli.alarms:add_arguments",
         "gcs.cli.alarms:run",
         "what an operator should know now, the most severe first",
+        WATCHED,
     ),
     "acknowledge": Command(
         "gcs.cli.acknowledge:add_arguments", "gcs.cli.acknowledge:run", "say that an alarm was seen"
@@ -89,7 +100,10 @@ COMMANDS: Final = {
         "stop motors now, even in the air; works without the service",
     ),
     "sim": Command(
-        "gcs.sim.cli:add_arguments", "gcs.sim.cli:run", "run a fake fleet alone, as python -m gcs.sim does"
+        "gcs.sim.options:add_arguments",
+        "gcs.cli.fake_fleet:run",
+        "run a fake fleet alone, as python -m gcs.sim does",
+        LINES,
     ),
     "completion": Command(
         "gcs.cli.completion:add_arguments",

@@ -3,6 +3,8 @@
 import argparse
 from typing import Final
 
+from gcs.cli.output import print_json
+
 SHELLS: Final = ("bash", "zsh", "fish")
 
 
@@ -17,10 +19,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print it. Returns: 0."""
+    """Print the script; with `--json` an object with it. Returns: 0."""
     import shtab  # noqa: PLC0415 (for this command alone)
 
     from gcs.cli.main import whole_parser  # noqa: PLC0415 (it imports this module's table)
 
-    print(shtab.complete(whole_parser(), shell=arguments.shell))
+    script = shtab.complete(whole_parser(), shell=arguments.shell)
+    if arguments.json:
+        print_json({"shell": arguments.shell, "script": script})
+    else:
+        print(script)
     return 0

@@ -2,7 +2,6 @@
 
 import argparse
 import asyncio
-import json
 import logging
 import signal
 import subprocess
@@ -19,6 +18,7 @@ import numpy as np
 
 from gcs import config as configuration
 from gcs.cli import eventloop, logs, report
+from gcs.cli.output import REFUSED, Say, failed, lines, print_json
 from gcs.cli.serve import running
 from gcs.cli.story import ORBIT_RADIUS_M, Marks, StoppedEarlyError, Story, home_s, shortest_s, whole_s
 from gcs.client import Client
@@ -48,22 +48,23 @@ def run(arguments: argparse.Namespace) -> int:
     """Fly. Returns: 0 when all landed and nothing touched, 1 otherwise."""
     logs.set_up(logging.INFO if arguments.verbose else logging.ERROR)
     config = make_config(arguments)
-    print("getting ready (the first time the law is compiled, for up to half a minute)", flush=True)
+    say = lines(arguments)
+    say("getting_ready", "getting ready (the first time the law is compiled, for up to half a minute)")
     warm_up()
     try:
         with tempfile.TemporaryDirectory(prefix="gcs-demo-") as temporary:
             folder = Path(arguments.truth or arguments.record or temporary)
             folder.mkdir(parents=True, exist_ok=True)
-            figures = eventloop.run(_fly(config, arguments, folder / "truth.jsonl"))
+            figures = eventloop.run(_fly(config, arguments, folder / "truth.jsonl", say))
     except StoppedEarlyError as stopped:
-        print(f"gcs demo: {stopped}; the fleet is down")
+        say("interrupted", f"gcs demo: {stopped}; the fleet is down")
         return INTERRUPTED
     except GcsError as error:
-        print(f"gcs demo: {error}", file=sys.stderr)
-        return 1
-    print(report.summary(figures))
+        return failed(error, arguments, REFUSED)
     if arguments.json:
-        print(json.dumps(figures))
+        print_json(figures, indent=None)
+    else:
+        print(report.summary(figures))
     good = figures["landed"] == arguments.vehicles and not figures["separation_violations"]
     return 0 if good and not figures["obstacle_penetrations"] else 1
 
@@ -135,22 +136,26 @@ def _namespaces(count: int) -> list[int]:
     return [min(each, count - first) for first in range(0, count, each)]
 
 
-async def _fly(config: configuration.Config, arguments: argparse.Namespace, truth: Path) -> dict[str, object]:
+async def _fly(
+    config: configuration.Config, arguments: argparse.Namespace, truth: Path, say: Say
+) -> dict[str, object]:
     began_s = time.monotonic()
 
-    def say(text: str) -> None:
-        print(f"[{time.monotonic() - began_s:6.1f} s] {text}", flush=True)
+    def told(text: str, **facts: object) -> None:
+        time_s = time.monotonic() - began_s
+        line = text if arguments.json else f"[{time_s:6.1f} s] {text}"
+        say("story", line, time_s=round(time_s, 3), **facts)
 
     with fake_fleet(config, arguments, truth):
         async with running(config) as (orchestrator, port):
             url = f"http://{config.api.host}:{port}"
-            say(f"{arguments.vehicles} fake vehicles; look at them at {url}/ ; API at {url}/docs")
+            told(f"{arguments.vehicles} fake vehicles; look at them at {url}/ ; API at {url}/docs", url=url)
             history = History()
             recorder = asyncio.create_task(history.follow(orchestrator), name="history")
             with Client(url) as client:
                 whole = arguments.seconds >= whole_s(arguments.vehicles, _top_m(config))
                 landing_s = home_s(_top_m(config))
-                story = Story(client, arguments.seconds, say, landing_s=landing_s, whole=whole)
+                story = Story(client, arguments.seconds, told, landing_s=landing_s, whole=whole)
                 failure = await _tell(story)
             marks = story.marks
             recorder.cancel()

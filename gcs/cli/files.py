@@ -5,6 +5,7 @@ import sys
 from importlib import resources
 from pathlib import Path
 
+from gcs.cli.output import print_json
 from gcs.errors import ConfigError
 
 NAMES = (
@@ -38,10 +39,16 @@ def folder() -> Path:
 def run(arguments: argparse.Namespace) -> int:
     """Print. Returns: 0. Raises: ConfigError where there is no such file."""
     if arguments.action == "list":
-        for name in NAMES:
+        if arguments.json:
+            print_json([{"name": name, "path": str(folder() / name)} for name in NAMES])
+        for name in () if arguments.json else NAMES:
             print(f"{name:<24} {folder() / name}")
         return 0
     if arguments.name not in NAMES:
         raise ConfigError(f"{arguments.name}: there is no such file; there are {', '.join(NAMES)}")
-    sys.stdout.write((folder() / arguments.name).read_text(encoding="utf-8"))
+    text = (folder() / arguments.name).read_text(encoding="utf-8")
+    if arguments.json:
+        print_json({"name": arguments.name, "text": text})
+    else:
+        sys.stdout.write(text)
     return 0

@@ -1,9 +1,9 @@
 """`gcs key`: keys for MAVLink signatures."""
 
 import argparse
-import json
 from pathlib import Path
 
+from gcs.cli.output import print_json
 from gcs.links.keys import create_key
 
 
@@ -12,12 +12,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(dest="key_command", required=True)
     create = commands.add_parser("create", help="write a new key to a file")
     create.add_argument("file", metavar="FILE", help="must not exist; readable for you alone")
-    create.add_argument("--json", action="store_true", help="one JSON object")
     create.set_defaults(run=_create)
 
 
 def _create(arguments: argparse.Namespace) -> int:
     create_key(Path(arguments.file))
-    told = f"{arguments.file}: a new key; the vehicles need the same one"
-    print(json.dumps({"file": str(arguments.file)}) if arguments.json else told)
+    if arguments.json:
+        print_json({"file": str(arguments.file)})
+    else:
+        print(f"{arguments.file}: a new key; the vehicles need the same one")
     return 0

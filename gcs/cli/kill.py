@@ -1,13 +1,13 @@
 """`gcs kill`: motors off, in two steps; through the service where it answers, else without it."""
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from gcs.cli.remote import REFUSED, add_connection, connected, failed
+from gcs.cli.output import REFUSED, fail, note, print_json
+from gcs.cli.remote import add_connection, connected
 from gcs.client import Client
 from gcs.errors import GcsError, InvalidError, LinkError
 
@@ -26,7 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--all", action="store_true", help="everybody, in place of names")
     parser.add_argument("--confirm", metavar="CODE", help="the second step, where nobody can be asked")
     parser.add_argument("--direct", action="store_true", help="without the service, though it may answer")
-    parser.add_argument("--json", action="store_true", help="print each vehicle's outcome as JSON")
     record = os.environ.get("GCS_RECORD", RECORD)
     parser.add_argument(
         "--record", default=record, metavar="FOLDER", help=f"of the service ({RECORD}; GCS_RECORD)"
@@ -35,38 +34,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Kill. Returns: 0 when everybody's motors are off, 1 when not, or when nothing was confirmed."""
-    try:
-        if bool(arguments.vehicles) == arguments.all and arguments.confirm is None:
-            raise InvalidError("vehicles", arguments.vehicles, "names, or --all in their place")
-        if not arguments.direct:
-            try:
-                with connected(arguments, timeout_s=ANSWER_S) as client:
-                    return _through_service(client, arguments)
-            except LinkError as error:
-                say(f"{error}; without the service then")
-        return _without_service(arguments)
-    except GcsError as error:
-        return failed(error)
+    """Kill. Returns: 0 when all motors are off, 1 when not, or when nothing was confirmed.
 
-
-def say(text: str) -> None:
-    """To the person, beside what is printed."""
-    print(f"gcs: {text}", file=sys.stderr)
+    Raises: GcsError when nothing was sent.
+    """
+    if bool(arguments.vehicles) == arguments.all and arguments.confirm is None:
+        raise InvalidError(
+            "vehicles", " ".join(arguments.vehicles) or "none", "names, or --all in their place"
+        )
+    if not arguments.direct:
+        try:
+            with connected(arguments, timeout_s=ANSWER_S) as client:
+                return _through_service(client, arguments)
+        except LinkError as error:
+            note(f"{error}; without the service then", as_json=arguments.json)
+    return _without_service(arguments)
 
 
 def _through_service(client: Client, arguments: argparse.Namespace) -> int:
     code = arguments.confirm
     if code is None:
         armed = client.arm_kill(arguments.vehicles or None)
-        if not asked(armed.vehicles, armed.code, f"{armed.valid_s:g} s", arguments):
+        if not asked(armed.vehicles, armed.code, armed.valid_s, arguments):
             return REFUSED
         code = armed.code
     order = client.confirm_kill(code)
     try:
         order = client.wait_for(order.id, WAIT_S)
     except GcsError as error:  # it was given: how far it got is told below
-        say(str(error))
+        note(str(error), as_json=arguments.json)
         order = client.order(order.id)
     return told({name: (part.outcome, part.reason) for name, part in order.vehicles.items()}, arguments)
 
@@ -78,18 +74,30 @@ def _without_service(arguments: argparse.Namespace) -> int:
     return kill_directly.run(arguments)
 
 
-def asked(names: Sequence[str], code: str, valid: str, arguments: argparse.Namespace) -> bool:
+def asked(names: Sequence[str], code: str, valid_s: float, arguments: argparse.Namespace) -> bool:
     """The second step on a terminal: whoever kills types whom. Elsewhere it is told how to go on."""
-    say(f"this stops the motors of {', '.join(names)}, now, even in the air: they fall")
+    note(
+        f"this stops the motors of {', '.join(names)}, now, even in the air: they fall",
+        as_json=arguments.json,
+    )
     if not sys.stdin.isatty():
         again = " ".join(["gcs kill", *(arguments.vehicles or ["--all"]), "--confirm", code])
-        print(f"nothing has happened yet; within {valid}: {again}")
+        if arguments.json:
+            armed = {"vehicles": list(names), "code": code, "valid_s": valid_s, "confirm_with": again}
+            print_json({"action": "kill", "armed": armed})
+        else:
+            print(f"nothing has happened yet; within {valid_s:g} s: {again}")
         return False
     wanted = "all" if arguments.all else " ".join(names)
-    print(f"type '{wanted}' to kill: ", end="", flush=True)
+    prompt = sys.stderr if arguments.json else sys.stdout
+    print(f"type '{wanted}' to kill: ", end="", flush=True, file=prompt)
     if sys.stdin.readline().split() == wanted.split():
         return True
-    say("confirmation does not match; no motors were stopped")
+    refused = "confirmation does not match; no motors were stopped"
+    if arguments.json:
+        fail(refused, REFUSED, as_json=True)
+    else:
+        note(refused, as_json=arguments.json)
     return False
 
 
@@ -97,7 +105,7 @@ def told(outcomes: Mapping[str, tuple[str, str]], arguments: argparse.Namespace)
     """Print outcome and reason of each vehicle. Returns: the exit code."""
     if arguments.json:
         parts = {name: {"outcome": outcome, "reason": reason} for name, (outcome, reason) in outcomes.items()}
-        print(json.dumps({"action": "kill", "vehicles": parts}, indent=2))
+        print_json({"action": "kill", "vehicles": parts})
     for name, (outcome, reason) in () if arguments.json else outcomes.items():
         print(f"{name}: {outcome}{f', {reason}' if reason else ''}")
     return 0 if all(outcome == DONE for outcome, _ in outcomes.values()) else REFUSED

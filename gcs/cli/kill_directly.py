@@ -10,8 +10,8 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from gcs.cli.kill import asked, say, told
-from gcs.cli.remote import REFUSED
+from gcs.cli.kill import asked, told
+from gcs.cli.output import REFUSED, note
 from gcs.config import Config
 from gcs.direct_kill import direct_kill
 from gcs.errors import ConfigError, InvalidError, RefusedError, UnknownError
@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     names = [vehicle.id for vehicle in chosen]
     codes = [_code(known, chosen, time.time() - age_s) for age_s in (0.0, CODE_S)]
     if arguments.confirm is None:
-        if not asked(names, codes[0], f"{CODE_S:g} s", arguments):
+        if not asked(names, codes[0], CODE_S, arguments):
             return REFUSED
     elif arguments.confirm not in codes:
         raise RefusedError(f"{arguments.confirm!r} does not confirm {', '.join(names)}: leave --confirm out")
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
             if part.outcome is Outcome.DONE:
                 record.killed(name)
     if record.problem:
-        say(f"not recorded: {record.problem}")
+        note(f"not recorded: {record.problem}", as_json=arguments.json)
     return told({name: (part.outcome, part.reason) for name, part in outcomes.items()}, arguments)
 
 

@@ -9,15 +9,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import partial
 from importlib import import_module
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
-from gcs.cli.commands import ACTIONS, CALLS, COMMANDS, GROUPS, names
-from gcs.errors import ConfigError
+from gcs.cli.commands import ACTIONS, CALLS, COMMANDS, DOCUMENT, GROUPS, names
+from gcs.cli.output import JSON, WRONG, Parser, fail, failed, is_json, print_json
+from gcs.errors import GcsError
 
 DESCRIPTION: Final = "Fly a self-organising formation of drones."
 VERSION: Final = frozenset({"--version", "-V"})
 HELP: Final = frozenset({"--help", "-h"})
-WRONG: Final = 2
 
 
 def load(where: str) -> Callable[..., Any]:
@@ -28,21 +28,28 @@ def load(where: str) -> Callable[..., Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point. Returns: the exit code; 2 for bad arguments or configuration."""
+    """Entry point. Returns: the exit code; 2 for bad arguments or configuration.
+
+    Raises: SystemExit for bad arguments and for help, as argparse does.
+    """
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given and given[0] in VERSION:
-        print(version())
+        if is_json(given):
+            print_json({"version": version().removeprefix("gcs ")})
+        else:
+            print(version())
         return 0
-    if not given or given[0] in HELP:
-        print(overview(), file=sys.stdout if given else sys.stderr)
-        return 0 if given else WRONG
+    if given and given[0] in HELP:
+        print(overview())
+        return 0
+    if not given or given[0] == JSON:
+        _end(f"{overview()}\n\ngcs: error: ", "a command is missing", as_json=bool(given))
     parser, rest = find_parser(given)
     parsed = parser.parse_args(rest)
     try:
         return int(parsed.run(parsed))
-    except ConfigError as error:
-        print(f"gcs: {error}", file=sys.stderr)
-        return WRONG
+    except GcsError as error:
+        return failed(error, parsed)
 
 
 def version() -> str:
@@ -67,41 +74,47 @@ def overview() -> str:
     )
 
 
-def find_parser(given: Sequence[str]) -> tuple[argparse.ArgumentParser, Sequence[str]]:
+def find_parser(given: Sequence[str]) -> tuple[Parser, Sequence[str]]:
     """The parser of the command that is meant, and what is left for it. Ends the process where none is."""
     word, rest = given[0], given[1:]
     if word not in GROUPS:
         if word not in names():
             wrong = f"there is no command {word!r}{_meant(word, names())}"
-            _end(f"usage: gcs COMMAND ...; gcs --help lists them\ngcs: error: {wrong}")
+            _end("usage: gcs COMMAND ...; gcs --help lists them\ngcs: error: ", wrong, as_json=is_json(given))
         return make_parser(word), rest
     inside = {call.name.partition(" ")[2]: call.text for call in CALLS if call.name.startswith(f"{word} ")}
     if rest and rest[0] in HELP:
         print("\n".join([f"usage: gcs {word} COMMAND ...", "", GROUPS[word], "", *_listed(inside)]))
         raise SystemExit(0)
     if not rest or rest[0] not in inside:
-        wrong = f"there is no gcs {word} {rest[0]}{_meant(rest[0], inside)}" if rest else "a word is missing"
-        _end("\n".join([f"usage: gcs {word} COMMAND ...", *_listed(inside), f"gcs {word}: error: {wrong}"]))
+        missing = not rest or rest[0] == JSON
+        wrong = (
+            "a word is missing" if missing else f"there is no gcs {word} {rest[0]}{_meant(rest[0], inside)}"
+        )
+        usage = "\n".join([f"usage: gcs {word} COMMAND ...", *_listed(inside), f"gcs {word}: error: "])
+        _end(usage, wrong, as_json=is_json(given))
     return make_parser(f"{word} {rest[0]}"), rest[1:]
 
 
-def make_parser(name: str, **options: Any) -> argparse.ArgumentParser:
+def make_parser(name: str, **options: Any) -> Parser:
     """The parser of one command, by its whole name; `options` are argparse's."""
-    parser = argparse.ArgumentParser(prog=f"gcs {name}", allow_abbrev=False, **options)
+    parser = Parser(prog=f"gcs {name}", allow_abbrev=False, **options)
     fill(parser, name)
     return parser
 
 
-def fill(parser: argparse.ArgumentParser, name: str) -> None:
-    """Give a parser the arguments of one command, and say what runs it."""
+def fill(parser: Parser, name: str) -> None:
+    """Give a parser the arguments of one command, `--json` among them, and say what runs it."""
     command = COMMANDS.get(name)
     if command is None:
         load("gcs.cli.remote:add_arguments")(parser, name)
-        return
-    parser.description = command.text
-    load(command.options)(parser)
-    if command.run:
-        parser.set_defaults(run=partial(_run, command.run))
+    else:
+        parser.description = command.text
+        load(command.options)(parser)
+        if command.run:
+            parser.set_defaults(run=partial(_run, command.run))
+    for leaf in parser.leaves():
+        leaf.add_argument(JSON, action="store_true", help=DOCUMENT if command is None else command.json)
 
 
 def _run(where: str, parsed: argparse.Namespace) -> int:
@@ -109,9 +122,9 @@ def _run(where: str, parsed: argparse.Namespace) -> int:
     return int(load(where)(parsed))
 
 
-def whole_parser() -> argparse.ArgumentParser:
+def whole_parser() -> Parser:
     """One parser with every command, for completion and tests. It imports every module."""
-    parser = argparse.ArgumentParser(prog="gcs", description=DESCRIPTION)
+    parser = Parser(prog="gcs", description=DESCRIPTION)
     parser.add_argument("--version", action="version", version=version())
     commands = parser.add_subparsers(dest="command", required=True)
     groups: dict[str, Any] = {}
@@ -136,6 +149,9 @@ def _meant(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {near[0]}?" if near else ""
 
 
-def _end(text: str) -> None:
-    print(text, file=sys.stderr)
+def _end(usage: str, wrong: str, *, as_json: bool) -> NoReturn:
+    if as_json:
+        fail(wrong, WRONG, as_json=True)
+    else:
+        print(usage + wrong, file=sys.stderr)
     raise SystemExit(WRONG)

@@ -35,7 +35,6 @@ def demo(parser: argparse.ArgumentParser) -> None:
         help="direct: without MAVSDK, up to 250 vehicles a port; the story is told as far as it fits; mavsdk",
     )
     parser.add_argument("--seconds", type=float, default=240.0, metavar="S", help="of the whole flight; 240")
-    parser.add_argument("--json", action="store_true", help="the last line is one JSON object")
     parser.add_argument("--seed", type=int, default=0, help="of the fake fleet")
     parser.add_argument("--api-port", type=int, metavar="P", help="8000; 0: any that is free")
     parser.add_argument("--port-base", type=int, default=14540, metavar="P", help="UDP port of the first")
@@ -65,7 +64,6 @@ def show(parser: argparse.ArgumentParser) -> None:
     check = actions.add_parser("check", help="fly it in virtual time; say what is wrong, by line and cue")
     _show(check)
     check.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
-    check.add_argument("--json", action="store_true", help="one JSON object")
     check.add_argument(
         "--model",
         action="store_true",
@@ -77,8 +75,6 @@ def show(parser: argparse.ArgumentParser) -> None:
     plot.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
     digest = actions.add_parser("hash", help="what a start must name: the hash of all that is flown")
     _show(digest)
-    for each in (plot, digest):
-        each.add_argument("--json", action="store_true", help="one JSON object")
 
 
 def params(parser: argparse.ArgumentParser) -> None:
@@ -92,7 +88,6 @@ def params(parser: argparse.ArgumentParser) -> None:
         action.add_argument("--config", required=True, metavar="FILE", help="as for gcs serve")
         action.add_argument("--vehicles", metavar="d1,d2", help="these only; all that are heard without it")
         action.add_argument("--wait", type=float, default=HEARD_S, metavar="S", help="for vehicles; 8")
-        action.add_argument("--json", action="store_true", help="one JSON object instead of a table")
 
 
 def simulate(parser: argparse.ArgumentParser) -> None:
@@ -109,7 +104,6 @@ def simulate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=_seeds, metavar="A:B", help="from A up to, without, B")
     parser.add_argument("--vehicles", type=int, metavar="N", help="the first number it is judged with")
     parser.add_argument("--workers", type=int, metavar="W", help="runs at a time; as many as there are cores")
-    parser.add_argument("--json", action="store_true", help="one JSON object a run")
     parser.add_argument("--plot", metavar="FILE.png", help="draw the flight; one scenario, one seed")
 
 
@@ -137,7 +131,6 @@ def certify(parser: argparse.ArgumentParser) -> None:
         help="what the judgement is based on; true where they are known",
     )
     parser.add_argument("--config", metavar="FILE", help="what holds, for truth files without flight data")
-    parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
     parser.add_argument("--report", metavar="FILE", help="write the report as JSON")
     parser.add_argument("--html", metavar="FILE", help="write one page with plots")
 

@@ -2,9 +2,7 @@
 
 import argparse
 import asyncio
-import json
 import logging
-import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
@@ -13,6 +11,7 @@ import numpy as np
 
 from gcs.cli import logs
 from gcs.cli.configuration import load_here
+from gcs.cli.output import REFUSED, fail, print_json
 from gcs.cli.serve import make_link
 from gcs.config import Config
 from gcs.errors import ConfigError, LinkError, OrderError
@@ -67,12 +66,13 @@ def run(arguments: argparse.Namespace) -> int:
     except* LinkError as group:
         failures = [str(error) for error in leaves(group)]
     if failures:
-        print(f"gcs params: {'; '.join(failures)}; stop gcs serve first", file=sys.stderr)
-        return 1
+        fail(f"{'; '.join(failures)}; stop gcs serve first", REFUSED, as_json=arguments.json)
+        return REFUSED
     good = bool(rows) and all(row.good for row in rows)
-    print(
-        json.dumps({"good": good, "rows": [asdict(row) for row in rows]}) if arguments.json else table(rows)
-    )
+    if arguments.json:
+        print_json({"good": good, "rows": [asdict(row) for row in rows]})
+    else:
+        print(table(rows))
     if not arguments.json and rows and not good and arguments.action == "check":
         print(f"\nto mend this: gcs params apply --config {arguments.config}")
     return 0 if good else 1

@@ -11,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.checks import State
-from gcs.cli.remote import REFUSED, add_connection, connected, failed
-from gcs.errors import GcsError
+from gcs.cli.output import REFUSED, print_json
+from gcs.cli.remote import add_connection, connected
 
 if TYPE_CHECKING:
     from gcs.api import wire_preflight
@@ -24,19 +24,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """`gcs preflight`."""
     parser.add_argument("vehicles", nargs="*", metavar="VEHICLE", help="who is to fly (all that are online)")
     parser.add_argument("--all", action="store_true", help="list the checks that pass, too")
-    parser.add_argument("--json", action="store_true", help="print all of it as JSON")
     add_connection(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Returns: the exit code."""
-    try:
-        with connected(arguments) as client:
-            report = client.preflight.report(arguments.vehicles or None)
-    except GcsError as error:
-        return failed(error)
+    """Returns: the exit code. Raises: GcsError."""
+    with connected(arguments) as client:
+        report = client.preflight.report(arguments.vehicles or None)
     if arguments.json:
-        print(report.model_dump_json(indent=2))
+        print_json(report.model_dump(mode="json"))
     else:
         Console().print(board(report, everything=arguments.all))
     return 0 if report.passes else REFUSED

@@ -2,15 +2,15 @@
 
 The signatures of the client's methods are the arguments. Exit codes: 0 done; 1 refused, or failed with a
 vehicle; 2 a value that can never be right; 3 nobody answers, or control is not alive; 4 the token may not.
+Errors are printed by `gcs.cli.main`.
 """
 
 from __future__ import annotations
 
 import argparse
 import inspect
-import json
 import os
-import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from gcs.cli.commands import ACTIONS, CALLS, Call
+from gcs.cli.output import REFUSED, exit_code, fail, failed, print_json
 from gcs.client import URL, Client
 from gcs.deferred import Deferred
-from gcs.errors import AccessError, ConfigError, GcsError, InvalidError, LinkError, OrderError, UnknownError
+from gcs.errors import GcsError, UnknownError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -29,16 +30,6 @@ if TYPE_CHECKING:
     from gcs.api import wire
 else:
     wire = Deferred("gcs.api.wire")
-
-EXIT_CODES: Final[dict[type[GcsError], int]] = {
-    AccessError: 4,
-    ConfigError: 2,
-    InvalidError: 2,
-    OrderError: 1,
-    LinkError: 3,
-}
-REFUSED: Final = 1
-
 
 CONFIRM_DOWN: Final = "confirm-down"
 LAND: Final = "land"
@@ -105,19 +96,25 @@ def connected(arguments: argparse.Namespace, timeout_s: float = 5.0) -> Client:
     )
 
 
-def failed(error: GcsError) -> int:
-    """Say what is wrong. Returns: the exit code."""
-    print(f"gcs: {error}", file=sys.stderr)
-    for note in getattr(error, "__notes__", ()):
-        print(f"gcs: {note}", file=sys.stderr)
-    return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), REFUSED)
+def watched_json(ask: Callable[[], BaseModel], period_s: float, arguments: argparse.Namespace) -> int:
+    """Print an answer a line until Ctrl-C. An error is a line on standard error, and ends nothing.
+
+    Returns: 0.
+    """
+    try:
+        while True:
+            try:
+                print_json(ask().model_dump(mode="json"), indent=None)
+            except GcsError as error:
+                failed(error, arguments)
+            time.sleep(period_s)
+    except KeyboardInterrupt:
+        return 0
 
 
 def _add_common(parser: argparse.ArgumentParser, *, is_order: bool) -> None:
     if is_order:
         parser.add_argument("--wait", type=float, metavar="SECONDS", help="until it is done, at most so long")
-    text = "print all of the order as JSON" if is_order else "print JSON, as it does without, too"
-    parser.add_argument("--json", action="store_true", help=text)
     add_connection(parser)
 
 
@@ -171,12 +168,12 @@ def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int
     given: Mapping[str, Any] = {
         name: value for name in names if (value := getattr(arguments, name)) not in (None, [])
     }
-    try:
-        with connected(arguments) as client:
-            answer = attrgetter(call.method)(client)(**given)
-            return _told(client, [answer], arguments) if isinstance(answer, wire.Order) else _printed(answer)
-    except GcsError as error:
-        return failed(error)
+    with connected(arguments) as client:
+        answer = attrgetter(call.method)(client)(**given)
+        if isinstance(answer, wire.Order):
+            return _told(client, [answer], arguments)
+    _print(answer, arguments)
+    return 0
 
 
 def _command(parser: argparse.ArgumentParser, action: str, arguments: argparse.Namespace) -> int:
@@ -186,11 +183,8 @@ def _command(parser: argparse.ArgumentParser, action: str, arguments: argparse.N
         parser.error("either names of vehicles or --all, not both")
     if not names and not everything and action != LAND:
         parser.error("name at least one vehicle" + ("" if action == CONFIRM_DOWN else ", or give --all"))
-    try:
-        with connected(arguments) as client:
-            return _commanded(client, action, arguments)
-    except GcsError as error:
-        return failed(error)
+    with connected(arguments) as client:
+        return _commanded(client, action, arguments)
 
 
 def _commanded(client: Client, action: str, arguments: argparse.Namespace) -> int:
@@ -210,21 +204,28 @@ def _commanded(client: Client, action: str, arguments: argparse.Namespace) -> in
 
 def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> int:
     orders: list[wire.Order] = []
-    code = 0
+    errors: list[GcsError] = []
     for name in arguments.vehicles:
         try:
             orders.append(client.command(name, action))
         except GcsError as error:
-            code = failed(error)
-    return _told(client, orders, arguments) or code
+            errors.append(error)
+    if not orders and len(errors) == 1:
+        raise errors[0]
+    code = exit_code(errors[-1]) if errors else 0
+    if errors and arguments.json:  # one document, whatever was refused
+        fail("; ".join(map(str, errors)), code, as_json=True)
+    for each in () if arguments.json else errors:
+        failed(each, arguments)
+    return (_told(client, orders, arguments) if orders else 0) or code
 
 
 def _told(client: Client, orders: Sequence[wire.Order], arguments: argparse.Namespace) -> int:
     """Print orders, waited for if that was asked. Returns: the exit code."""
     if arguments.wait is not None:
         orders = [client.wait_for(order.id, arguments.wait) for order in orders]
-    if arguments.json:  # one JSON value, whatever was commanded
-        _printed(orders[0] if len(orders) == 1 else orders)
+    if arguments.json:  # one document, whatever was commanded
+        _print(orders[0] if len(orders) == 1 else orders, arguments)
     for order in () if arguments.json else orders:
         print(f"{order.id} {order.action}: {order.outcome}")
         for vehicle_id, part in order.vehicles.items():
@@ -232,13 +233,15 @@ def _told(client: Client, orders: Sequence[wire.Order], arguments: argparse.Name
     return REFUSED if any(order.outcome == FAILED for order in orders) else 0
 
 
-def _printed(answer: BaseModel | Sequence[BaseModel] | str | None) -> int:
-    if isinstance(answer, str):
+def _print(answer: BaseModel | Sequence[BaseModel] | str | None, arguments: argparse.Namespace) -> None:
+    """An answer as the API gives it. Text is printed as it is, and with `--json` as a JSON string."""
+    if isinstance(answer, str) and not arguments.json:
         print(answer, end="")
-    elif answer is None:
+    elif answer is None and not arguments.json:
         pass
-    elif hasattr(answer, "model_dump_json"):
-        print(answer.model_dump_json(indent=2))
+    elif answer is None or isinstance(answer, str):
+        print_json(answer)
+    elif hasattr(answer, "model_dump"):
+        print_json(answer.model_dump(mode="json"))
     else:
-        print(json.dumps([each.model_dump(mode="json") for each in answer], indent=2))
-    return 0
+        print_json([each.model_dump(mode="json") for each in answer])

@@ -4,7 +4,6 @@ import argparse
 import asyncio
 import logging
 import signal
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from gcs.api.app import create_app
 from gcs.api.server import serve as serve_api
 from gcs.cli import logs
 from gcs.cli.certify import TRUTH
+from gcs.cli.output import WRONG, failed, lines, note
 from gcs.cli.record import session_folder
 from gcs.errors import ConfigError, GcsError
 from gcs.map_settings import MapSettings
@@ -29,14 +29,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Serve until Ctrl-C. Returns: 0; 2 when the file or an argument is none."""
     logs.set_up(logging.WARNING)
     if not 0.0 < arguments.speed <= SPEED_MAX:
-        print(f"gcs replay: --speed {arguments.speed:g}: above 0, at most {SPEED_MAX:g}", file=sys.stderr)
-        return 2
+        raise ConfigError(f"--speed {arguments.speed:g}: above 0, at most {SPEED_MAX:g}")
     try:
         file = flight_file(Path(arguments.file))
         asyncio.run(_replay(FlightData(file), truths(Path(arguments.file), file), arguments))
     except GcsError as error:
-        print(f"gcs replay: {error}", file=sys.stderr)
-        return 2
+        return failed(error, arguments, WRONG)
     return 0
 
 
@@ -51,8 +49,8 @@ def truths(path: Path, file: Path) -> list[Path]:
     return sorted(found for folder in folders for found in folder.glob(TRUTH))
 
 
-def recorded_map(config: Mapping[str, Any]) -> GroundMap | None:
-    """The map that lay under the show; without it, where it is not here any more, which is told."""
+def recorded_map(config: Mapping[str, Any], *, as_json: bool = False) -> GroundMap | None:
+    """The map that lay under the show; None, with a note, where its file is gone."""
     told = config.get("map")
     try:
         return open_map(None if told is None else MapSettings.model_validate(told))
@@ -60,7 +58,7 @@ def recorded_map(config: Mapping[str, Any]) -> GroundMap | None:
         problem = str(explained(error, "map", MapSettings, None))
     except ConfigError as error:
         problem = str(error)
-    print(f"gcs replay: without its map: {problem}", file=sys.stderr)
+    note(f"without its map: {problem}", as_json=as_json)
     return None
 
 
@@ -72,7 +70,9 @@ async def _replay(data: FlightData, truths: list[Path], arguments: argparse.Name
     service = Replay(data, arguments.speed, truths)
     listening: asyncio.Future[int] = loop.create_future()
     app = create_app(
-        service, host_names=("localhost", arguments.host), ground=recorded_map(data.about.config)
+        service,
+        host_names=("localhost", arguments.host),
+        ground=recorded_map(data.about.config, as_json=arguments.json),
     )
     tasks = [
         asyncio.create_task(serve_api(app, arguments.host, arguments.port, listening=listening), name="api"),
@@ -94,5 +94,6 @@ async def _replay(data: FlightData, truths: list[Path], arguments: argparse.Name
 def _say(data: FlightData, arguments: argparse.Namespace, port: asyncio.Future[int]) -> None:
     if not port.cancelled():
         url = f"http://{arguments.host}:{port.result()}"
-        vehicles = f"{len(data.about.ids)} vehicles"
-        print(f"replay of {data.path}, {vehicles}; look at it at {url}/ ; API at {url}/docs", flush=True)
+        count = len(data.about.ids)
+        text = f"replay of {data.path}, {count} vehicles; look at it at {url}/ ; API at {url}/docs"
+        lines(arguments)("replaying", text, url=url, file=str(data.path), vehicles=count)

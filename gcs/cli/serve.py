@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import signal
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
 
@@ -17,9 +17,10 @@ from gcs.api.guard import EmergencyLane
 from gcs.api.server import serve as serve_api
 from gcs.cli import eventloop, notify
 from gcs.cli.notify import Notifier
+from gcs.cli.output import Say
 from gcs.cli.record import make_record
 from gcs.config import Config, LinkSettings
-from gcs.errors import ConfigError, GcsError, LinkError, RefusedError
+from gcs.errors import ConfigError, LinkError, RefusedError
 from gcs.interrupted import Offer
 from gcs.lifecycle import AIRBORNE, ShowPhase
 from gcs.links import Link
@@ -195,7 +196,7 @@ async def _keep_api(
         await asyncio.sleep(API_RETRY_S)
 
 
-async def serve(config: Config, say: Callable[[str], None], notifier: Notifier) -> None:
+async def serve(config: Config, say: Say, notifier: Notifier) -> None:
     """Run until asked to stop. The first Ctrl-C brings the fleet home, the second stops at once.
 
     Raises: GcsError when it cannot start.
@@ -207,9 +208,12 @@ async def serve(config: Config, say: Callable[[str], None], notifier: Notifier) 
         notifier.ready()
         scheme = "http" if config.access.tls is None else "https"
         url = f"{scheme}://{config.api.host}:{port}"
-        say(f"serving {len(config.ids)} vehicles; look at them at {url}/ ; API at {url}/docs")
+        count = len(config.ids)
+        text = f"serving {count} vehicles; look at them at {url}/ ; API at {url}/docs"
+        say("serving", text, url=url, vehicles=count)
         if config.access.tokens_file is None:
-            say("access is off: whoever can use this machine can fly; gcs token create makes tokens")
+            off = "access is off: whoever can use this machine can fly; gcs token create makes tokens"
+            say("access_off", off)
         await asked.acquire()
         notifier.stopping()
         if not _anybody_up(orchestrator.view.value):
@@ -217,8 +221,11 @@ async def serve(config: Config, say: Callable[[str], None], notifier: Notifier) 
         try:
             orchestrator.command_show(ShowAction.STOP)
         except RefusedError as refused:
-            say(f"{refused}")  # and yet nothing is left in the air
-        say("coming home; press Ctrl-C again to stop at once (the vehicles' own failsafe takes over)")
+            say("stop_refused", f"{refused}")  # and yet nothing is left in the air
+        say(
+            "coming_home",
+            "coming home; press Ctrl-C again to stop at once (the vehicles' own failsafe takes over)",
+        )
         landed = asyncio.create_task(_landed(orchestrator), name="landed")
         again = asyncio.create_task(asked.acquire(), name="again")
         await asyncio.wait((landed, again), return_when=asyncio.FIRST_COMPLETED)
@@ -241,14 +248,10 @@ def _anybody_up(view: FleetView) -> bool:
     return any(vehicle.phase in AIRBORNE for vehicle in view.vehicles)
 
 
-def run(config: Config, say: Callable[[str], None]) -> int:
-    """Serve on a loop of its own. Returns: the exit code."""
+def run(config: Config, say: Say) -> None:
+    """Serve on a loop of its own. Raises: GcsError when it cannot start."""
     notifier = notify.from_environment()
     try:
         eventloop.run(serve(config, say, notifier))
-    except GcsError as error:
-        say(str(error))
-        return 1
     finally:
         notifier.close()
-    return 0

@@ -10,6 +10,8 @@ from gcs import config as configuration
 from gcs import supervisor
 from gcs.cli import logs, serve
 from gcs.cli.configuration import load_here
+from gcs.cli.output import REFUSED, failed, lines
+from gcs.errors import GcsError
 from gcs.setting_errors import explained
 
 
@@ -25,4 +27,8 @@ def run(arguments: argparse.Namespace) -> int:
         config = configuration.Config.model_validate(config.model_dump() | {"api": api})
     except ValidationError as error:
         raise explained(error, "with --host and --port", configuration.Config, None) from None
-    return serve.run(config, lambda text: print(text, flush=True))
+    try:
+        serve.run(config, lines(arguments))
+    except GcsError as error:
+        return failed(error, arguments, REFUSED)
+    return 0

@@ -8,10 +8,11 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.text import Text
 
-from gcs.cli.remote import add_connection, connected, failed
+from gcs.cli.output import print_json
+from gcs.cli.remote import add_connection, connected, watched_json
 from gcs.cli.status_table import COLUMNS, SORTED, board
 from gcs.client import Client
-from gcs.errors import ConfigError, GcsError
+from gcs.errors import GcsError
 
 PERIOD_S: Final = 0.5
 
@@ -33,29 +34,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sort", choices=SORTED, help="what needs a look first: least battery, oldest position"
     )
-    parser.add_argument("--json", action="store_true", help="print what gcs state prints")
     add_connection(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the table. Returns: the exit code."""
+    """Print the table, or what `gcs state` prints. Returns: 0. Raises: GcsError."""
     console = Console()
-    try:
-        client = connected(arguments)
-    except ConfigError as error:
-        return failed(error)
-    with client:
-        if arguments.watch is not None and not arguments.json:
+    with connected(arguments) as client:
+        if arguments.watch is not None and arguments.json:
+            return watched_json(client.fleet, arguments.watch, arguments)
+        if arguments.watch is not None:
             return _watch(client, console, arguments)
-        try:
-            fleet = client.fleet()
-        except GcsError as error:
-            return failed(error)
-        if arguments.json:
-            print(fleet.model_dump_json(indent=2))
-        else:
-            console.print(board(fleet, console.width, columns=arguments.columns, sort=arguments.sort))
-        return 0
+        fleet = client.fleet()
+    if arguments.json:
+        print_json(fleet.model_dump(mode="json"))
+    else:
+        console.print(board(fleet, console.width, columns=arguments.columns, sort=arguments.sort))
+    return 0
 
 
 def newest(

@@ -1,13 +1,12 @@
 """`gcs token`: make, list and revoke the tokens that the API asks for."""
 
 import argparse
-import json
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 from gcs.access import Role
+from gcs.cli.output import REFUSED, failed, note, print_json
 from gcs.errors import GcsError
 from gcs.tokens import create_token, read_tokens, revoke_token
 
@@ -32,7 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     revoke.add_argument("name", metavar="NAME")
     revoke.set_defaults(run=_revoke)
     for command in (create, listing, revoke):
-        command.add_argument("--json", action="store_true", help="one JSON value")
         command.add_argument("--file", type=Path, default=Path(FILE), help=f"the token file ({FILE})")
 
 
@@ -40,15 +38,15 @@ def _create(arguments: argparse.Namespace) -> int:
     try:
         token = create_token(arguments.file, arguments.name, Role(arguments.role))
     except GcsError as error:
-        return _failed(error)
+        return failed(error, arguments, REFUSED)
     if arguments.json:
-        print(json.dumps({"name": arguments.name, "role": arguments.role, "token": token}))
+        print_json({"name": arguments.name, "role": arguments.role, "token": token})
     else:
         print(token)
-    said = (
-        f"{arguments.name} may {arguments.role}; {arguments.file} keeps a hash of it: this is its only copy"
+    note(
+        f"{arguments.name} may {arguments.role}; {arguments.file} keeps a hash of it: this is its only copy",
+        as_json=arguments.json,
     )
-    print(said, file=sys.stderr)
     return 0
 
 
@@ -56,13 +54,13 @@ def _list(arguments: argparse.Namespace) -> int:
     try:
         entries = read_tokens(arguments.file)
     except GcsError as error:
-        return _failed(error)
+        return failed(error, arguments, REFUSED)
     if arguments.json:
         told = [
             {"name": entry.name, "role": entry.role, "created_unix_time_s": entry.created_unix_time_s}
             for entry in entries
         ]
-        print(json.dumps(told, indent=2))
+        print_json(told)
         return 0
     for entry in entries:
         since = datetime.fromtimestamp(entry.created_unix_time_s, UTC).isoformat(timespec="seconds")
@@ -74,11 +72,9 @@ def _revoke(arguments: argparse.Namespace) -> int:
     try:
         revoke_token(arguments.file, arguments.name)
     except GcsError as error:
-        return _failed(error)
-    print(json.dumps({"revoked": arguments.name}) if arguments.json else f"{arguments.name}: revoked")
+        return failed(error, arguments, REFUSED)
+    if arguments.json:
+        print_json({"revoked": arguments.name})
+    else:
+        print(f"{arguments.name}: revoked")
     return 0
-
-
-def _failed(error: GcsError) -> int:
-    print(f"gcs: {error}", file=sys.stderr)
-    return 1

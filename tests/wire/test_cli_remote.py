@@ -3,6 +3,8 @@
 import json
 import os
 import re
+import signal
+import subprocess
 import sys
 import threading
 import time
@@ -146,7 +148,7 @@ def station(
         yield heard
 
 
-def asked_of(service: FakeService, line: str) -> int:
+def asked_of(service: FakeService, line: str, *options: str) -> int:
     """Carry out a line of EVERYTHING."""
     service.tick()
     word, *names = line.split()
@@ -174,9 +176,9 @@ def asked_of(service: FakeService, line: str) -> int:
         return 0
     if word == "kill":
         with Client(os.environ["GCS_URL"]) as client:
-            return main(["kill", "--confirm", client.arm_kill(names).code])
+            return main(["kill", "--confirm", client.arm_kill(names).code, *options])
     given = {"FILE": str(LIGHTHOUSE), "HASH": SHOW.digest}
-    return main([given.get(each, each) for each in line.split()])
+    return main([*(given.get(each, each) for each in line.split()), *options])
 
 
 def test_there_is_a_command_for_every_operation_and_it_does_it(
@@ -199,6 +201,62 @@ def test_there_is_a_command_for_every_operation_and_it_does_it(
     assert never_asked == set()
     begun = {" ".join(line.split()[:2]) for line in EVERYTHING} | {line.split()[0] for line in EVERYTHING}
     assert {each.name for each in (*CALLS, *ACTIONS)} <= begun
+
+
+def test_with_json_every_command_prints_exactly_one_document(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = FakeService(folder=tmp_path)
+    told: dict[str, object] = {}
+    with station(service, monkeypatch):
+        for line in EVERYTHING:
+            if line.split()[0] in {"!", "pilot", "lost", "cut-off", "recorded", "good"}:
+                asked_of(service, line)
+                continue
+            assert asked_of(service, line, "--json") == 0
+            printed = capsys.readouterr()
+            assert printed.err == ""
+            told[line] = json.loads(printed.out, parse_constant=pytest.fail)
+    assert isinstance(told["acknowledge --all"], list)
+    assert isinstance(told["acknowledge vehicle-lost-1"], dict)
+    assert str(told["metrics"]).startswith("# HELP")
+    assert told["obstacle remove tower"] is None
+
+
+def test_a_refusal_of_one_of_several_is_one_line_beside_one_document(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = FakeService()
+    with station(service, monkeypatch):
+        service.fly()
+        assert main(["hold", "d8", "d1", "d9", "--json"]) == 1
+        printed = capsys.readouterr()
+        assert json.loads(printed.out)["vehicles"].keys() == {"d1"}
+        (line,) = printed.err.splitlines()
+        detail = json.loads(line)["error"]["detail"]
+        assert "'d8'" in detail
+        assert "'d9'" in detail
+        assert main(["orbit", "set", "--direction", "up", "--json"]) == 2
+        (problem,) = json.loads(capsys.readouterr().err)["error"]["problems"]
+        assert (problem["field"], problem["value"]) == ("direction", "up")
+
+
+@pytest.mark.parametrize("line", ["status --watch 0.1", "alarms --watch"])
+def test_watched_with_json_each_line_is_a_document_until_it_is_interrupted(
+    line: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = FakeService()
+    command = [sys.executable, "-m", "gcs", *line.split(), "--json"]
+    with (
+        station(service, monkeypatch),
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watching,
+    ):
+        assert watching.stdout is not None
+        first, second = (json.loads(watching.stdout.readline()) for _ in range(2))
+        watching.send_signal(signal.SIGINT)
+        _, complaints = watching.communicate(timeout=60)
+    assert first.keys() == second.keys()
+    assert (watching.returncode, complaints) == (0, "")
 
 
 def test_every_method_of_the_client_is_a_command() -> None:

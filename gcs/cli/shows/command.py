@@ -1,11 +1,11 @@
 """The command line of `gcs show`."""
 
 import argparse
-import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from gcs.cli.output import print_json
 from gcs.cli.plots import require_matplotlib
 from gcs.cli.progress import working
 from gcs.cli.shows.rehearsal import rehearse
@@ -21,7 +21,10 @@ def run(arguments: argparse.Namespace) -> int:
     loaded = load(find(arguments.file))
     if arguments.action == "hash":
         digest = loaded.show.digest
-        print(json.dumps({"hash": digest}) if arguments.json else digest)
+        if arguments.json:
+            print_json({"hash": digest})
+        else:
+            print(digest)
         return 0
     return _plot(loaded, arguments)
 
@@ -33,14 +36,17 @@ def _check(arguments: argparse.Namespace) -> int:
     except ShowError as error:
         if arguments.json:
             problems = [asdict(problem) for problem in error.problems]
-            print(json.dumps({"show": path.stem, "file": error.file, "good": False, "problems": problems}))
+            print_json({"show": path.stem, "file": error.file, "good": False, "problems": problems})
         else:
             print(error, file=sys.stderr)
         return 1
     with working(f"flying {path.stem} in virtual time"):
         verdict = judge(*rehearse(loaded, arguments.seed))
     model = {"model": loaded.show.model_dump(mode="json")} if arguments.model else {}
-    print(json.dumps(verdict.told() | model) if arguments.json else table(verdict))
+    if arguments.json:
+        print_json(verdict.told() | model, indent=None)
+    else:
+        print(table(verdict))
     return 0 if verdict.good else 1
 
 
@@ -54,5 +60,5 @@ def _plot(loaded: LoadedShow, arguments: argparse.Namespace) -> int:
     with working("flying it in virtual time"):
         verdict = draw(*rehearse(loaded, arguments.seed), file)
     if arguments.json:
-        print(json.dumps({"picture": str(file), "good": verdict.good}))
+        print_json({"picture": str(file), "good": verdict.good})
     return 0 if verdict.good else 1

@@ -1,10 +1,10 @@
 """The command line of `gcs simulate`."""
 
 import argparse
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from gcs.cli.output import print_json
 from gcs.cli.plots import require_matplotlib
 from gcs.cli.progress import working
 from gcs.cli.simulation import scenario as scenarios
@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
             reports.append(figures)
             one_done()
             if arguments.json:
-                print(json.dumps(figures), flush=True)
+                print_json(figures, indent=None)
     if not arguments.json:
         print(summary(reports))
     return 0 if passed(reports) else 1
@@ -72,5 +72,8 @@ def _plot(paths: list[Path], arguments: argparse.Namespace) -> int:
     if not file.parent.is_dir() or file.suffix not in {".png", ".svg", ".pdf"}:
         raise ConfigError(f"--plot {file}: a .png, .svg or .pdf file in a folder that exists")
     figures = draw(fly(scenarios.load(paths[0]), runs[0].vehicles, runs[0].seed), file)
-    print(json.dumps(figures) if arguments.json else summary([figures | {"failed": [], "missed": []}]))
+    if arguments.json:
+        print_json(figures, indent=None)
+    else:
+        print(summary([figures | {"failed": [], "missed": []}]))
     return 0

@@ -1,0 +1,167 @@
+"""What commands print: text for people; with `--json` one document, or one object a line, and errors too.
+
+An error is one line on standard error, in one shape (docs/operations.md, "JSON and exit codes"):
+
+    {"error": {"exit_code": 2, "detail": "...", "problems": [...], "notes": [...]}}
+
+Nothing heavy is imported here: every command loads this.
+"""
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Final, NoReturn
+
+from gcs.errors import (
+    AccessError,
+    ConfigError,
+    FileError,
+    GcsError,
+    InvalidError,
+    LinkError,
+    OrderError,
+    ShowError,
+)
+from gcs.quoting import quoted
+
+JSON: Final = "--json"
+WRONG: Final = 2
+REFUSED: Final = 1
+
+EXIT_CODES: Final[dict[type[GcsError], int]] = {
+    AccessError: 4,
+    ConfigError: WRONG,
+    InvalidError: WRONG,
+    OrderError: REFUSED,
+    LinkError: 3,
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are JSON where `--json` was given, and that knows the commands inside it."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self._inside: Mapping[str, Parser] = {}
+        self._is_json = False
+
+    def add_subparsers(self, **options: Any) -> Any:
+        """As argparse does, and remember them."""
+        added = super().add_subparsers(**options)
+        self._inside = added.choices
+        return added
+
+    def leaves(self) -> "Iterator[Parser]":
+        """The parsers that take no further command: this one, or those inside it."""
+        if not self._inside:
+            yield self
+        for each in self._inside.values():
+            yield from each.leaves()
+
+    def parse_known_args(  # type: ignore[override] # argparse's two overloads say the same of one namespace
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """As argparse does; whether an error is JSON is known before any other argument is read."""
+        self._is_json = is_json(sys.argv[1:] if args is None else args)
+        return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong with the arguments, and end the process."""
+        if self._is_json:
+            fail(message, WRONG, as_json=True)
+            raise SystemExit(WRONG)
+        super().error(message)
+
+
+def is_json(given: Sequence[str]) -> bool:
+    """Whether these arguments ask for JSON."""
+    return JSON in (given[: given.index("--")] if "--" in given else given)
+
+
+def print_json(value: Any, *, indent: int | None = 2) -> None:
+    """Print one document. Numbers that JSON does not have are `null`."""
+    print(_dumped(value, indent), flush=indent is None)
+
+
+def failed(error: GcsError, arguments: argparse.Namespace, code: int | None = None) -> int:
+    """Say what is wrong. Returns: the exit code, `code` or that of the kind of error."""
+    code = exit_code(error) if code is None else code
+    notes = tuple(getattr(error, "__notes__", ()))
+    fail(str(error), code, as_json=arguments.json, problems=_problems(error), notes=notes)
+    return code
+
+
+def exit_code(error: GcsError) -> int:
+    """Of its kind."""
+    return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), REFUSED)
+
+
+def fail(
+    detail: str,
+    code: int,
+    *,
+    as_json: bool,
+    problems: Sequence[Mapping[str, object]] = (),
+    notes: Sequence[str] = (),
+) -> None:
+    """Print an error."""
+    if as_json:
+        error = {"exit_code": code, "detail": detail, "problems": list(problems), "notes": list(notes)}
+        print(_dumped({"error": error}, None), file=sys.stderr)
+        return
+    for text in (detail, *notes):
+        print(f"gcs: {text}", file=sys.stderr)
+
+
+def note(text: str, *, as_json: bool) -> None:
+    """Say something beside what is printed, on standard error."""
+    print(_dumped({"note": text}, None) if as_json else f"gcs: {text}", file=sys.stderr, flush=True)
+
+
+Say = Callable[..., None]
+"""Prints what a command that goes on has to say: `say(event, text, **facts)`."""
+
+
+def lines(arguments: argparse.Namespace) -> Say:
+    """What prints lines of text or, with `--json`, an object each: the event, its text and its facts."""
+
+    def say(event: str, text: str, **facts: object) -> None:
+        line = _dumped({"event": event, "text": text, **facts}, None) if arguments.json else text
+        print(line, flush=True)
+
+    return say
+
+
+def _problems(error: GcsError) -> list[dict[str, object]]:
+    """One by one what is wrong, where that is known: lines of a file, or a field as the API names it."""
+    if isinstance(error, FileError):
+        cues = isinstance(error, ShowError)
+        return [
+            {"file": error.file, "line": one.line, **({"cue": one.cue} if cues else {}), "text": one.text}
+            for one in error.problems
+        ]
+    if isinstance(error, InvalidError):
+        plain = error.value is None or isinstance(error.value, str | int | float | bool)
+        value = error.value if plain else quoted(error.value)
+        return [{"field": error.field, "value": value, "allowed": error.allowed}]
+    return []
+
+
+def _dumped(value: Any, indent: int | None) -> str:
+    try:
+        return json.dumps(value, indent=indent, allow_nan=False)
+    except ValueError:
+        return json.dumps(_finite(value), indent=indent, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    """The same without NaN and infinities."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return value
