@@ -129,4 +129,3 @@ export function iconOf(alarms: readonly Alarm[]): "normal" | Exclude<Severity, "
   const severity = worst(alarms);
   return severity === "information" ? "normal" : severity;
 }
-

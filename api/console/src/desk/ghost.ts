@@ -44,7 +44,7 @@ export function ghostBar(state: State, actions: DeskActions): TemplateResult | t
     ${button(actions, {
       id: "ghost-confirm",
       label: `${t.confirm} ⏎`,
-     
+
       kind: "primary",
       icon: "check",
       why: whyNotGhost(state),
