@@ -35,13 +35,12 @@ def test_the_version_is_one_and_has_a_dated_changelog() -> None:
 def test_the_changelog_has_one_line_per_change() -> None:
     lines = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines()
     assert [line for line in lines if line and not line.startswith(("#", "- "))] == []
-    assert max(map(len, lines)) <= 160
+    assert max(map(len, lines)) <= 140
 
 
 def test_ci_runs_on_every_python_that_is_promised() -> None:
-    promised = {
-        each.rpartition(" ")[2] for each in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", each) is not None
-    }
+    promised = set(re.findall(r":: (3\.\d+)$", "\n".join(PROJECT["classifiers"]), re.MULTILINE))
+    assert promised
     jobs = workflow()["jobs"]
     assert {"quick", "full", "docs", "wheel"} <= set(jobs)
     for name in ("quick", "full", "wheel"):
