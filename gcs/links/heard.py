@@ -5,6 +5,7 @@ from collections import Counter
 from math import inf, nan
 from typing import Final
 
+from gcs.links.battery_packs import BatteryPacks
 from gcs.links.mavlink_frames import (
     ATTITUDE,
     BATTERY_STATUS,
@@ -21,7 +22,7 @@ from gcs.links.mavlink_frames import (
     Frame,
     Motion,
     TextChunk,
-    battery_remaining,
+    battery_percent,
     boot_time_ms,
     fix_type,
     gps_accuracy,
@@ -32,6 +33,7 @@ from gcs.links.mavlink_frames import (
     reset_counter,
     sick_sensors,
     status_text,
+    total_percent,
     unix_time_s,
 )
 from gcs.links.roster import SILENT_AFTER_S
@@ -40,6 +42,7 @@ from gcs.state import Landed, Mode, StatusText
 _AUTOPILOT_COMPONENT = 1
 _TEXT_CHUNKS_MAX = 8
 _TEXTS_KEPT: Final = 6
+_ROW: Final = (0,)  # of the one vehicle among the batteries
 _CLOCKS: Final = frozenset({ATTITUDE, LOCAL_POSITION_NED})
 """Not asked for, but sent by an autopilot that has just restarted, seconds before its first position."""
 
@@ -60,7 +63,6 @@ class Heard:
         accuracy, fix_type: of the newest GPS_RAW_INT.
         clock_base_s: its own clock (Unix time) less ours, as its SYSTEM_TIME arrived; NaN where not known.
         landed: as the newest EXTENDED_SYS_STATE says.
-        battery_remaining: 0 to 1, of the newest BATTERY_STATUS; NaN where it does not say.
         boots: how often the boot clock has jumped back: a reboot, or a simulator that was paused.
         position_resets: how often the estimator's reset counter (ODOMETRY) has changed.
         text, text_time_s: the newest status text, and its arrival.
@@ -86,7 +88,7 @@ class Heard:
         self.fix_type = nan
         self.clock_base_s = nan
         self.landed = Landed.UNKNOWN
-        self.battery_remaining = nan
+        self._batteries = BatteryPacks(1)
         self.boots = 0
         self.position_resets = 0
         self.text = ""
@@ -98,6 +100,11 @@ class Heard:
         self._boot_time_ms = 0
         self._chunks: list[TextChunk] = []
         self._reset_counter: int | None = None
+
+    @property
+    def battery_remaining(self) -> float:
+        """Least of its packs, 0 to 1; NaN where none reports. See `BatteryPacks`."""
+        return float(self._batteries.remaining[0])
 
     def take(self, frame: Frame, time_s: float) -> None:
         """Read one checked frame of this vehicle. Frames of its other components count as arrivals only."""
@@ -122,10 +129,12 @@ class Heard:
         message_id = frame.message_id
         if message_id == SYS_STATUS:
             self.prearm_ok, self.sick_sensors = prearm_ok(frame), sick_sensors(frame)
+            self._batteries.take_totals(_ROW, [total_percent(frame)])
         elif message_id == EXTENDED_SYS_STATE:
             self.landed = landed(frame)
         elif message_id == BATTERY_STATUS:
-            self.battery_remaining = battery_remaining(frame)
+            battery_id, percent = battery_percent(frame)
+            self._batteries.take_packs(_ROW, [battery_id], [percent])
         elif message_id == GPS_RAW_INT:
             self.accuracy, self.fix_type = gps_accuracy(frame), float(fix_type(frame))
         elif message_id == SYSTEM_TIME:
@@ -143,6 +152,7 @@ class Heard:
             self.lives += 1
             self._reset_counter = None  # of a new life
             self.prearm_ok = False
+            self._batteries.forget(_ROW)
             self._boot_time_ms = now_ms
         self._boot_time_ms = max(self._boot_time_ms, now_ms)
 

@@ -69,7 +69,8 @@ FAILSAFE_STATES: Final = (5, 6)
 """MAV_STATE_CRITICAL and _EMERGENCY: PX4 says so while a failsafe of its own acts, never while a pilot flies.
 """
 _LANDED_STATES: Final = frozenset(state.value for state in Landed)
-_BATTERY_REMAINING_AT: Final = 35
+_BATTERY_ID_AT: Final = 32  # in BATTERY_STATUS
+_TOTAL_PERCENT_AT: Final = 30  # in SYS_STATUS
 _FIX_TYPE_AT: Final = 28  # in GPS_RAW_INT
 _RESET_COUNTER_AT: Final = 230  # in ODOMETRY
 _VELOCITY_AT: Final = slice(16, 28)  # in SET_POSITION_TARGET_LOCAL_NED: vx, vy, vz
@@ -387,10 +388,17 @@ def landed(frame: Frame) -> Landed:
     return Landed(number) if number in _LANDED_STATES else Landed.UNKNOWN
 
 
-def battery_remaining(frame: Frame) -> float:
-    """Read what is left as a BATTERY_STATUS says, 0 to 1; NaN where it does not."""
-    (percent,) = unpack_from("<b", _padded(frame), _BATTERY_REMAINING_AT)
-    return percent / 100 if percent >= 0 else nan
+def battery_percent(frame: Frame) -> tuple[int, int]:
+    """Read a BATTERY_STATUS: id of the pack, and its remaining percentage, -1 where it is unknown."""
+    battery_id, percent = unpack_from("<B2xb", _padded(frame), _BATTERY_ID_AT)
+    return battery_id, percent
+
+
+def total_percent(frame: Frame) -> int:
+    """Read the remaining battery percentage of a SYS_STATUS; -1 where it is unknown."""
+    percent: int
+    (percent,) = unpack_from("<b", _padded(frame), _TOTAL_PERCENT_AT)
+    return percent
 
 
 def gps_accuracy(frame: Frame) -> Accuracy:

@@ -2,7 +2,6 @@
 
 import asyncio
 import struct
-from math import nan
 from typing import Any
 
 from pymavlink.dialects.v20 import common
@@ -12,7 +11,7 @@ from gcs.links.heard import Heard
 from gcs.links.mavlink_frames import Frame
 from gcs.state import Landed, Mode
 
-BATTERY_STATUS, EXTENDED_SYS_STATE, PARAM_VALUE = 147, 245, 22
+EXTENDED_SYS_STATE, PARAM_VALUE = 245, 22
 INT32 = 6
 WANTED_MODE = {
     Verb.HOLD: Mode.HOLD,
@@ -26,7 +25,6 @@ class Ears(Heard):
 
     def __init__(self) -> None:
         super().__init__()
-        self.battery_remaining = nan
         self.landed = Landed.UNKNOWN
         self.parameters: dict[str, ParameterValue] = {}  # as last announced
         self._mav = common.MAVLink(None)
@@ -34,17 +32,15 @@ class Ears(Heard):
     def take(self, frame: Frame, time_s: float) -> None:
         """Read one frame of this vehicle."""
         super().take(frame, time_s)
-        if frame.message_id not in {EXTENDED_SYS_STATE, BATTERY_STATUS, PARAM_VALUE}:
+        if frame.message_id not in {EXTENDED_SYS_STATE, PARAM_VALUE}:
             return
         said: Any = self._mav.decode(bytearray(frame.raw))
         if frame.message_id == EXTENDED_SYS_STATE:
             self.landed = Landed(said.landed_state)
-        elif frame.message_id == PARAM_VALUE:
+        else:
             whole = said.param_type == INT32  # bytewise: the four bytes of an int in the float's place
             value = struct.unpack("<i", struct.pack("<f", said.param_value))[0] if whole else said.param_value
             self.parameters[said.param_id] = value
-        else:
-            self.battery_remaining = said.battery_remaining / 100 if said.battery_remaining >= 0 else nan
 
 
 def obeyed(verb: Verb, heard: Ears) -> bool:

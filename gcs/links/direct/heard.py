@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import development as dialect
 
+from gcs.links.battery_packs import BatteryPacks
 from gcs.links.direct.codec import Records, decode
 from gcs.links.direct.kernels import COMPONENT, LENGTH, MESSAGE, PAYLOAD, Bytes, Whole
 from gcs.links.heard import Heard
@@ -102,7 +103,7 @@ class FleetHeard:
         self._place = np.full((n, 3), np.nan)  # degrees, degrees, m AMSL
         self._velocity_m_s = np.full((n, 3), np.nan)
         self._yaw_deg = np.full(n, np.nan)
-        self._battery = np.full(n, np.nan)
+        self._batteries = BatteryPacks(n)
         self._texts = tuple(Heard() for _ in ids)
         self._texts_told: tuple[tuple[StatusText, ...], ...] = ((),) * n
         self._waiting: dict[int, asyncio.Event] = {}
@@ -192,7 +193,7 @@ class FleetHeard:
             altitude_amsl_m=np.where(unmet, np.nan, self._place[:, 2]),
             velocity_ned_m_s=np.where(unmet[:, None], np.nan, self._velocity_m_s),
             yaw_deg=np.where(unmet, np.nan, self._yaw_deg),
-            battery_remaining=self._battery.copy(),
+            battery_remaining=self._batteries.remaining.copy(),
             armed=self._armed_told.of(self.armed),
             mode=self._modes_told.of(self._mode),
             in_failsafe=self._failsafe_told.of(self.in_failsafe),
@@ -224,6 +225,8 @@ class FleetHeard:
         self.lives[again] += 1
         self._reset_counter[again] = -1  # of a new life
         self.prearm_ok[again] = False
+        if len(again):
+            self._batteries.forget(again)
         restarted = np.isin(rows, again)
         self._boot_ms[rows[restarted]] = boot_ms[restarted]
         np.maximum.at(self._boot_ms, rows[~restarted], boot_ms[~restarted])  # late datagrams change nothing
@@ -261,15 +264,10 @@ class FleetHeard:
         enabled = said["onboard_control_sensors_enabled"].astype(np.int64)
         self.prearm_ok[rows] = (health & PREARM_CHECK) != 0
         self._sick_sensors[rows] = (enabled & SENSORS | AHRS) & ~health
-        self._take_remaining(rows, said)
+        self._batteries.take_totals(rows, said["battery_remaining"])
 
     def _take_batteries(self, rows: Whole, said: Records, _time_s: Array) -> None:
-        first = said["id"] == 0
-        self._take_remaining(rows[first], said[first])
-
-    def _take_remaining(self, rows: Whole, said: Records) -> None:
-        remaining = said["battery_remaining"]
-        self._battery[rows] = np.where(remaining >= 0, remaining * 0.01, np.nan)
+        self._batteries.take_packs(rows, said["id"], said["battery_remaining"])
 
     def _take_accuracies(self, rows: Whole, said: Records, _time_s: Array) -> None:
         """As `mavlink_frames.gps_accuracy` reads one."""

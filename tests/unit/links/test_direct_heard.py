@@ -1,6 +1,6 @@
 """What the direct transport reads of many vehicles at once is what the wire reads of each."""
 
-from math import nan
+from math import isnan, nan
 from typing import Any
 
 import numpy as np
@@ -117,3 +117,35 @@ def test_fix_sick_sensors_and_clock_are_read_and_by_both_alike(
     for value in (getattr(each, told), float(getattr(fleet.telemetry(), told)[1])):
         assert value == pytest.approx(expected, nan_ok=True)
     assert getattr(fleet.telemetry(), told)[0] == pytest.approx(before[0], nan_ok=True), "another's"
+
+
+def pack(battery_id: int, percent: int) -> Any:
+    return dialect.MAVLink_battery_status_message(battery_id, 1, 1, 2500, [4000] * 10, -100, -1, -1, percent)
+
+
+def total(percent: int) -> Any:
+    return dialect.MAVLink_sys_status_message(0, 0, 0, 0, 16000, -100, percent, 0, 0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("story", "expected"),
+    [
+        ((pack(0, 80), pack(1, 15)), (0.80, 0.15)),
+        ((pack(1, 15), pack(0, 80)), (0.15, 0.15)),
+        ((pack(0, 80), total(15), pack(0, 79), total(14)), (0.80, 0.15, 0.15, 0.14)),
+        ((pack(0, 80), pack(1, 15), pack(0, 79), pack(1, 14)), (0.80, 0.15, 0.15, 0.14)),
+        ((pack(0, 80), pack(1, -1), pack(1, 70), pack(1, -1)), (0.80, 0.80, 0.70, 0.80)),
+        ((pack(126, 33), pack(0, 80)), (0.33, 0.33)),  # of CAN, where the id is the node's
+        ((pack(0, -1), total(-1)), (nan, nan)),
+        ((position(9000), pack(1, 15), position(100), pack(0, 100)), (nan, 0.15, nan, 1.0)),
+    ],
+)
+def test_both_readers_report_the_emptiest_pack(story: tuple[Any, ...], expected: tuple[float, ...]) -> None:
+    """A vehicle with two packs never flaps between them; a restart may have brought new ones."""
+    fleet, each = FleetHeard(IDS), Heard()
+    read = []
+    for time_s, message in enumerate(story):
+        both(each, fleet, (message,), float(time_s))
+        read.append((each.battery_remaining, float(fleet.telemetry().battery_remaining[1])))
+    np.testing.assert_allclose(np.array(read), np.array([expected, expected]).T)
+    assert isnan(fleet.telemetry().battery_remaining[0]), "another's"
