@@ -101,6 +101,7 @@ class Findings:
     not_recorded: Sequence[str] = ()
     failed_links: Mapping[str, str] = field(default_factory=dict)  # why, by name
     interrupted: Interrupted | None = None
+    return_problem: str = ""  # why the vehicles return without a common plan
     supervisor: str = ""  # why this service is not restarted any more
     notes: Sequence[str] = ()  # what holds as long as this service runs
 
@@ -284,6 +285,9 @@ def _of_reactions(reactions: Sequence[Reaction]) -> Iterator[Condition]:
 def _of_the_service(findings: Findings) -> Iterator[Condition]:
     if findings.interrupted is not None:
         yield _of_the_interruption(findings.interrupted)
+    if findings.return_problem:
+        consequence = "Each vehicle flies home by itself; the safety filter keeps them apart."
+        yield Condition(AlarmCause.RETURN_UNPLANNED, findings.return_problem, consequence=consequence)
     if findings.obstacles_wait:
         yield Condition(AlarmCause.OBSTACLE_WAITS, "; ".join(findings.obstacles_wait))
     if findings.not_recorded:

@@ -84,6 +84,13 @@ class Director:
         """Until the last collective return is over, by its plan; None: there is none."""
         return None if self._homecoming is None else self._homecoming.left_s
 
+    @property
+    def return_problem(self) -> str:
+        """Why the vehicles return without a common plan; empty where no planner has failed."""
+        if self._homecoming is None or self._flight.show is not ShowPhase.RETURNING:
+            return ""
+        return self._homecoming.problem
+
     # once a tick
 
     def stalled(self, gap_s: float) -> None:

@@ -46,6 +46,7 @@ WORDS: Final[Mapping[str, str]] = {
     "recording": "telemetry is recorded in {file}",
     "recording_failed": "telemetry is not recorded in {folder}: {cause}",
     "recording_goes_on": "telemetry is recorded again in {file}",
+    "return_planner_failed": "the vehicles return without a common plan: {reason}",
     "send_failed": "link {link} could not send[ to {address}]: {cause}",
     "show_check_failed": "the check of show {show} failed: {reason}",
     "show_phase": "show {phase}[: {reason}]",

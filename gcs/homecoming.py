@@ -1,17 +1,22 @@
 """Everybody comes home together: they stop, their ways are planned beside the flight, and they set out."""
 
+import logging
 from collections.abc import Iterable
 from concurrent.futures import Executor, Future
 
 import numpy as np
 
 from gcs.control import ellipses_of
+from gcs.errors import ShapeError
 from gcs.flight import Flight
 from gcs.homeward import AreFree, Pace, Planner, Ways, plan_ways
 from gcs.landing import CLEAR_M
 from gcs.lifecycle import Phase
+from gcs.quoting import cut
 from gcs.state import Array, Mask, VehicleId
 from gcs.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
 
 STANDS_M_S = 0.4
 STOPPED_WITHIN_S = 5.0
@@ -40,6 +45,7 @@ class Homecoming:
         self._rows: dict[VehicleId, int] = {}
         self._places: list[int] = []  # rows of FleetState, in the plan's order
         self._is_off = False  # nothing is planned: they come home one by one
+        self._problem = ""
         self._planned: Future[Ways] | None = None
         self._enough = False  # read by the thread that plans
         self._pace: Pace | None = None
@@ -50,6 +56,11 @@ class Homecoming:
     def is_planned(self) -> bool:
         """Whether they have set out."""
         return self._pace is not None
+
+    @property
+    def problem(self) -> str:
+        """Why the planner failed, and what follows; empty where it did not."""
+        return self._problem
 
     @property
     def left_s(self) -> float | None:
@@ -68,9 +79,9 @@ class Homecoming:
 
     def takes_part(self, vehicle: Vehicle) -> bool:
         """Whether it is, or may still be, part of the plan."""
-        if self._planned is not None:
-            return vehicle.id in self._rows
-        return vehicle.id in self._expected and not self._is_off
+        if self._is_off:
+            return False
+        return vehicle.id in (self._expected if self._planned is None else self._rows)
 
     def advance(self) -> None:
         """Go on; once a tick."""
@@ -79,15 +90,34 @@ class Homecoming:
         if self._pace is not None:
             self._since_s = now_s
             self._pace.advance(since_s, self._flight.fleet.position_m[self._places], self._flown())
+        elif self._is_off:
+            return
         elif self._planned is None:
-            if not self._is_off and (self._all_stand() or since_s > STOPPED_WITHIN_S):
+            if self._all_stand() or since_s > STOPPED_WITHIN_S:
                 self._since_s = now_s
                 self._begin()
         elif self._planned.done():
             self._since_s = now_s
-            self._pace = Pace(self._planned.result())
+            self._set_out(self._planned)
         elif since_s > PLANNED_WITHIN_S:
             self.give_up()
+
+    def _set_out(self, planned: Future[Ways]) -> None:
+        """Fly the plan. Where the planner has failed, by any error, the fleet flies home without a plan.
+
+        The planner runs beside control, and control survives it: the error is read from the future, logged
+        with its traceback, and shown as an alarm.
+        """
+        error = planned.exception()
+        if error is None:
+            self._pace = Pace(planned.result())
+        else:
+            self._fail(error)
+
+    def _fail(self, error: BaseException) -> None:
+        self._is_off = True
+        self._problem = f"the planner failed with {type(error).__name__}: {cut(str(error))}"
+        log.error("return_planner_failed", extra={"reason": self._problem}, exc_info=error)
 
     def _flown(self) -> Mask:
         """(n,) who flies its way in the plan, and is waited for."""
@@ -123,26 +153,30 @@ class Homecoming:
     def _begin(self) -> None:
         flight = self._flight
         ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
-        homes = [(vehicle, vehicle.home_m) for vehicle in ready if vehicle.home_m is not None]
+        known = [vehicle for vehicle in ready if np.isfinite(flight.position_m(vehicle)).all()]
+        homes = [(vehicle, vehicle.home_m) for vehicle in known if vehicle.home_m is not None]
         if not homes or len(homes) > TOGETHER_MAX:
             self._is_off = True
             return
         self._places = rows = [vehicle.row for vehicle, _ in homes]
         control, operation = flight.control, flight.config.operation
         self._rows = {vehicle.id: row for row, (vehicle, _) in enumerate(homes)}
-        planner = Planner(
-            flight.fleet.position_m[rows].copy(),
-            np.array([home_m for _, home_m in homes]),
-            operation.takeoff_height_m,
-            operation.handover_height_m,
-            speed_m_s=control.law.speed_m_s,
-            goal_rate_per_s=control.law.goal_rate_per_s,
-            limits=control.safety.limits,
-            floor=control.safety.floor,
-            uncertainty_m=2.0 * float(flight.traits.uncertainty_m[rows].max()),
-            are_free=self._are_free(),
-        )
-        self._planned = self._planning.submit(plan_ways, planner, lambda: self._enough)
+        try:
+            planner = Planner(
+                flight.fleet.position_m[rows].copy(),
+                np.array([home_m for _, home_m in homes]),
+                operation.takeoff_height_m,
+                operation.handover_height_m,
+                speed_m_s=control.law.speed_m_s,
+                goal_rate_per_s=control.law.goal_rate_per_s,
+                limits=control.safety.limits,
+                floor=control.safety.floor,
+                uncertainty_m=2.0 * float(flight.traits.uncertainty_m[rows].max()),
+                are_free=self._are_free(),
+            )
+            self._planned = self._planning.submit(plan_ways, planner, lambda: self._enough)
+        except (ShapeError, RuntimeError) as error:  # RuntimeError: no thread can be started
+            self._fail(error)
 
     def _are_free(self) -> AreFree:
         """Which places are inside the fence and clear of obstacles, as they are now."""

@@ -204,6 +204,7 @@ class Orchestrator:
             not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
             failed_links=self._failed_links,
             interrupted=director.takeover.view(),
+            return_problem=director.return_problem,
             supervisor="" if self._heart is None else self._heart.problem,
             notes=self._standing,
         )

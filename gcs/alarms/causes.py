@@ -35,6 +35,7 @@ class AlarmCause(StrEnum):
     INTERRUPTED = "interrupted"
     DUPLICATE_SYSTEM_ID = "duplicate-system-id"
     LINK_FAILED = "link-failed"
+    RETURN_UNPLANNED = "return-unplanned"
     TARGET_STALE = "target-stale"
     OBSTACLE_WAITS = "obstacle-waits"
     POOR_LINK = "poor-link"
@@ -123,6 +124,13 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     ),
     AlarmCause.LINK_FAILED: CauseRow(
         W, "Link {about} failed", "Check cable, radio and port. The service keeps trying."
+    ),
+    AlarmCause.RETURN_UNPLANNED: CauseRow(
+        W,
+        "Return without a common plan",
+        "Watch the vehicles: the return takes longer, and vehicles may wait for each other. Pause or land one"
+        " that does not come home.",
+        off_after_s=0.0,
     ),
     AlarmCause.TARGET_STALE: CauseRow(C, "Live target not renewed", "Check what sends the target."),
     AlarmCause.OBSTACLE_WAITS: CauseRow(

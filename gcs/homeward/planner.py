@@ -80,10 +80,14 @@ class Planner:
             settings: of the plan.
             are_free: which places meet nothing that stands; None: nothing does.
 
-        Raises: ShapeError where there is nobody.
+        Raises: ShapeError where there are no vehicles, or a place is not finite.
         """
         if len(start_m) == 0:
             raise ShapeError("a plan for nobody")
+        for name, place_m in (("start_m", start_m), ("pad_m", pad_m)):
+            unknown = np.flatnonzero(~np.isfinite(place_m).all(axis=1))
+            if len(unknown):
+                raise ShapeError(f"{name} must be finite in every row, and is not in rows {unknown.tolist()}")
         settings = settings or Homeward()
         wide_m, tall_m = (kept_m + settings.spare_m for kept_m in floor.kept_m(uncertainty_m))
         self._start_m, self._pad_m, self._heights_m = start_m, pad_m, (over_m, handover_m)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from virtual_show import AtOnce, Show, Track, fly, show_config
 
+from gcs.alarms import AlarmCause
 from gcs.lifecycle import Phase, ShowPhase
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 
@@ -130,3 +131,40 @@ def test_who_is_stopped_while_the_ways_are_planned_is_not_waited_for() -> None:
         return show.floor_violations()
 
     assert fly(story, planning=Slowly()) == 0
+
+
+class Fails(AtOnce):
+    """An executor whose work fails: the error is in the future, as of a thread."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+
+    def submit(self, work: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
+        failed = Future[T]()
+        failed.set_exception(self.error)
+        return failed
+
+
+@pytest.mark.parametrize(
+    "error", [MemoryError("Allocation failed"), ValueError("cannot convert"), ZeroDivisionError()]
+)
+def test_a_planner_that_fails_leaves_the_fleet_under_control(error: Exception) -> None:
+    """The fleet flies home without a plan, an alarm says why, and no tick is missed."""
+
+    async def story(show: Show) -> Track:
+        await show.start()
+        stop_s = show.now_s
+        record = show.service.command_show(ShowAction.STOP)
+        await show.until(lambda: bool(show.view.alarms), STOPPING_S + 2.0)
+        (alarm,) = show.view.alarms
+        assert alarm.cause is AlarmCause.RETURN_UNPLANNED
+        assert type(error).__name__ in alarm.text
+        assert any("without a common plan" in happening.text for happening in show.service.happenings())
+        await show.reach(ShowPhase.LANDED, 120.0)
+        assert (await show.settled(record)).outcome is Outcome.DONE
+        assert not [alarm for alarm in show.view.alarms if alarm.lasts]
+        assert show.floor_violations() == 0
+        return show.track.between(stop_s)
+
+    track = fly(story, planning=Fails(error))
+    assert np.diff(track.time_s).max() < 0.06

@@ -108,6 +108,14 @@ def test_when_it_is_enough_the_best_plan_so_far_is_taken() -> None:
     assert len(ways.unplanned) == 1
 
 
+@pytest.mark.parametrize("name", ["start_m", "pad_m"])
+def test_a_plan_with_an_unknown_place_is_refused(name: str) -> None:
+    place_m = {"start_m": np.array([[0.0, 0.0, -10.0], [9.0, 0.0, -10.0]]), "pad_m": np.zeros((2, 3))}
+    place_m[name][1, 2] = np.nan
+    with pytest.raises(ShapeError, match=rf"{name} must be finite .* rows \[1\]"):
+        planner_of(**place_m)
+
+
 def test_a_plan_for_nobody_is_refused() -> None:
     with pytest.raises(ShapeError, match="nobody"):
         planned(np.zeros((0, 3)), np.zeros((0, 3)))
