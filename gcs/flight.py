@@ -31,6 +31,7 @@ from gcs.plan import Plan
 from gcs.setpoint_gaps import SetpointGaps
 from gcs.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
+from gcs.table_kernels import FORWARD_MAX_S
 from gcs.vehicle import SHOW_FLIES, Vehicle
 
 log = logging.getLogger(__name__)
@@ -139,7 +140,13 @@ class Flight:
         self._order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
         self._in_order = self._order == list(range(len(heard_in)))
         self._may_sink: tuple[FleetState, float] | None = None  # of a tick: see `may_sink`
-        self._table = Table(config.ids, config.frame)
+        noticed_s = FORWARD_MAX_S + config.deadman_s + config.operation.setpoint_loss_s
+        self._table = Table(
+            config.ids,
+            config.frame,
+            flies_on_s=max(noticed_s, config.operation.silence_s),
+            brakes_s=2.0 * STOP_S,
+        )
         self._seen_m = np.full((len(self.vehicles), 3), np.nan)  # where each was last known to be
         self._seen_m_s = self._seen_m.copy()  # and how it moved
         looks_hz = config.tick_rate_hz
@@ -193,8 +200,9 @@ class Flight:
         return self._table.reset_time_s
 
     def note_seen(self, rows: Mask | int) -> None:
-        """Keep where these vehicles are: they were heard, and are believed."""
-        self._seen_m[rows], self._seen_m_s[rows] = self.fleet.position_m[rows], self.fleet.velocity_m_s[rows]
+        """Keep where these vehicles are, and the whole of their last velocity."""
+        self._seen_m[rows] = self.fleet.position_m[rows]
+        self._seen_m_s[rows] = self._table.last_velocity_m_s[rows]
 
     def forget_seen(self, vehicle: Vehicle) -> None:
         """It is not there any more."""

@@ -1,6 +1,7 @@
 """Telemetry in, FleetState out: the one place where the fleet's state is made."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +9,15 @@ from numpy.typing import NDArray
 from gcs.frames import ShowFrame
 from gcs.state import Array, FleetState, Telemetry, VehicleId
 from gcs.table_kernels import brought_forward, into_frame, judge
+
+FLIES_ON_S: Final = 2.0
+"""Age of telemetry up to which a vehicle may fly on unchanged, as PX4 and the service are delivered: 0.5 s
+for which positions are brought forward, the deadman's 0.2 s and COM_OF_LOSS_T of 1 s; and the 2 s after which
+it counts as lost, whichever is longer.
+"""
+
+BRAKES_S: Final = 2.0
+"""Braking evenly for so long takes the way of 1 s of unchanged flight (`gcs.landing.STOP_S`)."""
 
 
 class Table:
@@ -19,12 +29,27 @@ class Table:
     It is believed again at once where it comes back to where it can be, and otherwise after CONSISTENT_S at
     the new place: in the air only if it can have flown there, on the ground (not armed) wherever that is.
 
+    The velocity of a vehicle without new telemetry ends. For `flies_on_s` it is the last reported one: the
+    vehicle may fly on until its autopilot notices the loss, and other vehicles must keep clear of it by
+    this estimate alone until it counts as lost. Within `brakes_s` it then fades to rest, as of a vehicle
+    that brakes; one that falls does not move sideways for long either. The growing uncertainty is not in
+    the velocity: from the loss on, the swept space (`gcs.landing.swept_segments_m`) covers every place that
+    the vehicle can have reached with the whole of `last_velocity_m_s`, however long ago that was.
+
     Attributes:
         reset_time_s: (n,) when the position last jumped, as the velocity does not explain or as the estimator
             said itself; -inf where it never did. Only of the armed: an estimator that starts up jumps, too.
     """
 
-    def __init__(self, ids: Sequence[VehicleId], frame: ShowFrame) -> None:
+    def __init__(
+        self,
+        ids: Sequence[VehicleId],
+        frame: ShowFrame,
+        *,
+        flies_on_s: float = FLIES_ON_S,
+        brakes_s: float = BRAKES_S,
+    ) -> None:
+        self._flies_on_s, self._brakes_s = flies_on_s, brakes_s
         self.ids = tuple(ids)
         self._row = {vehicle_id: row for row, vehicle_id in enumerate(self.ids)}
         self._rows: dict[tuple[VehicleId, ...], NDArray[np.intp]] = {}  # of each link's vehicles
@@ -88,10 +113,21 @@ class Table:
             self._resets,
             self.reset_time_s,
         )
-        here_m, age_s = brought_forward(
-            now_s, self._believed_m, self._believed_s, self._believed_m_s, self._trusted
+        here_m, moves_m_s, age_s = brought_forward(
+            now_s,
+            self._believed_m,
+            self._believed_s,
+            self._believed_m_s,
+            self._trusted,
+            self._flies_on_s,
+            self._brakes_s,
         )
-        return FleetState(now_s, self.ids, here_m, self._believed_m_s.copy(), yaw_rad, age_s)
+        return FleetState(now_s, self.ids, here_m, moves_m_s, yaw_rad, age_s)
+
+    @property
+    def last_velocity_m_s(self) -> Array:
+        """(n, 3) the whole velocity that came with each vehicle's last believed position."""
+        return self._believed_m_s.copy()
 
     def _rows_of(self, ids: tuple[VehicleId, ...]) -> NDArray[np.intp]:
         rows = self._rows.get(ids)

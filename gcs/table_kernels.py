@@ -186,13 +186,26 @@ def judge(
 
 @kernel
 def brought_forward(
-    now_s: float, believed_m: Array, believed_s: Array, believed_m_s: Array, trusted: Mask
-) -> tuple[Array, Array]:
-    """(n, 3) where everybody is at `now_s`; (n,) how old that is, inf where the newest is not believed."""
-    position_m, age_s = np.empty_like(believed_m), np.empty(len(believed_s))
+    now_s: float,
+    believed_m: Array,
+    believed_s: Array,
+    believed_m_s: Array,
+    trusted: Mask,
+    flies_on_s: float,
+    brakes_s: float,
+) -> tuple[Array, Array, Array]:
+    """Estimate the fleet's motion at `now_s`; see `gcs.table.Table`.
+
+    Returns: (n, 3) positions, (n, 3) velocities, and the (n,) age of the positions, inf where the newest is
+        not believed.
+    """
+    position_m, velocity_m_s = np.empty_like(believed_m), np.empty_like(believed_m_s)
+    age_s = np.empty(len(believed_s))
     for i in range(len(believed_s)):
         old_s = max(now_s - believed_s[i], 0.0)
+        share = min(max(1.0 - (old_s - flies_on_s) / brakes_s, 0.0), 1.0)
         for axis in range(3):
             position_m[i, axis] = believed_m[i, axis] + believed_m_s[i, axis] * min(old_s, FORWARD_MAX_S)
+            velocity_m_s[i, axis] = believed_m_s[i, axis] * share
         age_s[i] = old_s if trusted[i] else np.inf
-    return position_m, age_s
+    return position_m, velocity_m_s, age_s

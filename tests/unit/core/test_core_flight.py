@@ -12,12 +12,32 @@ from gcs.flight import Flight
 from gcs.formation.orbit import Center
 from gcs.formation.thomson import best_configuration
 from gcs.lifecycle import Phase, ShowPhase
-from gcs.state import Array, FleetState
+from gcs.state import Array, FleetState, Telemetry
 
 CENTER_M, RADIUS_M = np.array([3.0, 1.0, -20.0]), 8.0
 
 
-def flight(count: int, charges: tuple[float, ...] | None = None) -> Flight:
+class Climbing(SilentLink):
+    """A link whose one vehicle was received once, at 0 s: 2 m up, at 1 m/s along x."""
+
+    def snapshot(self) -> Telemetry:
+        """The same at all times."""
+        once_s = np.zeros(1)
+        return replace(
+            super().snapshot(),
+            position_time_s=once_s,
+            heartbeat_time_s=once_s,
+            life_time_s=once_s,
+            latitude_deg=np.array([47.0]),
+            longitude_deg=np.array([8.0]),
+            altitude_amsl_m=np.array([402.0]),
+            velocity_ned_m_s=np.array([[1.0, 0.0, 0.0]]),
+        )
+
+
+def flight(
+    count: int, charges: tuple[float, ...] | None = None, link: type[SilentLink] = SilentLink
+) -> Flight:
     vehicles = [
         {"id": f"d{row}", "system_id": row + 1, "charge": 1.0 if charges is None else charges[row]}
         for row in range(count)
@@ -30,7 +50,7 @@ def flight(count: int, charges: tuple[float, ...] | None = None) -> Flight:
             "operation": {"takeoff_height_m": 5.0},
         }
     )
-    return Flight(config, [SilentLink(config.ids)], 0.0)
+    return Flight(config, [link(config.ids)], 0.0)
 
 
 def at(subject: Flight, position_m: Array) -> Flight:
@@ -95,12 +115,22 @@ def test_while_all_fly_in_formation_nobody_has_a_goal_but_who_is_frozen_or_retur
 
 @pytest.mark.parametrize(("phase", "climbs"), [(Phase.LOST, True), (Phase.KILLED, False)])
 def test_one_lost_on_its_way_up_keeps_its_whole_climb_free_and_its_drift(phase: Phase, climbs: bool) -> None:
-    subject = flight(1)
+    subject = flight(1, link=Climbing)
     (vehicle,) = subject.vehicles.values()
     vehicle.phase, vehicle.home_m = phase, np.zeros(3)
-    here_m, there_m_s = np.array([[0.0, 0.0, -2.0]]), np.array([[1.0, 0.0, 0.0]])
-    subject.fleet = replace(subject.fleet, position_m=here_m, velocity_m_s=there_m_s)
     subject.note_seen(0)
     segments_m = subject.tasks().segments_m
     assert ([[0.0, 0.0, -6.0], [0.0, 0.0, 0.0]] in segments_m.tolist()) == climbs
     assert segments_m[:, :, 0].max() == pytest.approx(2.2)
+
+
+@pytest.mark.parametrize("age_s", [0.0, 1.9, 3.0, 20.0])
+def test_the_swept_space_of_a_lost_vehicle_never_shrinks(age_s: float) -> None:
+    """Its estimated velocity fades, but it can have flown on with the whole of its last velocity."""
+    subject = flight(1, link=Climbing)
+    (vehicle,) = subject.vehicles.values()
+    vehicle.phase, vehicle.home_m = Phase.LOST, np.zeros(3)
+    subject.note_seen(0)
+    subject.hear(age_s)
+    subject.note_seen(0)  # also where its position is not believed, but its telemetry arrives
+    assert subject.tasks().segments_m[:, :, 0].max() == pytest.approx(2.2 + min(age_s, 0.5), abs=1e-3)
