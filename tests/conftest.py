@@ -20,6 +20,9 @@ def pytest_configure(config: pytest.Config) -> None:
     )
     if is_required() and chromium() is None:
         raise pytest.UsageError(f"{REQUIRED} is set, and there is no Chromium: {GET_ONE}")
+    config.addinivalue_line(
+        "markers", "soak: shown by endurance only; run by `make soak`, and no part of `make test`"
+    )
     config.addinivalue_line("markers", "computes: not a real-time test, whatever its folder")
     config.addinivalue_line(
         "markers",
@@ -36,7 +39,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         in_real_time = any(folder in item.path.parents for folder in REAL_TIME)
         if in_real_time and item.get_closest_marker("computes") is None:
             item.add_marker(pytest.mark.realtime)
-        elif any(item.get_closest_marker(name) for name in ("alone", "realtime")):
+        elif any(item.get_closest_marker(name) for name in ("alone", "realtime", "soak")):
             folders = ", ".join(str(each.relative_to(HERE)) for each in REAL_TIME)
             raise pytest.UsageError(f"{item.nodeid}: what keeps time is in {folders} of tests")
 
@@ -47,6 +50,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
         each == BROWSER or BROWSER in each.parents or each in BROWSER.parents for each in asked
     ):
         terminalreporter.write_line(NOT_RUN, yellow=True)
+    if config.getoption("lf"):
+        for report in terminalreporter.getreports("passed"):
+            if report.when == "call":
+                line = f"FLAKY {report.nodeid}: failed once, passed by itself; a defect to be looked at"
+                terminalreporter.write_line(line, yellow=True)
 
 
 @pytest.fixture(params=["mavsdk", "direct"])

@@ -1,5 +1,6 @@
 """What the real-time tests must know of the machine they run on: free ports, and when it stood still."""
 
+import os
 import random
 import socket
 import threading
@@ -13,21 +14,27 @@ FIRST_PORT, LAST_PORT = 16000, 32000
 these between the moment it was found free and the moment it is opened.
 """
 
+WORKERS = 8
+"""Of pytest-xdist, each with a share of these ports: no test takes what another has found free."""
+
 LOOK_S = 0.01
 STALL_S = 0.05
 """Shorter pauses are not noted: what is measured with `Witness.awake_s` may still hold one of them."""
 
 
 def free_ports(count: int = 1) -> int:
-    """The first of `count` consecutive UDP ports that are free now."""
+    """The first of `count` consecutive ports that are free now, for UDP and for TCP."""
+    share = (LAST_PORT - FIRST_PORT) // WORKERS
+    lowest = FIRST_PORT + int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]) % WORKERS * share
     for _ in range(1000):
-        # at random: the tests beside this one look for ports too
-        first = random.SystemRandom().randrange(FIRST_PORT, LAST_PORT - count)
+        # at random: another run of the tests looks for ports too, and what was sent to a port may still come
+        first = random.SystemRandom().randrange(lowest, lowest + share - count)
         with ExitStack() as stack:
             try:
                 for port in range(first, first + count):
-                    probe = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-                    probe.bind(("127.0.0.1", port))
+                    for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM):
+                        probe = stack.enter_context(socket.socket(socket.AF_INET, kind))
+                        probe.bind(("127.0.0.1", port))
             except OSError:
                 continue
             return first

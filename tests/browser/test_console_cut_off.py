@@ -105,8 +105,11 @@ def test_a_show_that_was_started_by_the_clock_and_cut_off_is_taken_over_by_keybo
         ground.process.kill()
         desk.loses_its_service()
         expect(desk.part("start")).to_have_attribute("aria-disabled", "true")
-        desk.page.keyboard.press("Shift+S")  # it can be pressed, and says why it does nothing
-        desk.tells("refused", "No fresh data")
+        # it can be pressed, and says why it does nothing
+        desk.until(
+            lambda: desk.page.keyboard.press("Shift+S"),
+            lambda ms: desk.tells("refused", "No fresh data", ms),
+        )
         with ground.again() as client:
             desk.says("connection", "Live", FLIGHT_MS)
             desk.says("show-verdict-circle", "not checked")  # by this one, which has begun just now
@@ -124,8 +127,7 @@ def test_a_show_that_was_started_by_the_clock_and_cut_off_is_taken_over_by_keybo
             kill(desk, client, "d3")
             desk.says("airborne", "2/3")
             assert [each.phase for each in client.vehicles()] == ["formation", "formation", "killed"]
-            desk.page.keyboard.press("Shift+L")
-            desk.says("show-phase", "landing now")
+            desk.phase("Shift+L", "landing now")
             for name in ("d1", "d2"):
                 expect(desk.part(f"row-{name}")).to_contain_text("landing", timeout=FLIGHT_MS)
             assert [order.action for order in client.orders()] == ["abort", "kill", "take-over"]

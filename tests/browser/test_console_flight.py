@@ -123,15 +123,10 @@ def test_a_show_is_flown_by_the_page_alone(chrome: Browser, tmp_path: Path) -> N
         add_obstacle(desk, ground)
         assert desk.serious() == []
 
-        desk.page.keyboard.press("Shift+P")
-        desk.says("show-phase", "paused")  # everything stands, and can be taken hold of
+        desk.phase("Shift+P", "paused")  # everything stands, and can be taken hold of
         by_hand(desk, ground)
-        goes_on = re.compile("assembling|running")
-        desk.until(
-            lambda: desk.page.keyboard.press("Shift+R"), lambda ms: desk.says("show-phase", goes_on, ms)
-        )
-        desk.page.keyboard.press("Shift+H")
-        desk.says("show-phase", "returning home")
+        desk.phase("Shift+R", re.compile("assembling|running"))
+        desk.phase("Shift+H", re.compile("returning home|landed"))
         desk.says("show-phase", "landed", FLIGHT_MS)
         expect(desk.part("airborne")).to_contain_text("0/4")
         assert [order.action for order in ground.client.orders()] == [*("stop", "resume", "pause", "start")]

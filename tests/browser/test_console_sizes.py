@@ -130,9 +130,9 @@ def test_a_kill_is_armed_and_disarmed_on_a_small_phone(chrome: Browser, flying: 
         desk.says("connection", "Live")
         for width, height in ((360, 640), (640, 360)):
             desk.page.set_viewport_size({"width": width, "height": height})
-            desk.part("kill").tap()
-            desk.part("kill-pick-d1").tap()
-            desk.part("kill-arm").tap()
+            desk.opens(lambda: desk.tap("kill"), "kill-arm")
+            desk.tap("kill-pick-d1")
+            desk.tap("kill-arm")
             expect(desk.part("kill-hold")).to_be_visible(timeout=SOON_MS)
             pressable(desk, *COMMANDS)
             desk.part("kill-hold").scroll_into_view_if_needed()
@@ -162,16 +162,17 @@ def test_commands_are_given_on_a_phone_that_is_turned_and_after_a_stall(
     """Last of all: it lands the fleet."""
     with console(chrome, flying.url, width=360, height=740, touch=True) as desk:
         desk.says("connection", "Live")
-        desk.part("pause").tap()
-        desk.says("show-phase", "paused")
+        desk.until(lambda: desk.tap("pause"), lambda ms: desk.says("show-phase", "paused", ms))
         desk.part("tab-fleet").tap()
         desk.page.set_viewport_size({"width": 740, "height": 360})
         expect(desk.part("desk")).to_have_attribute("data-layout", "side")
         expect(desk.part("panel-fleet")).to_be_visible()
         pressable(desk, *COMMANDS)
         desk.part("close-right").tap()
-        desk.part("resume").tap()
-        expect(desk.part("show-phase")).not_to_contain_text("paused", timeout=SOON_MS)
+        desk.until(
+            lambda: desk.tap("resume"),
+            lambda ms: expect(desk.part("show-phase")).not_to_contain_text("paused", timeout=ms),
+        )
 
         desk.page.set_viewport_size({"width": 360, "height": 740})
         flying.process.send_signal(signal.SIGSTOP)
@@ -182,5 +183,5 @@ def test_commands_are_given_on_a_phone_that_is_turned_and_after_a_stall(
         assert desk.serious() == []
         desk.page.set_viewport_size({"width": 740, "height": 360})
         pressable(desk, *OFFERS, *COMMANDS)
-        desk.part("bring-home").tap()
+        desk.closes(lambda: desk.tap("bring-home"), "bring-home")
         desk.says("show-phase", "landed", FLIGHT_MS)

@@ -46,13 +46,15 @@ def proper(config: configuration.Config) -> tuple[str, ...]:
 def flying_config(
     count: int, port_base: int, *, silence_s: float, **operation: object
 ) -> configuration.Config:
-    """The demo's configuration for `count` vehicles, with a free API port, patient with silent ones."""
+    """The demo's configuration for `count` vehicles, with a free API port, patient with whatever is late."""
     raw = configuration.load(configuration.find("demo")).model_dump()
     raw["links"][0].update(listen=f"udpin://127.0.0.1:{port_base}", ports=count)
     raw["links"][0]["vehicles"]["count"] = count
     raw["api"]["port"] = 0
     raw["operation"]["takeoff_stagger_s"] = 0.2
     raw["operation"] |= {"silence_s": silence_s, "setpoint_loss_s": PATIENT_S, **operation}
+    for cause in ("service_late", "links_late", "wind"):  # a busy machine is late, and ends no flight here
+        raw["reactions"][cause]["action"] = "ignore"
     return configuration.Config.model_validate(raw)
 
 
@@ -119,6 +121,9 @@ def session_of(name: str, folder: Path, *sim_options: str) -> Iterator[tuple[str
     text = configuration.find(name).read_text(encoding="utf-8").replace("14540", str(base))
     text = text.replace("operation:\n", f"operation:\n  setpoint_loss_s: {PATIENT_S}\n")
     text = text.replace("takeoff_stagger_s: 2.0", "takeoff_stagger_s: 0.5")
+    assert "reactions:" not in text
+    ignored = ", ".join(f"{cause}: {{action: ignore}}" for cause in ("service_late", "links_late", "wind"))
+    text += f"\nreactions: {{{ignored}}}\n"
     config = folder / f"{name}.yaml"
     config.write_text(text, encoding="utf-8")
     gcs = [sys.executable, "-m", "gcs"]

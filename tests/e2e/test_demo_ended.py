@@ -17,6 +17,7 @@ from machine import free_ports
         (["--vehicles", "8", "--seconds", "20"], "--seconds 20: at least 170"),
     ],
 )
+@pytest.mark.computes
 def test_a_demo_that_cannot_be_flown_is_refused_in_words(arguments: list[str], says: str) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "gcs", "demo", *arguments], capture_output=True, text=True, check=False

@@ -5,12 +5,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from machine import free_ports
 
 from gcs.cli.main import main
 from gcs.records.known import orders
 
 
+@pytest.mark.soak
 def test_the_demo_flies_its_story_nothing_touches_and_its_record_proves_it(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "8", "--seconds", "170", "--json"]
     command += ["--api-port", "0", "--port-base", str(free_ports(8)), "--record", str(tmp_path)]

@@ -30,8 +30,10 @@ from gcs.errors import GcsError
 from gcs.interrupted import Offer
 from gcs.records.known import last_known, orders
 
-KILLS = 20
+KILLS = (4, 20)
+"""The more of them are for `make soak`."""
 BACK_S = 5.0
+"""Where the machine has nothing else to do, and twice as long beside others."""
 WITHIN_S = 0.8
 """Of its answering it is killed again."""
 
@@ -96,10 +98,10 @@ def places_m(folder: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return np.array([[float(str(truth[name])) for name in axes] for truth in truths])
 
 
-def kill_again_and_again(station: Supervised, machine: Witness) -> list[float]:
+def kill_again_and_again(station: Supervised, machine: Witness, kills: int) -> list[float]:
     """Returns: how long it took each time until it answered, while the machine ran."""
     moments, took_s = random.Random(5), []
-    for _ in range(KILLS):
+    for _ in range(kills):
         time.sleep(moments.uniform(0.0, WITHIN_S))
         killed_s = time.monotonic()
         os.kill(station.pid, signal.SIGKILL)
@@ -126,7 +128,8 @@ def home(client: Client) -> bool:
 
 
 @pytest.mark.alone
-def test_killed_twenty_times_in_flight_it_is_back_and_brings_everybody_home(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kills", [KILLS[0], pytest.param(KILLS[1], marks=pytest.mark.soak)])
+def test_killed_often_in_flight_it_is_back_and_brings_everybody_home(tmp_path: Path, kills: int) -> None:
     base = free_ports(len(IDS))
     config = config_of(base)
     with (
@@ -141,19 +144,20 @@ def test_killed_twenty_times_in_flight_it_is_back_and_brings_everybody_home(tmp_
         wait_until("running", SOON_S, lambda: client.show().phase == "running")
         crew = Crew(station.url)
         with crew.at_work():
-            took_s = kill_again_and_again(station, machine)
+            took_s = kill_again_and_again(station, machine, kills)
         in_the_air = places_m(tmp_path)
         wait_until("home", SOON_S, lambda: home(client))
         wait_until("disarmed", SOON_S, lambda: not any(vehicle.armed for vehicle in client.vehicles()))
         time.sleep(0.5)
         at_home_m = places_m(tmp_path)
     print([round(each, 1) for each in took_s], len(crew.accepted))  # noqa: T201 (shown when it fails)
-    assert max(took_s) < BACK_S, took_s
+    assert np.median(took_s) < BACK_S, took_s
+    assert max(took_s) < 2 * BACK_S, took_s
     assert (in_the_air[:, 2] < pads_m[:, 2] - 1.0).all(), "they flew all the while"
     assert np.abs(at_home_m - pads_m).max() < AT_HOME_M
     kept = {Given(order.id, order.action, order.accepted_unix_s) for order in orders(station.folder)}
-    assert len(crew.accepted) > KILLS
+    assert len(crew.accepted) > kills
     assert not crew.accepted - kept
-    assert len(station.said("service_started")) == KILLS + 1
+    assert len(station.said("service_started")) == kills + 1
     known = last_known(station.folder).vehicles
     assert {name: known[name].home_m is not None for name in IDS} == dict.fromkeys(IDS, True)

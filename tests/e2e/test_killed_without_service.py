@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from ground import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
 from machine import free_ports
 
@@ -72,6 +73,7 @@ def test_a_vehicle_is_killed_without_the_service_and_the_record_says_so(tmp_path
         assert armed(tmp_path) == [False, False]
 
 
+@pytest.mark.computes
 def test_nobody_is_killed_by_a_word_that_makes_no_sense(tmp_path: Path) -> None:
     for words, code, said in (
         ((), 2, "names, or --all"),

@@ -17,6 +17,8 @@ from gcs.cli.files import NAMES
 
 ROOT = Path(__file__).parents[2]
 
+pytestmark = pytest.mark.computes
+
 
 def test_a_wheel_brings_its_configurations_and_the_fake_autopilot(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path)]

@@ -74,6 +74,7 @@ def test_vehicles_found_in_the_air_are_taken_over_on_request_only_and_without_a_
             wait_until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in client.vehicles()))
             client.start()
             wait_until("running", SOON_S, reached(client, "running"))
+            wait_until("recorded", SOON_S, lambda: is_recorded(tmp_path / "first"))
             process.kill()
             process.wait()
         everybody_stands_in_the_record(tmp_path / "first", base)
@@ -98,6 +99,17 @@ def test_vehicles_found_in_the_air_are_taken_over_on_request_only_and_without_a_
     setpoints_m_s = first_setpoints_m_s(tmp_path / "second")
     assert sorted(setpoints_m_s) == [1, 2, 3]
     assert max(setpoints_m_s.values()) < AT_REST_M_S
+
+
+def is_recorded(folder: Path) -> bool:
+    """Whether the threads that write have come to what the service says."""
+    known = last_known(folder)
+    if known.session is None or known.show is None or known.show.phase != "running":
+        return False
+    if {vehicle.phase for vehicle in known.vehicles.values()} != {"formation"}:
+        return False
+    ticks = FlightData(known.session.folder / "flight.mcap").ticks()
+    return any(tick.status["show"] in {"assembling", "running"} for tick in ticks)
 
 
 def everybody_stands_in_the_record(folder: Path, port_base: int) -> None:

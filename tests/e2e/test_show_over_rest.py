@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from ground import SOON_S, flying_config, last_truths, proper, until, vehicles
+from machine import free_ports
 
 from gcs.api.app import create_app
 from gcs.api.server import serve
@@ -15,7 +16,6 @@ from gcs.errors import RefusedError
 from gcs.lifecycle import ShowPhase
 from gcs.orchestrator import Orchestrator
 
-PORT_BASE = 15870
 SHOW = """
 about: Three vehicles stand above their pads and turn.
 origin: {latitude_deg: 47.397742, longitude_deg: 8.545594, altitude_amsl_m: 488.0, heading_deg: 0.0}
@@ -93,10 +93,11 @@ async def fly(config: Config) -> None:
 
 
 def test_a_show_is_uploaded_checked_selected_flown_paused_and_brought_home(tmp_path: Path) -> None:
-    config = flying_config(3, PORT_BASE, silence_s=20.0)
+    base = free_ports(3)
+    config = flying_config(3, base, silence_s=20.0)
     raw = config.model_dump() | {"shows": {"folder": tmp_path / "shows"}}
     config = Config.model_validate(raw)
-    with vehicles(3, PORT_BASE, tmp_path, *proper(config)):
+    with vehicles(3, base, tmp_path, *proper(config)):
         asyncio.run(fly(config))
         states = last_truths(tmp_path / "truth.jsonl")
     assert [(state["landed"], state["armed"]) for state in states] == [(True, False)] * 3

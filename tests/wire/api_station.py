@@ -25,7 +25,7 @@ async def served(service: FakeService, door: Door | None = None) -> AsyncIterato
     app = create_app(service, door=door)
     task = asyncio.create_task(serve(app, port=0, listening=listening), name="api")
     try:
-        yield await asyncio.wait_for(listening, timeout=30)
+        yield await asyncio.wait_for(listening, timeout=120)
     finally:
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -56,7 +56,7 @@ def run(
     async def both() -> None:
         service = FakeService(count)
         ticks = nullcontext() if tick_s is None else ticking(service, tick_s)
-        async with asyncio.timeout(60), served(service) as port, ticks:
+        async with asyncio.timeout(240), served(service) as port, ticks:
             await main(service, port)
 
     asyncio.run(both())

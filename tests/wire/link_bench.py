@@ -77,7 +77,7 @@ async def running(link: AnyLink) -> AsyncIterator[None]:
             await task
 
 
-async def until(true: Callable[[], object], timeout_s: float = 30.0) -> None:
+async def until(true: Callable[[], object], timeout_s: float = 120.0) -> None:
     """Wait for something to become true. It is so still when this returns: nothing ran in between."""
     async with asyncio.timeout(timeout_s):
         while not true():  # noqa: ASYNC110  what is awaited happens in other threads and processes
@@ -114,16 +114,19 @@ class Ticks:
     Attributes:
         listed: the vehicles it commands.
         last_s: time of its last tick.
+        times_s: of all its ticks.
     """
 
     def __init__(self, link: AnyLink, *listed: str) -> None:
         self.link = link
         self.listed: tuple[str, ...] = listed
         self.last_s = 0.0
+        self.times_s: list[float] = []
 
     def tick(self) -> None:
         """Ask once."""
         self.last_s = time.monotonic()
+        self.times_s.append(self.last_s)
         velocity_m_s = np.tile(np.array(self.velocity_m_s()), (len(self.listed), 1))
         self.link.send(Setpoints(self.last_s, self.listed, velocity_m_s, np.zeros(len(self.listed))))
 

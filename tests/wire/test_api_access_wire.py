@@ -55,8 +55,8 @@ class Station:
             for app, ready in zip(apps, listening, strict=True)
         ]
         try:
-            self.port, self.lane_port = await asyncio.wait_for(asyncio.gather(*listening), timeout=30)
-            async with asyncio.timeout(60):
+            self.port, self.lane_port = await asyncio.wait_for(asyncio.gather(*listening), timeout=120)
+            async with asyncio.timeout(240):
                 yield
         finally:
             for task in tasks:

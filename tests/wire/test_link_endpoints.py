@@ -36,7 +36,7 @@ def listening(port: int) -> socket.socket:
 
 
 async def accepted(listener: socket.socket) -> socket.socket:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(120):
         connection, _ = await asyncio.get_running_loop().sock_accept(listener)
     return connection
 
@@ -44,7 +44,7 @@ async def accepted(listener: socket.socket) -> socket.socket:
 async def connected(port: int) -> socket.socket:
     made = socket.socket()
     made.setblocking(False)
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(120):
         await asyncio.get_running_loop().sock_connect(made, ("127.0.0.1", port))
     return made
 
@@ -52,7 +52,7 @@ async def connected(port: int) -> socket.socket:
 async def received(sock: socket.socket, size: int) -> bytes:
     """That many bytes."""
     data = b""
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(120):
         while len(data) < size:
             data += await asyncio.get_running_loop().sock_recv(sock, size - len(data))
     return data
@@ -64,7 +64,7 @@ def test_udp_out_speaks_first_and_hears_nobody_else() -> None:
             place = UdpOut("127.0.0.1", vehicle.getsockname()[1])
             async with bench(1, listen=place) as made:
                 made.wire.send(beat(245))
-                async with asyncio.timeout(30):
+                async with asyncio.timeout(120):
                     data, ground = await asyncio.get_running_loop().sock_recvfrom(vehicle, 2048)
                 assert data == beat(245)
                 other.sendto(beat(1), ground)
@@ -217,7 +217,7 @@ def cable(folder: Path) -> Iterator[Cable]:
 
 async def said(line: Cable, size: int) -> bytes:
     data = b""
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(120):
         while len(data) < size:
             data += line.read()
             await asyncio.sleep(0.005)
@@ -252,7 +252,7 @@ def test_a_serial_port_that_is_pulled_out_and_put_back_is_found(tmp_path: Path) 
                 await until(lambda: made.wire.address(1) is None)
                 made.wire.send(command(1) + beat(245))
                 line.plug()
-                async with asyncio.timeout(30):
+                async with asyncio.timeout(120):
                     while len(made.delivered) < 2:
                         line.write(beat(1))
                         await asyncio.sleep(0.1)
@@ -271,7 +271,7 @@ def test_a_serial_port_that_is_not_there_is_waited_for(
             await asyncio.sleep(1.3)
             line.plug()
             try:
-                async with asyncio.timeout(30):
+                async with asyncio.timeout(120):
                     while not made.delivered:
                         line.write(beat(1))
                         await asyncio.sleep(0.1)

@@ -65,7 +65,7 @@ def read_away(sender: socket.socket) -> None:
     with suppress(BlockingIOError, ConnectionRefusedError):
         while sender.recv(1 << 16):
             pass
-    sender.settimeout(30.0)
+    sender.settimeout(60.0)
 
 
 def a_million_bytes() -> list[bytes]:

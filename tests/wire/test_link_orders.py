@@ -124,7 +124,7 @@ def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
             peer.acknowledges = False
             killed_s = time.monotonic()
             await do(link, Verb.KILL, "v1")
-            assert machine.awake_s(killed_s, time.monotonic()) < 0.15  # an order waits 0.5 s for its answer
+            assert machine.awake_s(killed_s, time.monotonic()) < 0.4  # an order waits 0.5 s for its answer
             for task in (arming, queued):
                 with pytest.raises(OrderError):
                     await task
@@ -154,18 +154,23 @@ def test_a_silent_vehicle_delays_nobody() -> None:
                     await until(lambda: time.monotonic() - ticks.last_s < PERIOD_S)
                     began_s = time.monotonic()
                     await do(link, verb, "v2")
-                    assert machine.awake_s(began_s, time.monotonic()) < 0.3
+                    # v1's order waits 0.5 s for its answer, three times
+                    assert machine.awake_s(began_s, time.monotonic()) < 0.45
                 with pytest.raises(OrderError, match=r"arm failed \(TIMEOUT\)"):
                     await lost
                 await until(lambda: time.monotonic() - link.snapshot().life_time_s[0] > 3.1)
-                await asyncio.sleep(0.25)
-                now_s = time.monotonic()
-                await until(lambda: link.setpoint_times_s("v2")[-1] > now_s + 2 * PERIOD_S)
-                assert now_s - link.setpoint_times_s("v1")[-1] > 0.2  # silent for 3 s: not commanded
-                times_s = [time_s for time_s in link.setpoint_times_s("v2") if time_s > silent_s]
-                assert np.median(np.diff(times_s)) < 1.2 * PERIOD_S
+                # silent for 3 s: not commanded, while the other one is
+                await until(
+                    lambda: link.setpoint_times_s("v2")[-1] > link.setpoint_times_s("v1")[-1] + 5 * PERIOD_S
+                )
+                ended_s = link.setpoint_times_s("v2")[-1]
+                assert machine.awake_s(silent_s, link.setpoint_times_s("v1")[-1]) < 3.0 + 1.0
                 # MAVSDK waits 0.5 s and more for an answer: nobody else does
-                assert max(machine.awake_s(*gap) for gap in pairwise(times_s)) < 2 * PERIOD_S + STALL_S
+                ticks_s = [time_s for time_s in ticks.times_s if silent_s < time_s < ended_s]
+                times_s = [time_s for time_s in link.setpoint_times_s("v2") if time_s > silent_s]
+                assert len(times_s) > 0.9 * len(ticks_s)
+                late_s = max(machine.awake_s(*gap) for gap in pairwise(ticks_s))
+                assert max(machine.awake_s(*gap) for gap in pairwise(times_s)) < late_s + PERIOD_S + STALL_S
 
     port = free_ports(2)
     with Peer(port, 1) as silent, Peer(port + 1, 2), Witness() as machine:

@@ -22,7 +22,7 @@ DEADMAN_S = 0.2
 ON_ITS_WAY_S = 0.02
 """From a station that stands, what had left it still arrives."""
 
-SOON_S = 60.0
+SOON_S = 120.0
 
 TRANSPORTS = pytest.mark.parametrize("transport", ["mavsdk", "direct"])
 

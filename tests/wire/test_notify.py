@@ -14,7 +14,7 @@ from gcs.cli.notify import Notifier, from_environment
 def heard(tmp_path: Path) -> Iterator[socket.socket]:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
         listener.bind(str(tmp_path / "notify"))
-        listener.settimeout(5.0)
+        listener.settimeout(60.0)
         yield listener
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 LOCAL = "127.0.0.1"
-LIMIT_S = 60.0
+LIMIT_S = 120.0
 
 
 @contextlib.contextmanager

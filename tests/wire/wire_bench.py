@@ -102,7 +102,7 @@ def command(target: int) -> bytes:
 
 
 async def arrived(sock: socket.socket) -> bytes:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(120):
         return await asyncio.get_running_loop().sock_recv(sock, 2048)
 
 
