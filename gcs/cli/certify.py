@@ -8,7 +8,7 @@ from typing import Final
 from gcs import config as configuration
 from gcs.cli.output import WRONG, failed
 from gcs.cli.plots import require_matplotlib
-from gcs.cli.progress import working
+from gcs.cli.progress import Report, part_of, share_of
 from gcs.cli.record import session_folder
 from gcs.errors import GcsError
 from gcs.records.certify import EXIT_CODES, Certificate, certify
@@ -22,6 +22,9 @@ MEANING: Final = {
     "incomplete": "nothing that could be judged broke a limit, but not all could be judged",
 }
 
+READ_SHARE: Final = 0.8
+"""Of the time that a report takes, for reading the files; a guess that the shipped demo's record fits."""
+
 FLIGHT = "flight*.mcap"
 TRUTH = "truth*.jsonl"
 
@@ -31,8 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         if arguments.html:
             require_matplotlib("--html")
-        with working("judging the flight"):
-            certificate, source = _judge(arguments)
+        with share_of("judging the flight", shown=not arguments.json) as report_share:
+            certificate, source = _judge(arguments, report_share)
         report = {"source": source, **certificate.report()}
         text = json.dumps(report, indent=2)
         if arguments.report:
@@ -47,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     return EXIT_CODES[certificate.verdict]
 
 
-def _judge(arguments: argparse.Namespace) -> tuple[Certificate, str]:
+def _judge(arguments: argparse.Namespace, report: Report) -> tuple[Certificate, str]:
     """The judgement, and which files it is of. Raises: GcsError."""
     flights, truths = _found([Path(name) for name in arguments.files])
     if len(flights) > 1:
@@ -60,17 +63,20 @@ def _judge(arguments: argparse.Namespace) -> tuple[Certificate, str]:
         standard = Standard.of(data.about.config, str(data.path))
     else:
         raise GcsError(f"{truths[0]}: it does not say what holds; give flight.mcap too, or --config FILE")
-    believed = estimated(data) if data is not None else None
+    flight_read = 0.0 if data is None else READ_SHARE / 2.0 if truths else READ_SHARE
+    believed = estimated(data, part_of(report, 0.0, flight_read)) if data is not None else None
     wanted = arguments.positions or ("true" if truths else "estimated")
     if wanted == "true" and not truths:
         raise GcsError("--positions true: there is no truth file; gcs sim --truth writes one")
     tracks: Tracks | None = believed
     if wanted == "true":
-        tracks = true(truths, standard.frame, believed, data.about.ids if data is not None else ())
+        read = part_of(report, flight_read, READ_SHARE)
+        tracks = true(truths, standard.frame, believed, data.about.ids if data is not None else (), read)
     if tracks is None:
         raise GcsError("--positions estimated: there is no flight.mcap")
     used = truths if wanted == "true" else flights
-    judged = certify(tracks, standard, by_it_alone=bool(arguments.config))
+    rest = part_of(report, READ_SHARE, 1.0)
+    judged = certify(tracks, standard, by_it_alone=bool(arguments.config), on_progress=rest)
     return judged, ", ".join(str(path) for path in used)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gcs.errors import GcsError
 from gcs.records.pairs import Pairs, nearest_approaches
 from gcs.records.standard import Standard
-from gcs.records.tracks import Single, Tracks
+from gcs.records.tracks import OnProgress, Single, Tracks
 from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
 from gcs.state import Array, Mask
@@ -32,6 +32,9 @@ TOLERATED_M_S, TOLERATED_M_S2 = 0.3, 0.5
 TOLERATED_SETPOINT: Final = 1e-4
 """Setpoints have no answer of their own: only what single precision loses."""
 
+
+PAIRS_AT_ONCE: Final = 20_000_000
+"""Times samples: what is judged between two reports of progress, about 0.1 s."""
 
 LEEWAY_TOLD: Final = 1.01
 """Less is single precision's."""
@@ -119,13 +122,20 @@ class Certificate:
         }
 
 
-def certify(tracks: Tracks, standard: Standard, *, by_it_alone: bool = False) -> Certificate:
+def certify(
+    tracks: Tracks,
+    standard: Standard,
+    *,
+    by_it_alone: bool = False,
+    on_progress: OnProgress | None = None,
+) -> Certificate:
     """Judge a flight. Pure.
 
     Args:
         tracks: of it.
         standard: that holds where no limits were recorded.
         by_it_alone: whatever was recorded.
+        on_progress: is called with the share that is judged, from 0 to 1.
 
     Raises: GcsError when the limits that were recorded are none.
     """
@@ -138,7 +148,7 @@ def certify(tracks: Tracks, standard: Standard, *, by_it_alone: bool = False) ->
             setpoint_held_at=np.zeros(count, np.intp),
         )
     standards = tuple(standard.under(limits) for limits in tracks.held)
-    pairs, least_m = _approaches(tracks, standards)
+    pairs, least_m = _approaches(tracks, standards, on_progress)
     checks = (
         _separation(tracks, pairs),
         *_fence(tracks, standards),
@@ -148,12 +158,14 @@ def certify(tracks: Tracks, standard: Standard, *, by_it_alone: bool = False) ->
     return Certificate(tracks, standards, pairs, least_m, checks)
 
 
-def _approaches(tracks: Tracks, standards: Sequence[Standard]) -> tuple[Pairs, Single]:
-    """The nearest approaches, each judged by the floor that held then."""
-    at = tracks.held_at
-    if at is None or len(standards) == 1:
-        return nearest_approaches(tracks, standards[0].safety.floor)
-    borders = [0, *(np.flatnonzero(np.diff(at)) + 1).tolist(), len(at)]
+def _approaches(
+    tracks: Tracks, standards: Sequence[Standard], on_progress: OnProgress | None
+) -> tuple[Pairs, Single]:
+    """The nearest approaches, each judged by the floor that held then; piece by piece, for the progress."""
+    at = np.zeros(len(tracks.time_s), np.intp) if tracks.held_at is None else tracks.held_at
+    samples = max(1, PAIRS_AT_ONCE // max(1, len(tracks.ids)) ** 2)
+    changes = (np.flatnonzero(np.diff(at)) + 1).tolist()
+    borders = sorted({0, *changes, *range(0, len(at), samples), len(at)})
     found: Pairs | None = None
     least_m = np.full(len(at), np.inf, np.float32)
     for first, end in pairwise(borders):
@@ -169,6 +181,8 @@ def _approaches(tracks: Tracks, standards: Sequence[Standard]) -> tuple[Pairs, S
         least_m[first:reach] = np.minimum(least_m[first:reach], near_m)
         later = replace(pairs, sample=np.where(pairs.sample < 0, -1, pairs.sample + first).astype(np.int32))
         found = later if found is None else found.with_nearer(later)
+        if on_progress is not None:
+            on_progress(end / len(at))
     if found is None:
         raise GcsError("there is no flight in it")
     return found, least_m

@@ -1,8 +1,9 @@
 """Where everybody was during a flight: as the service believed, or as a simulation knows."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +17,9 @@ from gcs.records.flown import FlightData, Flown
 from gcs.state import Array, Landed, Mask, VehicleId
 
 Single = NDArray[np.float32]
+OnProgress = Callable[[float], None]
+REPORTED_TICKS: Final = 50
+"""Progress is reported once in so many."""
 
 IN_THE_AIR: Final = AIRBORNE | {Phase.LOST, Phase.PILOT}
 TRUTH_S: Final = 0.05
@@ -49,9 +53,12 @@ GAP_S: Final = 1.0
 """Between two samples farther apart than this the path is unknown."""
 
 
-def estimated(data: FlightData) -> Tracks:
-    """As the service believed. Raises: GcsError when nothing was recorded."""
-    ticks = list(data.ticks())
+def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Tracks:
+    """As the service believed. `on_progress` is called with the share that is read, from 0 to 1.
+
+    Raises: GcsError when nothing was recorded.
+    """
+    ticks = list(data.ticks() if on_progress is None else _reported(data, on_progress))
     if not ticks:
         raise GcsError(f"{data.path}: there is no flight in it. {data.cut}".strip())
     time_s = np.array([tick.tick["time_s"] for tick in ticks])
@@ -90,6 +97,15 @@ def estimated(data: FlightData) -> Tracks:
         ),
         [at for at, _ in gaps],
     )
+
+
+def _reported(data: FlightData, on_progress: OnProgress) -> Iterator[Flown]:
+    """Every tick; the share of the file's time that is read is reported on the way."""
+    starts_s = [start_s for start_s, _ in data.index.chunks]
+    for number, tick in enumerate(data.ticks()):
+        if number % REPORTED_TICKS == 0 and starts_s and starts_s[-1] > starts_s[0]:
+            on_progress(min(1.0, (tick.unix_s - starts_s[0]) / (starts_s[-1] - starts_s[0])))
+        yield tick
 
 
 def _held(ticks: Sequence[Flown]) -> tuple[tuple[Mapping[str, Any] | None, ...], NDArray[np.intp]]:
@@ -183,7 +199,13 @@ def _triples(table: NDArray[np.void], *names: str) -> Single:
     return np.stack([table[name] for name in names], axis=-1)
 
 
-def true(files: Sequence[Path], frame: ShowFrame, beside: Tracks | None, ids: Sequence[VehicleId]) -> Tracks:
+def true(
+    files: Sequence[Path],
+    frame: ShowFrame,
+    beside: Tracks | None,
+    ids: Sequence[VehicleId],
+    on_progress: OnProgress | None = None,
+) -> Tracks:
     """As a simulation knows, from the files that `gcs sim --truth` writes.
 
     Args:
@@ -191,10 +213,11 @@ def true(files: Sequence[Path], frame: ShowFrame, beside: Tracks | None, ids: Se
         frame: of the show.
         beside: the same flight as believed, by the same clock, to tell who was flown; None: by the modes.
         ids: names of the vehicles by their numbers, the first has 1; empty: "1", "2" and so on.
+        on_progress: is called with the share that is read, from 0 to 1.
 
     Raises: GcsError naming file and line.
     """
-    parts = [_read(file) for file in files]
+    parts = [_read(file, partial(_of_several, on_progress, at, len(files))) for at, file in enumerate(files)]
     start_s, end_s = max(part.time_s[0] for part in parts), min(part.time_s[-1] for part in parts)
     if not start_s < end_s:
         raise GcsError(f"{', '.join(str(file) for file in files)}: they have no time in common")
@@ -241,6 +264,12 @@ def true(files: Sequence[Path], frame: ShowFrame, beside: Tracks | None, ids: Se
     )
 
 
+def _of_several(on_progress: OnProgress | None, before: int, count: int, share: float) -> None:
+    """Report the share of one file as a share of `count`, of which `before` are read."""
+    if on_progress is not None:
+        on_progress((before + share) / count)
+
+
 def _outside(beside: Tracks, time_s: Array) -> list[str]:
     """What flew before or after the times that the truth is known of, in words."""
     flew_s = beside.time_s[beside.airborne.any(axis=1)]
@@ -269,15 +298,12 @@ def _at(part: _Part, time_s: Array) -> Array:
     return np.stack(columns, axis=1).reshape(len(time_s), *part.values.shape[1:])
 
 
-def _read(file: Path) -> _Part:
-    try:
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise GcsError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise GcsError(f"{file}: not a truth file: not text") from None
+def _read(file: Path, report: OnProgress) -> _Part:
+    lines = _lines(file)
     samples, is_cut = [], False
     for number, line in enumerate(lines, start=1):
+        if number % REPORTED_TICKS == 0:
+            report(number / len(lines))
         try:
             samples.append(_sample(json.loads(line)))
         except (ValueError, KeyError, TypeError) as error:
@@ -295,6 +321,15 @@ def _read(file: Path) -> _Part:
     if not (np.diff(time_s) > 0).all():
         raise GcsError(f"{file}: its times do not increase")
     return _Part(numbers, time_s, np.array([sample[2] for sample in samples]), is_cut)
+
+
+def _lines(file: Path) -> list[str]:
+    try:
+        return file.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise GcsError(f"{file}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise GcsError(f"{file}: not a truth file: not text") from None
 
 
 def _sample(raw: Mapping[str, Any]) -> tuple[float, tuple[int, ...], list[list[float]]]:

@@ -4,9 +4,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gcs.cli import main
+from gcs.cli.shows.rehearsal import rehearse
 from gcs.show import load, shipped
 
 BROKEN = Path(__file__).parents[1] / "data" / "shows"
@@ -40,6 +42,16 @@ def test_a_shipped_show_is_good_to_fly(path: Path, capsys: pytest.CaptureFixture
     assert sideways_m == sorted(sideways_m)
     cues = {cue["cue"].split(" (")[0] for cue in verdict["cues"]}
     assert all(pair["upper"] != pair["lower"] and pair["cue"] in cues for pair in verdict["columns"])
+
+
+def test_progress_of_a_check_goes_forward_through_the_whole_flight() -> None:
+    shares: list[float] = []
+    flight, _ = rehearse(load(BROKEN / "orbit-never-reached.yaml"), 1, shares.append)
+    assert shares == sorted(shares)
+    assert shares[0] < 0.05
+    assert 0.9 < shares[-1] <= 1.0
+    assert len(shares) > flight.time_s / 2
+    assert max(np.diff(shares)) < 0.2
 
 
 @pytest.mark.parametrize("name", FLOWN)

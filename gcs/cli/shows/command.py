@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gcs.cli.output import print_json
 from gcs.cli.plots import require_matplotlib
-from gcs.cli.progress import working
+from gcs.cli.progress import share_of
 from gcs.cli.shows.rehearsal import rehearse
 from gcs.cli.shows.verdict import judge, table
 from gcs.errors import ConfigError, ShowError
@@ -40,8 +40,8 @@ def _check(arguments: argparse.Namespace) -> int:
         else:
             print(error, file=sys.stderr)
         return 1
-    with working(f"flying {path.stem} in virtual time"):
-        verdict = judge(*rehearse(loaded, arguments.seed))
+    with share_of(f"flying {path.stem} in virtual time", shown=not arguments.json) as report:
+        verdict = judge(*rehearse(loaded, arguments.seed, report))
     model = {"model": loaded.show.model_dump(mode="json")} if arguments.model else {}
     if arguments.json:
         print_json(verdict.told() | model, indent=None)
@@ -57,8 +57,8 @@ def _plot(loaded: LoadedShow, arguments: argparse.Namespace) -> int:
     file = Path(arguments.picture)
     if not file.parent.is_dir() or file.suffix not in {".png", ".svg", ".pdf"}:
         raise ConfigError(f"{file}: a .png, .svg or .pdf file in a folder that exists")
-    with working("flying it in virtual time"):
-        verdict = draw(*rehearse(loaded, arguments.seed), file)
+    with share_of("flying it in virtual time", shown=not arguments.json) as report:
+        verdict = draw(*rehearse(loaded, arguments.seed, report), file)
     if arguments.json:
         print_json({"picture": str(file), "good": verdict.good})
     return 0 if verdict.good else 1

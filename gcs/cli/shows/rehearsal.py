@@ -1,6 +1,6 @@
 """A show flown in virtual time: hovering, assembling, the timeline, home."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -22,11 +22,22 @@ HOME_BY_S = 400.0
 """Nor will somebody come home who has not by then."""
 
 
+ASSEMBLED_IN_S = 10.0
+HOME_IN_S = 30.0
+"""How long that takes in the shipped shows: what progress assumes of the parts that no file knows."""
+
+REPORT_S = 1.0
+"""Of virtual time, between two reports of progress."""
+
+
 class Rehearsal(SimulatedFlight):
     """One flight of a show; what was wrong on the way is in `flaws`."""
 
-    def __init__(self, loaded: LoadedShow, world: World, seed: int) -> None:
-        """`world` is how vehicles and links are."""
+    def __init__(
+        self, loaded: LoadedShow, world: World, seed: int, on_progress: Callable[[float], None] | None = None
+    ) -> None:
+        """`world` is how vehicles and links are; `on_progress` is called with the share that is flown."""
+        self._on_progress, self._report_at_s = on_progress, 0.0
         show, timeline = loaded.show, loaded.timeline
         self.loaded, self.timeline = loaded, timeline
         self.began_s: float | None = None  # the show's clock: when the sphere stood
@@ -59,6 +70,9 @@ class Rehearsal(SimulatedFlight):
 
     def before_tick(self) -> None:
         """What the director would do now."""
+        if self._on_progress is not None and self.time_s >= self._report_at_s:
+            self._report_at_s = self.time_s + REPORT_S
+            self._on_progress(self.share_flown())
         if self.began_s is None:
             self._assemble()
         if self.began_s is not None and self.ended_s is None:
@@ -67,6 +81,17 @@ class Rehearsal(SimulatedFlight):
             begin = self.center_moves
             self.center_moves = False
             self.come_home(self.loaded.show.fleet.takeoff_height_m, begin=begin)
+
+    def share_flown(self) -> float:
+        """How much of the flight is done, from 0 to 1: exact within the timeline, elsewhere an estimate."""
+        timeline_s = self.timeline.duration_s
+        if self.began_s is None:
+            done_s = min(self.time_s, ASSEMBLED_IN_S)
+        elif self.ended_s is None:
+            done_s = ASSEMBLED_IN_S + self.time_s - self.began_s
+        else:
+            done_s = ASSEMBLED_IN_S + timeline_s + min(self.time_s - self.ended_s, HOME_IN_S)
+        return done_s / (ASSEMBLED_IN_S + timeline_s + HOME_IN_S)
 
     def finished(self) -> bool:
         """When everybody is down."""
@@ -121,7 +146,12 @@ class Rehearsal(SimulatedFlight):
         return dict(zip(self.world.ids, rows, strict=True))
 
 
-def rehearse(loaded: LoadedShow, seed: int = 1) -> tuple[Rehearsal, Record]:
-    """Fly it once, with the recorded errors of the vehicles' own positions."""
-    flight = Rehearsal(loaded, World(noise=1.0), seed)
+def rehearse(
+    loaded: LoadedShow, seed: int = 1, on_progress: Callable[[float], None] | None = None
+) -> tuple[Rehearsal, Record]:
+    """Fly it once, with the recorded errors of the vehicles' own positions.
+
+    `on_progress` is called with the share of the flight that is done, from 0 to 1.
+    """
+    flight = Rehearsal(loaded, World(noise=1.0), seed, on_progress)
     return flight, flight.fly()

@@ -21,7 +21,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _plot(paths, arguments)
     runs = [run for path in paths for run in _runs(path, arguments)]
     reports = []
-    with working(f"flying {len(runs)} in virtual time" if len(runs) > 1 else "flying", len(runs)) as one_done:
+    text = f"flying {len(runs)} in virtual time" if len(runs) > 1 else "flying"
+    with working(text, len(runs), shown=not arguments.json) as one_done:
         for figures in run_all(runs, arguments.workers):
             reports.append(figures)
             one_done()

@@ -15,7 +15,7 @@ from gcs.cli import options
 from gcs.cli.commands import ACTIONS, CALLS, COMMANDS, names
 from gcs.cli.demo import VEHICLES_MAX
 from gcs.cli.main import load, main, whole_parser
-from gcs.cli.progress import working
+from gcs.cli.progress import part_of, share_of, working
 from gcs.cli.simulation.scenario import ROWS
 
 NO_SERVICE = "http://127.0.0.1:9"
@@ -194,7 +194,22 @@ def test_progress_is_shown_on_a_terminal_and_nowhere_else() -> None:
         shown[is_terminal] = console.file.getvalue()  # type: ignore[attr-defined]
     assert "flying 3 in virtual time" in shown[True]
     assert "2/3" in shown[True]
+    assert "67%" in shown[True]
     assert shown[False] == ""
+
+
+def test_a_share_is_shown_in_per_cent_and_never_goes_back() -> None:
+    def shown(*, is_terminal: bool, wanted: bool) -> str:
+        console = Console(file=StringIO(), force_terminal=is_terminal, width=80)
+        with share_of("judging the flight", console, shown=wanted) as report:
+            part_of(report, 0.5, 1.0)(0.5)
+            report(0.25)
+        text: str = console.file.getvalue()  # type: ignore[attr-defined]
+        return text
+
+    assert "judging the flight" in shown(is_terminal=True, wanted=True)
+    assert shown(is_terminal=True, wanted=True).split("%")[-2].endswith("75")
+    assert shown(is_terminal=True, wanted=False) == shown(is_terminal=False, wanted=True) == ""
 
 
 def test_what_came_along_is_listed_and_printed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,9 @@
 """A flight judged: what was broken is found, named and timed; what is no record is refused."""
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,9 +17,12 @@ from gcs.cli.main import main
 from gcs.frames import ShowFrame
 from gcs.lifecycle import Phase
 from gcs.records import layout
+from gcs.records.certify import certify
 from gcs.records.flightfile import FlightFile
+from gcs.records.flown import FlightData
 from gcs.records.pairs import nearest_approaches
-from gcs.records.tracks import true
+from gcs.records.standard import Standard
+from gcs.records.tracks import estimated, true
 from gcs.safety.separation import Floor
 from gcs.state import Array
 
@@ -270,3 +276,53 @@ def test_the_nearest_pairs_are_those_of_all_pairs(tmp_path: Path) -> None:
     i, j = pairs.nearest(1)[0]
     scaled = np.linalg.norm((tracks.position_m[:, i] - tracks.position_m[:, j]) * floor.scale, axis=-1).min()
     assert pairs.ratio[i, j] <= scaled / floor.horizontal_m + 1e-5
+
+
+def test_progress_goes_from_nothing_to_all_of_the_flight(tmp_path: Path) -> None:
+    data = FlightData(flight(tmp_path, apart_m=5.0, count=4000))
+    read: list[float] = []
+    tracks = estimated(data, read.append)
+    judged_so_far: list[float] = []
+    standard = Standard.of(data.about.config, "it")
+    certify(tracks, standard, on_progress=judged_so_far.append)
+    for shares in (read, judged_so_far):
+        assert shares == sorted(shares)
+        assert shares[-1] <= 1.0
+    assert read[0] < 0.1
+    assert read[-1] > 0.8
+    assert judged_so_far[-1] == 1.0
+
+
+def test_a_flight_judged_in_pieces_is_judged_as_in_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = truth(tmp_path / "truth-1.jsonl", moves(-6, 0, -9, (3, 0, 0)), moves(6, 1, -9, (-3, 0, 0)))
+    whole = judged(file, "--config", "demo")
+    monkeypatch.setattr("gcs.records.certify.PAIRS_AT_ONCE", 28)
+    assert judged(file, "--config", "demo") == whole
+
+
+@pytest.mark.parametrize(("options", "is_shown"), [((), True), (("--json",), False)])
+def test_on_a_terminal_the_report_shows_per_cent_on_standard_error_and_never_with_json(
+    tmp_path: Path, options: tuple[str, ...], is_shown: bool
+) -> None:
+    file = truth(tmp_path / "truth-1.jsonl", stands(0, 0, -9), stands(9, 0, -9), seconds=60.0)
+    ours, theirs = os.openpty()
+    command = [sys.executable, "-m", "gcs", "certify", str(file), "--config", "demo", *options]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=theirs, env=os.environ | {"TERM": "xterm"}
+    ) as process:
+        os.close(theirs)
+        shown = b""
+        try:
+            while piece := os.read(ours, 4096):
+                shown += piece
+        except OSError:  # the other end is closed: all is read
+            pass
+        out, _ = process.communicate(timeout=60)
+    os.close(ours)
+    assert (b"%" in shown) == is_shown
+    assert b"judging" not in out
+    if not is_shown:
+        assert shown == b""
+        assert json.loads(out)["verdict"]
