@@ -60,7 +60,7 @@ def test_datagrams_come_and_go_in_batches_with_the_kernels_times(batched: bool) 
                 assert (data == data[0]).all()
                 assert (host_of(source), port_of(source)) == one.getsockname()
                 assert socket_of(source) in (0, 1)
-            assert (part.time_s > before_s - 0.05).all()
+            assert (part.time_s > before_s - 1.0).all()  # older where the machine pauses between two clocks
             assert (part.time_s < after_s + 0.05).all()
         destination = np.array([came[0].source[0], -1, came[0].source[0]])
         data = np.arange(12, dtype=np.uint8).reshape(3, 4)

@@ -45,7 +45,7 @@ def test_a_recording_holds_every_frame_in_order(tmp_path: Path, kind: str, stati
         async with running(link):
             await ready(link)
             await do(link, Verb.ARM, "v1")
-            await asyncio.sleep(1.0)
+            await until(lambda: len(seen) > 50)
         assert link.counters.recorded == len(seen)
 
     with Peer(port := free_ports(), 1):
@@ -86,7 +86,7 @@ def test_a_recording_can_be_read_after_the_process_was_killed(tmp_path: Path) ->
         while (message := log.recv_match()) is not None:
             assert message.get_type() != "BAD_DATA"
             last_s = message._timestamp
-    assert killed_s - last_s < 1.5
+    assert killed_s - last_s < 3.0  # it is written once a second, when the machine has time for it
 
 
 def test_a_link_flies_though_its_recording_fails(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -1,6 +1,7 @@
 """One UDP port for many vehicles, and more vehicles than one MAVSDK instance bears (64)."""
 
 import asyncio
+import time
 from contextlib import ExitStack
 
 import pytest
@@ -26,11 +27,10 @@ def test_twenty_vehicles_behind_one_radio_are_flown() -> None:
                 await until(lambda: all(link.setpoint_times_s(each) for each in link.ids))
                 await ticks.offboard()
                 assert set(link.snapshot().mode) == {Mode.OFFBOARD}
-                before = router.to_everybody
-                await asyncio.sleep(2.0)
-                assert 1 <= router.to_everybody - before <= 4, (
-                    "a heartbeat a second, not one for each vehicle"
-                )
+                before, began_s = router.to_everybody, time.monotonic()
+                await until(lambda: router.to_everybody >= before + 2)
+                most = time.monotonic() - began_s + 3  # one may have waited, and two be in one datagram
+                assert router.to_everybody - before <= most, "a heartbeat a second, not one for each vehicle"
             await do(link, Verb.LAND, *link.ids)
 
     ids = range(1, 21)

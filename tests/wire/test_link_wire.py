@@ -223,7 +223,8 @@ def test_what_waited_in_the_socket_is_as_old_as_it_is() -> None:
                 after_s = time.monotonic()
                 time.sleep(0.2)  # noqa: ASYNC251  a stalled loop is the subject
                 await until(lambda: made.delivered)
-                assert before_s - 0.05 < made.wire.heard[1].heartbeat_time_s < after_s + 0.05
+                # older where the machine pauses between two clocks
+                assert before_s - 1.0 < made.wire.heard[1].heartbeat_time_s < after_s + 0.05
 
     asyncio.run(main())
 

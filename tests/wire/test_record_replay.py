@@ -179,7 +179,7 @@ def test_it_is_paused_and_sought_and_tells_what_had_happened_by_then(recorded: P
         assert positions_s(address, 3)[-1] == pytest.approx(1.0, abs=0.06)
         assert client.status().vehicles[0].home is None
         assert client.status().events == []
-        client.playback.change(paused=False, speed=10.0)
+        client.playback.change(paused=False, speed=2.0)
         moving = positions_s(address, 5)
         assert 1.0 <= moving[0] < moving[-1]
         with pytest.raises(InvalidError, match="position_s"):

@@ -45,9 +45,9 @@ def test_health_is_red_when_control_says_so_itself() -> None:
 async def texts_around_the_moment_a_state_gets_old() -> list[str]:
     service = FakeService()
     desk = Desk(service, Door())
-    service.view.set(replace(service.view.value, time_s=desk_time_s() - convert.VIEW_AGE_MAX_S + 0.1))
+    service.view.set(replace(service.view.value, time_s=desk_time_s() - convert.VIEW_AGE_MAX_S + 1.0))
     fresh = [desk.fleet_json(), desk.fleet_json()]
-    await asyncio.sleep(0.15)
+    await asyncio.sleep(1.05)
     old = desk.fleet_json()
     service.tick()
     return [*fresh, old, desk.fleet_json()]

@@ -40,7 +40,7 @@ class Places:
 
 
 def soon(holds: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 20.0
+    end_s = time.monotonic() + 120.0
     while not holds():
         assert time.monotonic() < end_s
         time.sleep(0.01)
@@ -252,7 +252,7 @@ def test_a_disk_that_fails_is_told_of_and_what_was_noted_meanwhile_is_written_on
         book.open("start", ["d1"], {})
         began_s = time.monotonic()
         assert not asyncio.run(record.audit.kept())
-        assert time.monotonic() - began_s < 5.0
+        assert time.monotonic() - began_s < 30.0  # not for ever: the disk fails
         soon(lambda: bool(record.problems))
         assert "nothing is recorded" in record.problems[0]
         root.unlink()

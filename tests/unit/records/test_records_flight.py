@@ -28,7 +28,7 @@ ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": 
 
 
 def soon(holds: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 20.0
+    end_s = time.monotonic() + 120.0
     while not holds():
         assert time.monotonic() < end_s
         time.sleep(0.01)
