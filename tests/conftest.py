@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
 
+from gcs.api import convert
+
 HERE = Path(__file__).parent
 BROWSER = HERE / "browser"
 BY_THE_CLOCK = (HERE / "unit" / "api", HERE / "unit" / "records")  # a state's age; threads that write soon
@@ -50,7 +52,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
         each == BROWSER or BROWSER in each.parents or each in BROWSER.parents for each in asked
     ):
         terminalreporter.write_line(NOT_RUN, yellow=True)
-    if config.getoption("lf"):
+    if config.getoption("lf", False):
         for report in terminalreporter.getreports("passed"):
             if report.when == "call":
                 line = f"FLAKY {report.nodeid}: failed once, passed by itself; a defect to be looked at"
@@ -61,6 +63,19 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
 def transport(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """The test holds for both transports: changes what `link_bench.a_link` makes."""
     monkeypatch.setattr("link_bench.chosen", request.param)
+
+
+@pytest.fixture
+def patient_api(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The API takes a state for new that is 60 s old: a pause of the machine does not stop control."""
+    monkeypatch.setattr(convert, "VIEW_AGE_MAX_S", 60.0)
+
+
+@pytest.fixture(autouse=True)
+def _patient(request: pytest.FixtureRequest) -> None:
+    """All tests of the API without a socket are patient; a module whose subject is the age says otherwise."""
+    if HERE / "unit" / "api" in request.path.parents:
+        request.getfixturevalue("patient_api")
 
 
 @pytest.fixture

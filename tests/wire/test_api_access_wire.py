@@ -31,6 +31,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 
 from api_fake_service import FakeService
 
+pytestmark = pytest.mark.usefixtures("patient_api")
+
 PEM = Path(__file__).parents[1] / "data" / "tls"
 TLS = TlsSettings(certificate_file=PEM / "certificate.pem", key_file=PEM / "key.pem")
 

@@ -22,6 +22,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 from api_background import in_background
 from api_fake_service import FakeService
 
+pytestmark = pytest.mark.usefixtures("patient_api")
+
 BOX: dict[str, Any] = {
     "x_m": 50.0,
     "y_m": 0.0,

@@ -39,6 +39,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 from api_background import in_background
 from api_fake_service import FakeRecord, FakeService
 
+pytestmark = pytest.mark.usefixtures("patient_api")
+
 EVERYTHING = [
     "health",
     "ready",

@@ -12,6 +12,11 @@ from gcs.api.door import Door
 from gcs.errors import RefusedError
 
 
+@pytest.fixture(autouse=True)
+def _patient() -> None:
+    """The age of a state is the subject here."""
+
+
 def test_health_is_green_while_ticks_come() -> None:
     api = Api()
     api.service.tick()

@@ -20,6 +20,11 @@ from gcs.service import (
 )
 
 
+@pytest.fixture(autouse=True)
+def _patient() -> None:
+    """The age of a state is the subject here."""
+
+
 def playing() -> tuple[Api, FakeRecord]:
     api, record = Api(), FakeRecord()
     api.service.record = record
