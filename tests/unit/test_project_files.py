@@ -67,3 +67,9 @@ def test_hooks_run_the_tools_of_the_environment() -> None:
     tools = [each["entry"].split()[0] for each in local["hooks"] if each["language"] == "system"]
     assert {Path(each).name for each in tools} == {"ruff", "mypy", "lint-imports"}
     assert all(each.startswith(".venv/bin/") for each in tools)
+
+
+def test_the_tutorial_includes_every_example() -> None:
+    tutorial = (ROOT / "docs" / "tutorial" / "first-program.md").read_text(encoding="utf-8")
+    included = re.findall(r'^--8<-- "examples/(.+)"$', tutorial, re.MULTILINE)
+    assert sorted(included) == sorted(path.name for path in (ROOT / "docs" / "examples").glob("*.py"))
