@@ -14,6 +14,7 @@ import numpy as np
 from gcs.config import OperationSettings
 from gcs.errand_tasks import Errand, ErrandTasks
 from gcs.errors import OrderError, RefusedError
+from gcs.homeward import IN_PLACE_M, WELL_IN_PLACE_M, is_above, may_hand_over
 from gcs.lifecycle import FLOWN, Event, Phase
 from gcs.links import Order, Verb
 from gcs.state import Array, FleetState, Mode
@@ -32,10 +33,6 @@ MODES_OF = {
 
 UP_SHARE, ENDED_SHARE = 0.85, 0.6
 """Of the height that was ordered: enough in any case, and enough where the autopilot holds already."""
-
-IN_PLACE_M = 0.8
-WELL_IN_PLACE_M = 0.4
-"""Where a slanting way ends: there is little height left to come nearer on the way down."""
 
 EARLY_S = 0.05
 """By how much two take-offs may be closer than the stagger: their timers are not exact."""
@@ -314,8 +311,7 @@ class Errands(ErrandTasks):
         return share > UP_SHARE or (share > ENDED_SHARE and self._around.mode(vehicle) is Mode.HOLD)
 
     def _above(self, vehicle: Vehicle, place_m: Array, within_m: float = IN_PLACE_M) -> bool:
-        here_m = self._position_m(vehicle)
-        return bool(np.hypot(here_m[0] - place_m[0], here_m[1] - place_m[1]) < within_m)
+        return bool(is_above(self._position_m(vehicle)[None], place_m[None], within_m)[0])
 
     async def _until(
         self,
@@ -379,9 +375,10 @@ class Errands(ErrandTasks):
         vehicle.goal_m = np.array([place_m[0], place_m[1], place_m[2]])
         await self._until(
             vehicle,
-            lambda: (
-                self._height_m(vehicle, place_m) < self._settings.handover_height_m
-                and self._above(vehicle, place_m)
+            lambda: bool(
+                may_hand_over(
+                    self._position_m(vehicle)[None], place_m[None], self._settings.handover_height_m
+                )[0]
             ),
         )
         await self._touch_down(vehicle)

@@ -6,12 +6,13 @@ from concurrent.futures import Executor, Future
 
 import numpy as np
 
-from gcs.control import ellipses_of
+from gcs.control import ControlSettings, ellipses_of
 from gcs.errors import ShapeError
 from gcs.flight import Flight
 from gcs.homeward import AreFree, Pace, Planner, Ways, plan_ways
 from gcs.landing import CLEAR_M
 from gcs.lifecycle import Phase
+from gcs.plan import Plan
 from gcs.quoting import cut
 from gcs.state import Array, Mask, VehicleId
 from gcs.vehicle import Vehicle
@@ -120,10 +121,8 @@ class Homecoming:
         log.error("return_planner_failed", extra={"reason": self._problem}, exc_info=error)
 
     def _flown(self) -> Mask:
-        """(n,) who flies its way in the plan, and is waited for."""
+        """(n,) which vehicles fly the plan."""
         flown = np.array([vehicle_id in self._led for vehicle_id in self._rows], dtype=np.bool_)
-        if self._pace is not None:
-            flown[list(self._pace.ways.unplanned)] = False
         self._led.clear()
         return flown
 
@@ -162,34 +161,66 @@ class Homecoming:
         control, operation = flight.control, flight.config.operation
         self._rows = {vehicle.id: row for row, (vehicle, _) in enumerate(homes)}
         try:
-            planner = Planner(
+            planner = return_planner(
                 flight.fleet.position_m[rows].copy(),
                 np.array([home_m for _, home_m in homes]),
-                operation.takeoff_height_m,
-                operation.handover_height_m,
-                speed_m_s=control.law.speed_m_s,
-                goal_rate_per_s=control.law.goal_rate_per_s,
-                limits=control.safety.limits,
-                floor=control.safety.floor,
-                uncertainty_m=2.0 * float(flight.traits.uncertainty_m[rows].max()),
-                are_free=self._are_free(),
+                (operation.takeoff_height_m, operation.handover_height_m),
+                control,
+                flight.plan,
+                flight.fleet.time_s,
+                flight.traits.uncertainty_m[rows],
             )
             self._planned = self._planning.submit(plan_ways, planner, lambda: self._enough)
         except (ShapeError, RuntimeError) as error:  # RuntimeError: no thread can be started
             self._fail(error)
 
-    def _are_free(self) -> AreFree:
-        """Which places are inside the fence and clear of obstacles, as they are now."""
-        flight, fence = self._flight, self._flight.control.safety.fence
-        ellipses = tuple(ellipses_of(flight.plan, flight.control, flight.fleet.time_s).values())
 
-        def are_free(place_m: Array) -> Mask:
-            height_m = -place_m[:, 2]
-            free = np.hypot(place_m[:, 0], place_m[:, 1]) <= fence.distance_max_m - INSIDE_FENCE_M
-            free &= height_m <= fence.height_max_m - INSIDE_FENCE_M
-            for ellipse in ellipses:
-                low = np.flatnonzero(height_m < ellipse.top_height_m)
-                free[low] &= ellipse.distance_m(place_m[low]) >= CLEAR_M
-            return np.asarray(free)
+def return_planner(
+    position_m: Array,
+    home_m: Array,
+    heights_m: tuple[float, float],
+    control: ControlSettings,
+    plan: Plan,
+    time_s: float,
+    uncertainty_m: Array,
+) -> Planner:
+    """Prepare the plan of a collective return: of a flight, and of its rehearsal.
 
-        return are_free
+    Args:
+        position_m: (n, 3) where the vehicles are, show frame; owned by the planner.
+        home_m: (n, 3) where they come down.
+        heights_m: above home: least height of the ways, and height from which the autopilots land.
+        control: speeds, fence and floor.
+        plan: its obstacles are avoided where they are at `time_s`.
+        time_s: now.
+        uncertainty_m: (n,) of the positions.
+
+    Raises: ShapeError where there are no vehicles, or a place is not finite.
+    """
+    return Planner(
+        position_m,
+        home_m,
+        *heights_m,
+        speed_m_s=control.law.speed_m_s,
+        goal_rate_per_s=control.law.goal_rate_per_s,
+        limits=control.safety.limits,
+        floor=control.safety.floor,
+        uncertainty_m=2.0 * float(uncertainty_m.max()),
+        are_free=_are_free(control, plan, time_s),
+    )
+
+
+def _are_free(control: ControlSettings, plan: Plan, time_s: float) -> AreFree:
+    """Which places are inside the fence and clear of obstacles, as they are at `time_s`."""
+    fence, ellipses = control.safety.fence, tuple(ellipses_of(plan, control, time_s).values())
+
+    def are_free(place_m: Array) -> Mask:
+        height_m = -place_m[:, 2]
+        free = np.hypot(place_m[:, 0], place_m[:, 1]) <= fence.distance_max_m - INSIDE_FENCE_M
+        free &= height_m <= fence.height_max_m - INSIDE_FENCE_M
+        for ellipse in ellipses:
+            low = np.flatnonzero(height_m < ellipse.top_height_m)
+            free[low] &= ellipse.distance_m(place_m[low]) >= CLEAR_M
+        return np.asarray(free)
+
+    return are_free

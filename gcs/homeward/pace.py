@@ -33,10 +33,12 @@ class Pace:
         Args:
             step_s: since the last time.
             position_m: (n, 3) where they are now, show frame.
-            flown: (n,) who flies the plan, and can be waited for.
+            flown: (n,) which vehicles fly the plan; those that found no way are never waited for.
         """
         behind_m = np.linalg.norm(position_m - self.ways.expected_m(self.time_s), axis=1)
-        waited_for = behind_m[flown & (behind_m < GIVEN_UP_M)]
+        followed = flown & (behind_m < GIVEN_UP_M)
+        followed[list(self.ways.unplanned)] = False
+        waited_for = behind_m[followed]
         share = (HELD_UP_M - float(waited_for.max(initial=0.0))) / (HELD_UP_M - KEPT_UP_M)
         waits_s = min(step_s * (1.0 - min(max(share, 0.0), 1.0)), PATIENCE_S - self._waited_s)
         self._waited_s += waits_s

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -14,18 +15,19 @@ from gcs.cli.simulation.passing import THROUGH_M, approaching
 from gcs.cli.simulation.record import NOWHERE, Record
 from gcs.cli.simulation.scenario import FormationFlight, GoalFlight, Scenario
 from gcs.cli.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
+from gcs.config import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
 from gcs.errors import RefusedError
 from gcs.feasibility import check_obstacle
 from gcs.flight import BEHIND_M
 from gcs.formation.neighbours import Sight
-from gcs.homeward import Pace, Planner, Ways, plan_ways
+from gcs.homecoming import return_planner
+from gcs.homeward import WELL_IN_PLACE_M, Pace, Ways, is_above, may_hand_over, plan_ways
 from gcs.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.state import Array, FleetState, Mask, Traits
 
-ABOVE_HOME_M = 0.8  # as gcs.errands
-HANDOVER_HEIGHT_M = 1.5
+HANDOVER_HEIGHT_M: Final[float] = OperationSettings.model_fields["handover_height_m"].default
 AFTER_BOXES_S = 25.0
 """A flight among random boxes goes on for so long after the last of them."""
 
@@ -161,11 +163,10 @@ class SimulatedFlight:
             pace.advance(self.world.tick_s, here_m, led)
         for row in np.flatnonzero(led).tolist():
             self.goal_m[row] = pace.goal_m(row)
-        over = np.hypot(*(here_m - pads_m)[:, :2].T) < ABOVE_HOME_M
-        arrived = led & over & (pace.time_s >= pace.ways.over_s)
+        arrived = led & is_above(here_m, pads_m, WELL_IN_PLACE_M) & (pace.time_s >= pace.ways.over_s)
         self.descending = self.descending | arrived
         self.goal_m[arrived] = pads_m[arrived]
-        low = flown & self.descending & (-here_m[:, 2] < HANDOVER_HEIGHT_M)
+        low = flown & self.descending & may_hand_over(here_m, pads_m, HANDOVER_HEIGHT_M)
         self.task[low] = Task.NONE
         self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
@@ -178,20 +179,17 @@ class SimulatedFlight:
         return np.asarray(near & ~self.descending)
 
     def _ways_home(self, here_m: Array, pads_m: Array, takeoff_height_m: float) -> Ways:
-        """As the director plans them."""
-        return plan_ways(
-            Planner(
-                here_m,
-                pads_m,
-                takeoff_height_m,
-                HANDOVER_HEIGHT_M,
-                speed_m_s=self.settings.law.speed_m_s,
-                goal_rate_per_s=self.settings.law.goal_rate_per_s,
-                limits=self.settings.safety.limits,
-                floor=self.floor,
-                uncertainty_m=2.0 * float(np.array(self.traits.uncertainty_m).max()),
-            )
+        """The flight's own plan."""
+        planner = return_planner(
+            here_m.copy(),
+            pads_m,
+            (takeoff_height_m, HANDOVER_HEIGHT_M),
+            self.settings,
+            self.plan,
+            self.time_s,
+            np.array(self.traits.uncertainty_m),
         )
+        return plan_ways(planner)
 
     def vanish(self, rows: Mask) -> None:
         """Gone, from one moment to the next."""
