@@ -12,6 +12,7 @@ from loopback_link import LoopbackLink, system_ids
 from virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
+    AtOnce,
     Show,
     UnixClock,
     alarm_texts,
@@ -77,9 +78,9 @@ async def one_session(
         excluded=exclusions(root),
     )
     with record:
-        service = Orchestrator(config, [link], record, unix_s=unix)
+        service = Orchestrator(config, [link], record, unix_s=unix, planning=AtOnce())
         show = Show(config, fleet, link, service, unix)
-        tasks = {asyncio.create_task(service.run()), asyncio.create_task(show.record())}
+        tasks = {asyncio.create_task(service.run()), asyncio.create_task(show.record(record))}
         await show.wait(0.0)
         told = asyncio.ensure_future(story(show))
         try:
