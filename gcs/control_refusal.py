@@ -1,6 +1,6 @@
 """Which airborne vehicles this station does not take control of, and why. Pure functions of one vehicle."""
 
-from gcs.failsafe_cause import control_refusal
+from gcs.failsafe_cause import comes_down, control_refusal
 from gcs.flight import Flight
 from gcs.signs_of_life import BEATS_MAY_LACK_S
 from gcs.state import Mode
@@ -35,3 +35,13 @@ def why_not_without_heartbeat(flight: Flight, vehicle: Vehicle) -> str:
         return ""
     agreed = f"take-control {vehicle.id} names it, when its pilot agrees"
     return f"no heartbeat for {age_s:.1f} s, a pilot may have it: {agreed}"
+
+
+def why_not_touching_down(flight: Flight, vehicle: Vehicle) -> str:
+    """Why a command to all leaves out a vehicle that its autopilot has nearly landed; empty for others."""
+    facts = flight.facts(vehicle)
+    ground_z_m = 0.0 if vehicle.home_m is None else float(vehicle.home_m[2])
+    height_m = ground_z_m - float(flight.position_m(vehicle)[2])
+    if not comes_down(facts) or not height_m < flight.config.operation.handover_height_m:
+        return ""
+    return f"its autopilot lands it, {max(height_m, 0.0):.1f} m above the ground: it is left to touch down"

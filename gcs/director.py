@@ -8,6 +8,7 @@ from typing import Final
 from gcs.checks import PreflightReport
 from gcs.clearance import Clearance
 from gcs.control_refusal import why_never
+from gcs.errand_tasks import Done
 from gcs.errands import Errands
 from gcs.errors import InvalidError, OrderError, RefusedError
 from gcs.flight import Flight
@@ -70,6 +71,7 @@ class Director:
         self._starting = Starting(flight, errands, book, self._clearance, stage, unix_s)
         self._vehicle_orders = VehicleOrders(flight, errands, book)
         self._homecoming: Homecoming | None = None
+        self._commanded: ShowEvent | None = None  # the newest command to all, where vehicles may be awaited
         self.takeover = Takeover(flight, errands, book, stage, found, self._bring_home, unix_s)
         self._watch = Watch(flight, errands, inspection, self._come_back)
         self._reacting = Reacting(flight, stage, clock, unix_s, self, errands.running)
@@ -145,9 +147,9 @@ class Director:
         self._starting.count_down()
         if self._homecoming is not None:
             self._homecoming.advance()
+        self.takeover.advance()
         led = (*flight.airborne, *self.waiting, *flight.in_phase(Phase.PILOT))
         busy = [vehicle for vehicle in led if self._errands.running(vehicle)]
-        self.takeover.advance()
         follow(flight, busy=bool(busy))
         if flight.show is ShowPhase.ARMING:
             # who comes down again does not keep the others waiting
@@ -269,8 +271,19 @@ class Director:
         return self._vehicle_orders.kill(vehicle_ids)
 
     def _reclaimed(self, *, reclaim: bool) -> list[Vehicle]:
-        """Airborne vehicles outside control, of which a command first takes control."""
-        return self.takeover.reclaimable if reclaim else []
+        """Airborne vehicles outside control that a command reaches: it takes control of them first.
+
+        Args:
+            reclaim: those that a stall or a restart explains count; otherwise only those of which control is
+                being taken already.
+        """
+        flight = self._flight
+        found = self.takeover.reclaim() if reclaim else []
+        return [
+            one
+            for one in flight.in_phase(Phase.PILOT)
+            if one in found or (self._errands.running(one) and not why_never(flight, one))
+        ]
 
     def _stop(
         self,
@@ -293,7 +306,7 @@ class Director:
             self._lead_again(ShowEvent.STOP, reason)
             self._send_one_home(record, vehicle, homecoming, landing_places_m(self._flight, [vehicle]))
 
-        self._expect(record, later, reached)
+        self._expect(record, later, reached, ShowEvent.STOP, reclaim=reclaim)
         for vehicle in waiting:
             self._errands.start(vehicle, self._errands.stay_down, self._book.closer(record, vehicle.id))
         return record
@@ -303,14 +316,35 @@ class Director:
         return self.takeover.unreceived if reclaim else []
 
     def _expect(
-        self, record: OrderRecord, later: Sequence[Vehicle], reached: Callable[[Vehicle], None]
+        self,
+        record: OrderRecord,
+        later: Sequence[Vehicle],
+        reached: Callable[[Vehicle], None],
+        event: ShowEvent,
+        *,
+        reclaim: bool,
     ) -> None:
-        """Await these for a command; those that are not received in time are named in its outcome."""
+        """Await these for a command; those that are not received in time are named in its outcome.
+
+        Where the service repeats what an operator has commanded, the operator's command still counts.
+        """
+        if not reclaim and event is self._commanded:
+            return
+        self._commanded = event
 
         def missed(vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
             self._book.close(record.id, vehicle.id, outcome, reason)
 
-        self.takeover.expect(later, reached, missed)
+        self.takeover.expect(later, reached, missed, reaches_fallen=reclaim)
+
+    def _closer(self, record: OrderRecord, vehicle: Vehicle) -> Done:
+        """Closes the vehicle's part of a command to all, unless a stall before it has only delayed it."""
+
+        def done(outcome: Outcome, reason: str) -> None:
+            if outcome is not Outcome.FAILED or not self.takeover.reaches_again(vehicle):
+                self._book.close(record.id, vehicle.id, outcome, reason)
+
+        return done
 
     def _lead_again(self, event: ShowEvent, reason: str) -> None:
         """A vehicle is reached later than the others, of which none may have been reached."""
@@ -360,7 +394,7 @@ class Director:
             else self._errands.come_home_together(homecoming, self._stops_m(vehicle))
         )
         errand = self._errands.take_control_first(errand)
-        self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
+        self._errands.start(vehicle, errand, self._closer(record, vehicle))
 
     def _not_ours(self, reclaimed: Sequence[Vehicle] = ()) -> dict[VehicleId, str]:
         """Vehicles that no command to all reaches, and why."""
@@ -369,8 +403,8 @@ class Director:
             if vehicle not in reclaimed:
                 why = f"{vehicle.phase}: {vehicle.reason}"
                 if vehicle.phase is Phase.PILOT:
-                    never = why_never(self._flight, vehicle)
-                    why += f"; {never or f'take-control {vehicle.id} names it, when its pilot agrees'}"
+                    why_not = self.takeover.why_not(vehicle)
+                    why += f"; {why_not or f'take-control {vehicle.id} names it, when its pilot agrees'}"
                 left_out[vehicle.id] = why
         return left_out
 
@@ -378,8 +412,37 @@ class Director:
         """All vehicles stop in place: also those on their way home or down, but for those touching down."""
         flight, errands = self._flight, self._errands
         advance_show(flight.show, ShowEvent.PAUSE)
-        back, waiting = self._reclaimed(reclaim=reclaim), self.waiting
-        later = self._expected(reclaim=reclaim)
+        taking_over = self.takeover.taking_over  # it ends paused: the pause goes along with it
+        back = [one for one in self._reclaimed(reclaim=reclaim) if one not in taking_over]
+        waiting = self.waiting
+        later = [one for one in self._expected(reclaim=reclaim) if one not in taking_over]
+        self._stop_on_the_way()
+        self._lead(ShowEvent.PAUSE, reason, flight.airborne)
+        stopped = flight.in_phase(Phase.FORMATION)
+        others = flight.in_phase(Phase.TAKEOFF, Phase.HOLD, Phase.LANDING)
+        left_out = self._not_ours(back) | {v.id: f"{v.phase}: {v.reason}" for v in others}
+        reached_ids = [v.id for v in (*stopped, *taking_over, *back, *waiting, *later)]
+        left_out = {name: why for name, why in left_out.items() if name not in reached_ids}
+        record = self._book.open("pause", reached_ids, left_out)
+        for vehicle in stopped:
+            self._book.close(record.id, vehicle.id, Outcome.DONE)
+
+        def reached(vehicle: Vehicle) -> None:
+            errands.start(vehicle, errands.take_control, self._book.closer(record, vehicle.id))
+
+        for vehicle in back:
+            reached(vehicle)
+        if taking_over:
+            self.takeover.go_along(record)
+        else:
+            self._expect(record, later, reached, ShowEvent.PAUSE, reclaim=reclaim)
+        for vehicle in waiting:
+            errands.start(vehicle, errands.stay_down, self._book.closer(record, vehicle.id))
+        return self._book.get(record.id)
+
+    def _stop_on_the_way(self) -> None:
+        """Stop vehicles on their way home or down, but for those touching down, and those in formation."""
+        flight, errands = self._flight, self._errands
         if flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
             for vehicle in flight.in_phase(Phase.HOLD):  # about to come home, or down
                 errands.stop(vehicle, "paused by another command")
@@ -389,24 +452,6 @@ class Director:
                 vehicle.apply(Event.PAUSE, "paused on its way, holds in place")
         for vehicle in flight.in_phase(Phase.FORMATION):
             vehicle.hold_m = self._stops_m(vehicle)
-        self._lead(ShowEvent.PAUSE, reason, flight.airborne)
-        stopped = flight.in_phase(Phase.FORMATION)
-        left_out = self._not_ours(back) | {
-            v.id: f"{v.phase}: {v.reason}" for v in flight.in_phase(Phase.TAKEOFF, Phase.HOLD, Phase.LANDING)
-        }
-        record = self._book.open("pause", [v.id for v in (*stopped, *back, *waiting, *later)], left_out)
-        for vehicle in stopped:
-            self._book.close(record.id, vehicle.id, Outcome.DONE)
-
-        def reached(vehicle: Vehicle) -> None:
-            errands.start(vehicle, errands.take_control, self._book.closer(record, vehicle.id))
-
-        for vehicle in back:
-            reached(vehicle)
-        self._expect(record, later, reached)
-        for vehicle in waiting:
-            errands.start(vehicle, errands.stay_down, self._book.closer(record, vehicle.id))
-        return self._book.get(record.id)
 
     def _stops_m(self, vehicle: Vehicle) -> Array:
         """(3,) where it can stand soon."""
@@ -419,7 +464,14 @@ class Director:
         performance = self._flight.performance
         if performance is not None and not performance.started:
             raise RefusedError(f"show {performance.name!r} was never started: stop brings home all vehicles")
-        self._flight.move_show(ShowEvent.RESUME, "re-forms, then goes on")
+        flight = self._flight
+        advance_show(flight.show, ShowEvent.RESUME)
+        joining = self.takeover.taking_over or any(vehicle.engaging for vehicle in flight.airborne)
+        if not joining and not flight.in_phase(Phase.FORMATION):
+            raise RefusedError("no vehicle is in formation: order take-over where it is offered, or join")
+        flight.move_show(ShowEvent.RESUME, "re-forms, then goes on")
+        self._commanded = ShowEvent.RESUME
+        self.takeover.replace()
         return self._done("resume")
 
     def _done(self, action: str, left_out: Mapping[VehicleId, str] | None = None) -> OrderRecord:
@@ -452,7 +504,7 @@ class Director:
             alone = vehicle.comes_down_alone
             errand = self._errands.autopilot_land if alone else self._errands.descend(places_m[vehicle.id])
             errand = self._errands.take_control_first(errand)
-            self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
+            self._errands.start(vehicle, errand, self._closer(record, vehicle))
 
         def reached(vehicle: Vehicle) -> None:
             self._lead_again(ShowEvent.ABORT, reason)
@@ -460,7 +512,7 @@ class Director:
 
         for vehicle in flying:
             come_down(vehicle, places_m)
-        self._expect(record, later, reached)
+        self._expect(record, later, reached, ShowEvent.ABORT, reclaim=reclaim)
         for vehicle in waiting:
             self._errands.start(vehicle, self._errands.stay_down, self._book.closer(record, vehicle.id))
         return record

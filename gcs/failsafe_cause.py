@@ -105,9 +105,9 @@ def cause_of(facts: VehicleFacts) -> FailsafeCause:
         for cause, words in _TEXTS
         if words.search(text.lower())
     }
-    comes_down = facts.mode in {Mode.LAND, Mode.RETURN}
+    lands = facts.mode in {Mode.LAND, Mode.RETURN}
     battery = _battery(facts, announced)
-    if battery is not None and (facts.in_failsafe or (comes_down and announced & BATTERY)):
+    if battery is not None and (facts.in_failsafe or (lands and announced & BATTERY)):
         return battery
     if not facts.in_failsafe:
         return FailsafeCause.UNKNOWN
@@ -152,7 +152,7 @@ def described(vehicle_id: VehicleId, cause: FailsafeCause, facts: VehicleFacts) 
     level = f", battery {facts.battery_remaining:.0%}" if cause in BATTERY and _is_known(facts) else ""
     advice = _ADVICE.get(cause, "Take control to fly it again.")
     if cause in BATTERY:
-        advice = "Leave it." if _comes_down(facts) else "Take control, and land it."
+        advice = "Leave it." if comes_down(facts) else "Take control, and land it."
     if cause is FailsafeCause.SETPOINT_LOSS:
         level = f": {_setpoints(facts)}"
     return f"{vehicle_id} {does} by {whose}{level}. {advice}"
@@ -186,7 +186,7 @@ def control_refusal(vehicle_id: VehicleId, facts: VehicleFacts) -> str:
     Only what comes down by itself is left alone. One that hovers on a critical battery may be taken: nothing
     else brings it down.
     """
-    if facts.battery_remaining < facts.battery_critical_below and _comes_down(facts):  # False for NaN
+    if facts.battery_remaining < facts.battery_critical_below and comes_down(facts):  # False for NaN
         return (
             f"{vehicle_id}: battery {facts.battery_remaining:.0%}, critical below"
             f" {facts.battery_critical_below:.0%}: taking control would stop its landing. Safe instead:"
@@ -195,6 +195,7 @@ def control_refusal(vehicle_id: VehicleId, facts: VehicleFacts) -> str:
     return ""
 
 
-def _comes_down(facts: VehicleFacts) -> bool:
+def comes_down(facts: VehicleFacts) -> bool:
+    """Whether its mode brings it to the ground: a landing, a return, or the descent of a failsafe."""
     descends = facts.in_failsafe and facts.mode in {Mode.POSITION, Mode.OTHER}
     return descends or facts.mode in {Mode.LAND, Mode.RETURN}

@@ -150,8 +150,16 @@ def mismatches(
     return wrong
 
 
-def is_left_alone(before: Phase, mode: Mode, setpoint_loss_action: str) -> bool:
-    """Whether a mode is one in which our end, and no pilot, left a vehicle."""
+def is_left_alone(before: Phase, mode: Mode, setpoint_loss_action: str, *, in_failsafe: bool) -> bool:
+    """Whether a mode is one in which our end, and no pilot, left a vehicle.
+
+    Args:
+        before: its phase when control ended.
+        mode: now.
+        setpoint_loss_action: see `gcs.config.OperationSettings`.
+        in_failsafe: whether its autopilot reports a failsafe. With "descend" it flies in a pilot's mode, or
+            lands where it cannot; only the failsafe tells these from a pilot.
+    """
     ours = {Mode.HOLD, Mode.OFFBOARD}
     if before is Phase.TAKEOFF:
         ours.add(Mode.TAKEOFF)
@@ -159,6 +167,8 @@ def is_left_alone(before: Phase, mode: Mode, setpoint_loss_action: str) -> bool:
         ours.add(Mode.LAND)
     if setpoint_loss_action == "return":
         ours.add(Mode.RETURN)
+    if setpoint_loss_action == "descend" and in_failsafe:
+        ours |= {Mode.POSITION, Mode.OTHER, Mode.LAND}
     return mode in ours
 
 
@@ -174,11 +184,19 @@ def remaining(
     mode: Mode,
     loss_action: str,
     *,
+    in_failsafe: bool = False,
     taken_again: bool = False,
 ) -> Remaining:
     """What is known of one vehicle now.
 
-    `taken_again`: this station has controlled it since, and then somebody else took it.
+    Args:
+        name: of the vehicle.
+        before: what it was when control ended.
+        phase: now.
+        mode: now.
+        loss_action: `operation.setpoint_loss_action`.
+        in_failsafe: whether its autopilot reports a failsafe.
+        taken_again: this station has controlled it since, and then a pilot or another station took it.
     """
     waits, text = False, f"{phase}"
     if phase is Phase.OFFLINE:
@@ -188,7 +206,7 @@ def remaining(
     elif phase in AIRBORNE:
         waits, text = phase is Phase.HOLD, f"ours again: {phase}"
     elif phase is Phase.PILOT:
-        waits = not taken_again and is_left_alone(before.phase, mode, loss_action)
+        waits = not taken_again and is_left_alone(before.phase, mode, loss_action, in_failsafe=in_failsafe)
         text = f"was {before.phase}, waits in mode {mode}"
         if not waits:
             text = f"in mode {mode}, a pilot may have it: take-control when the pilot agrees"

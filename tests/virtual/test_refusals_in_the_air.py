@@ -8,12 +8,13 @@ from collections.abc import Awaitable, Callable, Iterator
 from functools import partial
 
 import pytest
+from show_phases import aborting, arming, assembling, paused, returning, running
 from stalls import stall
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 from gcs.errors import GcsError, RefusedError
 from gcs.interrupted import Offer
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.lifecycle import Phase
 from gcs.service import Outcome, ShowAction, VehicleAction, VehicleOutcome
 
 Command = Callable[[Show], object]
@@ -55,34 +56,9 @@ def commands() -> Iterator[tuple[str, Command]]:
     yield "seek", lambda show: show.service.seek_show("a cue")
 
 
-async def arming(show: Show) -> None:
-    await show.standby()
-    show.service.command_show(ShowAction.START)
-    await show.until(lambda: show.view.counts.airborne > 0)
-
-
-async def assembling(show: Show) -> None:
+async def taking_off(show: Show) -> None:
     await arming(show)
-    await show.reach(ShowPhase.ASSEMBLING)
-
-
-async def running(show: Show) -> None:
-    await show.start()
-
-
-async def paused(show: Show) -> None:
-    await running(show)
-    show.service.command_show(ShowAction.PAUSE)
-
-
-async def returning(show: Show) -> None:
-    await running(show)
-    show.service.command_show(ShowAction.STOP)
-
-
-async def aborting(show: Show) -> None:
-    await running(show)
-    show.service.command_show(ShowAction.ABORT)
+    await show.until(lambda: show.view.counts.airborne > 0)
 
 
 async def stalled(show: Show) -> None:
@@ -107,7 +83,7 @@ async def one_on_its_pad(show: Show) -> None:
 
 
 PHASES: tuple[Callable[[Show], Awaitable[None]], ...] = (
-    *(arming, assembling, running, paused, returning, aborting, stalled, piloted, one_on_its_pad),
+    *(taking_off, assembling, running, paused, returning, aborting, stalled, piloted, one_on_its_pad),
 )
 
 

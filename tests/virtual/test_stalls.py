@@ -5,14 +5,19 @@ from collections.abc import Awaitable, Callable
 
 import numpy as np
 import pytest
+from show_phases import aborting, arming, assembling, paused, returning, running
 from stalls import floor_violations, stall
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 from gcs.alarms import AlarmCause
 from gcs.counts import Counts
-from gcs.lifecycle import FLOWN, ShowPhase
+from gcs.interrupted import Offer
+from gcs.lifecycle import FLOWN, Phase, ShowPhase
 from gcs.service import Outcome, ShowAction
 from gcs.sim.modes import Mode as PilotMode
+from gcs.state import Array
+
+Into = Callable[[Show], Awaitable[None]]
 
 COUNT = 5
 TRUE_WITHIN_S = 1.0
@@ -31,42 +36,13 @@ async def counting_down(show: Show) -> None:
     show.service.command_show(ShowAction.START, at_unix_time_s=show.unix() + 30.0)
 
 
-async def arming(show: Show) -> None:
-    await show.standby()
-    show.service.command_show(ShowAction.START)
-
-
-async def assembling(show: Show) -> None:
-    await arming(show)
-    await show.reach(ShowPhase.ASSEMBLING)
-
-
-async def running(show: Show) -> None:
-    await show.start()
-
-
-async def paused(show: Show) -> None:
-    await running(show)
-    show.service.command_show(ShowAction.PAUSE)
-
-
-async def returning(show: Show) -> None:
-    await running(show)
-    show.service.command_show(ShowAction.STOP)
-
-
-async def aborting(show: Show) -> None:
-    await running(show)
-    show.service.command_show(ShowAction.ABORT)
-
-
 async def uncontrolled(show: Show) -> None:
     await running(show)
     await show.wait(1.0)
     stall(show, 3.0)
 
 
-PHASES: tuple[Callable[[Show], Awaitable[None]], ...] = (
+PHASES: tuple[Into, ...] = (
     running,
     assembling,
     returning,
@@ -98,36 +74,105 @@ def assert_true(show: Show) -> None:
         assert f"{counts.airborne} vehicle" in view.reason
 
 
+async def stalls_once(show: Show, turn: int, into: Into, stalled_s: float) -> Array:
+    """Lead the show into a phase, and stall at a random moment. Returns: (n, 3) the pads, show frame."""
+    chance = random.Random(turn)
+    await show.standby()
+    pads_m = show.true_m.copy()
+    await into(show)
+    await show.wait(chance.uniform(0.2, 6.0))
+    meanwhile_m = stall(show, stalled_s, kept_share=chance.choice([1.0, 0.5]))
+    assert floor_violations(show, meanwhile_m) == 0
+    return pads_m
+
+
+async def one_stop_brings_all_home(show: Show, into: Into, pads_m: Array) -> None:
+    record = show.service.command_show(ShowAction.STOP)
+    await show.settled(record, 150.0)
+    told = {name: part.reason for name, part in show.service.order(record.id).outcomes.items()}
+    assert show.service.order(record.id).outcome is Outcome.DONE, told
+    await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE})
+    await show.wait(0.2)
+    assert show.view.counts == Counts(0, 0, 0, on_ground=COUNT, offline=0)
+    if into is not aborting:
+        assert np.linalg.norm((show.true_m - pads_m)[:, :2], axis=1).max() < 1.5
+    assert show.floor_violations() == 0
+
+
 @pytest.mark.parametrize(("turn", "into", "stalled_s"), CASES)
 def test_within_a_second_of_a_stall_all_that_is_shown_is_true_and_one_command_brings_all_home(
-    turn: int, into: Callable[[Show], Awaitable[None]], stalled_s: float
+    turn: int, into: Into, stalled_s: float
 ) -> None:
-    chance = random.Random(turn)
-
     async def story(show: Show) -> None:
-        await show.standby()
-        pads_m = show.true_m.copy()
-        await into(show)
-        await show.wait(chance.uniform(0.2, 6.0))
-        meanwhile_m = stall(show, stalled_s, kept_share=chance.choice([1.0, 0.5]))
+        pads_m = await stalls_once(show, turn, into, stalled_s)
         await show.wait(TRUE_WITHIN_S)
         assert_true(show)
         if show.view.counts.airborne:
-            record = show.service.command_show(ShowAction.STOP)
-            assert Outcome.NOT_INCLUDED not in {part.outcome for part in record.outcomes.values()}
-            await show.settled(record, 150.0)
-            assert show.service.order(record.id).outcome is Outcome.DONE
+            await one_stop_brings_all_home(show, into, pads_m)
         elif show.view.show is ShowPhase.COUNTDOWN:
             show.service.command_show(ShowAction.STOP)
         await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE})
-        await show.wait(0.2)
-        assert show.view.counts == Counts(0, 0, 0, on_ground=COUNT, offline=0)
-        if into is not aborting:
-            assert np.linalg.norm((show.true_m - pads_m)[:, :2], axis=1).max() < 1.5
-        assert show.floor_violations() == 0
-        assert floor_violations(show, meanwhile_m) == 0
 
     fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST))
+
+
+EARLY: tuple[Into, ...] = (running, returning, assembling, aborting, paused)
+STOPS_AFTER_S = (0.0, 0.05, 0.3, 0.6, 0.9)
+EARLY_CASES = [
+    (turn, EARLY[turn % len(EARLY)], STALLS_S[turn % len(STALLS_S)], after_s)
+    for turn, after_s in enumerate(STOPS_AFTER_S * 2)
+]
+
+
+@pytest.mark.parametrize(("turn", "into", "stalled_s", "after_s"), EARLY_CASES)
+def test_one_stop_given_before_the_modes_are_known_brings_all_home(
+    turn: int, into: Into, stalled_s: float, after_s: float
+) -> None:
+    async def story(show: Show) -> None:
+        pads_m = await stalls_once(show, turn, into, stalled_s)
+        if after_s:  # otherwise before the first tick
+            await show.wait(after_s)
+        await one_stop_brings_all_home(show, into, pads_m)
+
+    fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST))
+
+
+@pytest.mark.parametrize("action", ["descend", "land", "return"])
+def test_a_stall_explains_the_mode_that_the_configured_failsafe_leads_to(action: str) -> None:
+    async def story(show: Show) -> None:
+        await running(show)
+        await show.wait(1.0)
+        show.befall("d1", "pilot")
+        stall(show, 2.5)
+        await show.wait(TRUE_WITHIN_S)
+        view = show.view
+        assert view.interrupted is not None
+        assert {one.id for one in view.interrupted.vehicles if one.waits} == {"d2", "d3", "d4", "d5"}
+        assert "by the setpoint-loss failsafe" in show.vehicle("d2").reason
+        assert view.interrupted.offers == (Offer.TAKE_OVER, Offer.BRING_HOME)
+        record = await show.settled(show.service.command_show(ShowAction.STOP), 150.0)
+        assert record.outcomes["d1"].outcome is Outcome.NOT_INCLUDED, "it is a pilot's"
+        assert {record.outcomes[name].outcome for name in ("d2", "d3", "d4", "d5")} == {Outcome.DONE}
+        assert {show.vehicle(name).phase for name in ("d2", "d3", "d4", "d5")} == {Phase.STANDBY}
+
+    operation = {"setpoint_loss_action": action, "require_safe_setpoint_loss": False}
+    fly(story, show_config(COUNT, operation=operation))
+
+
+def test_a_vehicle_that_its_failsafe_has_nearly_landed_is_left_to_touch_down_and_named() -> None:
+    async def story(show: Show) -> None:
+        await running(show)
+        await show.wait(1.0)
+        stall(show, 2.5)
+        await show.until(lambda: 0.3 < -show.true_m[:, 2].min() < 1.0)
+        low = show.config.ids[int(np.argmax(show.true_m[:, 2]))]
+        record = show.service.command_show(ShowAction.STOP)
+        assert record.outcomes[low].outcome is Outcome.NOT_INCLUDED
+        assert "it is left to touch down" in record.outcomes[low].reason
+        await show.reach(ShowPhase.LANDED, 150.0)
+        assert show.view.counts == Counts(0, 0, 0, on_ground=COUNT, offline=0)
+
+    fly(story, show_config(COUNT))
 
 
 def test_the_alarm_of_a_stall_says_which_commands_lead_back() -> None:

@@ -1,0 +1,141 @@
+"""The plan of an interrupted flight: read from the record, merged with the commands since, checked."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from gcs.errors import GcsError, RefusedError
+from gcs.feasibility import check_formation, check_orbit, check_target, followed
+from gcs.flight import Flight
+from gcs.interrupted import TAKEN_OVER_FROM, Interruption, Offer
+from gcs.plan import MAX_OBSTACLES, Obstacle, Plan
+from gcs.records.plans import plan_of
+from gcs.stage import Stage
+
+log = logging.getLogger(__name__)
+
+
+def merged_obstacles(
+    recorded: Sequence[Obstacle], configured: Sequence[Obstacle], now: Sequence[Obstacle]
+) -> tuple[Obstacle, ...]:
+    """The recorded obstacles and what an operator has changed since the restart: the newest command counts.
+
+    Args:
+        recorded: of the interrupted flight.
+        configured: those of the plan with which this service began.
+        now: those of the plan at this time.
+    """
+    before, standing = {box.id: box for box in configured}, {box.id for box in now}
+    changed = [box for box in now if before.get(box.id) != box]
+    decided = {box.id for box in changed} | (before.keys() - standing)
+    return (*(box for box in recorded if box.id not in decided), *changed)
+
+
+class RestoredPlan:
+    """Restores the plan of an interrupted flight, once for each offer. Changed only on the event loop."""
+
+    def __init__(self, flight: Flight, stage: Stage, unix_s: Callable[[], float]) -> None:
+        self._flight = flight
+        self._stage = stage
+        self._unix_s = unix_s
+        self._configured = flight.plan
+        self._restored: set[Offer] = set()
+
+    @property
+    def is_taken_over(self) -> bool:
+        """Whether all of the plan was restored: from then on the present plan counts."""
+        return Offer.TAKE_OVER in self._restored
+
+    def forget(self) -> None:
+        """The interruption is over; the next one is restored anew."""
+        self._restored.clear()
+
+    def why_not(self, found: Interruption) -> str:
+        """Why no vehicle can be sent back into the formation; empty when they can."""
+        if found.show not in TAKEN_OVER_FROM:
+            return f"take-over is not offered: the show was {found.show}"
+        try:
+            if found.stalled_s is not None and found.plan is None:
+                return ""  # the plan that was flown still stands
+            if found.written is not None:
+                self._stage.find(found.written.name, found.written.hash)
+            else:
+                self._checked(found)
+        except GcsError as error:
+            return f"take-over is not offered: {error}"
+        return ""
+
+    def restore(self, found: Interruption, offer: Offer) -> None:
+        """Restore the plan: all of it to take over, its obstacles to bring home.
+
+        Raises: RefusedError, where a take-over cannot fly it; bringing home is never refused.
+        """
+        if found.plan is None and found.stalled_s is not None:
+            return  # the service has kept it
+        if not self._restored.isdisjoint({offer, Offer.TAKE_OVER}):
+            return
+        if offer is Offer.BRING_HOME:
+            self._restore_obstacles(found)
+        else:
+            plan = self._checked(found)
+            if found.written is None:
+                self._flight.plan = plan
+            elif self._flight.performance is None:
+                self._stage.resume(found.written, plan)
+        self._restored.add(offer)
+
+    def _restore_obstacles(self, found: Interruption) -> None:
+        """As many as there may be; a record that cannot be read has none."""
+        flight = self._flight
+        if found.plan is None or flight.performance is not None:
+            return
+        try:
+            recorded = self._recorded(found).obstacles
+        except RefusedError as error:
+            log.warning("obstacles_not_restored", extra={"reason": str(error)})
+            return
+        merged = merged_obstacles(recorded, self._configured.obstacles, flight.plan.obstacles)
+        if len(merged) > MAX_OBSTACLES:
+            reason = f"{len(merged)} obstacles, at most {MAX_OBSTACLES} stand: the oldest are left out"
+            log.warning("obstacles_not_restored", extra={"reason": reason})
+        flight.plan = replace(flight.plan, obstacles=merged[-MAX_OBSTACLES:])
+
+    def _recorded(self, found: Interruption) -> Plan:
+        """The plan, its target and obstacles moved on to now. Raises: RefusedError when it cannot be read."""
+        if found.plan is None:
+            raise RefusedError("what was flown is not in the record")
+        now_s = self._flight.fleet.time_s
+        try:
+            shift_s = now_s - (self._unix_s() - found.unix_s) - float(found.plan["time_s"])
+            return plan_of(found.plan, shift_s)
+        except (GcsError, KeyError, TypeError, ValueError) as error:
+            raise RefusedError(f"the plan of the record cannot be read: {error!r}") from None
+
+    def _merged(self, found: Interruption) -> Plan:
+        """The recorded plan, with what an operator has changed since the restart. Raises: RefusedError."""
+        recorded, configured, now = self._recorded(found), self._configured, self._flight.plan
+        merged = merged_obstacles(recorded.obstacles, configured.obstacles, now.obstacles)
+        if len(merged) > MAX_OBSTACLES:
+            text = f"{len(merged)} obstacles, with those of the interrupted flight; at most {MAX_OBSTACLES}"
+            raise RefusedError(f"{text}: remove {len(merged) - MAX_OBSTACLES}")
+        return Plan(
+            formation=recorded.formation if now.formation == configured.formation else now.formation,
+            orbit=recorded.orbit if now.orbit == configured.orbit else now.orbit,
+            target=recorded.target if now.target == configured.target else now.target,
+            obstacles=merged,
+            yaw=recorded.yaw if now.yaw == configured.yaw else now.yaw,
+        )
+
+    def _checked(self, found: Interruption) -> Plan:
+        """The merged plan, if it may be flown. Raises: RefusedError."""
+        plan, control = self._merged(found), self._flight.control
+        if found.written is not None:
+            return plan  # checked as a whole, under its own limits
+        try:
+            check_formation(plan.formation, max(1, len(found.vehicles)), control.safety)
+            check_orbit(plan.orbit, control.law)
+            target = followed(plan, self._flight.fleet.time_s, control.safety.fence)
+            check_target(target, plan.orbit, plan.formation, control)
+        except GcsError as error:
+            raise RefusedError(f"what was flown cannot be flown now: {error}") from None
+        return plan

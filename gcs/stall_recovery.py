@@ -1,0 +1,131 @@
+"""What the station flew when it stalled, and the vehicles that the stall has taken out of control."""
+
+import logging
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+from gcs.failsafe_cause import FailsafeCause
+from gcs.flight import Flight
+from gcs.interrupted import Before, Interruption, Triple, Written, is_left_alone, left_by, triple
+from gcs.lifecycle import FLOWN, Phase, ShowPhase
+from gcs.state import Mode, VehicleId
+from gcs.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
+
+STALL_EXPLAINS_S = 3.0
+"""So long after a stall it explains modes: heartbeats come once a second, and the oldest are read first."""
+
+STALL_SHARE = 0.7
+"""A stall explains a setpoint-loss failsafe from this share of `operation.setpoint_loss_s` on: the last
+setpoint may have been late, and vehicles may be set to less.
+"""
+
+OTHER_FAILSAFES = frozenset(FailsafeCause) - {
+    FailsafeCause.SETPOINT_LOSS,
+    FailsafeCause.DATA_LINK_LOSS,
+    FailsafeCause.OTHER,
+    FailsafeCause.UNKNOWN,
+}
+"""What a stall does not explain."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Flown:
+    """What was flown at the end of a tick: commands after a stall may come before its first tick."""
+
+    show: ShowPhase
+    reason: str
+    vehicles: dict[VehicleId, tuple[Phase, str]]  # under setpoints
+
+
+@dataclass(frozen=True, slots=True)
+class Stall:
+    """What was flown when a stall began, and until when it explains a mode."""
+
+    flown: Interruption
+    since_s: float  # commands given later were given after the stall
+    until_s: float
+
+
+class StallRecovery:
+    """Remembers what is flown, and explains modes by the newest stall. Changed only on the event loop."""
+
+    def __init__(self, flight: Flight, unix_s: Callable[[], float]) -> None:
+        self._flight = flight
+        self._unix_s = unix_s
+        self._flown = _Flown(flight.show, flight.reason, {})
+        self._stall: Stall | None = None
+
+    @property
+    def stall(self) -> Stall | None:
+        """The newest stall, while it explains modes."""
+        return self._stall
+
+    def note_setpoints(self) -> None:
+        """Once a tick, at its end: remember which vehicles fly under setpoints until the next."""
+        flight = self._flight
+        flown = {
+            vehicle.id: (vehicle.phase, vehicle.reason)
+            for vehicle in flight.vehicles.values()
+            if vehicle.engaging or (vehicle.phase in FLOWN and not vehicle.handed_over)
+        }
+        self._flown = _Flown(flight.show, flight.reason, flown)
+
+    def stalled(self, gap_s: float) -> None:
+        """No tick came for `gap_s`: remember what was flown. To be called before telemetry changes phases."""
+        flight, flown = self._flight, self._flown
+        now_s = flight.fleet.time_s
+        if gap_s < STALL_SHARE * flight.config.operation.setpoint_loss_s:
+            return
+        log.warning("service_stalled", extra={"stalled_s": round(gap_s, 1), "show": flown.show.value})
+        if not flown.vehicles:
+            return
+        interruption = Interruption(
+            session="",
+            unix_s=self._unix_s() - gap_s,
+            show=flown.show,
+            reason=flown.reason,
+            frame=flight.config.show_frame.model_dump(),
+            vehicles={
+                name: Before(flight.vehicles[name].system_id, phase, reason, _place(flight.vehicles[name]))
+                for name, (phase, reason) in flown.vehicles.items()
+            },
+            written=self._written(),
+            plan=None,
+            stalled_s=gap_s,
+        )
+        self._stall = Stall(interruption, now_s - gap_s / 2.0, now_s + STALL_EXPLAINS_S)
+
+    def _written(self) -> Written | None:
+        performance = self._flight.performance
+        if performance is None:
+            return None
+        shown = performance.view(self._flight.fleet.time_s)
+        return Written(shown.name, shown.hash, shown.cue, shown.clock_s, dict(performance.parts))
+
+    def expire(self) -> None:
+        """Once a tick: a stall long ago explains nothing."""
+        if self._stall is not None and self._flight.fleet.time_s > self._stall.until_s:
+            self._stall = None
+
+    def fallen(self, known: Collection[VehicleId]) -> dict[VehicleId, Before]:
+        """Vehicles that the stall has taken out of control; those already `known` are left out."""
+        stall, flight = self._stall, self._flight
+        if stall is None:
+            return {}
+        action, fallen = flight.config.operation.setpoint_loss_action, {}
+        for name, before in stall.flown.vehicles.items():
+            vehicle = flight.vehicles[name]
+            if vehicle.phase is not Phase.PILOT or name in known or vehicle.cause in OTHER_FAILSAFES:
+                continue
+            facts = flight.facts(vehicle)
+            explained = is_left_alone(Phase.FORMATION, facts.mode, action, in_failsafe=facts.in_failsafe)
+            if facts.mode is not Mode.OFFBOARD and explained:
+                vehicle.reason = left_by(stall.flown.cause, facts.mode)
+                fallen[name] = before
+        return fallen
+
+
+def _place(vehicle: Vehicle) -> Triple | None:
+    return None if vehicle.home_m is None else triple(vehicle.home_m.tolist())

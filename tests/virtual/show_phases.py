@@ -1,0 +1,35 @@
+"""Leads a virtual show into one of its phases, as an operator does."""
+
+from virtual_show import Show
+
+from gcs.lifecycle import ShowPhase
+from gcs.service import ShowAction
+
+
+async def arming(show: Show) -> None:
+    await show.standby()
+    show.service.command_show(ShowAction.START)
+
+
+async def assembling(show: Show) -> None:
+    await arming(show)
+    await show.reach(ShowPhase.ASSEMBLING)
+
+
+async def running(show: Show) -> None:
+    await show.start()
+
+
+async def paused(show: Show) -> None:
+    await running(show)
+    show.service.command_show(ShowAction.PAUSE)
+
+
+async def returning(show: Show) -> None:
+    await running(show)
+    show.service.command_show(ShowAction.STOP)
+
+
+async def aborting(show: Show) -> None:
+    await running(show)
+    show.service.command_show(ShowAction.ABORT)

@@ -1,0 +1,113 @@
+"""Commands that follow one another closely: the newest one counts for every vehicle that it means."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from stalls import stall
+from test_show_interrupted import ALL, BOX, COMMANDS, fly_for_a_while, found, four, sessions
+from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
+
+from gcs.interrupted import Offer
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.plan import Formation, Obstacle
+from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.sim.modes import Mode as PilotMode
+
+NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("after_s", "action"), [(0.0, ShowAction.STOP), (0.3, ShowAction.STOP), (0.1, ShowAction.ABORT)]
+)
+def test_a_stop_right_after_take_control_brings_that_vehicle_down_as_well(
+    after_s: float, action: ShowAction
+) -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        show.link.pilot("d1", PilotMode.LAND)
+        await show.phase("d1", Phase.PILOT)
+        show.service.command_vehicle("d1", VehicleAction.TAKE_CONTROL)
+        if after_s:
+            await show.wait(after_s)
+        record = await show.settled(show.service.command_show(action), 150.0)
+        assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}, record.outcomes
+        assert {seen.phase for seen in show.view.vehicles} == {Phase.STANDBY}
+        await show.reach(ShowPhase.LANDED)
+
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.2, 1.0])
+def test_a_pause_during_a_take_over_ends_paused_with_all_vehicles_taken_over(after_s: float) -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        await show.wait(1.0)
+        stall(show, 4.0)
+        await show.wait(1.0)
+        take_over = show.service.settle(Offer.TAKE_OVER)
+        if after_s:
+            await show.wait(after_s)
+        pause = await show.settled(show.service.command_show(ShowAction.PAUSE))
+        take_over = await show.settled(take_over)
+        assert {part.outcome for part in take_over.outcomes.values()} == {Outcome.DONE}
+        assert Outcome.FAILED not in {part.outcome for part in pause.outcomes.values()}
+        assert show.view.show is ShowPhase.PAUSED
+        assert {seen.phase for seen in show.view.vehicles} == {Phase.FORMATION}
+
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+
+
+def test_a_show_is_resumed_only_with_a_vehicle_in_formation() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        stall(show, 4.0)
+        await show.wait(1.0)
+        await show.settled(show.service.command_show(ShowAction.PAUSE))
+        assert {seen.phase for seen in show.view.vehicles} == {Phase.HOLD}
+        turned_down = await refused(show, lambda: show.service.command_show(ShowAction.RESUME))
+        assert "no vehicle is in formation: order take-over" in turned_down.text
+        assert turned_down.text.endswith("accepted instead: stop")
+        await show.settled(show.service.settle(Offer.TAKE_OVER))
+        await show.show(ShowAction.RESUME)
+        await show.reach(ShowPhase.RUNNING)
+
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+
+
+def test_what_an_operator_sets_before_the_first_take_over_stands_beside_what_was_recorded(
+    tmp_path: Path,
+) -> None:
+    changed = Formation(radius_m=8.0, height_m=16.0)
+
+    async def go_on(show: Show) -> None:
+        await found(show)
+        show.service.add_obstacle(NEW)
+        show.service.set_formation(changed)
+        await show.settled(show.service.settle(Offer.TAKE_OVER))
+        assert {box.id for box in show.view.plan.obstacles} == {"box", "new"}
+        assert show.view.plan.formation == changed
+
+    async def move(show: Show) -> None:
+        await found(show)
+        show.service.add_obstacle(Obstacle("box", 80.0, 60.0, 1.0, 1.0, 5.0))
+        await show.settled(show.service.settle(Offer.TAKE_OVER))
+        ((box, at_m),) = [(one.id, (one.x_m, one.y_m)) for one in show.view.plan.obstacles]
+        assert (box, at_m) == ("box", (80.0, 60.0)), "the newest command counts"
+
+    sessions(tmp_path / "added", (four(), fly_for_a_while), (four(), go_on))
+    sessions(tmp_path / "moved", (four(), fly_for_a_while), (four(), move))
+
+
+@pytest.mark.parametrize("command", ["bring-home", "stop", "abort"])
+def test_on_the_way_down_after_a_restart_the_recorded_obstacles_stand(tmp_path: Path, command: str) -> None:
+    async def go_on(show: Show) -> None:
+        await found(show)
+        show.service.add_obstacle(NEW)
+        commanded: Callable[[Show], OrderRecord] = COMMANDS[command]
+        record = commanded(show)
+        assert set(record.outcomes) == set(ALL)
+        await show.wait(0.2)
+        assert {box.id for box in show.view.plan.obstacles} == {BOX.id, NEW.id}
+
+    sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on))
