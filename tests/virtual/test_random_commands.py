@@ -1,0 +1,130 @@
+"""Random commands and events: what is shown stays true, and one stop brings all vehicles down."""
+
+import random
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+from show_phases import running
+from stalls import stall
+from test_refusals_in_the_air import commands, refusal_of
+from test_show_interrupted import sessions
+from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+
+from gcs.control_refusal import A_PERSON_FLIES
+from gcs.lifecycle import Phase, ShowPhase
+from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.sim.modes import Mode as PilotMode
+
+COUNT, STEPS = 3, 7
+FLIES_M = 0.6
+UNKNOWN = frozenset({Phase.LOST, Phase.OFFLINE, Phase.KILLED})
+STARTABLE = frozenset({ShowPhase.IDLE, ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, ShowPhase.LANDED})
+KNOWN_WITHIN_S = 1.2
+"""A heartbeat a second, and a tick."""
+
+Step = tuple[str, Callable[[Show], object]]
+
+
+def events(show: Show, chance: random.Random) -> Iterator[Step]:
+    """What may befall the flight, beside commands."""
+    name = chance.choice(show.config.ids)
+    yield (
+        "stall",
+        lambda show: stall(show, chance.choice([0.8, 1.5, 3.0]), kept_share=chance.choice([1.0, 0.5])),
+    )
+    yield f"a pilot takes {name}", lambda show: show.befall(name, "pilot")
+    yield f"a pilot holds {name}", lambda show: show.link.pilot(name, PilotMode.HOLD)
+    yield f"a pilot lands {name}", lambda show: show.link.pilot(name, PilotMode.LAND)
+    yield f"{name} is silent", lambda show: show.link.silence(name)
+    yield "all are received", lambda show: show.link.restore(*show.config.ids)
+
+
+def assert_true(show: Show, story: list[str]) -> None:
+    """Nothing that flies is shown on the ground, and no start is offered below it."""
+    heights_m = -show.true_m[:, 2]
+    for seen, height_m in zip(show.view.vehicles, heights_m, strict=True):
+        if height_m > FLIES_M and seen.phase not in UNKNOWN and not show.link.is_silent(seen.id):
+            assert seen.phase is not Phase.STANDBY, (seen.id, story)
+            assert show.view.show not in STARTABLE, (show.view.show, show.view.reason, story)
+    assert sum(vars_of(show)) == COUNT, story
+
+
+def vars_of(show: Show) -> tuple[int, ...]:
+    counts = show.view.counts
+    return counts.controlled, counts.uncontrolled, counts.unknown, counts.on_ground, counts.offline
+
+
+async def play(show: Show, chance: random.Random, story: list[str]) -> None:
+    """Random commands and events; a command that is refused in the air names one that is accepted."""
+    orders: list[Step] = [
+        *commands(),
+        *((action.value, partial(_order, action)) for action in (ShowAction.PAUSE, ShowAction.STOP)),
+    ]
+    for _ in range(STEPS):
+        step = chance.choice([*events(show, chance)]) if chance.random() < 0.5 else chance.choice(orders)
+        text, act = step
+        story.append(f"{show.now_s:.1f} s {show.view.show}: {text}")
+        if step in orders:
+            in_the_air = show.view.counts.airborne > 0
+            refused = refusal_of(show, text, act)  # which sends what the refusal names
+            if refused and in_the_air:
+                assert refused.endswith("refused properly"), (refused, story)
+        else:
+            act(show)
+        await show.wait(chance.uniform(0.05, 1.0))
+        await show.wait(KNOWN_WITHIN_S)
+        assert_true(show, story)
+
+
+def _order(action: ShowAction, show: Show) -> object:
+    return show.service.command_show(action)
+
+
+async def all_come_down(show: Show, story: list[str]) -> None:
+    """Pilots agree, links are mended: a command that names the pilots' vehicles, and one stop."""
+    show.link.restore(*show.config.ids)
+    await show.wait(8.0)
+    taken = [seen.id for seen in show.view.vehicles if seen.phase is Phase.PILOT]
+    for name in taken:
+        if show.vehicle(name).mode in A_PERSON_FLIES:
+            show.befall(name, "none")
+    if taken:
+        show.service.command_vehicles(VehicleAction.TAKE_CONTROL, taken)
+    if show.view.counts.airborne:
+        record = await show.settled(show.service.command_show(ShowAction.STOP), 200.0)
+        told = {name: (part.outcome, part.reason) for name, part in record.outcomes.items()}
+        assert {outcome for outcome, _ in told.values()} <= {Outcome.DONE}, (told, story)
+    await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE}, 60.0)
+    assert (-show.true_m[:, 2]).max() < FLIES_M, story
+    assert show.floor_violations() == 0, story
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whatever_comes_what_is_shown_is_true_and_one_stop_brings_all_down(seed: int) -> None:
+    async def flight(show: Show) -> None:
+        story: list[str] = []
+        await running(show)
+        await play(show, random.Random(seed), story)
+        await all_come_down(show, story)
+
+    fly(flight, show_config(COUNT, operation=HOLDS_WHEN_LOST))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_same_after_a_restart(tmp_path: Path, seed: int) -> None:
+    chance, story = random.Random(100 + seed), list[str]()
+
+    async def first(show: Show) -> None:
+        await running(show)
+        await play(show, chance, story)
+        story.append("restart")
+
+    async def second(show: Show) -> None:
+        await show.wait(2.5)
+        await play(show, chance, story)
+        await all_come_down(show, story)
+
+    plan = show_config(COUNT, operation=HOLDS_WHEN_LOST)
+    sessions(tmp_path, (plan, first), (plan, second))
