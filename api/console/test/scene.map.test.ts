@@ -117,6 +117,25 @@ test("what could not be had is said, and asked for again a minute later, no soon
   expect([shelf.picture("a"), shelf.failure("a")]).toEqual(["picture", null]);
 });
 
+test("what left the picture and comes back is not asked for twice: neither on its way nor after a failure", () => {
+  const shelf = new Shelf<string>(() => undefined);
+  const others = (from: number): string[] => Array.from({ length: HELD_MAX }, (_, k) => `tile ${from + k}`);
+  const visit = (wanted: readonly string[]): string[] => {
+    const all: string[] = [];
+    for (let due = shelf.ask(wanted, 0); due.length > 0; due = shelf.ask(wanted, 0)) {
+      for (const address of due) shelf.put(address, () => address);
+      all.push(...due);
+    }
+    return all;
+  };
+  expect(shelf.ask(["slow", "broken"], 0)).toEqual(["slow", "broken"]);
+  shelf.fail("broken", { reason: "cut", isMissing: false }, 0);
+  expect(visit(others(0)).length).toBe(HELD_MAX); // the camera looks elsewhere
+  expect(shelf.ask(["slow", "broken"], 1000)).toEqual([]);
+  shelf.put("slow", () => "picture");
+  expect([shelf.picture("slow"), shelf.failure("broken")?.reason]).toEqual(["picture", "cut"]);
+});
+
 test("a picture that comes when it is not wanted any more is not made", () => {
   const shelf = new Shelf<string>(() => undefined);
   shelf.ask(["a"], 0);

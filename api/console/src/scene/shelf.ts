@@ -13,15 +13,11 @@ export interface Failure {
   isMissing: boolean;
 }
 
-interface Held<Picture> {
-  picture: Picture | null;
-  failure: (Failure & { at_ms: number }) | null;
-}
-
 export class Shelf<Picture> {
-  readonly #held = new Map<string, Held<Picture>>(); // the longest unwanted first
+  readonly #held = new Map<string, Picture | null>(); // the longest unwanted first; null: it is not here yet
+  readonly #asking = new Set<string>(); // and not answered yet, wanted or not
+  readonly #failures = new Map<string, Failure & { at_ms: number }>(); // also of what is wanted no more
   readonly #drop: (picture: Picture) => void;
-  #asked = 0; // and not answered yet
 
   constructor(drop: (picture: Picture) => void) {
     this.#drop = drop;
@@ -33,20 +29,21 @@ export class Shelf<Picture> {
 
   /** Of what is wanted, HELD_MAX at most, what is to be asked for now. Each is answered by `put` or `fail`. */
   ask(wanted: readonly string[], now_ms: number): string[] {
+    for (const [address, { at_ms }] of this.#failures) {
+      if (now_ms - at_ms >= RETRY_MS) this.#failures.delete(address);
+    }
     const due: string[] = [];
     for (const address of wanted) {
-      let held = this.#held.get(address);
-      const isDue = held === undefined || (held.failure !== null && now_ms - held.failure.at_ms >= RETRY_MS);
-      if (isDue && this.#asked + due.length < AT_ONCE) {
+      if (this.#failures.has(address)) continue;
+      const picture = this.#held.get(address) ?? null;
+      if (picture === null && !this.#asking.has(address)) {
+        if (this.#asking.size >= AT_ONCE) continue;
+        this.#asking.add(address);
         due.push(address);
-        held = { picture: null, failure: null };
       }
-      if (held !== undefined) {
-        this.#held.delete(address); // and becomes the newest
-        this.#held.set(address, held);
-      }
+      this.#held.delete(address); // and becomes the newest
+      this.#held.set(address, picture);
     }
-    this.#asked += due.length;
     for (const address of [...this.#held.keys()].slice(0, Math.max(0, this.#held.size - HELD_MAX))) {
       this.#forget(address);
     }
@@ -55,27 +52,22 @@ export class Shelf<Picture> {
 
   /** `make` is called if it still is wanted. */
   put(address: string, make: () => Picture): void {
-    this.#asked -= 1;
-    const held = this.#held.get(address);
-    if (held !== undefined && held.picture === null) {
-      this.#held.set(address, { picture: make(), failure: null });
-    }
+    this.#asking.delete(address);
+    if (this.#held.get(address) === null) this.#held.set(address, make());
   }
 
   fail(address: string, failure: Failure, at_ms: number): void {
-    this.#asked -= 1;
-    const held = this.#held.get(address);
-    if (held !== undefined && held.picture === null) {
-      this.#held.set(address, { picture: null, failure: { ...failure, at_ms } });
-    }
+    this.#asking.delete(address);
+    if (this.#held.get(address) === null) this.#held.delete(address);
+    this.#failures.set(address, { ...failure, at_ms });
   }
 
   picture(address: string): Picture | null {
-    return this.#held.get(address)?.picture ?? null;
+    return this.#held.get(address) ?? null;
   }
 
   failure(address: string): Failure | null {
-    return this.#held.get(address)?.failure ?? null;
+    return this.#failures.get(address) ?? null;
   }
 
   clear(): void {
@@ -85,7 +77,7 @@ export class Shelf<Picture> {
   }
 
   #forget(address: string): void {
-    const picture = this.#held.get(address)?.picture ?? null;
+    const picture = this.#held.get(address) ?? null;
     this.#held.delete(address);
     if (picture !== null) this.#drop(picture);
   }
