@@ -23,7 +23,7 @@ from gcs.alarms import (
 )
 from gcs.close_pairs import ClosePairs
 from gcs.control import Tick
-from gcs.failsafe_cause import FailsafeCause
+from gcs.failsafe_cause import ADVICE_TO_MANY, FailsafeCause
 from gcs.flight import FLIES, Flight
 from gcs.interrupted import Interrupted
 from gcs.lifecycle import Phase, ShowPhase
@@ -69,7 +69,15 @@ OF_THE_SHOW: Final = frozenset(
 WAITS_FOR_A_COMMAND: Final = (
     "It waits for a command: take-over or bring-home for all, take-control for this one."
 )
-"""Advice where a stall or a restart of this service explains the mode: nothing is wrong with the vehicle."""
+WAIT_FOR_A_COMMAND: Final = (
+    "They wait for a command: take-over or bring-home for all, take-control for some of them."
+)
+"""Advice where a stall or a restart of this service explains the mode: nothing is wrong with the vehicles."""
+
+SENDS_NOTHING: Final = ("The service sends nothing to it.", "The service sends nothing to them.")
+"""To one vehicle, to several."""
+
+FLOWN_ON: Final = ("It is flown on.", "They are flown on.")
 
 SHOW_FOLLOWS: Final = {
     Action.RE_FORM: "Formation closes the gap.",
@@ -187,8 +195,9 @@ class AlarmMonitor:
                     AlarmCause.OWN_FAILSAFE,
                     because,
                     (vehicle.id,),
-                    "The service sends nothing to it.",
+                    *SENDS_NOTHING,
                     advice=advice or WAITS_FOR_A_COMMAND,
+                    advice_many=ADVICE_TO_MANY.get(advice, advice) if advice else WAIT_FOR_A_COMMAND,
                     severity=AlarmSeverity.EMERGENCY if critical else None,
                 )
             elif vehicle.phase is Phase.PILOT:
@@ -197,7 +206,7 @@ class AlarmMonitor:
                     AlarmCause.OUTSIDE_CONTROL,
                     because.removesuffix("."),  # what to do stands in the advice
                     (vehicle.id,),
-                    "The service sends nothing to it.",
+                    *SENDS_NOTHING,
                 )
             elif vehicle.phase is Phase.KILLED:
                 yield self._of_a_kill(vehicle)
@@ -210,13 +219,14 @@ class AlarmMonitor:
         if outcome is Outcome.PENDING:
             because = "motors are being stopped on command"
         elif outcome is Outcome.FAILED:
-            because = "its motors were not seen to stop; commanded"
+            because = "motors were not seen to stop; commanded"
         by = "" if order is None else f" by {order.by}"
         return Condition(
             AlarmCause.KILLED,
             f"{because}{by}",
             (vehicle.id,),
             "Other vehicles keep clear of where it was.",
+            "Other vehicles keep clear of where they were.",
             order_id=None if order is None else order.id,
         )
 
@@ -243,7 +253,7 @@ class AlarmMonitor:
             for vehicle_id, why in link.conflicts.items():
                 yield Condition(AlarmCause.DUPLICATE_SYSTEM_ID, why, (vehicle_id,))
         for vehicle_id, lacks in flight.without_heartbeat.items():
-            yield Condition(AlarmCause.NO_HEARTBEAT, lacks, (vehicle_id,), "It is flown on.")
+            yield Condition(AlarmCause.NO_HEARTBEAT, lacks, (vehicle_id,), *FLOWN_ON)
         share = flight.link_quality.share
         self._poor = beyond(self._poor, share, POOR_LINK)
         if self._poor.any():

@@ -401,7 +401,7 @@ class Director:
         left_out = {}
         for vehicle in self._flight.in_phase(Phase.LOST, Phase.PILOT, Phase.KILLED):
             if vehicle not in reclaimed:
-                why = f"{vehicle.phase}: {vehicle.reason}"
+                why = f"{vehicle.phase}: {vehicle.reason.removesuffix('.')}"
                 if vehicle.phase is Phase.PILOT:
                     why_not = self.takeover.why_not(vehicle)
                     why += f"; {why_not or f'take-control {vehicle.id} names it, when its pilot agrees'}"

@@ -138,6 +138,17 @@ _DOES: Final = {Mode.HOLD: "holds", Mode.LAND: "lands", Mode.RETURN: "returns", 
 _ADVICE: Final = {
     FailsafeCause.POSITION_LOSS: "It cannot be steered without a position: leave it, keep clear of it.",
 }
+_TAKE_CONTROL: Final = "Take control to fly it again."
+_LEAVE: Final = "Leave it."
+_LAND: Final = "Take control, and land it."
+
+ADVICE_TO_MANY: Final = {
+    _ADVICE[FailsafeCause.POSITION_LOSS]: "They cannot be steered without positions: leave them alone.",
+    _TAKE_CONTROL: "Take control to fly them again.",
+    _LEAVE: "Leave them.",
+    _LAND: "Take control, and land them.",
+}
+"""What `described` advises, for several vehicles."""
 
 
 def described(vehicle_id: VehicleId, cause: FailsafeCause, facts: VehicleFacts) -> str:
@@ -150,9 +161,9 @@ def described(vehicle_id: VehicleId, cause: FailsafeCause, facts: VehicleFacts) 
     does = _DOES.get(facts.mode, f"is in mode {facts.mode}")
     whose = "a failsafe of its own" if cause is FailsafeCause.OTHER else f"its own {cause} failsafe"
     level = f", battery {facts.battery_remaining:.0%}" if cause in BATTERY and _is_known(facts) else ""
-    advice = _ADVICE.get(cause, "Take control to fly it again.")
+    advice = _ADVICE.get(cause, _TAKE_CONTROL)
     if cause in BATTERY:
-        advice = "Leave it." if comes_down(facts) else "Take control, and land it."
+        advice = _LEAVE if comes_down(facts) else _LAND
     if cause is FailsafeCause.SETPOINT_LOSS:
         level = f": {_setpoints(facts)}"
     return f"{vehicle_id} {does} by {whose}{level}. {advice}"

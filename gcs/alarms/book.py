@@ -216,14 +216,18 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
     else:
         because = "; ".join(f"{named(names)}: {why}" if names else why for why, names in by_reason.items())
     headline = row.headline.format(vehicles=_subject(vehicles), about=worst.about)
-    follows = " ".join(dict.fromkeys(filter(None, (one.consequence for one in conditions))))
+    are_many = len(vehicles) > 1
+    consequences = ((are_many and one.consequence_many) or one.consequence for one in conditions)
+    follows = " ".join(dict.fromkeys(filter(None, consequences)))
+    advice = (are_many and worst.advice_many) or worst.advice
+    advice = advice or (are_many and row.advice_many) or row.advice
     first = f"{headline}: {because}" if because else headline
     return Alarm(
         id="",
         severity=worst.severity or row.severity,
         cause=worst.cause,
         text=f"{first}. {follows}".strip(),
-        advice=worst.advice or row.advice,
+        advice=advice,
         vehicles=vehicles,
         since_unix_s=0.0,
         raised_unix_s=0.0,

@@ -55,6 +55,7 @@ class CauseRow:
     severity: AlarmSeverity
     headline: str  # how the text begins; {vehicles} is "Vehicle d3" or "Vehicles d3, d4", {about} the thing
     advice: str
+    advice_many: str = ""  # where it concerns several vehicles; empty: the same
     on_after_s: float = 0.0  # the condition must hold for so long
     off_after_s: float = 1.0  # and be gone for so long: what comes back sooner is the same alarm
 
@@ -66,6 +67,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         E,
         "{vehicles} killed",
         "Keep people away from where it may lie. When it was seen on the ground: confirm-down.",
+        "Keep people away from where they may lie. When they were seen on the ground: confirm-down.",
         off_after_s=0.0,
     ),
     AlarmCause.CONTROL_STOPPED: CauseRow(
@@ -82,20 +84,32 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         E, "Too many vehicles lost", "Watch where they come down and keep people away; check radio and power."
     ),
     AlarmCause.CRITICAL_BATTERY: CauseRow(
-        E, "{vehicles} critically low on battery", "Let it land where it is; keep people away from below."
+        E,
+        "{vehicles} critically low on battery",
+        "Let it land where it is; keep people away from below.",
+        "Let them land where they are; keep people away from below.",
     ),
     AlarmCause.OUTSIDE_FENCE: CauseRow(
-        E, "{vehicles} about to leave the fence", "Land it if it does not turn back."
+        E,
+        "{vehicles} about to leave the fence",
+        "Land it if it does not turn back.",
+        "Land those that do not turn back.",
     ),
     AlarmCause.VEHICLE_LOST: CauseRow(
         W,
         "{vehicles} lost",
         "Watch where it flies: it follows its own failsafe. When it was seen on the ground: confirm-down.",
+        "Watch where they fly, by their own failsafe. When they were seen on the ground: confirm-down.",
         off_after_s=0.0,
     ),
-    AlarmCause.LOW_BATTERY: CauseRow(W, "{vehicles} low on battery", "Let it come home."),
+    AlarmCause.LOW_BATTERY: CauseRow(
+        W, "{vehicles} low on battery", "Let it come home.", "Let them come home."
+    ),
     AlarmCause.BAD_POSITION: CauseRow(
-        W, "{vehicles} without a trusted position", "Watch it; land it where it is if it drifts."
+        W,
+        "{vehicles} without a trusted position",
+        "Watch it; land it where it is if it drifts.",
+        "Watch them; land those that drift where they are.",
     ),
     AlarmCause.WIND: CauseRow(W, "Too much wind", "Bring the show home if the wind does not drop."),
     AlarmCause.SERVICE_LATE: CauseRow(
@@ -105,7 +119,11 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         W, "Links late", "Check radios, antennas and what loads the network; bring the show home if it lasts."
     ),
     AlarmCause.OWN_FAILSAFE: CauseRow(
-        W, "{vehicles} flown by an own failsafe", "Leave it to its autopilot.", off_after_s=0.0
+        W,
+        "{vehicles} flown by an own failsafe",
+        "Leave it to its autopilot.",
+        "Leave them to their autopilots.",
+        off_after_s=0.0,
     ),
     AlarmCause.PARAMETER_CHANGED: CauseRow(
         W, "{vehicles}: parameter changed", "Set it back; preflight fails until it is right.", off_after_s=0.0
@@ -114,6 +132,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         W,
         "{vehicles} outside control",
         "Ask the pilot. take-control takes it over, in HOLD, when the pilot agrees.",
+        "Ask the pilots. take-control takes them over, in HOLD, when the pilots agree.",
         off_after_s=0.0,
     ),
     AlarmCause.INTERRUPTED: CauseRow(
@@ -137,12 +156,17 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         C, "Obstacle of the show does not stand yet", "Keep vehicles clear of it, or pause the show."
     ),
     AlarmCause.POOR_LINK: CauseRow(
-        C, "{vehicles} with a poor link", "Check antennas and distance; bring it home if it gets worse.", 8.0
+        C,
+        "{vehicles} with a poor link",
+        "Check antennas and distance; bring it home if it gets worse.",
+        "Check antennas and distance; bring them home if it gets worse.",
+        on_after_s=8.0,
     ),
     AlarmCause.NO_HEARTBEAT: CauseRow(
         C,
         "{vehicles} without heartbeat",
         "Its mode is not known: a pilot may have it. Watch it; check antennas and distance.",
+        "Their modes are not known: pilots may have them. Watch them; check antennas and distance.",
         off_after_s=0.0,
     ),
     AlarmCause.RECORD_FAILS: CauseRow(

@@ -31,7 +31,9 @@ class Condition:
     because: str  # in words, without a full stop: "no telemetry for 2.0 s"
     vehicles: tuple[VehicleId, ...] = ()
     consequence: str = ""  # what follows by itself, a sentence or more
+    consequence_many: str = ""  # where the alarm concerns several vehicles; empty: the same
     advice: str = ""  # what an operator can do; empty: as `CAUSES` has it
+    advice_many: str = ""  # where the alarm concerns several vehicles; empty: the same
     severity: AlarmSeverity | None = None  # None: as `CAUSES` has it
     about: str = ""  # which link, file or obstacle: each has an alarm of its own
     order_id: str | None = None  # of the command that the service gave because of it

@@ -56,9 +56,9 @@ def test_three_that_land_on_flat_batteries_are_named_and_left_alone() -> None:
     assert set(alarm.vehicles) == {"d1", "d2", "d3"}
     assert alarm.text.endswith(
         " flown by an own failsafe: lands by its own critical-battery failsafe, battery 5%."
-        " The service sends nothing to it."
+        " The service sends nothing to them."
     )
-    assert (alarm.severity, alarm.advice) == (AlarmSeverity.EMERGENCY, "Leave it.")
+    assert (alarm.severity, alarm.advice) == (AlarmSeverity.EMERGENCY, "Leave them.")
     assert not [each for each in found["alarms"] if "take-control" in each.text + each.advice]
     assert all("critical below 10%" in refusal for refusal in found["refusals"][:3])
     assert found["refusals"][3] == ""

@@ -2,11 +2,12 @@
 
 import asyncio
 import json
+import re
 import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import async_solipsism
 import numpy as np
@@ -170,6 +171,7 @@ class Show:
         self.link = link
         self.service = service
         self._trouble = link.trouble = Trouble(fleet)
+        self.refusals: list[str] = []
         self._moments: list[Moment] = []
 
     @property
@@ -283,6 +285,22 @@ def alarm_texts(show: Show) -> list[str]:
     return [alarm.text for alarm in show.view.alarms]
 
 
+BADLY_WRITTEN: Final = re.compile(r"[.,;:][,;]|[,;:]\.(?!\.)|(?<!\.)\.\.(?!\.)|\s[.,;](\s|$)|  |\bNone\b|\('")
+"""Two marks where there should be one, a space before a mark or two of them, Python."""
+
+
+def badly_written(show: Show) -> list[str]:
+    """Texts of a flight that no operator should have to read."""
+    texts = set(show.refusals)
+    for view in (moment.view for moment in show.track.moments[::10]):
+        texts.update(text for alarm in view.alarms for text in (alarm.text, alarm.advice))
+        texts.update(vehicle.reason for vehicle in view.vehicles)
+        texts.add(view.reason)
+    for order in show.service.orders():
+        texts.update(outcome.reason for outcome in order.outcomes.values())
+    return sorted(text for text in texts if BADLY_WRITTEN.search(text))
+
+
 class Refusal(NamedTuple):
     """How a request was turned down, and what it changed (which should be nothing)."""
 
@@ -300,6 +318,7 @@ async def refused(show: Show, request: Callable[[], object]) -> Refusal:
     except GcsError as error:
         await show.wait(2.0 / show.config.tick_rate_hz)
         kept = show.view.plan == before.plan and show.view.show is before.show
+        show.refusals.append(str(error))
         return Refusal(type(error), str(error), kept)
     raise AssertionError("it was accepted")
 
@@ -369,7 +388,9 @@ def fly(
             ended, _ = await asyncio.wait({*services, told}, return_when=asyncio.FIRST_COMPLETED)
             for service in ended & services:
                 await service  # raises what ended it
-            return await told
+            result = await told
+            assert badly_written(show) == []
+            return result
         finally:
             for task in {*services, told}:
                 task.cancel()

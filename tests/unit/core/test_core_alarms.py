@@ -1,5 +1,6 @@
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from gcs.alarms import (
 )
 from gcs.close_pairs import ClosePairs
 from gcs.errors import UnknownError
+from gcs.failsafe_cause import ADVICE_TO_MANY
 from gcs.safety.separation import Floor
 
 UNIX_S = 1.7e9
@@ -235,3 +237,26 @@ def test_every_cause_is_in_the_table_of_the_operations_manual() -> None:
 def test_every_cause_says_what_an_operator_can_do() -> None:
     assert set(CAUSES) == set(AlarmCause)
     assert all(row.advice.endswith(".") and not row.headline.endswith(".") for row in CAUSES.values())
+
+
+def test_advice_about_several_vehicles_does_not_speak_of_one() -> None:
+    of_one = re.compile(r"\b(it|its)\b", re.IGNORECASE)
+    about = {
+        cause: row.advice_many or row.advice for cause, row in CAUSES.items() if "{vehicles}" in row.headline
+    }
+    del about[AlarmCause.PARAMETER_CHANGED]  # there it is the parameter
+    about[AlarmCause.POOR_LINK] = about[AlarmCause.POOR_LINK].removesuffix(" if it gets worse.")  # the link
+    assert [text for text in about.values() if of_one.search(text)] == []
+    assert [text for text in ADVICE_TO_MANY.values() if of_one.search(text)] == []
+
+
+def test_an_alarm_of_several_vehicles_speaks_of_several(story: Story) -> None:
+    one = Condition(
+        AlarmCause.OUTSIDE_CONTROL, "in mode position", ("d1",), "It is left alone.", "They are left alone."
+    )
+    (alarm,) = story.holds(one)
+    assert alarm.text == "Vehicle d1 outside control: in mode position. It is left alone."
+    assert alarm.advice == CAUSES[AlarmCause.OUTSIDE_CONTROL].advice
+    (alarm,) = story.holds(one, replace(one, vehicles=("d2",)))
+    assert alarm.text == "Vehicles d1, d2 outside control: in mode position. They are left alone."
+    assert alarm.advice == CAUSES[AlarmCause.OUTSIDE_CONTROL].advice_many
