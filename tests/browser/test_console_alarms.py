@@ -3,22 +3,25 @@
 import json
 import random
 import re
+import resource
 import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import httpx
 import pytest
-from console_bench import FLIGHT_MS, SOON_MS, Console, Station, chromes, console, station
+from console_bench import FLIGHT_MS, LOOK_MS, SOON_MS, Console, Station, chromes, console, station
 from ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
 from machine import free_ports
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Locator, expect
+from pymavlink.dialects.v20 import common as dialect
 
 from gcs import config as configuration
 from gcs.client import Client
@@ -29,16 +32,51 @@ COUNT: Final = 12
 ON_SCREEN_MS: Final = 500.0
 """From the message to the picture; the service sends what has changed within 0.5 s."""
 
+LAID_OUT_MS: Final = 700.0
+"""For the page to take note of the window's new size."""
+
+BOX_PX: Final = 16.0
+"""From the outermost vehicles of a box to its sides."""
+
+NAME_PX: Final = 26.0
+"""From a vehicle to its name, which is above it."""
+
+WHOLE: Final = """() => {
+  const box = (name) => document.querySelector(name)?.getBoundingClientRect();
+  const within = (row, top, bottom) => {
+    const at = row.getBoundingClientRect();
+    const middle = document.elementFromPoint((at.left + at.right) / 2, (at.top + at.bottom) / 2);
+    return at.top > top - 1 && at.bottom < Math.min(bottom, innerHeight) + 1 && row.contains(middle);
+  };
+  const rows = (name, ...place) => [...document.querySelectorAll(name)].map((row) => within(row, ...place));
+  const table = box(".table-scroll");
+  return {
+    alarms: rows("[data-alarm]", box(".alarm-list > header").bottom, box(".alarms").bottom),
+    rows: table ? rows("[data-testid^=row-]", box(".fleet thead").bottom, table.bottom) : [],
+  };
+}"""
+"""Of each alarm and each row of the fleet's table, from top to bottom: whether all of it is on screen."""
+
 SEVERITIES: Final = ("emergency", "warning", "caution", "information")
 
 Fault = Callable[..., None]
 
 
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A station over vehicles that receive faults."""
+
+    ground: Station
+    fault: Fault
+    port: int  # of the service, for the first vehicle
+    fleet: subprocess.Popen[bytes]
+
+
 @contextmanager
-def broken_fleet(folder: Path) -> Iterator[tuple[Station, Fault, int]]:
+def broken_fleet(folder: Path, count: int = COUNT) -> Iterator[Field]:
     """Vehicles that receive faults, and a service whose reactions keep the show where it is."""
-    port, control = free_ports(COUNT), free_ports()
-    raw = flying_config(COUNT, port, silence_s=2.0, takeoff_height_m=4.0).model_dump()
+    port, control = free_ports(count), free_ports()
+    raw = flying_config(count, port, silence_s=2.0, takeoff_height_m=4.0).model_dump()
     raw["api"]["port"] = free_ports()
     raw["formation"] |= {"radius_m": 9.0, "height_m": 15.0}
     raw["map"] = {"tiles": str(folder / "none.mbtiles")}
@@ -54,7 +92,7 @@ def broken_fleet(folder: Path) -> Iterator[tuple[Station, Fault, int]]:
     raw["reactions"]["wind"] |= wind  # also of a fleet that is paused, and steers against it
     raw["reactions"]["links_late"] |= {"late_s": 5.0, "arrive_min": 0.2}  # a busy machine is no late link
     config = configuration.Config.model_validate(raw)
-    command = [sys.executable, "-m", "gcs.sim", "--count", str(COUNT), "--port-base", str(port)]
+    command = [sys.executable, "-m", "gcs.sim", "--count", str(count), "--port-base", str(port)]
     command += ["--origin", ORIGIN, "--grid-columns", "4", "--quirk", "late-ready=off"]
     command += ["--control", str(control), *proper(config)]
 
@@ -69,7 +107,7 @@ def broken_fleet(folder: Path) -> Iterator[tuple[Station, Fault, int]]:
         try:
             with service(config, folder / "service") as (client, process):
                 url = f"http://127.0.0.1:{config.api.port}"
-                yield Station(url, client, process, config, folder / "service"), fault, port
+                yield Field(Station(url, client, process, config, folder / "service"), fault, port, fleet)
         finally:
             fleet.terminate()
 
@@ -109,6 +147,37 @@ def listed(desk: Console) -> list[dict[str, Any]]:
     return found
 
 
+def at_rest(desk: Console, name: str) -> tuple[float, float]:
+    """Where a vehicle is on the screen once the camera has come to rest. CSS pixels."""
+    word = desk.page.locator(".scene-word.name").filter(has_text=re.compile(f"^{name}$"))
+    seen: list[tuple[float, float]] = []
+    for _ in range(60):
+        box = word.bounding_box()
+        if box is not None:
+            seen = [*seen[-2:], (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 + NAME_PX)]
+            if (
+                len(seen) == 3
+                and max(abs(a - b) for one in seen for a, b in zip(one, seen[0], strict=True)) < 3.0
+            ):
+                return seen[0]  # its position is never quite still
+        desk.page.wait_for_timeout(LOOK_MS)
+    raise AssertionError(f"{name} does not come to rest: {seen}")
+
+
+def selected(desk: Console) -> set[str]:
+    """Rows of the fleet's table that are selected."""
+    found = desk.page.locator("tr.selected").evaluate_all("(rows) => rows.map((row) => row.dataset.testid)")
+    return set(found)
+
+
+def sees(desk: Console, row: Locator) -> None:
+    """Scroll to an alarm. A new one may move the list meanwhile, back to its top."""
+    desk.until(
+        lambda: row.scroll_into_view_if_needed(timeout=SOON_MS),
+        lambda within_ms: expect(row).to_be_in_viewport(ratio=0.9, timeout=within_ms),
+    )
+
+
 def not_shown_in_time(desk: Console) -> list[str]:
     """Alarms sent to the page and not shown on it so long after, without the time it stood still."""
     seen = desk.seen()
@@ -123,73 +192,203 @@ def not_shown_in_time(desk: Console) -> list[str]:
     return late
 
 
+def ports_of(process: subprocess.Popen[bytes]) -> list[int]:
+    """UDP ports that a process has open."""
+    links = [str(each.readlink()) for each in Path(f"/proc/{process.pid}/fd").iterdir()]
+    inodes = {link[len("socket:[") : -1] for link in links if link.startswith("socket:[")}
+    rows = [line.split() for line in Path("/proc/net/udp").read_text(encoding="ascii").splitlines()[1:]]
+    return [int(row[1].partition(":")[2], 16) for row in rows if row[9] in inodes]
+
+
+def another_station_sets(fleet: subprocess.Popen[bytes], system_id: int, name: str, value: float) -> None:
+    """A parameter of one vehicle. Which port is its own is not known: it is the one addressed."""
+    message = dialect.MAVLink_param_set_message(
+        system_id, 1, name.encode(), value, dialect.MAV_PARAM_TYPE_REAL32
+    )
+    frame = message.pack(dialect.MAVLink(None, srcSystem=250, srcComponent=190))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
+        for port in ports_of(fleet):
+            outlet.sendto(frame, ("127.0.0.1", port))
+
+
+def fill_the_disk(process: subprocess.Popen[str]) -> None:
+    """No file of the service grows any more."""
+    _, hard = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (4096, hard))
+
+
+def injections(field: Field, stack: ExitStack) -> dict[str, Callable[[], object]]:
+    """Twelve causes, and how each comes about."""
+    ground, fault = field.ground, field.fault
+    wind = {"north_m_s": 13.0, "east_m_s": 0.0, "down_m_s": 0.0}
+    return {
+        "vehicle-lost": lambda: fault(vehicle=1, fault="silence"),
+        "outside-control": lambda: fault(vehicle=2, fault="pilot", mode="POSITION"),
+        "killed": lambda: kill(ground.client, "d3"),
+        "low-battery": lambda: fault(vehicle=4, fault="battery", remaining=0.18),
+        "critical-battery": lambda: fault(vehicle=5, fault="battery", remaining=0.09),
+        "bad-position": lambda: fault(vehicle=6, fault="accuracy", eph_m=20.0),
+        "vehicles-lost": lambda: fault(vehicles=[7, 10], fault="silence"),
+        "poor-link": lambda: fault(vehicle=8, fault="loss", share=0.4),
+        "duplicate-system-id": lambda: stack.enter_context(second_with_the_same_id(field.port)),
+        "parameter-changed": lambda: another_station_sets(field.fleet, 11, "COM_OF_LOSS_T", 60.0),
+        "record-fails": lambda: fill_the_disk(ground.process),
+        "wind": lambda: fault(vehicles="all", fault="wind", **wind),
+    }
+
+
+def take_off(field: Field, *spare: str) -> None:
+    """Until the show runs; `spare` vehicles stay on the ground."""
+    client = field.ground.client
+    wait_until("ready", SOON_S, lambda: all(each.ready for each in client.fleet().vehicles))
+    for name in spare:
+        client.preflight.exclude(name, reason="spare")
+    wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
+    client.start()
+    wait_until("running", SOON_S, lambda: client.show().phase == "running")
+
+
+@pytest.mark.parametrize("seed", [14, 2026])
 def test_twelve_alarms_three_at_once_are_all_on_screen_the_most_severe_on_top(
+    chrome: Browser, tmp_path: Path, seed: int
+) -> None:
+    with (
+        broken_fleet(tmp_path) as field,
+        ExitStack() as stack,
+        console(chrome, field.ground.url, width=1440, height=900) as desk,
+    ):
+        ground = field.ground
+        desk.says("connection", "Live")
+        desk.page.keyboard.press("Escape")
+        take_off(field, "d12")
+        inject = injections(field, stack)
+        order = list(inject)
+        random.Random(seed).shuffle(order)
+        for first in range(0, len(order), 3):
+            batch = order[first : first + 3]
+            for cause in batch:
+                inject[cause]()
+            wait_until(f"{batch} of seed {seed} are alarms", SOON_S, partial(all_are, ground, batch))
+            for cause in batch:
+                row = desk.page.locator(f"[data-alarm][data-cause={cause}]")
+                expect(row.first).to_be_attached(timeout=SOON_MS)
+            assert not_shown_in_time(desk) == []
+            assert desk.page.evaluate(WHOLE)["alarms"][0], "the most severe is on screen"
+        expected = {*order, "not-flying", "service-note"}
+        there = listed(desk)
+        assert {each["cause"] for each in there} >= expected
+        ranks = [(each["ended"], SEVERITIES.index(each["severity"])) for each in there]
+        assert ranks == sorted(ranks)
+        for how in ("dense", "all"):
+            if how == "all":
+                desk.press("alarms-all")
+            for each in there:
+                if each["severity"] in {"emergency", "warning"}:  # these stay until they are acknowledged
+                    sees(desk, desk.page.locator(f"[data-alarm={each['alarm']}]"))
+        desk.says("overall-word", "Emergency")
+        assert desk.page.title().startswith("EMERGENCY")
+        assert "icon-emergency" in (desk.page.locator("link[rel=icon]").get_attribute("href") or "")
+        assert desk.seen()["tones"] > 0
+        assert desk.serious() == []
+
+        desk.press("alarms-fold")
+        for minor in ("caution", "information"):
+            expect(desk.page.locator(f"[data-severity={minor}][data-alarm]")).to_have_count(0)
+        assert {each["severity"] for each in listed(desk)} == {"emergency", "warning"}
+        desk.press("acknowledge-all")
+        expect(desk.part("acknowledge-all")).to_have_count(0, timeout=SOON_MS)
+        assert {each["acknowledged_by"] for each in alarms(ground)} - {None} == {"local"}  # None: a new one
+        desk.press("sound")
+        desk.page.reload()
+        expect(desk.part("sound")).to_have_attribute("aria-pressed", "false", timeout=SOON_MS)
+        assert desk.wrong == []
+
+
+def test_after_a_stall_alarms_the_table_and_the_way_back_are_on_screen_together(
     chrome: Browser, tmp_path: Path
 ) -> None:
     with (
-        broken_fleet(tmp_path) as (ground, fault, port),
-        console(chrome, ground.url, width=1440, height=900) as desk,
+        broken_fleet(tmp_path, 7) as field,
+        console(chrome, field.ground.url, width=1440, height=900) as desk,
     ):
-        client = ground.client
+        ground, fault = field.ground, field.fault
+        take_off(field)
+        fault(vehicle=1, fault="silence")
+        fault(vehicle=2, fault="pilot", mode="POSITION")
+        wait_until("lost", SOON_S, partial(all_are, ground, ["vehicle-lost", "outside-control"]))
+        ground.process.send_signal(signal.SIGSTOP)
+        desk.page.wait_for_timeout(8_000)  # longer than the vehicles wait for setpoints
+        ground.process.send_signal(signal.SIGCONT)
+        kill(ground.client, "d3")
+        wait_until("all", SOON_S, partial(all_are, ground, ["killed", "interrupted", "own-failsafe"]))
         desk.says("connection", "Live")
-        desk.page.keyboard.press("Escape")
-        wait_until("ready", SOON_S, lambda: all(each.ready for each in client.fleet().vehicles))
-        client.preflight.exclude("d12", reason="spare")
-        wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
-        client.start()
-        desk.says("show-phase", "running", FLIGHT_MS)
-
-        def wind() -> None:
-            fault(vehicles="all", fault="wind", north_m_s=13.0, east_m_s=0.0, down_m_s=0.0)
-
-        injections: dict[str, Callable[[], None]] = {
-            "vehicle-lost": lambda: fault(vehicle=1, fault="silence"),
-            "outside-control": lambda: fault(vehicle=2, fault="pilot", mode="POSITION"),
-            "killed": lambda: kill(client, "d3"),
-            "low-battery": lambda: fault(vehicle=4, fault="battery", remaining=0.18),
-            "critical-battery": lambda: fault(vehicle=5, fault="battery", remaining=0.09),
-            "bad-position": lambda: fault(vehicle=6, fault="accuracy", eph_m=20.0),
-            "poor-link": lambda: fault(vehicle=8, fault="loss", share=0.4),
-            "wind": wind,
-        }
-        order = list(injections)
-        random.Random(14).shuffle(order)
-        with second_with_the_same_id(port):
-            for first in range(0, len(order), 3):
-                batch = order[first : first + 3]
-                for cause in batch:
-                    injections[cause]()
-                wait_until(f"{batch} are alarms", SOON_S, partial(all_are, ground, batch))
-            expected = {*order, "not-flying", "service-note", "vehicles-lost", "duplicate-system-id"}
-            wait_until("all", SOON_S, partial(all_are, ground, expected))
-            expect(desk.part("alarm")).to_have_count(len(alarms(ground)), timeout=SOON_MS)
-            assert not_shown_in_time(desk) == []
-            there = listed(desk)
-            assert {each["cause"] for each in there} >= expected
-            ranks = [(each["ended"], SEVERITIES.index(each["severity"])) for each in there]
-            assert ranks == sorted(ranks)
-            assert all(each["height"] > 20.0 for each in there)
-            for each in range(len(there)):
-                row = desk.part("alarm").nth(each)
-                row.scroll_into_view_if_needed()
-                expect(row).to_be_in_viewport(ratio=0.9)
-            desk.says("overall-word", "Emergency")
-            assert desk.page.title().startswith("EMERGENCY")
-            assert "icon-emergency" in (desk.page.locator("link[rel=icon]").get_attribute("href") or "")
-            assert desk.seen()["tones"] > 0
-            assert desk.serious() == []
-
-            desk.press("alarms-fold")
-            for minor in ("caution", "information"):
-                expect(desk.page.locator(f"[data-severity={minor}][data-alarm]")).to_have_count(0)
-            assert {each["severity"] for each in listed(desk)} == {"emergency", "warning"}
-            desk.press("acknowledge-all")
-            expect(desk.part("acknowledge-all")).to_have_count(0, timeout=SOON_MS)
-            assert {each["acknowledged_by"] for each in alarms(ground)} == {"local"}
-            desk.press("sound")
-            desk.page.reload()
-            expect(desk.part("sound")).to_have_attribute("aria-pressed", "false", timeout=SOON_MS)
+        expect(desk.page.locator("[data-cause=killed]")).to_be_attached(timeout=SOON_MS)
+        expect(desk.part("take-over")).to_be_visible(timeout=SOON_MS)
+        for (width, height), (least, rows) in {
+            (1440, 900): (5, 3),
+            (1024, 768): (3, 2),
+            (768, 1024): (3, 0),
+            (390, 844): (2, 0),
+            (360, 640): (1, 0),
+            (844, 390): (1, 0),
+            (640, 360): (1, 0),
+        }.items():
+            desk.page.set_viewport_size({"width": width, "height": height})
+            desk.page.wait_for_timeout(LAID_OUT_MS)
+            if rows > 0:
+                for panel in ("preflight", "fleet"):
+                    if desk.part(f"panel-{panel}").count() == 0:
+                        desk.press(f"tab-{panel}")
+                expect(desk.part("panel-fleet")).to_be_visible()
+            expect(desk.part("take-over")).to_be_in_viewport(ratio=1.0)
+            desk.page.wait_for_timeout(LAID_OUT_MS)
+            seen = desk.page.evaluate(WHOLE)
+            assert listed(desk)[0]["cause"] == "killed"
+            assert seen["alarms"][:least] == [True] * least, (width, height, seen)
+            assert sum(seen["rows"]) >= rows, (width, height, seen)
+            if rows == 0:
+                desk.says("alarms-all", f"{len(seen['alarms']) - 1} more")
+                desk.press("alarms-all")
+                expect(desk.part("alarms-all")).to_have_attribute("aria-expanded", "true")
+                last = desk.part("alarm").last
+                sees(desk, last)
+                desk.press("alarms-all")
         assert desk.wrong == []
+
+
+def test_a_box_dragged_in_the_scene_selects_the_vehicles_in_it_and_no_others(
+    chrome: Browser, tmp_path: Path
+) -> None:
+    with station(tmp_path, 6) as ground, console(chrome, ground.url, width=1440, height=900) as desk:
+        desk.says("connection", "Live")
+        desk.press("camera-top")
+        places = {name: at_rest(desk, name) for name in ("d1", "d2", "d3", "d4", "d5", "d6")}
+
+        def drag(*names: str, keys: tuple[str, ...]) -> None:
+            """A box around these."""
+            across, down = zip(*(places[name] for name in names), strict=True)
+            for key in keys:
+                desk.page.keyboard.down(key)
+            desk.page.mouse.move(min(across) - BOX_PX, min(down) - BOX_PX)
+            desk.page.mouse.down()
+            desk.page.mouse.move(max(across) + BOX_PX, max(down) + BOX_PX, steps=5)
+            expect(desk.page.locator(".scene-box")).to_be_visible()
+            desk.page.mouse.up()
+            for key in keys:
+                desk.page.keyboard.up(key)
+            expect(desk.page.locator(".scene-box")).to_be_hidden()
+
+        drag("d1", "d2", keys=("Control",))
+        expect(desk.page.locator("tr.selected")).to_have_count(2, timeout=SOON_MS)
+        assert selected(desk) == {"row-d1", "row-d2"}
+        drag("d5", "d6", keys=("Control", "Shift"))
+        expect(desk.page.locator("tr.selected")).to_have_count(4, timeout=SOON_MS)
+        assert selected(desk) == {"row-d1", "row-d2", "row-d5", "row-d6"}
+        drag("d4", keys=("Control",))
+        expect(desk.page.locator("tr.selected")).to_have_count(1, timeout=SOON_MS)
+        assert selected(desk) == {"row-d4"}
+        assert desk.wrong == []
+        assert ground.client.orders() == [], "a selection commands nothing"
 
 
 def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser, tmp_path: Path) -> None:

@@ -67,6 +67,7 @@ export function onKey(event: KeyboardEvent, state: State, actions: DeskActions):
 function close(state: State, actions: DeskActions): void {
   if (state.ghost !== null) actions.cancelGhost();
   else if (state.desk.sheet !== null) actions.sheet(null);
+  else if (state.desk.allAlarms) actions.set({ allAlarms: false });
   else if (state.desk.editing !== null) actions.edit(null);
   else if (state.desk.excluding !== null) actions.set({ excluding: null });
   else if (state.view.selection.length > 0) actions.choose({ how: "only", ids: [] });

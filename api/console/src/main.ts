@@ -115,11 +115,18 @@ function onFrame(now_ms: number): void {
     render(desk(state, actions), place);
     if (shown === null) for (const each of place.querySelectorAll("[data-room], .room-low, .alarms")) roomChanges.observe(each);
     else if (frontOf(state) !== frontOf(shown)) fit();
+    if (isAlarmsFromTop(state, shown)) place.querySelector(".alarms")!.scrollTop = 0;
     shown = state;
     shown_ms = now_ms;
     isUrgent = false;
   }
   requestAnimationFrame(onFrame);
+}
+
+/** A new alarm of importance, and a list that has become shorter, are seen from the most severe alarm on. */
+function isAlarmsFromTop({ attention: { announced }, desk: { allAlarms, layout } }: State, before: State | null): boolean {
+  const isNew = announced !== before?.attention.announced && announced.urgent !== "";
+  return isNew || allAlarms !== before?.desk.allAlarms || layout !== before.desk.layout;
 }
 
 /** What moves the room without a change of its size: another panel, another layout. */

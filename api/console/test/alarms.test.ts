@@ -3,6 +3,7 @@ import { describe, expect, it } from "vitest";
 import { iconOf, REPEATED_MS, titleOf } from "../src/alarms/attention";
 import { counted, ordered, raised, worst, type Alarm, type Severity } from "../src/alarms/model";
 import { initial, type State } from "../src/state";
+import { texts } from "../src/texts";
 import { update, type Message } from "../src/update";
 import { frame } from "./frames";
 import { status } from "./statuses";
@@ -134,4 +135,15 @@ describe("title and icon", () => {
     expect([titleOf("Station", []), iconOf([])]).toEqual(["Station", "normal"]);
     expect([titleOf("Station", [alarm("a", "information")]), iconOf([alarm("a", "information")])]).toEqual(["Station", "normal"]);
   });
+});
+
+it("no text of the page has two marks where there should be one", () => {
+  const badly = /[.,;:][,;]|[,;:]\.|\s[.,;](\s|$)/;
+  const all = (node: unknown): string[] => {
+    if (typeof node === "string") return [node];
+    if (typeof node === "function") return [...String(node).matchAll(/"([^"]*)"|`([^`]*)`/g)].map((each) => each[1] ?? each[2]!.replaceAll(/\$\{[^}]*\}/g, "3"));
+    return typeof node === "object" && node !== null ? Object.values(node).flatMap(all) : [];
+  };
+  expect(all(texts).length).toBeGreaterThan(300);
+  expect(all(texts).filter((text) => badly.test(text))).toEqual([]);
 });

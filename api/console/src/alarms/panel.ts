@@ -8,6 +8,7 @@ import type { DeskActions } from "../desk/actions";
 import { button } from "../desk/controls";
 import { clockTime, seconds } from "../desk/format";
 import { icon, type IconName } from "../desk/icons";
+import { isBesideAPanel, isSmall } from "../desk/layout";
 import { whyNotAcknowledge } from "../desk/rights";
 import { fresh, type State } from "../state";
 import { texts } from "../texts";
@@ -24,12 +25,13 @@ export const SEVERITY_ICON: Record<Overall, IconName> = {
 };
 
 const VEHICLES_NAMED = 24; // links in one alarm; the rest are selected by "all"
+const LINKS_IN_A_DENSE_ROW = 3; // of more vehicles it has "all" alone: their names take the room of another alarm
 
 function vehicles(actions: DeskActions, alarm: Alarm): TemplateResult | typeof nothing {
   if (alarm.vehicles.length === 0) return nothing;
   const named = alarm.vehicles.slice(0, VEHICLES_NAMED);
   const more = alarm.vehicles.length - named.length;
-  return html`<span class="alarm-vehicles">
+  return html`<span class="alarm-vehicles ${named.length > LINKS_IN_A_DENSE_ROW ? "many" : ""}">
     ${named.map((id) => html`<button type="button" class="link" data-testid="alarm-vehicle-${id}" @click=${() => actions.select(id)}>${id}</button> `)}
     ${more > 0 ? texts.preflight.moreVehicles(more) : nothing}
     ${alarm.vehicles.length > 1
@@ -95,6 +97,8 @@ export function alarms(state: State, actions: DeskActions): TemplateResult | typ
   const minor = all.filter((each) => !ALWAYS_SHOWN.has(each.severity));
   const shown = isFolded ? all.filter((each) => ALWAYS_SHOWN.has(each.severity)) : all;
   const open = all.filter(isOpen);
+  const { layout, allAlarms } = state.desk;
+  const isUnseen = isSmall(layout) && !allAlarms && all.length > 1; // what is not on screen is not acknowledged
   return html`<section class="alarm-list" tabindex="-1" aria-label=${t.title} data-testid="alarms">
     <header>
       <h2>${t.title} <b data-testid="alarm-count">${all.length}</b></h2>
@@ -102,7 +106,17 @@ export function alarms(state: State, actions: DeskActions): TemplateResult | typ
         ${counted(all).map(({ severity, count }) => html`<span class="alarm-count-${severity}" title=${t.counts[severity](count)}>${icon(SEVERITY_ICON[severity])}${count}</span>`)}
       </span>
       <span class="spring"></span>
-      ${open.length > 0
+      ${all.length > 1 && (allAlarms || isBesideAPanel(state.desk))
+        ? button(actions, {
+            id: "alarms-all",
+            label: allAlarms ? t.seeFewer : isSmall(layout) ? t.seeMore(all.length - 1) : t.seeAll(all.length),
+            icon: allAlarms ? "up" : "down",
+            kind: "quiet",
+            expanded: allAlarms,
+            press: () => actions.set({ allAlarms: !allAlarms }),
+          })
+        : nothing}
+      ${open.length > 0 && !isUnseen
         ? button(actions, {
             id: "acknowledge-all",
             label: t.acknowledgeAll,

@@ -6,6 +6,7 @@ import { replayBar } from "../replay/bar";
 import type { State } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
+import { alarmsOf } from "../alarms/model";
 import { alarms, announcer } from "../alarms/panel";
 import { offers, recovery } from "../alarms/recovery";
 import { banner, toasts } from "./banners";
@@ -20,7 +21,7 @@ import { help } from "./help";
 import { icon, type IconName } from "./icons";
 import { PANEL_KEYS } from "./keys";
 import { kill } from "./kill";
-import { DEAD_IN_REPLAY, isSmall, shownPanels } from "./layout";
+import { DEAD_IN_REPLAY, isBesideAPanel, isSmall, shownPanels } from "./layout";
 import { login } from "./login";
 import { obstacles } from "./obstacles";
 import { plots } from "./plots";
@@ -137,12 +138,22 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
   const isReplay = Boolean(state.status?.replay);
   const isOld = now !== "live" && now !== "replay";
   const { left, right } = shownPanels(state.desk);
-  const { layout, tall, sheet: open } = state.desk;
-  const names = ["desk", isOld && "is-old", left && "has-left", right && "has-right", tall && "is-tall", open && open !== "help" && "has-dialog"];
+  const { layout, tall, allAlarms, sheet: open } = state.desk;
+  const hasAlarms = alarmsOf(state.status).length > 0;
+  const names = [
+    "desk",
+    isOld && "is-old",
+    left && "has-left",
+    right && "has-right",
+    tall && "is-tall",
+    allAlarms && hasAlarms ? "has-all-alarms" : isBesideAPanel(state.desk) && "has-dense-alarms",
+    open && open !== "help" && "has-dialog",
+  ];
   return html`<div class=${names.filter(Boolean).join(" ")} data-testid="desk" data-life=${now} data-layout=${layout}>
     ${topbar(state, actions)}
     ${banner(state)}
-    <div class="alarms" data-region="alarms">${recovery(state)} ${alarms(state, actions)}</div>
+    ${isSmall(layout) ? nothing : recovery(state)}
+    <div class="alarms" data-region="alarms">${isSmall(layout) ? recovery(state) : nothing} ${alarms(state, actions)}</div>
     <div class="rails">
       ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)}
     </div>

@@ -34,6 +34,12 @@ export function isSmall(layout: Layout): boolean {
   return layout === "sheet" || layout === "side";
 }
 
+/** Whether alarms have less than the height of the page: their rows are dense then, and a button shows all of them. */
+export function isBesideAPanel(desk: Pick<DeskState, "layout" | "left" | "right" | "front">): boolean {
+  const { left, right } = shownPanels(desk);
+  return isSmall(desk.layout) || right !== null || (desk.layout === "single" && left !== null);
+}
+
 /** Panels that ask the service for what a record does not hold. */
 export const DEAD_IN_REPLAY: ReadonlySet<string> = new Set<LeftPanel>(["preflight", "shows"]);
 
@@ -52,5 +58,5 @@ export function shownPanels({ layout, left, right, front }: Pick<DeskState, "lay
 export function withLayout(desk: DeskState, layout: Layout): DeskState {
   if (layout === desk.layout) return desk;
   const front = !isSmall(layout) ? (desk.front ?? "right") : isSmall(desk.layout) ? desk.front : null;
-  return { ...desk, layout, front, tall: false };
+  return { ...desk, layout, front, tall: false, allAlarms: false };
 }

@@ -30,6 +30,7 @@ export interface DeskState {
   layout: Layout;
   front: PanelSide | null; // opened last; where one panel is shown at a time, this side's
   tall: boolean; // the panel's sheet covers the scene
+  allAlarms: boolean; // the list of alarms covers the panel
   tools: boolean; // the top bar's second row, where it has one
   drafts: Readonly<Record<string, string>>; // typed and not sent, by field
   sort: Sort;
@@ -73,6 +74,7 @@ export function initialDesk(): DeskState {
     layout: "wide",
     front: "right",
     tall: false,
+    allAlarms: false,
     tools: false,
     drafts: {},
     sort: { column: "id", descending: false },
