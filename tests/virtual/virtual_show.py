@@ -389,7 +389,8 @@ def fly(
             for service in ended & services:
                 await service  # raises what ended it
             result = await told
-            assert badly_written(show) == []
+            wrong = badly_written(show)
+            assert not wrong, wrong
             return result
         finally:
             for task in {*services, told}:
