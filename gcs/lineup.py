@@ -38,7 +38,9 @@ class Lineup:
             if exclusion is not None and wanted is not None:
                 raise RefusedError(f"{name} was {exclusion}; include it first")
             if exclusion is None and (wanted is not None or vehicle.phase is not Phase.OFFLINE):
-                raise RefusedError(f"{name} is {vehicle.phase}: {vehicle.reason}; only standby can start")
+                raise RefusedError(
+                    f"{name} is {vehicle.phase}: {vehicle.reason.removesuffix('.')}; only standby can start"
+                )
         if not chosen:
             raise RefusedError("no vehicle is online")
         return chosen, left_out
@@ -95,4 +97,5 @@ class Lineup:
                 f"vehicles can be excluded or included only on the ground (the show is {flight.show})"
             )
         if vehicle.phase not in GROUNDED:
-            raise RefusedError(f"{vehicle_id} is {vehicle.phase}: {vehicle.reason}; it is not on the ground")
+            because = vehicle.reason.removesuffix(".")
+            raise RefusedError(f"{vehicle_id} is {vehicle.phase}: {because}; it is not on the ground")

@@ -28,7 +28,7 @@ def reason(vehicles: Collection[Vehicle]) -> str:
     if len(by_reason) == 1:
         (only,) = by_reason
         return f"{count}, not under this station's control: {only}"
-    parts = [f"{_named(ids)}: {why}" for why, ids in by_reason.items()]
+    parts = [f"{_named(ids)}: {why.removesuffix('.')}" for why, ids in by_reason.items()]
     return f"{count}, not under this station's control: {'; '.join(parts)}"
 
 
