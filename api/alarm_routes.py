@@ -8,7 +8,7 @@ from gcs.api.desk import DeskDep
 from gcs.api.path_names import AlarmId
 from gcs.api.problem_docs import COMMAND, NO_BODY, TOKEN, errors
 from gcs.api.wire_alarms import Alarm, AlarmList
-from gcs.errors import RefusedError
+from gcs.model.errors import RefusedError
 
 router = APIRouter(prefix="/alarms", tags=["alarms"], dependencies=TOKEN)
 

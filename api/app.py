@@ -33,9 +33,9 @@ from gcs.api.guard import Guard
 from gcs.api.methods import Methods, allowed
 from gcs.api.problems import echo, error_response, from_pydantic, invalid_response
 from gcs.api.security_headers import SecurityHeaders
-from gcs.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
 from gcs.maps import GroundMap
-from gcs.quoting import cut
+from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
+from gcs.model.quoting import cut
 from gcs.service import Service
 
 STATUS: Final[dict[type[GcsError], HTTPStatus]] = {

@@ -6,13 +6,13 @@ from typing import Final
 
 import numpy as np
 
-from gcs import plan
 from gcs.api import convert_alarms, wire, wire_interrupted, wire_shows
-from gcs.counts import Counts
-from gcs.errors import InvalidError, RefusedError
-from gcs.frames import ShowFrame
-from gcs.interrupted import Interrupted
-from gcs.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
+from gcs.model import plan
+from gcs.model.errors import InvalidError, RefusedError
+from gcs.model.fleet_counts import Counts
+from gcs.model.frames import ShowFrame
+from gcs.model.interrupted_flight import Interrupted
+from gcs.model.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
 from gcs.rows import VehicleView
 from gcs.service import (
     FleetView,

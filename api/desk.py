@@ -13,10 +13,10 @@ from gcs.api import convert
 from gcs.api.console_feed import Feed
 from gcs.api.door import Door
 from gcs.api.killswitch import KillSwitch
-from gcs.errors import RefusedError
-from gcs.frames import ShowFrame
 from gcs.maps import GroundMap
-from gcs.plan import Plan
+from gcs.model.errors import RefusedError
+from gcs.model.frames import ShowFrame
+from gcs.model.plan import Plan
 from gcs.service import FleetView, Service
 
 VIEWERS_MAX: Final = 32

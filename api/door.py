@@ -18,7 +18,7 @@ from starlette.datastructures import Headers
 from gcs.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
 from gcs.api.page import is_public
 from gcs.api.rates import Bucket
-from gcs.interrupted import Offer
+from gcs.model.interrupted_flight import Offer
 from gcs.service import ShowAction, VehicleAction
 from gcs.tokens import Entry, Tokens
 

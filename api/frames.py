@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.estimates import Estimates
-from gcs.frames import ShowFrame
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.frames import ShowFrame
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Mode
 from gcs.rows import VehicleRows
 from gcs.service import FleetView
-from gcs.state import Mode
 
 VERSION: Final = 2
 

@@ -21,7 +21,7 @@ from gcs.api.audit import WHO_KEY
 from gcs.api.door import Call, Door, Refusal, Visitor, is_emergency, needed
 from gcs.api.problems import error_response, invalid_response
 from gcs.api.strict_json import find_problem
-from gcs.quoting import cut
+from gcs.model.quoting import cut
 from gcs.service import WHO
 
 BODY_MAX_BYTES: Final = 64 * 1024

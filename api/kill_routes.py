@@ -8,8 +8,8 @@ from gcs.api import convert, wire, wire_kill
 from gcs.api.desk import DeskDep
 from gcs.api.killswitch import VALID_S
 from gcs.api.problem_docs import COMMAND, TOKEN, errors
-from gcs.errors import RefusedError, UnknownError
-from gcs.lifecycle import Phase
+from gcs.model.errors import RefusedError, UnknownError
+from gcs.model.lifecycle import Phase
 from gcs.service import WHO
 
 kill = APIRouter(prefix="/kill", tags=["fleet"], dependencies=TOKEN)

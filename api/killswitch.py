@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.errors import RefusedError
-from gcs.state import VehicleId
+from gcs.model.errors import RefusedError
+from gcs.model.state import VehicleId
 
 VALID_S: Final = 20.0
 """Long enough to read who it is and to type the code; too short to be found again in a terminal's history."""

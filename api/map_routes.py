@@ -7,7 +7,7 @@ from fastapi import APIRouter, HTTPException
 from starlette.responses import Response
 
 from gcs.api.desk import DeskDep
-from gcs.errors import UnknownError
+from gcs.model.errors import UnknownError
 
 router = APIRouter(include_in_schema=False)
 

@@ -21,7 +21,7 @@ from gcs.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall
 from gcs.api.convert_alarms import current
 from gcs.api.desk import DeskDep
 from gcs.api.problem_docs import TOKEN
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.rows import VehicleView
 from gcs.service import FleetView, Histogram
 

@@ -5,11 +5,11 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from gcs import checks
 from gcs.api import convert, wire, wire_preflight
 from gcs.api.desk import DeskDep
 from gcs.api.path_names import VehicleId
 from gcs.api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
+from gcs.model import preflight_report as checks
 
 router = APIRouter(dependencies=TOKEN)
 

@@ -7,7 +7,7 @@ from fastapi.security import HTTPBearer
 from starlette.requests import Request
 
 from gcs.api import wire
-from gcs.errors import InvalidError
+from gcs.model.errors import InvalidError
 
 MEANING: Final = {
     400: "The body cannot be read.",

@@ -5,7 +5,7 @@ from fastapi import APIRouter
 from gcs.api import convert_status, wire_replay
 from gcs.api.desk import Desk, DeskDep
 from gcs.api.problem_docs import COMMAND, READ, TOKEN, errors
-from gcs.errors import RefusedError
+from gcs.model.errors import RefusedError
 from gcs.service import Replaying
 
 router = APIRouter(dependencies=TOKEN, tags=["replay"])

@@ -14,9 +14,9 @@ from gcs.api.desk import Desk, DeskDep
 from gcs.api.path_names import ObstacleId, OrderId, VehicleId
 from gcs.api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.api.wire_stream import Access, Status
-from gcs.errors import InvalidError, UnknownError
-from gcs.interrupted import Offer
-from gcs.plan import Obstacle
+from gcs.model.errors import InvalidError, UnknownError
+from gcs.model.interrupted_flight import Offer
+from gcs.model.plan import Obstacle
 from gcs.service import ShowAction, VehicleAction
 
 health = APIRouter(tags=["health"])

@@ -14,7 +14,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from gcs.api.desk import Desk, DeskDep
 from gcs.api.door import SUBPROTOCOL
-from gcs.errors import InvalidError, RefusedError
+from gcs.model.errors import InvalidError, RefusedError
 
 RATE_DEFAULT_HZ: Final = 10.0
 RATE_MIN_HZ: Final = 1.0

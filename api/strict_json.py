@@ -13,7 +13,7 @@ from starlette.datastructures import Headers
 
 from gcs.api import wire
 from gcs.api.problems import echo
-from gcs.quoting import cut
+from gcs.model.quoting import cut
 
 DEPTH_MAX: Final = 32
 """Of objects and lists inside each other; the deepest proper request has 3."""

@@ -15,10 +15,10 @@ from gcs.alarms import OverallSeverity
 from gcs.api.names import VehicleName
 from gcs.api.wire_alarms import Alarm
 from gcs.api.wire_interrupted import Interrupted
-from gcs.lifecycle import Phase, ShowPhase
-from gcs.plan import Direction, YawPolicy
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Direction, YawPolicy
+from gcs.model.state import Mode
 from gcs.service import Outcome, ShowAction
-from gcs.state import Mode
 
 LENGTH_MAX_M: Final = 100_000.0
 """Beyond this a flat show frame means nothing, and geodesy answers nonsense."""

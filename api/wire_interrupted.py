@@ -2,8 +2,8 @@
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gcs.interrupted import Offer
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.interrupted_flight import Offer
+from gcs.model.lifecycle import Phase, ShowPhase
 
 
 class _Outward(BaseModel):

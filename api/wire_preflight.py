@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from gcs.api.wire import Inward, Measured, Outward
-from gcs.checks import State
+from gcs.model.preflight_report import State
 
 REASON_MAX = 200
 

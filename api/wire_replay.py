@@ -6,7 +6,7 @@ from pydantic import Field
 
 from gcs.api.wire import ABSENT, Change, Measured, Outward
 from gcs.happenings import Severity
-from gcs.lifecycle import ShowPhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.service import CheckState
 
 SPEED_MAX: Final = 100.0

@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 
 from pydantic import model_validator
 
-from gcs.settings import Positive, Settings
+from gcs.model.settings import Positive, Settings
 
 
 class Right(StrEnum):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import Array
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array
 
 
 class Positioning(Settings):

@@ -25,11 +25,11 @@ from gcs.close_pairs import ClosePairs
 from gcs.control import Tick
 from gcs.failsafe_cause import ADVICE_TO_MANY, FailsafeCause
 from gcs.flight import FLIES, Flight
-from gcs.interrupted import Interrupted
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.interrupted_flight import Interrupted
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import VehicleId
 from gcs.reactions import Action, Cause
 from gcs.service import WHO, OrderRecord, Outcome, Reaction
-from gcs.state import VehicleId
 from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, Final
 
-from gcs.errors import RefusedError
+from gcs.model.errors import RefusedError
 
 LOWEST, LOWER = 19, 10
 """Priorities: beside a flight, and where nothing flies."""

@@ -9,9 +9,9 @@ from typing import Final
 
 from gcs.errands import Errands
 from gcs.flight import Flight
-from gcs.lifecycle import Phase
+from gcs.model.lifecycle import Phase
+from gcs.model.state import VehicleId
 from gcs.service import Outcome
-from gcs.state import VehicleId
 from gcs.vehicle import Vehicle
 
 RECEIVED_WITHIN_S: Final = 3.0

@@ -26,8 +26,8 @@ from gcs.client_preflight import Preflight
 from gcs.client_replay import Playback
 from gcs.client_shows import Shows
 from gcs.deferred import Deferred
-from gcs.errors import LinkError, OrderError
 from gcs.exchange import Exchange
+from gcs.model.errors import LinkError, OrderError
 
 if TYPE_CHECKING:
     import pydantic

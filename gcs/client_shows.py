@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 from urllib.parse import quote
 
 from gcs.deferred import Deferred
-from gcs.errors import InvalidError, OrderError
+from gcs.model.errors import InvalidError, OrderError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.model.state import Array
 from gcs.safety.separation import Floor
-from gcs.state import Array
 
 TURNS = 200
 NAMED_MAX = 10

@@ -23,20 +23,20 @@ from gcs.access import AccessSettings, is_loopback
 from gcs.accuracy import Positioning
 from gcs.config_rules import fence_too_small, misfits_of_fleet
 from gcs.control import ControlSettings
-from gcs.errors import ConfigError, FileError, InvalidError, Problem
 from gcs.feasibility import check_formation, check_orbit, check_target
-from gcs.frames import ShowFrame
 from gcs.links.endpoints.urls import Listen, Place, occupied
 from gcs.links.endpoints.urls import parse as place_at
 from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
 from gcs.links.vehicle_ids import INSTANCES_MAX, SYSTEM_ID_MAX, instances
 from gcs.map_settings import MapSettings
-from gcs.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPolicy
+from gcs.model.errors import ConfigError, FileError, InvalidError, Problem
+from gcs.model.frames import ShowFrame
+from gcs.model.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPolicy
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import VehicleId
 from gcs.preflight_settings import PreflightSettings
 from gcs.reactions import ReactionSettings
 from gcs.setting_errors import explained, located
-from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import VehicleId
 from gcs.yaml_source import Source
 
 SystemId: TypeAlias = Annotated[int, Field(ge=1, le=SYSTEM_ID_MAX)]

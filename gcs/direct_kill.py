@@ -11,7 +11,6 @@ from selectors import DefaultSelector
 from typing import Final
 
 from gcs.config import Config, LinkSettings
-from gcs.errors import LinkError
 from gcs.links.endpoints import Arrival, Endpoint, make
 from gcs.links.endpoints.udp import Udp
 from gcs.links.keys import Signing
@@ -20,9 +19,10 @@ from gcs.links.mavsdk_fleet import COMPONENT_ID
 from gcs.links.roster import Address
 from gcs.links.signing import Judgement
 from gcs.links.vehicle_ids import station_id
+from gcs.model.errors import LinkError
+from gcs.model.state import VehicleId
 from gcs.records.known import KnownVehicle
 from gcs.service import Outcome, VehicleOutcome
-from gcs.state import VehicleId
 
 WITHIN_S: Final = 5.0
 """Heartbeats come once a second; a TCP connection, or a radio that is plugged in, may take a few."""

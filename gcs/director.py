@@ -5,25 +5,25 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Final
 
-from gcs.checks import PreflightReport
 from gcs.clearance import Clearance
 from gcs.control_refusal import why_never
 from gcs.errand_tasks import Done
 from gcs.errands import Errands
-from gcs.errors import InvalidError, OrderError, RefusedError
 from gcs.flight import Flight
 from gcs.homecoming import Homecoming
 from gcs.inspection import Inspection
-from gcs.interrupted import Interruption, Offer
-from gcs.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.lineup import Lineup
+from gcs.model.errors import InvalidError, OrderError, RefusedError
+from gcs.model.interrupted_flight import Interruption, Offer
+from gcs.model.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.model.preflight_report import PreflightReport
+from gcs.model.state import Array, VehicleId
 from gcs.orders import OrderBook
 from gcs.places import landing_places_m
 from gcs.reacting import Reacting
 from gcs.service import OrderRecord, Outcome, Reaction, ShowAction, VehicleAction
 from gcs.stage import Stage
 from gcs.starting import Countdown, Starting
-from gcs.state import Array, VehicleId
 from gcs.takeover import Takeover
 from gcs.timing import TickClock
 from gcs.uncontrolled import follow

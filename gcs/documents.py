@@ -4,7 +4,7 @@ from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
-from gcs.errors import ConfigError
+from gcs.model.errors import ConfigError
 from gcs.yaml_source import CHARACTERS_MAX
 
 

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Callable, Coroutine
 from typing import TypeAlias
 
-from gcs.errors import OrderError, RefusedError
+from gcs.model.errors import OrderError, RefusedError
 from gcs.service import Outcome
 from gcs.vehicle import Vehicle
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.state import Array, Mask
+from gcs.model.state import Array, Mask
 
 STEPS: Final = 100
 """A battery's charge is reported in whole percent."""

@@ -19,8 +19,8 @@ from gcs.estimates import (
     to_sphere_s,
 )
 from gcs.flight import ASSEMBLED_M, ASSEMBLED_SHARE, Flight
-from gcs.lifecycle import Phase, ShowPhase
-from gcs.state import Array, Mask
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Array, Mask
 
 EVERY_S: Final = 1.0
 

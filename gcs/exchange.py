@@ -7,7 +7,15 @@ from typing import Any, Final
 
 import httpx
 
-from gcs.errors import AccessError, ConfigError, GcsError, InvalidError, LinkError, RefusedError, UnknownError
+from gcs.model.errors import (
+    AccessError,
+    ConfigError,
+    GcsError,
+    InvalidError,
+    LinkError,
+    RefusedError,
+    UnknownError,
+)
 
 CONNECT_S: Final = 2.0
 """Whoever listens takes a connection at once; so soon an emergency call tries the other way."""

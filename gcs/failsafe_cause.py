@@ -13,7 +13,7 @@ from enum import StrEnum
 from math import isnan
 from typing import Final
 
-from gcs.state import Mode, VehicleId
+from gcs.model.state import Mode, VehicleId
 
 LOW_BELOW, CRITICAL_BELOW = 0.15, 0.07
 """PX4's BAT_LOW_THR and BAT_CRIT_THR, as they are by default."""

@@ -7,16 +7,16 @@ from typing import Literal
 import numpy as np
 
 from gcs.control import ControlSettings
-from gcs.errors import InvalidError, RefusedError
 from gcs.formation.law import LawSettings
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.formation.orbit import CLEAR_OF_FENCE_M, followed_target, target_reach_m
 from gcs.formation.thomson import smallest_radius_m
-from gcs.plan import Formation, Obstacle, Orbit, Plan, Target
+from gcs.model.errors import InvalidError, RefusedError
+from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
+from gcs.model.state import Array, VehicleId
 from gcs.safety.constraints import Braking
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence, obstacle_constraints
-from gcs.state import Array, VehicleId
 
 NEARLY_M = 1e-9
 """What arithmetic may lose; nothing is refused for that."""

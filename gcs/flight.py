@@ -13,23 +13,23 @@ from typing import TypeVar
 import numpy as np
 
 from gcs.accuracy import uncertainty_m
-from gcs.checks import Exclusion
 from gcs.config import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
-from gcs.counts import Whereabouts, whereabouts
-from gcs.errors import UnknownError
 from gcs.failsafe_cause import TEXTS_COUNT_S, VehicleFacts
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.landing import STOP_S, swept_segments_m
 from gcs.late_links import LATE_S, fleet_delay_s, for_late_links
-from gcs.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.link_delay import LinkDelay
 from gcs.link_quality import LinkQuality
 from gcs.links import Link, Order, ParameterValue
+from gcs.model.errors import UnknownError
+from gcs.model.fleet_counts import Whereabouts, whereabouts
+from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.model.plan import Plan
+from gcs.model.preflight_report import Exclusion
+from gcs.model.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
 from gcs.performance import Performance
-from gcs.plan import Plan
 from gcs.setpoint_gaps import SetpointGaps
-from gcs.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
 from gcs.table import Table
 from gcs.table_kernels import FORWARD_MAX_S
 from gcs.vehicle import SHOW_FLIES, Vehicle
@@ -303,7 +303,7 @@ class Flight:
         return self.in_phase(*AIRBORNE)
 
     def whereabouts(self, vehicle: Vehicle) -> Whereabouts:
-        """Whether it is airborne and under control, on the ground, or unknown; see `gcs.counts`."""
+        """Whether it is airborne and under control, on the ground, or unknown; see `gcs.model.fleet_counts`."""
         telemetry, at = self.telemetry[vehicle.id]
         age_s = self.fleet.time_s - float(telemetry.heartbeat_time_s[at])
         landed, armed = telemetry.landed[at], telemetry.armed[at]

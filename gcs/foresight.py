@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.control import ControlSettings
-from gcs.errors import RefusedError
 from gcs.formation.law import begun, directions_from
 from gcs.formation.repulsion import sweep
 from gcs.formation.spin import turned
-from gcs.plan import Plan
+from gcs.model.errors import RefusedError
+from gcs.model.plan import Plan
+from gcs.model.state import Array, VehicleId
 from gcs.safety.loss import ACTIONS, Action, Clash, clashes, turned_upright
-from gcs.state import Array, VehicleId
 
 SWEEPS = 300
 """Of the law's own descent, from the pads to the shape it will have. 50 ms for PREDICTED_MAX vehicles."""

@@ -10,7 +10,7 @@ from itertools import count
 from typing import Final
 
 from gcs.event_words import words
-from gcs.state import VehicleId
+from gcs.model.state import VehicleId
 
 KEPT: Final = 100
 

@@ -7,14 +7,14 @@ from concurrent.futures import Executor, Future
 import numpy as np
 
 from gcs.control import ControlSettings, ellipses_of
-from gcs.errors import ShapeError
 from gcs.flight import Flight
 from gcs.homeward import AreFree, Pace, Planner, Ways, plan_ways
 from gcs.landing import CLEAR_M
-from gcs.lifecycle import Phase
-from gcs.plan import Plan
-from gcs.quoting import cut
-from gcs.state import Array, Mask, VehicleId
+from gcs.model.errors import ShapeError
+from gcs.model.lifecycle import Phase
+from gcs.model.plan import Plan
+from gcs.model.quoting import cut
+from gcs.model.state import Array, Mask, VehicleId
 from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)

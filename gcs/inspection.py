@@ -12,12 +12,12 @@ from typing import Final
 
 import numpy as np
 
-from gcs.checks import Check
-from gcs.errors import OrderError
 from gcs.flight import Columns, Flight
 from gcs.links import ParameterValue
+from gcs.model.errors import OrderError
+from gcs.model.preflight_report import Check
+from gcs.model.state import Mask, VehicleId
 from gcs.parameters import Requirement, parameter_checks, requirements
-from gcs.state import Mask, VehicleId
 from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)

@@ -5,12 +5,12 @@ from contextlib import contextmanager
 from typing import Final
 
 from gcs.control_refusal import why_never
-from gcs.counts import Whereabouts
-from gcs.errors import RefusedError
 from gcs.flight import Flight
-from gcs.lifecycle import NEXT, Event, Phase
+from gcs.model.errors import RefusedError
+from gcs.model.fleet_counts import Whereabouts
+from gcs.model.lifecycle import NEXT, Event, Phase
+from gcs.model.state import VehicleId
 from gcs.service import ShowAction, VehicleAction
-from gcs.state import VehicleId
 
 SAFER: Final = (
     (VehicleAction.TAKE_CONTROL, Event.TAKE_CONTROL),

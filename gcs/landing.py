@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 
 from gcs.formation.obstacles import Ellipse
-from gcs.state import Array
+from gcs.model.state import Array
 
 ROUNDS = 60
 """Of pushing apart; what that leaves undone is searched for. A landing is ordered between two ticks."""

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from gcs.control import ControlSettings
-from gcs.state import Array, Mask
+from gcs.model.state import Array, Mask
 
 LATE_S: Final = 0.15
 """Telemetry that arrives so much later than it could is late; the loop's gains stand about as much."""

@@ -3,13 +3,13 @@
 import logging
 from collections.abc import Callable, Sequence
 
-from gcs.checks import Exclusion
-from gcs.errors import InvalidError, RefusedError
 from gcs.flight import Flight
-from gcs.lifecycle import GROUNDED, ON_THE_GROUND, Phase
+from gcs.model.errors import InvalidError, RefusedError
+from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
+from gcs.model.preflight_report import Exclusion
+from gcs.model.state import VehicleId
 from gcs.orders import OrderBook
 from gcs.service import WHO, OrderRecord, Outcome
-from gcs.state import VehicleId
 
 log = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.state import Array
+from gcs.model.state import Array
 
 FORGETS: Final = 2e-4
 """Seconds per second by which the soonest is forgotten: clocks drift."""

@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.state import Array
+from gcs.model.state import Array
 
 REMEMBERED_S: Final = 5.0
 """What arrived so long ago counts by 1/e."""

@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 from pydantic import Field, field_validator
 
-from gcs.settings import Settings
+from gcs.model.settings import Settings
 
 ZOOM_MAX: Final = 22
 """A tile of that zoom is 10 m wide, and no public map has more."""

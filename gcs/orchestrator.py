@@ -17,26 +17,27 @@ import numpy as np
 
 from gcs.alarm_monitor import AlarmMonitor, Findings
 from gcs.alarms import Alarm
-from gcs.checks import PreflightReport
 from gcs.config import Config
 from gcs.control import Tick, tick, warm_up
 from gcs.director import Director
 from gcs.errands import Errands
-from gcs.errors import RefusedError
 from gcs.estimating import Estimating
 from gcs.flight import Flight
-from gcs.frames import ShowFrame
 from gcs.happenings import Happening, Happenings, heard
 from gcs.homeward import warm_up as warm_up_ways
 from gcs.inspection import Inspection
 from gcs.instead import instead
-from gcs.interrupted import Offer
-from gcs.lifecycle import ShowPhase
 from gcs.links import Link
 from gcs.links.keeping import keep_open
 from gcs.links.shares import Shares
+from gcs.model.errors import RefusedError
+from gcs.model.frames import ShowFrame
+from gcs.model.interrupted_flight import Offer
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
+from gcs.model.preflight_report import PreflightReport
+from gcs.model.state import VehicleId
 from gcs.orders import OrderBook
-from gcs.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.records.record import Record
 from gcs.repertoire import Repertoire
 from gcs.service import (
@@ -50,7 +51,6 @@ from gcs.service import (
     VehicleAction,
 )
 from gcs.stage import Stage
-from gcs.state import VehicleId
 from gcs.timing import TickClock, ticks
 from gcs.vehicle import Vehicle
 from gcs.views import fleet_view

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from gcs.errors import UnknownError
+from gcs.model.errors import UnknownError
+from gcs.model.state import VehicleId
 from gcs.service import WHO, OrderRecord, Outcome, VehicleOutcome
-from gcs.state import VehicleId
 
 KEPT = 1000
 

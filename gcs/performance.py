@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.lifecycle import ShowPhase
-from gcs.plan import Obstacle, Plan, Target
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.plan import Obstacle, Plan, Target
+from gcs.model.state import VehicleId
 from gcs.service import SelectedShow
 from gcs.show import ShowClock, Timeline
 from gcs.show.timeline import Live
-from gcs.state import VehicleId
 
 OVER = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
 

@@ -7,8 +7,8 @@ import numpy as np
 from gcs.control import ellipses_of
 from gcs.flight import Flight
 from gcs.landing import distinct_places_m
-from gcs.lifecycle import AIRBORNE, Phase
-from gcs.state import Array, VehicleId
+from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.state import Array, VehicleId
 from gcs.vehicle import Vehicle
 
 

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import VehicleId
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import VehicleId
 
 APART_MIN_M = 0.5
 """Two start places that are nearer are one, written twice."""

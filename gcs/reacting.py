@@ -8,7 +8,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from gcs.flight import Flight
-from gcs.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
+from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.precedence import SHOW_ROW, Standing, due, keys
 from gcs.reaction_rules import Known, Roles, Seen, Wish, advance, is_calm, look
 from gcs.reactions import FLIES_ON, SEVERITY, Action, Cause

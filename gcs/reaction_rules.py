@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from gcs.model.state import Array, Mask
 from gcs.reactions import SEVERITY, Action, Cause, LinksLate, ReactionSettings
 from gcs.safety.walls import Fence
-from gcs.state import Array, Mask
 
 LOST, LOW, CRITICAL, POOR, SUDDEN, OUT, BELOW = range(7)
 """Rows of what can befall one vehicle."""

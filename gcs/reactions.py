@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
-from gcs.settings import NotNegative, Positive, Settings
+from gcs.model.settings import NotNegative, Positive, Settings
 
 Share: TypeAlias = Annotated[float, Field(gt=0, le=1)]
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gcs.apart import answered
-from gcs.errors import ConfigError, GcsError, InvalidError, Problem, RefusedError, UnknownError
+from gcs.model.errors import ConfigError, GcsError, InvalidError, Problem, RefusedError, UnknownError
 from gcs.service import CheckState, ShowCheck, StoredShow
 from gcs.show import Flaw, Show, Timeline
 from gcs.show.loading import parse

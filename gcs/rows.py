@@ -7,9 +7,9 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.counts import Counts, counts_of
-from gcs.lifecycle import Phase
-from gcs.state import Array, Landed, Mask, Mode, VehicleId, freeze
+from gcs.model.fleet_counts import Counts, counts_of
+from gcs.model.lifecycle import Phase
+from gcs.model.state import Array, Landed, Mask, Mode, VehicleId, freeze
 
 
 @dataclass(frozen=True, slots=True)

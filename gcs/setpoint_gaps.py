@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.state import Array, Mask
+from gcs.model.state import Array, Mask
 
 REMEMBERED_S: Final = 10.0
 """A failsafe shows in a heartbeat, seconds after the gap that caused it where heartbeats are lost."""

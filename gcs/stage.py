@@ -5,19 +5,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import nan
 
-from gcs.errors import RefusedError
 from gcs.feasibility import check_obstacle, check_target
 from gcs.flight import Flight
-from gcs.interrupted import Written
-from gcs.lifecycle import ON_THE_GROUND
+from gcs.model.errors import RefusedError
+from gcs.model.interrupted_flight import Written
+from gcs.model.lifecycle import ON_THE_GROUND
+from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan, Target
+from gcs.model.state import VehicleId
 from gcs.performance import Performance
-from gcs.plan import MAX_OBSTACLES, Obstacle, Plan, Target
 from gcs.repertoire import Repertoire
 from gcs.service import SelectedShow
 from gcs.show import Flaw, Show, ShowClock, Timeline
 from gcs.show.fitting import misfits
 from gcs.show.model import control_of
-from gcs.state import VehicleId
 
 log = logging.getLogger(__name__)
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from gcs.failsafe_cause import FailsafeCause
 from gcs.flight import Flight
-from gcs.interrupted import Before, Interruption, Triple, Written, is_left_alone, left_by, triple
-from gcs.lifecycle import FLOWN, Phase, ShowPhase
-from gcs.state import Mode, VehicleId
+from gcs.model.interrupted_flight import Before, Interruption, Triple, Written, is_left_alone, left_by, triple
+from gcs.model.lifecycle import FLOWN, Phase, ShowPhase
+from gcs.model.state import Mode, VehicleId
 from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 from gcs.clearance import Clearance, Cleared
 from gcs.errands import Errands
-from gcs.errors import InvalidError, RefusedError, UnknownError
 from gcs.flight import Flight
-from gcs.lifecycle import ShowEvent, advance_show
+from gcs.model.errors import InvalidError, RefusedError, UnknownError
+from gcs.model.lifecycle import ShowEvent, advance_show
+from gcs.model.state import VehicleId
 from gcs.orders import OrderBook
 from gcs.service import OrderRecord, Outcome, ShowAction
 from gcs.stage import Stage
-from gcs.state import VehicleId
 from gcs.uncontrolled import reason, uncontrolled
 
 log = logging.getLogger(__name__)

@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.frames import ShowFrame
-from gcs.state import Array, FleetState, Telemetry, VehicleId
+from gcs.model.frames import ShowFrame
+from gcs.model.state import Array, FleetState, Telemetry, VehicleId
 from gcs.table_kernels import brought_forward, into_frame, judge
 
 FLIES_ON_S: Final = 2.0

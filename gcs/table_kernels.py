@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.compiled import kernel
-from gcs.state import Array, Bits, Mask
+from gcs.model.jit import kernel
+from gcs.model.state import Array, Bits, Mask
 
 FORWARD_MAX_S: Final = 0.5
 """Positions are brought forward by no more than this; what is older is refused by its age anyway."""

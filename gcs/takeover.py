@@ -16,9 +16,9 @@ import numpy as np
 from gcs.awaited_vehicles import REPLACED, AwaitedVehicles, Missed, Reached
 from gcs.control_refusal import why_never, why_not_touching_down, why_not_without_heartbeat
 from gcs.errands import Errands
-from gcs.errors import RefusedError
 from gcs.flight import Flight
-from gcs.interrupted import (
+from gcs.model.errors import RefusedError
+from gcs.model.interrupted_flight import (
     Before,
     Interrupted,
     Interruption,
@@ -28,13 +28,13 @@ from gcs.interrupted import (
     mismatches,
     remaining,
 )
-from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.model.state import VehicleId
 from gcs.orders import OrderBook
 from gcs.restored_plan import RestoredPlan
 from gcs.service import OrderRecord, Outcome
 from gcs.stage import Stage
 from gcs.stall_recovery import Stall, StallRecovery
-from gcs.state import VehicleId
 from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)

@@ -17,8 +17,8 @@ from typing import Annotated, Final
 from pydantic import Field, ValidationError
 
 from gcs.access import ANONYMOUS, LOCAL, Role
-from gcs.errors import ConfigError, RefusedError, UnknownError
-from gcs.settings import Settings
+from gcs.model.errors import ConfigError, RefusedError, UnknownError
+from gcs.model.settings import Settings
 
 log = logging.getLogger(__name__)
 

@@ -3,10 +3,10 @@
 from collections.abc import Collection
 from typing import Final
 
-from gcs.checks import listed
-from gcs.counts import Whereabouts
 from gcs.flight import Flight
-from gcs.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
+from gcs.model.fleet_counts import Whereabouts
+from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
+from gcs.model.preflight_report import listed
 from gcs.vehicle import Vehicle
 
 NAMED: Final = 6

@@ -7,10 +7,10 @@ from math import inf
 from typing import TypeAlias
 
 from gcs.control import Task
-from gcs.errors import RefusedError
 from gcs.failsafe_cause import FailsafeCause
-from gcs.lifecycle import AIRBORNE, FLOWN, Event, Phase, ShowPhase, advance
-from gcs.state import Array, Landed, Mode, VehicleId
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase, ShowPhase, advance
+from gcs.model.state import Array, Landed, Mode, VehicleId
 
 log = logging.getLogger(__name__)
 

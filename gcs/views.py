@@ -9,14 +9,14 @@ from gcs.bounds import bounds
 from gcs.control import Tick
 from gcs.estimates import Estimates
 from gcs.flight import Flight
-from gcs.interrupted import Interrupted
-from gcs.lifecycle import ShowPhase
+from gcs.model.interrupted_flight import Interrupted
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.plan import Plan
+from gcs.model.state import Array, FleetState, Telemetry, Traits, VehicleId
 from gcs.performance import Performance
-from gcs.plan import Plan
 from gcs.rows import VehicleRows
 from gcs.safety.filter import SafetySettings
 from gcs.service import FleetView, Reaction, TickView
-from gcs.state import Array, FleetState, Telemetry, Traits, VehicleId
 from gcs.table import tuple3
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from gcs.errors import RefusedError, UnknownError
 from gcs.feasibility import (
     check_formation,
     check_obstacle,
@@ -13,8 +12,9 @@ from gcs.feasibility import (
     followed,
 )
 from gcs.flight import Flight
-from gcs.lifecycle import ON_THE_GROUND, Phase
-from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
+from gcs.model.errors import RefusedError, UnknownError
+from gcs.model.lifecycle import ON_THE_GROUND, Phase
+from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
 from gcs.stage import Stage
 from gcs.vehicle import Vehicle
 

@@ -13,8 +13,8 @@ import yaml
 from yaml.events import AliasEvent, Event, NodeEvent
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from gcs.errors import FileError, Problem
-from gcs.quoting import cut
+from gcs.model.errors import FileError, Problem
+from gcs.model.quoting import cut
 
 Loc: TypeAlias = Sequence[str | int]
 """The way to a value, as pydantic tells it: keys and indices."""

@@ -10,7 +10,7 @@ from api_fake_service import FakeService
 from api_harness import Api
 
 from gcs.api import wire
-from gcs.state import Mode
+from gcs.model.state import Mode
 
 PILOT = "its pilot flies it in POSCTL since 12:04:31"
 NOT_ORDINARY: dict[str, dict[str, Any]] = {

@@ -9,8 +9,8 @@ from typing import Final
 
 from gcs.alarms.causes import CAUSES, AlarmCause, AlarmSeverity, CauseRow
 from gcs.alarms.model import RANK, Alarm, Condition, ordered
-from gcs.errors import UnknownError
-from gcs.state import VehicleId
+from gcs.model.errors import UnknownError
+from gcs.model.state import VehicleId
 
 NAMED_MAX: Final = 12
 """So many vehicles are named in a text; of more it has the number, and the alarm's `vehicles` the names."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.state import Array, Mask
+from gcs.model.state import Array, Mask
 
 
 @dataclass(frozen=True, slots=True)

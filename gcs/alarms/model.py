@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Final
 
 from gcs.alarms.causes import AlarmCause, AlarmSeverity
-from gcs.state import VehicleId
+from gcs.model.state import VehicleId
 
 
 class OverallSeverity(StrEnum):

@@ -10,7 +10,7 @@ from gcs.cli.output import WRONG, failed
 from gcs.cli.plots import require_matplotlib
 from gcs.cli.progress import Report, part_of, share_of
 from gcs.cli.record import session_folder
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 from gcs.records.certify import EXIT_CODES, Certificate, certify
 from gcs.records.flown import FlightData
 from gcs.records.standard import Standard

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from gcs import config as configuration
 from gcs import documents
 from gcs.config import Config
-from gcs.errors import FileError, Problem
 from gcs.links.endpoints.urls import Listen, TcpIn
+from gcs.model.errors import FileError, Problem
 from gcs.setting_errors import Misfit
 from gcs.yaml_source import Source
 

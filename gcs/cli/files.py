@@ -6,7 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 from gcs.cli.output import print_json
-from gcs.errors import ConfigError
+from gcs.model.errors import ConfigError
 
 NAMES = (
     "architecture.md",

@@ -9,7 +9,7 @@ from typing import Final
 from gcs.cli.output import REFUSED, fail, note, print_json
 from gcs.cli.remote import add_connection, connected
 from gcs.client import Client
-from gcs.errors import GcsError, InvalidError, LinkError
+from gcs.model.errors import GcsError, InvalidError, LinkError
 
 RECORD: Final = "runs"
 ANSWER_S: Final = 2.0

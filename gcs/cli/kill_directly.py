@@ -14,7 +14,7 @@ from gcs.cli.kill import asked, told
 from gcs.cli.output import REFUSED, note
 from gcs.config import Config
 from gcs.direct_kill import direct_kill
-from gcs.errors import ConfigError, InvalidError, RefusedError, UnknownError
+from gcs.model.errors import ConfigError, InvalidError, RefusedError, UnknownError
 from gcs.records.known import KnownVehicle, LastKnown, last_known
 from gcs.records.outside import Outside
 from gcs.service import Outcome

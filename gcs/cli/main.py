@@ -13,7 +13,7 @@ from typing import Any, Final, NoReturn
 
 from gcs.cli.commands import ACTIONS, CALLS, COMMANDS, DOCUMENT, GROUPS, names
 from gcs.cli.output import JSON, WRONG, Parser, fail, failed, is_json, print_json
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 
 DESCRIPTION: Final = "Fly a self-organising formation of drones."
 VERSION: Final = frozenset({"--version", "-V"})

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NoReturn
 
-from gcs.errors import (
+from gcs.model.errors import (
     AccessError,
     ConfigError,
     FileError,
@@ -24,7 +24,7 @@ from gcs.errors import (
     OrderError,
     ShowError,
 )
-from gcs.quoting import quoted
+from gcs.model.quoting import quoted
 
 JSON: Final = "--json"
 WRONG: Final = 2

@@ -14,11 +14,11 @@ from gcs.cli.configuration import load_here
 from gcs.cli.output import REFUSED, fail, print_json
 from gcs.cli.serve import make_link
 from gcs.config import Config
-from gcs.errors import ConfigError, LinkError, OrderError
 from gcs.links import Link, ParameterValue
 from gcs.links.keeping import leaves
+from gcs.model.errors import ConfigError, LinkError, OrderError
+from gcs.model.state import Mode, Setpoints, VehicleId
 from gcs.parameters import Requirement, requirements
-from gcs.state import Mode, Setpoints, VehicleId
 
 """How long it waits for vehicles to speak up: heartbeats come once a second."""
 

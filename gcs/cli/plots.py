@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-from gcs.errors import ConfigError
+from gcs.model.errors import ConfigError
 
 
 def require_matplotlib(what: str) -> None:

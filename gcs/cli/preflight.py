@@ -10,9 +10,9 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from gcs.checks import State
 from gcs.cli.output import REFUSED, print_json
 from gcs.cli.remote import add_connection, connected
+from gcs.model.preflight_report import State
 
 if TYPE_CHECKING:
     from gcs.api import wire_preflight

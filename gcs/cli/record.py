@@ -4,7 +4,7 @@ import logging
 from pathlib import Path
 
 from gcs.config import Config
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 from gcs.records.exclusions import exclusions
 from gcs.records.interruption import interruption
 from gcs.records.known import AUDIT, last_known

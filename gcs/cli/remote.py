@@ -22,7 +22,7 @@ from gcs.cli.commands import ACTIONS, CALLS, Call
 from gcs.cli.output import REFUSED, exit_code, fail, failed, print_json
 from gcs.client import URL, Client
 from gcs.deferred import Deferred
-from gcs.errors import GcsError, UnknownError
+from gcs.model.errors import GcsError, UnknownError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

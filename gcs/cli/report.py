@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.errors import GcsError
 from gcs.formation.thomson import best_configuration, energy, nearest_m
-from gcs.frames import ShowFrame
-from gcs.plan import Obstacle
+from gcs.model.errors import GcsError
+from gcs.model.frames import ShowFrame
+from gcs.model.plan import Obstacle
+from gcs.model.state import Array, Mask
 from gcs.safety.separation import Floor, minimum_separation, pairs_that_count, scaled_distance_m
-from gcs.state import Array, Mask
 
 SAMPLE_S = 0.02
 LARGE, LARGE_SAMPLE_S = 100, 0.05

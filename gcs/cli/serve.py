@@ -20,9 +20,6 @@ from gcs.cli.notify import Notifier
 from gcs.cli.output import Say
 from gcs.cli.record import make_record
 from gcs.config import Config, LinkSettings
-from gcs.errors import ConfigError, LinkError, RefusedError
-from gcs.interrupted import Offer
-from gcs.lifecycle import AIRBORNE, ShowPhase
 from gcs.links import Link
 from gcs.links.direct.link import DirectLink
 from gcs.links.endpoints import Listen
@@ -31,6 +28,9 @@ from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.mavsdk_udp_link import MavsdkUdpLink
 from gcs.links.rates import wanted
 from gcs.maps import GroundMap, open_map
+from gcs.model.errors import ConfigError, LinkError, RefusedError
+from gcs.model.interrupted_flight import Offer
+from gcs.model.lifecycle import AIRBORNE, ShowPhase
 from gcs.orchestrator import Heart, Orchestrator
 from gcs.service import FleetView, ShowAction
 from gcs.tokens import Tokens

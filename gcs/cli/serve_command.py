@@ -11,7 +11,7 @@ from gcs import supervisor
 from gcs.cli import logs, serve
 from gcs.cli.configuration import load_here
 from gcs.cli.output import REFUSED, failed, lines
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 from gcs.setting_errors import explained
 
 

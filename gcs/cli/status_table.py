@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.cli.alarm_lines import alarm_lines
-from gcs.lifecycle import Phase
+from gcs.model.lifecycle import Phase
 
 if TYPE_CHECKING:
     from gcs.api import wire

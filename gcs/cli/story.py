@@ -9,9 +9,9 @@ from math import ceil
 import numpy as np
 
 from gcs.client import Client
-from gcs.errors import GcsError, OrderError, RefusedError
 from gcs.formation.orbit import orbit_velocity
-from gcs.plan import Direction, Obstacle
+from gcs.model.errors import GcsError, OrderError, RefusedError
+from gcs.model.plan import Direction, Obstacle
 
 ORBIT_RADIUS_M = 15.0
 ORBIT_SPEED_M_S = 2.5

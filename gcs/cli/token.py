@@ -7,7 +7,7 @@ from typing import Final
 
 from gcs.access import Role
 from gcs.cli.output import REFUSED, failed, note, print_json
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 from gcs.tokens import create_token, read_tokens, revoke_token
 
 FILE: Final = "tokens.json"

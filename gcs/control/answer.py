@@ -9,8 +9,8 @@ from gcs.control.memory import Memory
 from gcs.control.moment import Moment
 from gcs.formation.orbit import Center, next_pace
 from gcs.formation.response import compensate, correct_trim, most_lacking_m_s, shared
+from gcs.model.state import Array
 from gcs.safety.filter import cap
-from gcs.state import Array
 
 PRESSED = 0.65
 """Share of the speed limit from which a vehicle's setpoint has little left to give."""

@@ -4,14 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gcs.compiled import kernel
 from gcs.control.memory import Memory
 from gcs.control.moment import Moment
 from gcs.control.tasks import Task
 from gcs.formation.law import wanted_center_velocity
 from gcs.formation.orbit import CLEAR_OF_FENCE_M, Center, advance_center, held_within, target_reach_m
 from gcs.formation.way import steer_center, way_ahead
-from gcs.state import Array, Mask
+from gcs.model.jit import kernel
+from gcs.model.state import Array, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)

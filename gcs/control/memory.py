@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.formation.orbit import Center
-from gcs.state import Array
+from gcs.model.state import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.compiled import kernel
 from gcs.control.settings import ControlSettings
 from gcs.control.tasks import Task, Tasks
 from gcs.formation.obstacles import Ellipse
-from gcs.plan import Plan
-from gcs.state import Array, FleetState, Mask, Traits
+from gcs.model.jit import kernel
+from gcs.model.plan import Plan
+from gcs.model.state import Array, FleetState, Mask, Traits
 
 LONGEST_STEP_S = 0.2
 """After a longer pause the commanded centre does not catch up: what was not flown is not flown."""

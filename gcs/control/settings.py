@@ -1,8 +1,8 @@
 """What the tick is set to."""
 
 from gcs.formation.law import LawSettings
+from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.safety.filter import SafetySettings
-from gcs.settings import NotNegative, Positive, Settings
 
 
 class ControlSettings(Settings):

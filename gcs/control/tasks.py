@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.formation.neighbours import Sight
-from gcs.state import Array, Mask, freeze
+from gcs.model.state import Array, Mask, freeze
 
 
 class Task(IntEnum):

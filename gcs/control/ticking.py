@@ -17,12 +17,12 @@ from gcs.formation.kernels import warm_up as formation_warm_up
 from gcs.formation.orbit import Center
 from gcs.formation.response import limit_change
 from gcs.formation.yaw import begun_yaw, turn_towards, wanted_yaw_rad
-from gcs.plan import Formation, Orbit, Plan
+from gcs.model.plan import Formation, Orbit, Plan
+from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits
 from gcs.safety.filter import Surroundings, filter_velocities
 from gcs.safety.kernels import warm_up as safety_warm_up
 from gcs.safety.separation import Floor, minimum_separation
 from gcs.safety.traffic import give_way, keep_right
-from gcs.state import Array, FleetState, Mask, Setpoints, Traits
 
 
 @dataclass(frozen=True, slots=True, eq=False)

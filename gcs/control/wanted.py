@@ -17,7 +17,7 @@ from gcs.formation.repulsion import sweep, sweeps_for
 from gcs.formation.response import scale_to_limits, shrink_relative
 from gcs.formation.spin import spin_velocity, turned
 from gcs.formation.steering import avoid_all
-from gcs.state import Array
+from gcs.model.state import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

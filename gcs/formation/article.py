@@ -12,8 +12,8 @@ from gcs.formation.orbit import Center, advance_center
 from gcs.formation.repulsion import repulsion_force
 from gcs.formation.sphere import sphere_force
 from gcs.formation.steering import avoid_all
-from gcs.settings import Positive, Settings
-from gcs.state import Array
+from gcs.model.settings import Positive, Settings
+from gcs.model.state import Array
 
 ANSWER_S = 0.2
 """A drone that avoids takes on the velocity along its tangent with this time constant."""

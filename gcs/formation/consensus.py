@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.formation.sphere import TINY
-from gcs.settings import Positive, Settings
-from gcs.state import Array, Mask
+from gcs.model.settings import Positive, Settings
+from gcs.model.state import Array, Mask
 
 
 class ConsensusSettings(Settings):

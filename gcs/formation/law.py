@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from gcs.compiled import kernel
 from gcs.formation.neighbours import NeighboursSettings
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.formation.orbit import Center, followed_target, orbit_velocity, within_ground_speed
 from gcs.formation.sphere import TINY
-from gcs.plan import Plan
-from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import Array, VehicleId
+from gcs.model.jit import kernel
+from gcs.model.plan import Plan
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array, VehicleId
 
 KEPT_KICKS = 32_768
 """Of so many vehicles the kick need not be worked out again."""

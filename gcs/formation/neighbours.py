@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.compiled import kernel
 from gcs.formation.consensus import Belief
 from gcs.formation.orbit import Center
 from gcs.formation.sphere import TINY, sphere_velocity
-from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import Array, Mask, freeze
+from gcs.model.jit import kernel
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array, Mask, freeze
 
 AHEAD = 2.0
 """How far beyond the place where it would rest among its neighbours at rest a drone heads.

@@ -10,11 +10,11 @@ from math import sqrt
 
 import numpy as np
 
-from gcs.compiled import kernel
 from gcs.formation.sphere import TINY
-from gcs.plan import Obstacle
-from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import Array, Mask
+from gcs.model.jit import kernel
+from gcs.model.plan import Obstacle
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array, Mask
 
 
 class AvoidanceSettings(Settings):

@@ -5,8 +5,8 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from gcs.plan import Direction
-from gcs.state import Array
+from gcs.model.plan import Direction
+from gcs.model.state import Array
 
 NEAR_M = 1e-3
 """Closer to the target than this the field has no direction of its own; it then points along x."""

@@ -6,9 +6,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.compiled import kernel, kernel_in_any_order
 from gcs.formation.sphere import TINY
-from gcs.state import Array
+from gcs.model.jit import kernel, kernel_in_any_order
+from gcs.model.state import Array
 
 STIFFEST_MODE = 0.22
 """Largest eigenvalue of the unit-charge energy's Hessian on the unit sphere, over N^1.5.

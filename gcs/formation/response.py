@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from gcs.compiled import kernel
 from gcs.formation.sphere import TINY
-from gcs.state import Array, Mask
+from gcs.model.jit import kernel
+from gcs.model.state import Array, Mask
 
 
 def scale_to_limits(

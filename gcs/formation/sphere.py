@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gcs.state import Array
+from gcs.model.state import Array
 
 TINY = 1e-9
 

@@ -4,7 +4,7 @@ from math import cos, sin
 
 import numpy as np
 
-from gcs.state import Array
+from gcs.model.state import Array
 
 
 def turned(vectors: Array, angle_rad: float) -> Array:

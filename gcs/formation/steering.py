@@ -16,9 +16,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.compiled import kernel
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
-from gcs.state import Array, Mask
+from gcs.model.jit import kernel
+from gcs.model.state import Array, Mask
 
 Index: TypeAlias = NDArray[np.intp]
 

@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 import scipy  # whose parts are loaded when they are used: 30 MB, for which a flight has no use
 
-from gcs.errors import InvalidError
 from gcs.formation.sphere import TINY
-from gcs.state import Array
+from gcs.model.errors import InvalidError
+from gcs.model.state import Array
 
 NEAREST_FACTOR: Final = 3.1
 """Smallest nearest-neighbour distance of the best configurations times sqrt(N) / R, N = 4 to 128."""

@@ -13,8 +13,8 @@ import numpy as np
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
 from gcs.formation.orbit import followed_target
 from gcs.formation.steering import LEFT, RIGHT, contacts_m, level, steer_past, turns
-from gcs.plan import Plan
-from gcs.state import Array, Mask
+from gcs.model.plan import Plan
+from gcs.model.state import Array, Mask
 
 FORESEEN_S = 8.0
 """So long in advance a centre that stands still makes way for an obstacle that moves."""

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from gcs.compiled import kernel
-from gcs.frames import wrap_rad
-from gcs.plan import Yaw, YawPolicy
-from gcs.state import Array, Mask
+from gcs.model.frames import wrap_rad
+from gcs.model.jit import kernel
+from gcs.model.plan import Yaw, YawPolicy
+from gcs.model.state import Array, Mask
 
 OVERHEAD_M = 2.0
 """Closer to the target than this, horizontally, its bearing means nothing: yaw is kept."""

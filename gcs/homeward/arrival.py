@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.state import Array, Mask
+from gcs.model.state import Array, Mask
 
 IN_PLACE_M: Final = 0.8
 WELL_IN_PLACE_M: Final = 0.4

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.compiled import kernel, kernel_apart
 from gcs.homeward.ways import STEP_S
+from gcs.model.jit import kernel, kernel_apart
+from gcs.model.state import Array, Mask
 from gcs.safety.neighbours import Rows
-from gcs.state import Array, Mask
 
 SLANTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Heights above the pad where the slanting part ends: shares between `over_m` and one's own."""

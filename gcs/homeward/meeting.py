@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from gcs.compiled import kernel, kernel_apart
 from gcs.homeward.ways import STEP_S
+from gcs.model.jit import kernel, kernel_apart
+from gcs.model.state import Array, Mask
 from gcs.safety.neighbours import Rows
-from gcs.state import Array, Mask
 
 NEARLY_M = 0.05
 """A pair that began as close as is kept may be so much closer."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gcs.homeward.ways import Ways
-from gcs.state import Array, Mask
+from gcs.model.state import Array, Mask
 
 KEPT_UP_M = 2.5
 """Who is no farther from where it should be keeps up."""

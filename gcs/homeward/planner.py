@@ -5,15 +5,15 @@ from functools import cache
 
 import numpy as np
 
-from gcs.errors import ShapeError
 from gcs.homeward.choices import EACH, SPEED_SHARE, AreFree, Choices, lay
 from gcs.homeward.meeting import chosen_ways
 from gcs.homeward.ways import STEP_S, Ways
+from gcs.model.errors import ShapeError
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array
 from gcs.safety.filter import Limits
 from gcs.safety.neighbours import Rows
 from gcs.safety.separation import Floor
-from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import Array
 
 SPARED_FAILS = (5, 8, 3)
 """Who has found no way so often is not flown past while it waits, if that can be. Where one number leads to

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from gcs.state import Array
+from gcs.model.state import Array
 
 STEP_S = 0.2
 """Between two moments at which the ways are compared."""

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gcs.state import Array
+from gcs.model.state import Array
 
 _IDS: Final = 256
 _UNKNOWN: Final = 127

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from math import inf
 from typing import Final
 
-from gcs.errors import InvalidError
+from gcs.model.errors import InvalidError
 
 _SEND_MARGIN_S: Final = 0.02
 """Between the last look at the clock and the datagram's leaving, other threads may hold the interpreter."""

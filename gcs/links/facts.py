@@ -10,7 +10,7 @@ from gcs.links.recorder import Recorder
 from gcs.links.roster import Address
 from gcs.links.traffic import Counters
 from gcs.links.vehicle_ids import check
-from gcs.state import VehicleId
+from gcs.model.state import VehicleId
 
 
 class Whereabouts(Protocol):

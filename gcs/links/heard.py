@@ -37,7 +37,7 @@ from gcs.links.mavlink_frames import (
     unix_time_s,
 )
 from gcs.links.roster import SILENT_AFTER_S
-from gcs.state import Landed, Mode, StatusText
+from gcs.model.state import Landed, Mode, StatusText
 
 _AUTOPILOT_COMPONENT = 1
 _TEXT_CHUNKS_MAX = 8

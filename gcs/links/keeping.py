@@ -4,8 +4,8 @@ import asyncio
 import logging
 from collections.abc import MutableMapping
 
-from gcs.errors import LinkError
 from gcs.links.link import Link
+from gcs.model.errors import LinkError
 
 log = logging.getLogger(__name__)
 

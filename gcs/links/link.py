@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Protocol, TypeAlias
 
 from gcs.links.roster import Address
-from gcs.state import Setpoints, Telemetry, VehicleId
+from gcs.model.state import Setpoints, Telemetry, VehicleId
 
 ParameterValue: TypeAlias = int | float
 """As the autopilot holds it: INT32 as int, FLOAT as float."""

@@ -3,8 +3,8 @@
 import socket
 from typing import Final
 
-from gcs.errors import LinkError
 from gcs.links import mmsg
+from gcs.model.errors import LinkError
 
 _HOST: Final = "127.0.0.1"
 _LONGEST_BYTES: Final = 2048

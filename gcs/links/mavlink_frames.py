@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.state import Landed, Mode
+from gcs.model.state import Landed, Mode
 
 HEARTBEAT: Final = 0
 SYS_STATUS: Final = 1

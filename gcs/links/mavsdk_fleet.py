@@ -18,9 +18,9 @@ from mavsdk.plugins.offboard.offboard import OffboardResult, VelocityNedYawCStru
 from mavsdk.plugins.param import Param, ParamError, ParamResult
 from mavsdk.plugins.telemetry import Telemetry
 
-from gcs.errors import LinkError, OrderError
 from gcs.links.link import ParameterValue, Verb
 from gcs.links.loopback import Loopback
+from gcs.model.errors import LinkError, OrderError
 
 log = logging.getLogger(__name__)
 

@@ -15,8 +15,6 @@ from typing import Final
 
 import numpy as np
 
-from gcs.errors import OrderError, UnknownError
-from gcs.frames import ShowFrame
 from gcs.links.asking import is_answer, keep_asking
 from gcs.links.deadman import Asked, Deadman, Pulse, before_it_leaves_s
 from gcs.links.endpoints import Place
@@ -43,7 +41,9 @@ from gcs.links.settings import Forward
 from gcs.links.traffic import Observer
 from gcs.links.vehicle_ids import station_id
 from gcs.links.wire import Wire
-from gcs.state import Mode, Setpoints, Telemetry, VehicleId
+from gcs.model.errors import OrderError, UnknownError
+from gcs.model.frames import ShowFrame
+from gcs.model.state import Mode, Setpoints, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
 

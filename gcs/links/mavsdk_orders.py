@@ -6,11 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Final, Protocol, TypeVar
 
-from gcs.errors import OrderError
 from gcs.links.link import Order, ParameterValue, Verb
 from gcs.links.mavsdk_fleet import MavsdkVehicle
 from gcs.links.orders import CLOSED
-from gcs.state import Landed, VehicleId
+from gcs.model.errors import OrderError
+from gcs.model.state import Landed, VehicleId
 
 T = TypeVar("T")
 

@@ -16,7 +16,7 @@ from gcs.links.mavlink_frames import SETPOINT_MESSAGES, Frame, moves, split, tar
 from gcs.links.mmsg import Batch
 from gcs.links.setpoint_kernels import FRAME, NOBODY, are_setpoints, awaited_setpoints, warm_up
 from gcs.links.traffic import Counters
-from gcs.state import Array, Mask
+from gcs.model.state import Array, Mask
 
 _ALL: Final = slice(None)
 

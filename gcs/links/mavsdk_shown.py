@@ -8,7 +8,7 @@ from gcs.links.direct import codec
 from gcs.links.direct.kernels import MESSAGE, Bytes, Whole
 from gcs.links.mavlink_frames import COMMAND_ACK, GLOBAL_POSITION_INT
 from gcs.links.rates import ASKING_COMPONENT, NOT_FOR_MAVSDK
-from gcs.state import Array, Mask
+from gcs.model.state import Array, Mask
 
 _POSITION_PERIOD_S: Final = 0.5
 """So often MAVSDK is shown a position; for the tick we read them all."""

@@ -16,7 +16,6 @@ from typing import Final
 
 import numpy as np
 
-from gcs.frames import ShowFrame
 from gcs.links import mmsg
 from gcs.links.direct.kernels import BEGIN, END, Bytes, Whole
 from gcs.links.direct.udp_link import UdpLink, Wanted, Works
@@ -30,7 +29,8 @@ from gcs.links.offstage import Offstage
 from gcs.links.orders import Orders
 from gcs.links.rates import SETTLE_S
 from gcs.links.vehicle_ids import station_id
-from gcs.state import Array, Mask, Telemetry, VehicleId
+from gcs.model.frames import ShowFrame
+from gcs.model.state import Array, Mask, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
 

@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from math import isfinite
 from typing import Final, Protocol, TypeVar
 
-from gcs.errors import OrderError
 from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
-from gcs.state import Landed, Mode, VehicleId
+from gcs.model.errors import OrderError
+from gcs.model.state import Landed, Mode, VehicleId
 
 T = TypeVar("T")
 

@@ -6,7 +6,7 @@ PX4 answers each PARAM_SET with a PARAM_VALUE to all. Used on the loop's thread.
 from collections.abc import Collection, Mapping
 
 from gcs.links.link import ParameterValue
-from gcs.state import VehicleId
+from gcs.model.state import VehicleId
 
 
 class ParameterNews:

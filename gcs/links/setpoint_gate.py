@@ -15,7 +15,7 @@ from gcs.links.mmsg import Batch
 from gcs.links.roster import Address
 from gcs.links.setpoint_kernels import FRAME, are_setpoints, warm_up
 from gcs.links.traffic import Counters, Direction, Observer
-from gcs.state import Array
+from gcs.model.state import Array
 
 _ROOM: Final = 256
 

@@ -5,11 +5,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.compiled import kernel
 from gcs.links.direct.codec import HEADER_LENGTH, layout
 from gcs.links.direct.kernels import Bytes, Number, Whole
 from gcs.links.mavlink_frames import SET_POSITION_TARGET_LOCAL_NED
-from gcs.state import Mask
+from gcs.model.jit import kernel
+from gcs.model.state import Mask
 
 FRAME: Final = np.dtype(
     [

@@ -7,8 +7,8 @@ from typing import Annotated, Final
 
 from pydantic import Field, model_validator
 
-from gcs.errors import ConfigError
-from gcs.settings import NotNegative, Positive, Settings
+from gcs.model.errors import ConfigError
+from gcs.model.settings import NotNegative, Positive, Settings
 
 _URL: Final = re.compile(r"^udp://(?P<host>\d{1,3}(?:\.\d{1,3}){3}):(?P<port>\d{1,5})$")
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.links.link import Link
-from gcs.state import Setpoints, VehicleId
+from gcs.model.state import Setpoints, VehicleId
 
 
 class Shares:

@@ -3,8 +3,8 @@
 from collections.abc import Collection, Mapping
 from typing import Final
 
-from gcs.errors import InvalidError
-from gcs.state import VehicleId
+from gcs.model.errors import InvalidError
+from gcs.model.state import VehicleId
 
 SYSTEM_ID_MAX: Final = 250
 

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from gcs.errors import LinkError
 from gcs.links.deadman import Asked, Deadman, Pulse
 from gcs.links.endpoints import Arrival, Listen, Place, make
 from gcs.links.endpoints.udp import Udp
@@ -35,6 +34,7 @@ from gcs.links.setpoint_gate import SetpointGate
 from gcs.links.settings import Forward
 from gcs.links.signing import Judgement
 from gcs.links.traffic import Counters, Direction, Observer
+from gcs.model.errors import LinkError
 
 __all__ = ["Counters", "Direction", "Listen", "Observer", "Wire"]
 

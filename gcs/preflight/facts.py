@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.accuracy import Positioning
+from gcs.model.state import Array, FleetState, Telemetry, VehicleId
 from gcs.preflight_settings import PreflightSettings
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
-from gcs.state import Array, FleetState, Telemetry, VehicleId
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.state import Array, Mask
+from gcs.model.state import Array, Mask
 
 FIRST_MAX, PARTNERS = 64, 8
 """Pairs of vehicles, each of which suggests how the pattern lies: so many, each with the farthest from it.

@@ -7,11 +7,11 @@ from math import degrees, hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.checks import Check, State
+from gcs.model.preflight_report import Check, State
+from gcs.model.state import Array, VehicleId
 from gcs.preflight.facts import Facts
 from gcs.preflight.pattern import Fit, assigned, fit
 from gcs.preflight.vehicles import judged
-from gcs.state import Array, VehicleId
 
 ROOM_TOLERANCE_M, ROOM_HYSTERESIS_M = 0.5, 0.15
 """Reported places of two pads are off by so much; a check that has passed fails only when more is missing."""

@@ -6,9 +6,9 @@ from math import inf, isfinite, isnan
 import numpy as np
 
 from gcs.accuracy import excess_m
-from gcs.checks import Check, State
+from gcs.model.preflight_report import Check, State
+from gcs.model.state import VehicleId
 from gcs.preflight.facts import Facts
-from gcs.state import VehicleId
 
 PAD_HEIGHT_MAX_M = 3.0
 """A pad may lie this much above or below the show's origin: obstacles, heights and landing places count from

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs.alarms import CAUSES, Alarm, AlarmCause, AlarmSeverity
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 
 
 def replay_alarm(path: Path, began_unix_s: float, *, ended: bool, cut: str) -> Alarm:

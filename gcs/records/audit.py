@@ -7,15 +7,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-from gcs.interrupted import Interruption
-from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.links.roster import Address
+from gcs.model.interrupted_flight import Interruption
+from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.model.plan_json import plan_json
+from gcs.model.state import Array, Mode, VehicleId
 from gcs.records.interruption import FOUND, PAD
 from gcs.records.journal import Journal, Row, Value
 from gcs.records.moment import Moment, Told
-from gcs.records.plans import plan_json
 from gcs.service import Call, OrderRecord, Outcome
-from gcs.state import Array, Mode, VehicleId
 
 BODY_MAX: Final = 4096
 

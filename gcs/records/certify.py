@@ -8,13 +8,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
+from gcs.model.state import Array, Mask
 from gcs.records.pairs import Pairs, nearest_approaches
 from gcs.records.standard import Standard
 from gcs.records.tracks import OnProgress, Single, Tracks
 from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
-from gcs.state import Array, Mask
 
 EXIT_CODES: Final[dict[str, int]] = {"kept": 0, "broken": 1, "incomplete": 3}
 """Of `gcs certify`, by verdict; 2: there is nothing to judge, or not by what."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from gcs.apart import LOWER, answered
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 from gcs.records.certify import EXIT_CODES
 from gcs.service import Certification, CheckState
 

@@ -9,7 +9,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Final
 
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 
 APPLICATION_ID: Final = 0x46474353  # "FGCS"
 VERSION: Final = 1

@@ -4,10 +4,10 @@ import json
 from pathlib import Path
 from typing import Final
 
-from gcs.checks import Exclusion
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
+from gcs.model.preflight_report import Exclusion
+from gcs.model.state import VehicleId
 from gcs.records.known import audit_file, rows
-from gcs.state import VehicleId
 
 EXCLUDED: Final = "excluded"
 INCLUDED: Final = "included"

@@ -16,12 +16,12 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata
 from numpy.typing import NDArray
 
-from gcs.errors import GcsError
-from gcs.lifecycle import Phase
+from gcs.model.errors import GcsError
+from gcs.model.lifecycle import Phase
+from gcs.model.state import Mode, VehicleId
 from gcs.records import layout
 from gcs.records.flightfile import CHUNK_S, STATUS_S
 from gcs.records.mcap_recovery import DAMAGED, Damage, messages, opened, records
-from gcs.state import Mode, VehicleId
 
 
 @dataclass(frozen=True, slots=True)

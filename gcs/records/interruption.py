@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from gcs.errors import GcsError
-from gcs.interrupted import Before, Interruption, Triple, Written, triple
-from gcs.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
+from gcs.model.errors import GcsError
+from gcs.model.interrupted_flight import Before, Interruption, Triple, Written, triple
+from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
+from gcs.model.state import VehicleId
 from gcs.records.known import KnownShow, LastKnown, audit_file, last_known, rows
-from gcs.state import VehicleId
 
 FOUND: Final = "interrupted"
 OVER: Final = "interruption_over"

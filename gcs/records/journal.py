@@ -13,7 +13,7 @@ from pathlib import Path
 from threading import Condition, Thread
 from typing import Final, NamedTuple, TypeAlias
 
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 from gcs.records.database import open_to_write
 
 log = logging.getLogger(__name__)

@@ -8,9 +8,9 @@ from pathlib import Path
 from sqlite3 import DatabaseError, Row
 from typing import Any, Final
 
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
+from gcs.model.state import VehicleId
 from gcs.records.database import open_to_read
-from gcs.state import VehicleId
 
 AUDIT: Final = "audit.sqlite"
 """In the folder that the configuration names under `record`."""

@@ -17,11 +17,11 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.lifecycle import Phase
+from gcs.model.lifecycle import Phase
+from gcs.model.state import Array, Mask, Mode
 from gcs.records.moment import Moment
 from gcs.records.schemas import SCHEMAS
 from gcs.records.standard import limits_of
-from gcs.state import Array, Mask, Mode
 
 VERSION: Final = 2
 UNCHECKED: Final = "1"  # metadata without a checksum, vehicles without lights

@@ -5,9 +5,9 @@ from typing import Any, Final, NamedTuple
 
 from gcs.event_words import words
 from gcs.happenings import Severity, severity
-from gcs.lifecycle import GROUNDED, ON_THE_GROUND, Phase, ShowPhase
+from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase, ShowPhase
+from gcs.model.state import VehicleId
 from gcs.service.replay_marks import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
-from gcs.state import VehicleId
 
 SHOW_PHASE, VEHICLE_PHASE, CUE, ALARM = "show_phase", "vehicle_phase", "cue", "alarm"
 

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Self
 
-from gcs.lifecycle import Phase
+from gcs.model.lifecycle import Phase
+from gcs.model.state import VehicleId
 from gcs.records.audit import Audit
 from gcs.records.journal import Journal, Row
 from gcs.records.known import LastKnown, audit_file
 from gcs.service import OrderRecord, Outcome, VehicleOutcome
-from gcs.state import VehicleId
 
 REASON = "motors stopped by gcs kill, without the service"
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.compiled import kernel
+from gcs.model.jit import kernel
 from gcs.records.tracks import Single, Tracks
 from gcs.safety.separation import Floor
 

@@ -3,7 +3,7 @@
 from math import inf, isfinite
 from typing import Final
 
-from gcs.errors import InvalidError, RefusedError
+from gcs.model.errors import InvalidError, RefusedError
 
 SPEED_MAX: Final = 100.0
 

@@ -8,18 +8,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, Self
 
-from gcs.checks import Exclusion
 from gcs.event_words import plain
 from gcs.happenings import details, heard, vehicle_of
-from gcs.interrupted import Interruption
 from gcs.links import Link
+from gcs.model.interrupted_flight import Interruption
+from gcs.model.preflight_report import Exclusion
+from gcs.model.state import VehicleId
 from gcs.records import layout
 from gcs.records.audit import Audit
 from gcs.records.flightfile import WAITING_MAX, FlightFile, Said
 from gcs.records.journal import Journal
 from gcs.records.known import AUDIT
 from gcs.records.moment import Moment
-from gcs.state import VehicleId
 
 WHEREABOUTS_S: Final = 1.0
 

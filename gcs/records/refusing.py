@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import NoReturn
 
 from gcs.alarms import Alarm
-from gcs.checks import PreflightReport
-from gcs.errors import RefusedError, UnknownError
-from gcs.interrupted import Offer
-from gcs.plan import Formation, Obstacle, Orbit, Target, Yaw
+from gcs.model.errors import RefusedError, UnknownError
+from gcs.model.interrupted_flight import Offer
+from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
+from gcs.model.preflight_report import PreflightReport
+from gcs.model.state import VehicleId
 from gcs.service import (
     Audit,
     NoAudit,
@@ -20,7 +21,6 @@ from gcs.service import (
     StoredShow,
     VehicleAction,
 )
-from gcs.state import VehicleId
 
 
 class NoShows:

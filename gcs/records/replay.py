@@ -12,16 +12,17 @@ import numpy as np
 
 from gcs.alarms import ordered
 from gcs.bounds import bounds
-from gcs.errors import GcsError
-from gcs.frames import ShowFrame
 from gcs.happenings import Happening
-from gcs.lifecycle import ShowPhase
+from gcs.model.errors import GcsError
+from gcs.model.frames import ShowFrame
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.plan_json import plan_of
+from gcs.model.state import Array, Landed
 from gcs.records import layout
 from gcs.records.alarms_past import recorded, replay_alarm
 from gcs.records.certifying import Certifying
 from gcs.records.flown import FlightData, Flown, Moment
 from gcs.records.past import Past
-from gcs.records.plans import plan_of
 from gcs.records.playing import Playhead
 from gcs.records.refusing import Refusing
 from gcs.records.standard import Standard
@@ -36,7 +37,6 @@ from gcs.service import (
     SelectedShow,
     TickView,
 )
-from gcs.state import Array, Landed
 
 REPEAT_S: Final = 0.5
 """The state is shown again that often, so that a viewer knows that somebody is there."""

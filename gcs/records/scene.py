@@ -4,9 +4,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from gcs.model.state import Mask
 from gcs.records.layout import SHOW, as_json, stamp
 from gcs.records.moment import Moment
-from gcs.state import Mask
 
 LABELS_MAX: Final = 64
 """More names than that hide the fleet."""

@@ -7,8 +7,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from gcs.control import ControlSettings
-from gcs.errors import GcsError
-from gcs.frames import ShowFrame
+from gcs.model.errors import GcsError
+from gcs.model.frames import ShowFrame
 from gcs.safety.filter import SafetySettings
 
 

@@ -10,11 +10,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.errors import GcsError
-from gcs.frames import ShowFrame
-from gcs.lifecycle import AIRBORNE, FLOWN, Phase
+from gcs.model.errors import GcsError
+from gcs.model.frames import ShowFrame
+from gcs.model.lifecycle import AIRBORNE, FLOWN, Phase
+from gcs.model.state import Array, Landed, Mask, VehicleId
 from gcs.records.flown import FlightData, Flown
-from gcs.state import Array, Landed, Mask, VehicleId
 
 Single = NDArray[np.float32]
 OnProgress = Callable[[float], None]

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.compiled import kernel
-from gcs.errors import ShapeError
-from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import Array
+from gcs.model.errors import ShapeError
+from gcs.model.jit import kernel
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array
 
 NOBODY = -1
 """In place of j: the constraint concerns vehicle i alone."""

@@ -9,17 +9,17 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.compiled import kernel
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.sphere import TINY
+from gcs.model.jit import kernel
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array, Mask
 from gcs.safety.constraints import NOBODY, Braking, Constraints
 from gcs.safety.neighbours import Rows
 from gcs.safety.projection import any_broken, nearest, shortened, tightest
 from gcs.safety.separation import Floor, Pairs, keepout_constraints, separation_constraints
 from gcs.safety.traffic import Traffic
 from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
-from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import Array, Mask
 
 NOTICEABLE_M_S = 0.05
 

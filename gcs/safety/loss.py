@@ -11,9 +11,9 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
+from gcs.model.state import Array, Mask
 from gcs.safety.neighbours import Rows
 from gcs.safety.separation import Floor
-from gcs.state import Array, Mask
 
 Action: TypeAlias = Literal["descend", "hold", "land", "return"]
 

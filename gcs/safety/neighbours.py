@@ -5,8 +5,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.compiled import kernel
-from gcs.state import Array, Mask
+from gcs.model.jit import kernel
+from gcs.model.state import Array, Mask
 
 Rows: TypeAlias = NDArray[np.intp]
 

@@ -5,10 +5,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.compiled import kernel
+from gcs.model.jit import kernel
+from gcs.model.state import Array
 from gcs.safety.constraints import NOBODY, Constraints
 from gcs.safety.neighbours import Rows
-from gcs.state import Array
 
 NEARLY_M_S = 1e-6
 """A constraint broken by less than this does not take part; a row changed by less rests."""

@@ -5,11 +5,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gcs.compiled import kernel
+from gcs.model.jit import kernel
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array, Mask
 from gcs.safety.constraints import NOBODY, Braking, Constraints, allowed_speed_m_s
 from gcs.safety.neighbours import Rows, near_pairs, near_pairs_of
-from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import Array, Mask
 
 TINY = 1e-9
 

@@ -13,11 +13,11 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from gcs.compiled import kernel
 from gcs.formation.sphere import TINY
+from gcs.model.jit import kernel
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array, Mask
 from gcs.safety.neighbours import Rows, near_pairs
-from gcs.settings import NotNegative, Positive, Settings
-from gcs.state import Array, Mask
 
 STANDING_M_S = 0.2
 """Who wants less than this stands where it is."""

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gcs.compiled import kernel
 from gcs.formation.obstacles import Ellipse, Outlines
+from gcs.model.jit import kernel
+from gcs.model.settings import Positive, Settings
+from gcs.model.state import Array, Mask
 from gcs.safety.constraints import NOBODY, Braking, Constraints, allowed_speed_m_s
 from gcs.safety.neighbours import Rows
-from gcs.settings import Positive, Settings
-from gcs.state import Array, Mask
 
 
 class Fence(Settings):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from gcs.state import VehicleId
+from gcs.model.state import VehicleId
 
 WHO: Final[ContextVar[str]] = ContextVar("who", default="service")
 """Who orders, in this task: a token's name, `local` without tokens, `service` when nobody has called."""

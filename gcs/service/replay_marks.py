@@ -6,8 +6,8 @@ Times are seconds since the first recorded state, within the record.
 from dataclasses import dataclass
 
 from gcs.happenings import Severity
-from gcs.lifecycle import ShowPhase
-from gcs.state import VehicleId
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.state import VehicleId
 
 
 @dataclass(frozen=True, slots=True)

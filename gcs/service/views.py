@@ -6,14 +6,14 @@ from functools import cached_property
 from typing import Any
 
 from gcs.alarms import Alarm
-from gcs.counts import Counts
-from gcs.errors import Problem
 from gcs.estimates import Estimates
-from gcs.interrupted import Interrupted
-from gcs.lifecycle import ShowPhase
-from gcs.plan import Plan
+from gcs.model.errors import Problem
+from gcs.model.fleet_counts import Counts
+from gcs.model.interrupted_flight import Interrupted
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.plan import Plan
+from gcs.model.state import VehicleId
 from gcs.rows import VehicleRows, VehicleView
-from gcs.state import VehicleId
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from gcs.errors import RefusedError, UnknownError
+from gcs.model.errors import RefusedError, UnknownError
 from gcs.show.timeline import Timeline
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from gcs.config import OperationSettings
 from gcs.control import ControlSettings
-from gcs.frames import ShowFrame
+from gcs.model.frames import ShowFrame
 from gcs.show.model import Show
 from gcs.show.rules import Flaw
 

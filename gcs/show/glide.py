@@ -6,7 +6,7 @@ from math import sqrt
 
 import numpy as np
 
-from gcs.state import Array
+from gcs.model.state import Array
 
 RATE = 15.0 / 8.0
 """Greatest rate of the glide, times time over change: of 10 u^3 - 15 u^4 + 6 u^5 at u = 1/2."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from gcs import documents
-from gcs.errors import FileError, Problem, ShowError
+from gcs.model.errors import FileError, Problem, ShowError
 from gcs.setting_errors import Misfit, misfits
 from gcs.show.model import Show
 from gcs.show.rules import Flaw, flaws

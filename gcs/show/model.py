@@ -9,12 +9,12 @@ import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, StrictInt, StrictStr, Tag
 
 from gcs.control import ControlSettings
-from gcs.frames import ShowFrame
-from gcs.plan import MAX_OBSTACLES, Direction
+from gcs.model.frames import ShowFrame
+from gcs.model.plan import MAX_OBSTACLES, Direction
+from gcs.model.settings import Settings
+from gcs.model.state import Array
 from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
-from gcs.settings import Settings
-from gcs.state import Array
 
 Number: TypeAlias = Annotated[float, Field(strict=True)]
 """A text is no number, nor is yes or no; a whole number is one with decimals."""

@@ -12,10 +12,10 @@ import numpy as np
 import scipy  # whose parts are loaded when they are used: 30 MB, for which most flights have no use
 from numpy.typing import NDArray
 
-from gcs.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
+from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
+from gcs.model.state import Array
 from gcs.show.glide import Glide, Track, shortest_s
 from gcs.show.model import Box, Cue, CueOrbit, Loop, Path, Place, Show, Spin
-from gcs.state import Array
 
 LEAST_SHARE = 0.05
 """Of a limit that an orbit leaves to the target, at least: that it leaves too little is told by the rules."""

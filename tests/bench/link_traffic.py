@@ -16,7 +16,6 @@ import time
 import numpy as np
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.frames import ShowFrame
 from gcs.links.direct import codec
 from gcs.links.direct.commands import COMMAND_ACK
 from gcs.links.direct.kernels import DATAGRAM, MESSAGE, Bytes, Whole
@@ -32,7 +31,8 @@ from gcs.links.mavlink_frames import (
     SYS_STATUS,
 )
 from gcs.links.wire import Listen
-from gcs.state import Array
+from gcs.model.frames import ShowFrame
+from gcs.model.state import Array
 
 STEP_S = 0.0097
 LAG_S = 0.3

@@ -18,12 +18,12 @@ from gcs.cli.simulation.flight import fly
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
 from gcs.formation.article import ArticleParameters, formation_force, step_virtual
 from gcs.formation.law import goal_velocity
-from gcs.frames import ShowFrame
-from gcs.plan import Formation, Plan
+from gcs.model.frames import ShowFrame
+from gcs.model.plan import Formation, Plan
+from gcs.model.state import Array, FleetState, Traits
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
 from gcs.sim.dynamics import PointMasses, Response, step
-from gcs.state import Array, FleetState, Traits
 
 WARM_UPS = 3
 LONGEST_S = 6.0

@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "virtual"))
 from virtual_show import Show, UnixClock, fly, show_config
 
 from gcs.client import Client
-from gcs.lifecycle import ShowPhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.records.record import Record
 from gcs.service import ShowAction
 

@@ -23,7 +23,7 @@ from gcs import config as configuration
 from gcs.api.app import create_app
 from gcs.api.server import serve as serve_api
 from gcs.client import Client
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
 from gcs.service import ShowAction

@@ -15,9 +15,9 @@ from machine import Witness, free_ports
 from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.config import Config
-from gcs.errors import LinkError
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links.direct.udp_link import UdpLink
+from gcs.model.errors import LinkError
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.orchestrator import Orchestrator
 
 IDS = {"mavsdk": "mavsdk1", "direct": "direct2"}

@@ -17,8 +17,8 @@ from gcs.access import Role
 from gcs.cli.serve import running
 from gcs.client import Client
 from gcs.config import Config
-from gcs.errors import LinkError
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.errors import LinkError
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.tokens import create_token
 

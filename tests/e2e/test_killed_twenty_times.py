@@ -26,8 +26,8 @@ from machine import Witness, free_ports
 
 from gcs.client import Client
 from gcs.config import Config
-from gcs.errors import GcsError
-from gcs.interrupted import Offer
+from gcs.model.errors import GcsError
+from gcs.model.interrupted_flight import Offer
 from gcs.records.known import last_known, orders
 
 KILLS = (4, 20)

@@ -114,7 +114,7 @@ def check_types(folder: Path) -> None:
     command = [sys.executable, "-m", "mypy", "--python-executable", str(folder / "env" / "bin" / "python")]
     command += ["--strict", "--config-file", os.devnull, "--cache-dir", str(folder / "mypy"), "program.py"]
     done = subprocess.run(command, check=False, capture_output=True, text=True, cwd=folder)
-    assert 'Revealed type is "gcs.lifecycle.ShowPhase"' in done.stdout, done.stdout
+    assert 'Revealed type is "gcs.model.lifecycle.ShowPhase"' in done.stdout, done.stdout
     assert 'Argument "radius_m" to "change_formation"' in done.stdout
 
 

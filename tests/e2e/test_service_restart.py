@@ -14,7 +14,7 @@ from pymavlink import mavutil
 
 from gcs.client import Client
 from gcs.config import Config
-from gcs.errors import RefusedError
+from gcs.model.errors import RefusedError
 from gcs.records.flown import FlightData
 from gcs.records.known import last_known, orders
 

@@ -12,8 +12,8 @@ from gcs.api.server import serve
 from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.config import Config
-from gcs.errors import RefusedError
-from gcs.lifecycle import ShowPhase
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import ShowPhase
 from gcs.orchestrator import Orchestrator
 
 SHOW = """

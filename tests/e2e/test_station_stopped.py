@@ -10,7 +10,7 @@ from ground import SOON_S, flying_config, last_truths, proper, service, vehicles
 from machine import free_ports
 
 from gcs.config import Config
-from gcs.errors import RefusedError
+from gcs.model.errors import RefusedError
 
 COUNT = 3
 LOSS_S = 2.5

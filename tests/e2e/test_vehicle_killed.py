@@ -16,8 +16,8 @@ from machine import Witness, free_ports
 from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.formation.thomson import best_configuration, energy
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links.mavsdk_udp_link import MavsdkUdpLink
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.orchestrator import Orchestrator
 from gcs.service import FleetView
 

@@ -36,7 +36,7 @@ CROWDED = "test_safety_strays"
 EXAMPLES = 30
 """Of each property, the same ones for every mutant."""
 
-LOADED = ("numba", "pytest", "hypothesis.extra.numpy", "gcs.formation.steering", "gcs.plan")
+LOADED = ("numba", "pytest", "hypothesis.extra.numpy", "gcs.formation.steering", "gcs.model.plan")
 """Before a worker divides: nothing of `gcs.safety`, which every test process loads as it is broken then."""
 
 LOG = Path("tests.log")

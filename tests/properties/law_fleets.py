@@ -6,8 +6,8 @@ from hypothesis.extra import numpy as arrays
 
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.steering import contact_m, tangent
-from gcs.plan import Obstacle
-from gcs.state import Array, Mask
+from gcs.model.plan import Obstacle
+from gcs.model.state import Array, Mask
 
 
 def within(low: float, high: float) -> st.SearchStrategy[float]:

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from law_fleets import vectors
 
 from gcs.formation.obstacles import Ellipse
+from gcs.model.state import Array, Mask
 from gcs.safety.filter import SafetySettings, Surroundings
-from gcs.state import Array, Mask
 
 CALM = settings(deadline=None, derandomize=True)
 SAFETY = SafetySettings()

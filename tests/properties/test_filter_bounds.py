@@ -9,11 +9,11 @@ from law_fleets import masks, obstacles, places, vectors, within
 from safety_fleets import CALM, SAFETY
 
 from gcs.formation.obstacles import Ellipse
-from gcs.plan import Obstacle
+from gcs.model.plan import Obstacle
+from gcs.model.state import Array, Mask
 from gcs.safety.constraints import NOBODY
 from gcs.safety.separation import Pairs, keepout_constraints, separation_constraints
 from gcs.safety.walls import fence_constraints, nearest_way_out, obstacle_constraints
-from gcs.state import Array, Mask
 
 BRAKING = SAFETY.braking
 EVERYTHING_M_S = 1e4

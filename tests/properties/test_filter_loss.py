@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from law_fleets import places, vectors
 from safety_fleets import CALM
 
+from gcs.model.state import Array
 from gcs.safety.loss import Action, clashes, turned_upright
 from gcs.safety.separation import Floor
-from gcs.state import Array
 
 FLOOR = Floor(uncertainty_m=0.0)
 EVERYBODY = Floor(horizontal_m=1000.0, vertical_m=1000.0)

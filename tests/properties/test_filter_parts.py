@@ -8,10 +8,10 @@ from law_fleets import masks, vectors, within
 from safety_fleets import CALM, LIMITS, assert_within_limits
 from scipy.optimize import nnls
 
+from gcs.model.state import Array, Mask
 from gcs.safety.constraints import NOBODY, Constraints
 from gcs.safety.filter import cap
 from gcs.safety.projection import project, shrink
-from gcs.state import Array, Mask
 
 
 @st.composite

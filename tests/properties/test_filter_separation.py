@@ -18,8 +18,8 @@ from safety_fleets import (
     legal_fleets,
 )
 
+from gcs.model.state import Array, Mask
 from gcs.safety.filter import cap, filter_velocities
-from gcs.state import Array, Mask
 
 
 @CALM

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from law_fleets import masks, places, vectors, within
 from safety_fleets import CALM, SAFETY
 
+from gcs.model.state import Array, Mask
 from gcs.safety.traffic import count_meetings, give_way, keep_right
-from gcs.state import Array, Mask
 
 PASSING_M = SAFETY.traffic.passing_m
 SHARES = np.linspace(0.0, 1.0, 4001)[:, None]

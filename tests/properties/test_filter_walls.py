@@ -17,13 +17,13 @@ from safety_fleets import (
 )
 
 from gcs.formation.obstacles import Ellipse
-from gcs.plan import Obstacle
+from gcs.model.plan import Obstacle
+from gcs.model.state import Array, Mask
 from gcs.safety.constraints import Constraints
 from gcs.safety.filter import Surroundings, cap, filter_velocities
 from gcs.safety.projection import project, shrink
 from gcs.safety.separation import Floor, keepout_constraints, separation_constraints
 from gcs.safety.walls import obstacle_constraints
-from gcs.state import Array, Mask
 
 
 def gap_to_box_m(position: Array, obstacle: Obstacle, time_s: float) -> Array:

@@ -20,12 +20,12 @@ from gcs.formation.sphere import sphere_velocity
 from gcs.formation.steering import LEFT, RIGHT, avoid_all
 from gcs.formation.thomson import energy
 from gcs.formation.yaw import turn_towards
-from gcs.frames import ShowFrame, wrap_rad
 from gcs.landing import CLEAR_M, distinct_places_m
-from gcs.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
+from gcs.model.frames import ShowFrame, wrap_rad
+from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
+from gcs.model.state import Array, FleetState, Traits
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
-from gcs.state import Array, FleetState, Traits
 
 CALM = settings(deadline=None, derandomize=True, max_examples=60)
 LAW = LawSettings()

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from gcs.model.state import Array
 from gcs.preflight.pattern import assigned, fit
-from gcs.state import Array
 
 WITHIN_M = 1.5
 SEEDS = st.integers(0, 2**32 - 1)

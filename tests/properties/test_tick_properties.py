@@ -15,9 +15,9 @@ from safety_fleets import (
 )
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
-from gcs.frames import wrap_rad
-from gcs.plan import Formation, Orbit, Plan, Target, Yaw, YawPolicy
-from gcs.state import FleetState, Traits
+from gcs.model.frames import wrap_rad
+from gcs.model.plan import Formation, Orbit, Plan, Target, Yaw, YawPolicy
+from gcs.model.state import FleetState, Traits
 
 CONTROL = ControlSettings()
 

@@ -23,7 +23,7 @@ from sitl_truth import TruthRecorder
 
 from gcs import config as configuration
 from gcs.cli import report
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 
 CONFIG = "px4-sitl"
 ENERGY_MAX, NEAREST_MIN = 1.003, 0.9

@@ -13,8 +13,8 @@ from sitl_simulators import Simulators
 from gcs.api import wire
 from gcs.cli.report import Commanded
 from gcs.client import Client
-from gcs.errors import GcsError, RefusedError
-from gcs.plan import Obstacle
+from gcs.model.errors import GcsError, RefusedError
+from gcs.model.plan import Obstacle
 
 SAMPLE_S = 0.2
 """Between two samples of what the service commands."""

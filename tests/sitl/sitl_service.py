@@ -11,7 +11,7 @@ import yaml
 
 from gcs import config as configuration
 from gcs.client import Client
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 
 GCS = (sys.executable, "-m", "gcs")
 APPLIED_S = 180.0

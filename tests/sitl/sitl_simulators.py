@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gcs.frames import ShowFrame
+from gcs.model.frames import ShowFrame
 
 PX4_PORT, PX4_SIMULATOR_PORT = 14540, 19410
 PX4_MODEL = "sihsim_quadx"

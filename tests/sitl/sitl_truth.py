@@ -11,8 +11,8 @@ import numpy as np
 from pymavlink.dialects.v20 import common
 
 from gcs.cli.report import SAMPLE_S, Truth
-from gcs.frames import ShowFrame
-from gcs.state import Array
+from gcs.model.frames import ShowFrame
+from gcs.model.state import Array
 
 ABOVE_PAD_M = 0.5
 """A vehicle this far above its pad is airborne: SIH's ground is level, and the true state has no noise."""

@@ -9,11 +9,11 @@ import numpy as np
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
 from gcs.formation.thomson import best_configuration, energy, nearest_m
-from gcs.plan import Formation, Plan
+from gcs.model.plan import Formation, Plan
+from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.safety.separation import minimum_separation
 from gcs.sim import noise
 from gcs.sim.dynamics import PointMasses, Response, step
-from gcs.state import Array, FleetState, Mask, Traits
 
 TICK_S = 0.05
 STEP_S = 0.01

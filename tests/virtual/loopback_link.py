@@ -15,19 +15,19 @@ import numpy as np
 from loopback_ears import INT32, Ears, failure, news, obeyed
 from pymavlink.dialects.v20 import common
 
-from gcs.errors import LinkError, OrderError, UnknownError
-from gcs.frames import ShowFrame
 from gcs.links import Order, ParameterValue, Verb, rates
 from gcs.links.mavlink_frames import HEARTBEAT, PARAM_VALUE, kill_frame, parameter_value, split
 from gcs.links.parameter_news import ParameterNews
 from gcs.links.roster import Address
 from gcs.links.settings import StreamSettings
+from gcs.model.errors import LinkError, OrderError, UnknownError
+from gcs.model.frames import ShowFrame
+from gcs.model.state import Array, Setpoints, Telemetry, VehicleId
 from gcs.sim.autopilot import Autopilot
 from gcs.sim.faults import Channel
 from gcs.sim.fleet import STEP_S, Fleet
 from gcs.sim.modes import Mode as PilotMode
 from gcs.sim.trouble import Origin, Trouble
-from gcs.state import Array, Setpoints, Telemetry, VehicleId
 
 STATION = (245, 190)
 VELOCITY_AND_YAW = 0x9C7

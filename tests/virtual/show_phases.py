@@ -2,7 +2,7 @@
 
 from virtual_show import Show
 
-from gcs.lifecycle import ShowPhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.service import ShowAction
 
 

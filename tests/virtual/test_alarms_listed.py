@@ -12,8 +12,8 @@ from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 from gcs.alarms import RANK, Alarm, AlarmCause, AlarmSeverity
 from gcs.api.console_feed import Feed
-from gcs.errors import LinkError
-from gcs.lifecycle import Phase
+from gcs.model.errors import LinkError
+from gcs.model.lifecycle import Phase
 from gcs.reactions import Cause
 from gcs.service import ShowAction, VehicleAction
 

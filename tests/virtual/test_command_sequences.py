@@ -8,9 +8,9 @@ from stalls import stall
 from test_show_interrupted import ALL, BOX, COMMANDS, fly_for_a_while, found, four, sessions
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
-from gcs.interrupted import Offer
-from gcs.lifecycle import Phase, ShowPhase
-from gcs.plan import Formation, Obstacle
+from gcs.model.interrupted_flight import Offer
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Formation, Obstacle
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.modes import Mode as PilotMode
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from control_flight import SETTINGS, Flight, Moment, closest_m_and_violations, shape
 
-from gcs.plan import Formation
+from gcs.model.plan import Formation
 
 RADIUS_M = {4: 8.0, 8: 10.0}
 

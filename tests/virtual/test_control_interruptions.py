@@ -16,8 +16,8 @@ from control_flight import (
 
 from gcs.control import Task
 from gcs.landing import swept_segments_m
-from gcs.plan import Formation, Orbit, Target, Yaw, YawPolicy
-from gcs.state import Array
+from gcs.model.plan import Formation, Orbit, Target, Yaw, YawPolicy
+from gcs.model.state import Array
 
 
 def in_orbit(*, noise_scale: float = 1.0) -> Flight:

@@ -3,8 +3,8 @@
 import pytest
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
-from gcs.errors import InvalidError, RefusedError, UnknownError
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.errors import InvalidError, RefusedError, UnknownError
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.sim.modes import Mode as PilotMode
 

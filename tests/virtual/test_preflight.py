@@ -10,10 +10,10 @@ from written_show import NAME, config, keep, on_pads, select
 from written_show import TEXT as SHOW
 from written_show import fly as fly_show
 
-from gcs.checks import Check, PreflightReport
 from gcs.config import Config
-from gcs.errors import GcsError, InvalidError, RefusedError, UnknownError
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.preflight_report import Check, PreflightReport
 from gcs.records.known import orders
 from gcs.records.record import Record
 from gcs.service import WHO, Outcome, ShowAction

@@ -5,7 +5,7 @@ from pathlib import Path
 from reaction_stories import carried_out, reacts
 from virtual_show import Show, fly, show_config
 
-from gcs.lifecycle import ShowPhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.reactions import Cause
 from gcs.records.known import events, orders
 from gcs.records.record import Record

@@ -12,9 +12,9 @@ from show_phases import aborting, arming, assembling, paused, returning, running
 from stalls import stall
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
-from gcs.errors import GcsError, RefusedError
-from gcs.interrupted import Offer
-from gcs.lifecycle import Phase
+from gcs.model.errors import GcsError, RefusedError
+from gcs.model.interrupted_flight import Offer
+from gcs.model.lifecycle import Phase
 from gcs.service import Outcome, ShowAction, VehicleAction, VehicleOutcome
 
 Command = Callable[[Show], object]

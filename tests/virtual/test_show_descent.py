@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from virtual_show import Show, Track, fly, show_config
 
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Verb
-from gcs.plan import Obstacle
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Obstacle
+from gcs.model.state import Array
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-from gcs.state import Array
 
 NARROW = {"radius_m": 3.5, "height_m": 12.0}  # narrower than the spacing on the ground
 

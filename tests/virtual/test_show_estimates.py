@@ -7,8 +7,8 @@ import pytest
 from virtual_show import Moment, Show, Track, fly, show_config
 
 from gcs.estimates import Estimates
-from gcs.lifecycle import ShowPhase
-from gcs.plan import Orbit
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.plan import Orbit
 from gcs.service import ShowAction
 
 ENDURANCE_S = 600.0

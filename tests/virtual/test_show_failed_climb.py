@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from virtual_show import Show, Track, fly, show_config
 
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Verb
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Mode, VehicleId
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-from gcs.state import Mode, VehicleId
 
 TIMEOUT_S = 8.0
 

@@ -7,11 +7,11 @@ import pytest
 from loopback_link import SentOrder, SentSetpoint
 from virtual_show import HEADING_DEG, JUMP_M_S, TAKEOFF_HEIGHT_M, TARGET_M, Show, Track, fly
 
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Verb
-from gcs.plan import Orbit
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Orbit
+from gcs.model.state import VehicleId
 from gcs.service import OrderRecord, Outcome, ShowAction
-from gcs.state import VehicleId
 
 FLIERS = ("d1", "d2", "d3")
 ORBIT_M = 5.0

@@ -10,7 +10,7 @@ import pytest
 from virtual_show import AtOnce, Show, Track, fly, show_config
 
 from gcs.alarms import AlarmCause
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 
 T = TypeVar("T")

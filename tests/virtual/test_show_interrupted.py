@@ -24,18 +24,18 @@ from written_show import NAME, TEXT, check, keep, on_pads
 
 from gcs.alarms import AlarmCause
 from gcs.config import Config
-from gcs.errors import RefusedError
-from gcs.interrupted import Offer
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.errors import RefusedError
+from gcs.model.interrupted_flight import Offer
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Formation, Obstacle
+from gcs.model.state import Mode, VehicleId
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
-from gcs.plan import Formation, Obstacle
 from gcs.records.exclusions import exclusions
 from gcs.records.interruption import interruption
 from gcs.records.record import Record
 from gcs.service import WHO, OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet, Settings
-from gcs.state import Mode, VehicleId
 
 T = TypeVar("T")
 Story = Callable[[Show], Awaitable[T]]

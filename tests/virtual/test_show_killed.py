@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from virtual_show import Refusal, Show, Track, fly, refused
 
-from gcs.errors import RefusedError
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 
 

@@ -5,13 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
-from gcs.errors import RefusedError
-from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.links import Verb
-from gcs.plan import Obstacle
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.model.plan import Obstacle
+from gcs.model.state import Mode
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.modes import Mode as PilotMode
-from gcs.state import Mode
 
 
 async def hold_overtaken_by_stop(show: Show) -> tuple[OrderRecord, ShowPhase, list[bool]]:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
 
-from gcs.errors import RefusedError
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Verb
-from gcs.plan import Target
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Target
+from gcs.model.state import Mode
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-from gcs.state import Mode
 
 OTHERS = ("d1", "d3", "d4")
 

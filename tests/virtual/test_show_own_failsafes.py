@@ -6,8 +6,8 @@ from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 from gcs.alarms import AlarmCause, AlarmSeverity
 from gcs.failsafe_cause import control_refusal
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Verb
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 
 

@@ -5,8 +5,8 @@ import pytest
 from virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 from gcs.cli.params import Row, inspect
-from gcs.errors import OrderError, RefusedError
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.errors import OrderError, RefusedError
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 
 SAFE = {**HOLDS_WHEN_LOST, "require_safe_setpoint_loss": True}

@@ -5,12 +5,12 @@ from typing import NamedTuple
 import pytest
 from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
 
-from gcs.errors import RefusedError
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Verb
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Mode, VehicleId
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.modes import Mode as PilotMode
-from gcs.state import Mode, VehicleId
 
 
 class TakenOver(NamedTuple):

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import pytest
 from virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
 
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Verb
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.sim.modes import Mode as PilotMode
 

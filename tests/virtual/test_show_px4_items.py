@@ -6,9 +6,9 @@ Items that other tests show are listed with them in docs/operations.md.
 import pytest
 from virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
-from gcs.errors import OrderError
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Order, Verb
+from gcs.model.errors import OrderError
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction, VehicleAction
 
 

@@ -8,8 +8,8 @@ import pytest
 from virtual_show import Show, Track, fly, show_config
 
 from gcs.cli.main import main
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links.roster import Address
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.records import layout
 from gcs.records.flown import FlightData
 from gcs.records.known import events, last_known, orders

@@ -8,11 +8,11 @@ import pytest
 from virtual_show import TAKEOFF_HEIGHT_M, Refusal, Show, Track, alarm_texts, fly, refused, show_config
 
 from gcs.columns import column_m, overlapping
-from gcs.errors import GcsError, InvalidError, RefusedError, UnknownError
-from gcs.lifecycle import Phase, ShowPhase
-from gcs.plan import Formation, Obstacle
+from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Formation, Obstacle
+from gcs.model.state import Mode
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-from gcs.state import Mode
 
 
 def start_of(*names: str) -> Callable[[Show], Callable[[], OrderRecord]]:

@@ -8,10 +8,10 @@ import pytest
 from loopback_link import LoopbackLink
 from virtual_show import Show, fly, run_virtual, show_config
 
-from gcs.errors import LinkError
-from gcs.lifecycle import Phase
 from gcs.links import Link
-from gcs.state import Setpoints
+from gcs.model.errors import LinkError
+from gcs.model.lifecycle import Phase
+from gcs.model.state import Setpoints
 from gcs.timing import TickClock, ticks
 
 

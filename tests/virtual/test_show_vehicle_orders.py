@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
 
-from gcs.errors import RefusedError, UnknownError
-from gcs.lifecycle import Phase, ShowPhase
-from gcs.plan import Formation
+from gcs.model.errors import RefusedError, UnknownError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Formation
+from gcs.model.state import Array, Mode, VehicleId
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-from gcs.state import Array, Mode, VehicleId
 
 HOLD, JOIN, RETURN, LAND, TAKE_CONTROL, CONFIRM_DOWN = (
     VehicleAction.HOLD,

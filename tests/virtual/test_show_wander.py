@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
-from gcs.checks import State
-from gcs.lifecycle import ShowPhase
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.preflight_report import State
 from gcs.service import ShowAction
 
 

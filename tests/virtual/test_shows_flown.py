@@ -8,9 +8,9 @@ import pytest
 from virtual_show import JUMP_M_S, Show, Track, refused
 from written_show import NAME, TEXT, config, fly, select
 
-from gcs.errors import RefusedError
-from gcs.lifecycle import ShowPhase
-from gcs.plan import Formation, Obstacle, Orbit, Target
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.plan import Formation, Obstacle, Orbit, Target
 from gcs.records import last_known
 from gcs.records.flown import FlightData
 from gcs.records.known import events

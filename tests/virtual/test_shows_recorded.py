@@ -9,7 +9,7 @@ from virtual_show import Show
 from written_show import config, fly, select
 
 from gcs.cli.main import main
-from gcs.lifecycle import ShowPhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.records import layout
 from gcs.records.flown import FlightData
 from gcs.records.known import last_known

@@ -12,7 +12,7 @@ from gcs.cli.simulation.neighbours import Neighbourhood, range_m
 from gcs.cli.simulation.scenario import Radio
 from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
-from gcs.state import Array
+from gcs.model.state import Array
 
 TICK_S = 0.05
 RADIUS_M = 10.0

@@ -12,12 +12,12 @@ from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Show, UnixClock, fly, refuse
 from written_show import config, on_pads, select
 from written_show import fly as fly_written
 
-from gcs.interrupted import Offer
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.interrupted_flight import Offer
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Mode
 from gcs.parameters import requirements, settings_of
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet, Settings
-from gcs.state import Mode
 
 FIRST = ("d1", "d2", "d3")
 

@@ -10,12 +10,12 @@ from stalls import floor_violations, stall
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 from gcs.alarms import AlarmCause
-from gcs.counts import Counts
-from gcs.interrupted import Offer
-from gcs.lifecycle import FLOWN, Phase, ShowPhase
+from gcs.model.fleet_counts import Counts
+from gcs.model.interrupted_flight import Offer
+from gcs.model.lifecycle import FLOWN, Phase, ShowPhase
+from gcs.model.state import Array
 from gcs.service import Outcome, ShowAction
 from gcs.sim.modes import Mode as PilotMode
-from gcs.state import Array
 
 Into = Callable[[Show], Awaitable[None]]
 

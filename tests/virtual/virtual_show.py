@@ -14,10 +14,11 @@ import numpy as np
 from loopback_link import LoopbackLink, system_ids
 
 from gcs.config import Config
-from gcs.errors import GcsError, LinkError
 from gcs.formation.obstacles import Ellipse
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links import Link
+from gcs.model.errors import GcsError, LinkError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Array, VehicleId
 from gcs.orchestrator import Heart, Orchestrator
 from gcs.parameters import requirements, settings_of
 from gcs.records.record import Record
@@ -26,7 +27,6 @@ from gcs.safety.separation import minimum_separation
 from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet, Settings
 from gcs.sim.trouble import Trouble
-from gcs.state import Array, VehicleId
 
 T = TypeVar("T")
 

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gcs.frames import ShowFrame
 from gcs.links import Order, Verb
 from gcs.links.direct.link import DirectLink
 from gcs.links.direct.udp_link import UdpLink
 from gcs.links.endpoints import Listen
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.mavsdk_udp_link import MavsdkUdpLink
-from gcs.state import Setpoints
+from gcs.model.frames import ShowFrame
+from gcs.model.state import Setpoints
 
 PERIOD_S = 0.05
 VELOCITY_M_S = (1.0, 0.5, -0.25)

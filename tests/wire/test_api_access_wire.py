@@ -23,8 +23,8 @@ from gcs.api.guard import EmergencyLane
 from gcs.api.server import serve
 from gcs.cli.main import main
 from gcs.client import Client
-from gcs.errors import AccessError, ConfigError, LinkError
-from gcs.lifecycle import ShowPhase
+from gcs.model.errors import AccessError, ConfigError, LinkError
+from gcs.model.lifecycle import ShowPhase
 from gcs.tokens import Tokens, create_token, revoke_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))

@@ -13,7 +13,7 @@ import pytest
 
 from gcs.api.app import create_app
 from gcs.client import Client
-from gcs.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
+from gcs.model.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
 from gcs.service import Outcome
 from gcs.show import load, shipped
 

@@ -21,7 +21,7 @@ from gcs.access import Role
 from gcs.api import frames
 from gcs.api.desk import VIEWERS_MAX
 from gcs.api.door import Door
-from gcs.plan import Formation
+from gcs.model.plan import Formation
 from gcs.tokens import Tokens, create_token, revoke_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))

@@ -21,7 +21,7 @@ from gcs.api.app import create_app
 from gcs.api.desk import VIEWERS_MAX
 from gcs.api.protocols import CONNECTIONS_MAX
 from gcs.api.server import serve
-from gcs.errors import LinkError
+from gcs.model.errors import LinkError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 

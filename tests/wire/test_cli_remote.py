@@ -27,9 +27,9 @@ from gcs.client import Client
 from gcs.client_preflight import Preflight
 from gcs.client_replay import Playback
 from gcs.client_shows import Shows
-from gcs.interrupted import Interrupted, Offer
-from gcs.lifecycle import Phase as LifePhase
-from gcs.lifecycle import ShowPhase
+from gcs.model.interrupted_flight import Interrupted, Offer
+from gcs.model.lifecycle import Phase as LifePhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.service import Outcome, SelectedShow
 from gcs.show import load, shipped
 from gcs.tokens import Tokens, create_token

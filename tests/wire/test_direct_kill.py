@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import common as dialect
 
 from gcs.config import Config, find, load
 from gcs.direct_kill import direct_kill
-from gcs.errors import ConfigError
+from gcs.model.errors import ConfigError
 from gcs.records.known import KnownVehicle
 from gcs.service import Outcome, VehicleOutcome
 

@@ -13,8 +13,6 @@ from link_peer import Peer
 from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.errors import LinkError
-from gcs.frames import ShowFrame
 from gcs.links import Verb, mmsg
 from gcs.links.direct.link import DirectLink
 from gcs.links.direct.packets import Datagrams, Packets, host_of, port_of, socket_of, source_of
@@ -22,7 +20,9 @@ from gcs.links.endpoints import Listen
 from gcs.links.rates import wanted
 from gcs.links.settings import StreamSettings
 from gcs.links.traffic import Direction
-from gcs.state import Setpoints
+from gcs.model.errors import LinkError
+from gcs.model.frames import ShowFrame
+from gcs.model.state import Setpoints
 
 HOST = "127.0.0.1"
 

@@ -15,8 +15,8 @@ from link_bench import until
 from machine import free_ports
 from wire_bench import a_socket, arrived, beat, bench, command, setpoint
 
-from gcs.errors import LinkError
 from gcs.links.endpoints import SerialPort, TcpIn, TcpOut, UdpOut
+from gcs.model.errors import LinkError
 
 
 def free_tcp_port() -> int:

@@ -12,7 +12,7 @@ from link_bench import AnyLink, Ticks, a_link, do, running, until
 from machine import free_ports
 
 from gcs.links import Verb
-from gcs.state import Landed, Mode
+from gcs.model.state import Landed, Mode
 
 
 @contextmanager

@@ -8,9 +8,9 @@ from link_bench import EVERY, PERIOD_S, AnyLink, Ticks, a_link, do, ready, repea
 from link_peer import Peer
 from machine import STALL_S, Witness, free_ports
 
-from gcs.errors import LinkError, OrderError, UnknownError
 from gcs.links import Link, Order, Verb
-from gcs.state import Landed, Mode, Setpoints
+from gcs.model.errors import LinkError, OrderError, UnknownError
+from gcs.model.state import Landed, Mode, Setpoints
 
 pytestmark = pytest.mark.usefixtures("transport")
 

@@ -11,7 +11,7 @@ import pytest
 from link_bench import AnyLink, a_link, is_open, running, until
 from machine import free_ports
 
-from gcs.errors import OrderError, UnknownError
+from gcs.model.errors import OrderError, UnknownError
 
 pytestmark = pytest.mark.usefixtures("transport")
 

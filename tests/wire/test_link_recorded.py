@@ -14,10 +14,10 @@ from link_peer import Peer
 from machine import free_ports
 from pymavlink import mavutil
 
-from gcs.frames import ShowFrame
 from gcs.links import Verb
 from gcs.links.endpoints import Listen
 from gcs.links.traffic import Direction
+from gcs.model.frames import ShowFrame
 
 
 def a_link(port: int, folder: Path, kind: str = "mavsdk") -> AnyLink:

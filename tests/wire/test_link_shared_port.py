@@ -11,7 +11,7 @@ from link_router import Router
 from machine import free_ports
 
 from gcs.links import Verb
-from gcs.state import Mode
+from gcs.model.state import Mode
 
 pytestmark = pytest.mark.usefixtures("transport")
 

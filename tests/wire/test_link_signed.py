@@ -12,12 +12,12 @@ from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
 from wire_bench import a_socket, arrived, beat, bench, command
 
-from gcs.frames import ShowFrame
 from gcs.links import Verb
 from gcs.links.endpoints import Listen
 from gcs.links.keys import Signing
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.settings import Forward
+from gcs.model.frames import ShowFrame
 
 KEY = bytes(range(32))
 

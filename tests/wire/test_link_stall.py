@@ -12,7 +12,7 @@ from pymavlink.dialects.v20.common import MAV_TYPE_GCS
 
 from gcs.links import Verb
 from gcs.links.direct.link import DirectLink
-from gcs.state import Mode, Setpoints
+from gcs.model.state import Mode, Setpoints
 
 pytestmark = pytest.mark.usefixtures("transport")
 

@@ -8,10 +8,10 @@ from link_bench import do, ready, running, until
 from link_peer import Peer
 from machine import free_ports
 
-from gcs.frames import ShowFrame
 from gcs.links import Verb
 from gcs.links.endpoints import Listen
 from gcs.links.mavsdk_link import MavsdkLink
+from gcs.model.frames import ShowFrame
 
 RATES_HZ = {33: 5.0, 245: 5.0, 30: 0.0}
 POSITION_S = 0.2

@@ -18,11 +18,11 @@ from wire_bench import (
     setpoint,
 )
 
-from gcs.errors import LinkError
 from gcs.links.deadman import Deadman
 from gcs.links.killlatch import KillLatch
 from gcs.links.wire import Direction, Listen, Wire
-from gcs.state import Mode
+from gcs.model.errors import LinkError
+from gcs.model.state import Mode
 
 
 def test_a_frame_goes_to_its_target_only_and_one_for_everybody_to_all() -> None:

@@ -10,16 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Formation, Plan
+from gcs.model.state import FleetState, Landed, Mode, Setpoints
 from gcs.orders import OrderBook
-from gcs.plan import Formation, Plan
 from gcs.records.flown import FlightData
 from gcs.records.known import last_known, orders
 from gcs.records.moment import Moment
 from gcs.records.record import Record
 from gcs.records.replay import NOTHING_COUNTED
 from gcs.service import TickView
-from gcs.state import FleetState, Landed, Mode, Setpoints
 
 VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 101)}
 ROOM_BYTES = 150_000

@@ -17,9 +17,10 @@ from gcs.alarms import Alarm, AlarmCause, AlarmSeverity
 from gcs.api import frames
 from gcs.cli.main import main
 from gcs.client import Client
-from gcs.errors import InvalidError, RefusedError
-from gcs.lifecycle import Phase, ShowPhase
-from gcs.plan import Formation, Obstacle, Plan
+from gcs.model.errors import InvalidError, RefusedError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Formation, Obstacle, Plan
+from gcs.model.state import FleetState, Landed, Mode, Setpoints
 from gcs.records import layout
 from gcs.records.audit import Audit
 from gcs.records.flightfile import FlightFile
@@ -29,7 +30,6 @@ from gcs.records.known import AUDIT
 from gcs.records.moment import Moment
 from gcs.records.replay import NOTHING_COUNTED
 from gcs.service import SelectedShow, TickView
-from gcs.state import FleetState, Landed, Mode, Setpoints
 
 SECONDS, SPEED = 20.0, 10.0
 BOX = Obstacle("tower", 5.0, 0.0, 1.0, 1.0, 30.0, velocity_x_m_s=1.0, time_s=500.0)

@@ -22,17 +22,17 @@ export type ShowPhase = Schemas["ShowPhase"];
 export type Obstacle = Schemas["Obstacle"];
 export type KillArmed = Schemas["KillArmed"];
 
-/** In the order of gcs/lifecycle.py: a frame's column `phase` counts here. */
+/** In the order of gcs/model/lifecycle.py: a frame's column `phase` counts here. */
 export const PHASES = [
   "offline", "standby", "takeoff", "hold", "formation", "return", "landing", "lost", "pilot", "killed",
 ] as const;
 export type Phase = (typeof PHASES)[number];
 
-/** In the order of gcs/state.py. */
+/** In the order of gcs/model/state.py. */
 export const MODES = ["unknown", "ready", "takeoff", "hold", "offboard", "return", "land", "position", "other"] as const;
 export type Mode = (typeof MODES)[number];
 
-/** In the order of gcs/lifecycle.py: a frame's header counts here. */
+/** In the order of gcs/model/lifecycle.py: a frame's header counts here. */
 export const SHOW_PHASES = [
   "idle", "countdown", "preflight", "arming", "assembling", "running", "paused", "returning", "aborting", "landed",
   "uncontrolled",

@@ -10,7 +10,7 @@ const SYDNEY: Origin = { latitude_deg: -33.9, longitude_deg: 151.2, altitude_ams
 const ALL = { zoom_min: 0, zoom_max: 19 };
 
 test.each([
-  // as gcs.frames.ShowFrame.position_m tells them
+  // as gcs.model.frames.ShowFrame.position_m tells them
   [ZURICH, 0.001, 0, 111.1871, 0],
   [ZURICH, 0, 0.001, 0.0005, 75.4955],
   [ZURICH, 0.02, -0.03, 2224.1824, -2264.008],

@@ -10,7 +10,7 @@ from gcs.cli.plots import require_matplotlib
 from gcs.cli.progress import share_of
 from gcs.cli.shows.rehearsal import rehearse
 from gcs.cli.shows.verdict import judge, table
-from gcs.errors import ConfigError, ShowError
+from gcs.model.errors import ConfigError, ShowError
 from gcs.show import LoadedShow, find, load
 
 

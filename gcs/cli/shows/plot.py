@@ -13,7 +13,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from gcs.cli.shows.rehearsal import Rehearsal
 from gcs.cli.shows.verdict import Verdict, judge
 from gcs.cli.simulation.record import Record
-from gcs.state import Array
+from gcs.model.state import Array
 
 NIGHT = "#0b0e16"
 GREY = "#8a93a6"

@@ -11,8 +11,8 @@ from gcs.cli.shows.rehearsal import Rehearsal
 from gcs.cli.simulation.measure import rounded
 from gcs.cli.simulation.record import Record
 from gcs.columns import column_m, overlapping
-from gcs.errors import Problem
-from gcs.plan import Plan
+from gcs.model.errors import Problem
+from gcs.model.plan import Plan
 from gcs.show import Flaw, Played
 
 TAKEOFF_M_S = 1.5

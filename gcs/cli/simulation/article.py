@@ -19,9 +19,9 @@ from gcs.formation.article import (
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center, orbit_velocity
 from gcs.formation.way import Way, steer_center
-from gcs.plan import Obstacle, Target
+from gcs.model.plan import Obstacle, Target
+from gcs.model.state import Array
 from gcs.safety.separation import Floor, scaled_distance_m
-from gcs.state import Array
 
 SUBSTEPS = 10
 """Steps of the virtual dynamics in a tick; at 20 Hz they last 5 ms."""

@@ -16,7 +16,7 @@ from gcs.cli.simulation.article import TETRAHEDRON_EDGE
 from gcs.cli.simulation.record import Record
 from gcs.cli.simulation.scenario import ArticleFlight
 from gcs.formation.obstacles import Ellipse
-from gcs.plan import Obstacle
+from gcs.model.plan import Obstacle
 
 SHOWN_S = 12.0
 """Paths over the ground are shown for so long: at the end, or before and after the obstacle."""

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from gcs.cli.simulation.judge import energy_and_gradient, energy_and_nearest
-from gcs.state import Array
+from gcs.model.state import Array
 
 KEPT = (*range(2, 33), 40, 45, 48, 50, 52, 60, 64, 72, 90, 100, 128, 150, 180, 190, 200)
 STARTS = 60

@@ -7,8 +7,8 @@ import numpy as np
 
 from gcs.cli.simulation.scenario import RandomBoxes
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
-from gcs.plan import Obstacle
-from gcs.state import Array
+from gcs.model.plan import Obstacle
+from gcs.model.state import Array
 
 TRIES = 2000
 """Of placing one box; a field that is full then gets fewer."""

@@ -11,7 +11,7 @@ from gcs.cli.simulation import scenario as scenarios
 from gcs.cli.simulation.batch import Run, judged_runs, passed, run_all
 from gcs.cli.simulation.flight import fly
 from gcs.cli.simulation.table import summary
-from gcs.errors import ConfigError
+from gcs.model.errors import ConfigError
 
 
 def run(arguments: argparse.Namespace) -> int:

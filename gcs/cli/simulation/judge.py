@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from gcs.compiled import kernel
-from gcs.state import Array, Mask
+from gcs.model.jit import kernel
+from gcs.model.state import Array, Mask
 
 FAR_M = 1e9
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from gcs.cli.simulation.best import best
 from gcs.cli.simulation.scenario import FormationFlight, GoalFlight
-from gcs.errors import ConfigError
-from gcs.state import Array
+from gcs.model.errors import ConfigError
+from gcs.model.state import Array
 
 GOLDEN_RAD = np.pi * (3.0 - sqrt(5.0))
 TRIES = 20_000

@@ -17,8 +17,8 @@ from gcs.cli.simulation.passing import (
 )
 from gcs.cli.simulation.record import Record
 from gcs.cli.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged
+from gcs.model.state import Array, Mask
 from gcs.safety.filter import Limits
-from gcs.state import Array, Mask
 
 SETTLED_ENERGY = 1.005
 SETTLED_RADIUS = 0.02

@@ -10,7 +10,7 @@ from gcs.cli.simulation.scenario import Radio
 from gcs.formation.consensus import Belief, Heard, agree
 from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
-from gcs.state import Array, Mask
+from gcs.model.state import Array, Mask
 
 PLACE, PACE, CENTER, CENTER_PACE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 DEGREE, SENT = 12, 13

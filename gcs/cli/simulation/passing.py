@@ -4,8 +4,8 @@ import numpy as np
 
 from gcs.cli.simulation.record import Record
 from gcs.formation.obstacles import Ellipse
-from gcs.plan import Obstacle
-from gcs.state import Array, Mask
+from gcs.model.plan import Obstacle
+from gcs.model.state import Array, Mask
 
 PENETRATION_M = 1.0
 NEAR_M = 15.0

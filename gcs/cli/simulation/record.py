@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gcs.cli.simulation.scenario import Scenario
-from gcs.plan import Obstacle
-from gcs.state import Array, Mask
+from gcs.model.plan import Obstacle
+from gcs.model.state import Array, Mask
 
 NOWHERE = np.full(3, np.nan)
 

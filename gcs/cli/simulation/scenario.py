@@ -8,14 +8,14 @@ from pydantic import Field, ValidationError, model_validator
 
 from gcs import documents
 from gcs.control import ControlSettings
-from gcs.errors import ConfigError
 from gcs.formation.article import ArticleParameters
 from gcs.formation.consensus import ConsensusSettings
 from gcs.formation.obstacles import AvoidanceSettings
-from gcs.plan import MAX_OBSTACLES, Direction
-from gcs.quoting import quoted
+from gcs.model.errors import ConfigError
+from gcs.model.plan import MAX_OBSTACLES, Direction
+from gcs.model.quoting import quoted
+from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.setting_errors import explained
-from gcs.settings import NotNegative, Positive, Settings
 from gcs.yaml_source import Source
 
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]

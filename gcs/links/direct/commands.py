@@ -7,12 +7,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.errors import OrderError
 from gcs.links.direct.codec import Records, records, text, text_field
 from gcs.links.direct.kernels import Whole
 from gcs.links.link import ParameterValue
 from gcs.links.mavlink_frames import COMMAND_LONG
 from gcs.links.orders import CLOSED, TIMEOUT
+from gcs.model.errors import OrderError
 
 COMMAND_ACK: Final = 77
 PARAM_REQUEST_READ: Final = 20

@@ -11,7 +11,7 @@ from gcs.links.direct.commands import Commands
 from gcs.links.direct.heard import Said
 from gcs.links.link import Order, ParameterValue, Verb
 from gcs.links.mavlink_frames import COMMAND_LONG
-from gcs.state import Landed
+from gcs.model.state import Landed
 
 ARM_DISARM: Final = int(dialect.MAV_CMD_COMPONENT_ARM_DISARM)
 SET_MODE: Final = int(dialect.MAV_CMD_DO_SET_MODE)

@@ -37,7 +37,7 @@ from gcs.links.mavlink_frames import (
     px4_mode,
 )
 from gcs.links.roster import SILENT_AFTER_S
-from gcs.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
+from gcs.model.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
 
 Value = TypeVar("Value")
 

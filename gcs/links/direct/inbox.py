@@ -13,7 +13,7 @@ from gcs.links.direct.packets import Datagrams
 from gcs.links.direct.streams import Streams
 from gcs.links.link import ParameterValue
 from gcs.links.traffic import Counters, Direction, Observer
-from gcs.state import Array
+from gcs.model.state import Array
 
 _AUTOPILOT_COMPONENT = 1
 

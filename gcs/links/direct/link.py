@@ -11,7 +11,6 @@ from time import monotonic
 
 import numpy as np
 
-from gcs.frames import ShowFrame
 from gcs.links.direct.codec import SYSTEM_ID
 from gcs.links.direct.commands import Commands
 from gcs.links.direct.hand import DirectHand
@@ -19,7 +18,8 @@ from gcs.links.direct.messages import SETPOINT, setpoint_messages
 from gcs.links.direct.udp_link import UdpLink, Wanted, Works
 from gcs.links.endpoints import Listen
 from gcs.links.orders import Orders
-from gcs.state import Mask, VehicleId
+from gcs.model.frames import ShowFrame
+from gcs.model.state import Mask, VehicleId
 
 
 class DirectLink(UdpLink):

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import development as dialect
 from gcs.links.direct.codec import Records, records
 from gcs.links.direct.kernels import Whole
 from gcs.links.mavlink_frames import HEARTBEAT
-from gcs.state import Array
+from gcs.model.state import Array
 
 SETPOINT: Final = 84  # SET_POSITION_TARGET_LOCAL_NED
 VELOCITY_AND_YAW: Final = 0x9C7

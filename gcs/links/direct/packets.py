@@ -16,11 +16,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.errors import LinkError
 from gcs.links import mmsg
 from gcs.links.direct.kernels import Bytes, Whole
 from gcs.links.endpoints import Listen
-from gcs.state import Array
+from gcs.model.errors import LinkError
+from gcs.model.state import Array
 
 log = logging.getLogger(__name__)
 

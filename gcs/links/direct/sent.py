@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from gcs.links.direct.kernels import Whole
-from gcs.state import Array
+from gcs.model.state import Array
 
 REMEMBERED: Final = 512
 

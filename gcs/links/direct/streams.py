@@ -13,7 +13,7 @@ from gcs.links.direct.codec import Records, records
 from gcs.links.direct.kernels import Whole
 from gcs.links.mavlink_frames import COMMAND_LONG, GLOBAL_POSITION_INT, SET_MESSAGE_INTERVAL
 from gcs.links.rates import ASKING_COMPONENT
-from gcs.state import Mask
+from gcs.model.state import Mask
 
 _ANSWER_S: Final = 0.5
 _TRIES: Final = 4

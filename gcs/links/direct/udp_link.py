@@ -14,8 +14,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from gcs.errors import OrderError, UnknownError
-from gcs.frames import ShowFrame, wrap_rad
 from gcs.links.deadman import before_it_leaves_s
 from gcs.links.direct import codec
 from gcs.links.direct.addresses import Addresses
@@ -38,7 +36,9 @@ from gcs.links.rates import ASKING_COMPONENT
 from gcs.links.recorder import Recorder
 from gcs.links.roster import SILENT_AFTER_S
 from gcs.links.traffic import Counters, Observer
-from gcs.state import Array, Mask, Setpoints, Telemetry, VehicleId
+from gcs.model.errors import OrderError, UnknownError
+from gcs.model.frames import ShowFrame, wrap_rad
+from gcs.model.state import Array, Mask, Setpoints, Telemetry, VehicleId
 
 _BEAT_S: Final = 1.0
 _BUSY_S: Final = 0.005

@@ -9,11 +9,11 @@ from struct import Struct
 from time import time as wall_time_s
 from typing import Final
 
-from gcs.errors import LinkError
 from gcs.links.endpoints.endpoint import Arrival
 from gcs.links.mavlink_frames import split
 from gcs.links.mmsg import Batch
 from gcs.links.roster import Address
+from gcs.model.errors import LinkError
 
 _DATAGRAM_MAX_BYTES: Final = 65535
 _READS_PER_CALL: Final = 4096  # empties a socket after a stall, yet cannot be kept busy for ever

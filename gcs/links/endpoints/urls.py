@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address
 from typing import Final, TypeAlias
 
-from gcs.errors import ConfigError
+from gcs.model.errors import ConfigError
 
 FORMS: Final = (
     "udpin://HOST:PORT, udpout://HOST:PORT, tcpin://HOST:PORT, tcpout://HOST:PORT or serial://DEVICE:BAUD"

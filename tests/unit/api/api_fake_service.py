@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from gcs.alarms import Alarm, AlarmBook, Condition
-from gcs.checks import Check, Exclusion, PreflightReport, State, VehicleChecks
-from gcs.errors import InvalidError, RefusedError, UnknownError
-from gcs.frames import ShowFrame
 from gcs.happenings import Happening, Severity
-from gcs.interrupted import Interrupted, Offer
-from gcs.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
-from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
+from gcs.model.errors import InvalidError, RefusedError, UnknownError
+from gcs.model.frames import ShowFrame
+from gcs.model.interrupted_flight import Interrupted, Offer
+from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
+from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
+from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks
+from gcs.model.state import Array, Landed, Mode
 from gcs.records.playing import Playhead
 from gcs.repertoire import Repertoire
 from gcs.rows import VehicleRows
@@ -44,7 +45,6 @@ from gcs.service import (
     VehicleAction,
     VehicleOutcome,
 )
-from gcs.state import Array, Landed, Mode
 
 FRAME = ShowFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_amsl_m=488.0, heading_deg=90.0)
 HEIGHT_MIN_M = 2.0

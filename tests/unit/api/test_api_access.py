@@ -12,7 +12,7 @@ from gcs.access import Denied, Role
 from gcs.api.app import create_app
 from gcs.api.door import TELL_BURST, Door
 from gcs.api.guard import EmergencyLane
-from gcs.lifecycle import ShowPhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.tokens import Tokens, create_token, revoke_token
 
 

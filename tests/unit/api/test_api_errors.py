@@ -8,8 +8,8 @@ from api_fake_service import FakeService
 from api_harness import Api
 
 from gcs.api import wire
-from gcs.errors import LinkError, ShapeError
-from gcs.lifecycle import ShowPhase
+from gcs.model.errors import LinkError, ShapeError
+from gcs.model.lifecycle import ShowPhase
 from gcs.service import OrderRecord, ShowAction
 
 JSON = {"Content-Type": "application/json"}

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from gcs.api import convert, frames
 from gcs.estimates import Estimates
-from gcs.lifecycle import Phase, ShowPhase
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Mode
 from gcs.service import SelectedShow
-from gcs.state import Mode
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "stream.md").read_text(encoding="utf-8")
 

@@ -9,7 +9,7 @@ from api_harness import Api
 from gcs.api.app import create_app
 from gcs.api.door import Door
 from gcs.api.guard import BODY_MAX_BYTES, DRAIN_MAX_BYTES
-from gcs.lifecycle import ShowPhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.service import OrderRecord
 
 

@@ -9,7 +9,7 @@ from api_harness import Api
 from gcs.api import convert
 from gcs.api.desk import VIEWERS_MAX, Desk
 from gcs.api.door import Door
-from gcs.errors import RefusedError
+from gcs.model.errors import RefusedError
 
 
 @pytest.fixture(autouse=True)

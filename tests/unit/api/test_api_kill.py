@@ -4,8 +4,8 @@ import pytest
 from api_harness import Api
 
 from gcs.api.killswitch import VALID_S, WAITING_MAX, KillSwitch
-from gcs.errors import RefusedError
-from gcs.lifecycle import Phase
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import Phase
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from api_harness import Api
 from prometheus_client.parser import text_string_to_metric_families
 
 from gcs.alarms import AlarmCause, Condition
-from gcs.lifecycle import Phase
+from gcs.model.lifecycle import Phase
 
 DASHBOARD = Path(__file__).parents[3] / "docs" / "grafana" / "formation.json"
 

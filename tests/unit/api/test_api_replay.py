@@ -8,7 +8,7 @@ from api_fake_service import FakeRecord
 from api_harness import Api
 
 from gcs.happenings import Severity
-from gcs.lifecycle import ShowPhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.service import (
     Certification,
     CheckState,

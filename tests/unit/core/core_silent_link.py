@@ -5,10 +5,10 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from gcs.errors import OrderError
 from gcs.links import Order, ParameterValue
 from gcs.links.roster import Address
-from gcs.state import Landed, Mode, Setpoints, Telemetry, VehicleId
+from gcs.model.errors import OrderError
+from gcs.model.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 
 
 class SilentLink:

@@ -14,7 +14,7 @@ from machine import free_ports
 from gcs.cli.commands import COMMANDS, LINES
 from gcs.cli.main import main, whole_parser
 from gcs.cli.output import JSON, Parser, failed, print_json
-from gcs.errors import FileError, GcsError, InvalidError, Problem
+from gcs.model.errors import FileError, GcsError, InvalidError, Problem
 
 NO_SERVICE = "http://127.0.0.1:9"
 

@@ -20,8 +20,8 @@ from gcs.alarms import (
     overall,
 )
 from gcs.close_pairs import ClosePairs
-from gcs.errors import UnknownError
 from gcs.failsafe_cause import ADVICE_TO_MANY
+from gcs.model.errors import UnknownError
 from gcs.safety.separation import Floor
 
 UNIX_S = 1.7e9

@@ -6,18 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from gcs.compiled import kept_in
+from gcs.model.jit import kept_in
 
-CALLER = (
-    "from gcs.compiled import kernel\nfrom callee import much\n\n@kernel\ndef asked(x):\n    return much(x)\n"
-)
-CALLEE = "from gcs.compiled import kernel\n\n@kernel\ndef much(x):\n    return {factor} * x\n"
+CALLER = "from gcs.model.jit import kernel\nfrom callee import much\n\n@kernel\ndef asked(x):\n    return much(x)\n"
+CALLEE = "from gcs.model.jit import kernel\n\n@kernel\ndef much(x):\n    return {factor} * x\n"
 
 
 def answer(folder: Path) -> float:
     """What the kernel in `folder` says in a process of its own, its code kept where `kept_in` says."""
     script = (
-        "import sys, pathlib; import gcs.compiled as c; import numba;"
+        "import sys, pathlib; import gcs.model.jit as c; import numba;"
         f"folder = pathlib.Path({str(folder)!r}); sys.path.insert(0, str(folder));"
         "numba.config.CACHE_DIR = ''; numba.config.CACHE_DIR = str(c.kept_in(folder));"
         "from caller import asked; print(asked(1.0))"

@@ -10,9 +10,9 @@ import yaml
 from gcs.cli.configuration import load_here
 from gcs.config import Config, find, load, parse
 from gcs.documents import CONFIGURATIONS
-from gcs.errors import ConfigError
 from gcs.links.endpoints import Listen, SerialPort, TcpIn, TcpOut, UdpOut
-from gcs.plan import Direction, YawPolicy
+from gcs.model.errors import ConfigError
+from gcs.model.plan import Direction, YawPolicy
 
 SHIPPED = CONFIGURATIONS.shipped()
 

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from gcs.counts import Counts, Whereabouts, counts_of, whereabouts
-from gcs.lifecycle import AIRBORNE, Phase
-from gcs.state import Landed
+from gcs.model.fleet_counts import Counts, Whereabouts, counts_of, whereabouts
+from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.state import Landed
 
 CONTROLLED, UNCONTROLLED, UNKNOWN, ON_GROUND, OFFLINE = Whereabouts
 

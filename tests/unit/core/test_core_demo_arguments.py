@@ -6,7 +6,7 @@ import pytest
 
 from gcs.cli import demo, options
 from gcs.config import Config
-from gcs.errors import ConfigError
+from gcs.model.errors import ConfigError
 from gcs.parameters import requirements, settings_of
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gcs.estimates import BatteryHistory, Speeds, approach_s, batteries, home_s, to_slots_s
-from gcs.state import Array
+from gcs.model.state import Array
 
 SPEEDS = Speeds(
     level_m_s=4.0,

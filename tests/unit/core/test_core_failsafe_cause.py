@@ -6,7 +6,7 @@ from math import nan
 import pytest
 
 from gcs.failsafe_cause import FailsafeCause, VehicleFacts, cause_of, control_refusal, described
-from gcs.state import Mode
+from gcs.model.state import Mode
 
 FACTS = VehicleFacts(
     mode=Mode.HOLD,

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from gcs.control import ControlSettings
-from gcs.errors import InvalidError, RefusedError
 from gcs.feasibility import (
     check_formation,
     check_obstacle,
@@ -20,7 +19,8 @@ from gcs.feasibility import (
 )
 from gcs.formation.law import LawSettings
 from gcs.formation.obstacles import AvoidanceSettings
-from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Target
+from gcs.model.errors import InvalidError, RefusedError
+from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Target
 from gcs.safety.constraints import Braking
 from gcs.safety.filter import SafetySettings
 from gcs.safety.separation import Floor

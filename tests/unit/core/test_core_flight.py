@@ -11,8 +11,8 @@ from gcs.control import Memory, Task
 from gcs.flight import Flight
 from gcs.formation.orbit import Center
 from gcs.formation.thomson import best_configuration
-from gcs.lifecycle import Phase, ShowPhase
-from gcs.state import Array, FleetState, Telemetry
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Array, FleetState, Telemetry
 
 CENTER_M, RADIUS_M = np.array([3.0, 1.0, -20.0]), 8.0
 

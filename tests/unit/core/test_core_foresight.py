@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from gcs.control import ControlSettings
-from gcs.errors import RefusedError
 from gcs.foresight import check_setpoint_loss, formation_m
-from gcs.plan import Formation, Orbit, Plan, Target
+from gcs.model.errors import RefusedError
+from gcs.model.plan import Formation, Orbit, Plan, Target
+from gcs.model.state import Array
 from gcs.safety.loss import ACTIONS, Action, clashes, turned_upright
 from gcs.safety.separation import Floor
-from gcs.state import Array
 
 FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, uncertainty_m=0.0)
 CONTROL = ControlSettings()

@@ -5,8 +5,8 @@ from math import cos, pi, radians, sin, sqrt
 import numpy as np
 import pytest
 
-from gcs.errors import InvalidError
-from gcs.frames import ShowFrame, wrap_rad
+from gcs.model.errors import InvalidError
+from gcs.model.frames import ShowFrame, wrap_rad
 
 LATITUDE, LONGITUDE, ALTITUDE = 47.397742, 8.545594, 488.0
 NORTH = ShowFrame(LATITUDE, LONGITUDE, ALTITUDE)

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.errors import ShapeError
 from gcs.homeward import STEP_S, Planner, Ways, plan_ways
+from gcs.model.errors import ShapeError
+from gcs.model.state import Array, Mask
 from gcs.safety.filter import Limits
 from gcs.safety.separation import Floor
-from gcs.state import Array, Mask
 
 FLOOR = Floor()
 UNSURE_M = 0.7

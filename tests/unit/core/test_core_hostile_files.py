@@ -14,8 +14,8 @@ import pytest
 from gcs.apart import answered
 from gcs.cli import main
 from gcs.config import parse as parse_config
-from gcs.errors import FileError, InvalidError, RefusedError
-from gcs.quoting import SHOWN_MAX, quoted
+from gcs.model.errors import FileError, InvalidError, RefusedError
+from gcs.model.quoting import SHOWN_MAX, quoted
 from gcs.show import parse as parse_show
 from gcs.yaml_source import DEPTH_MAX, Source
 

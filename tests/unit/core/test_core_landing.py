@@ -12,9 +12,9 @@ from gcs.landing import (
     distinct_places_m,
     swept_segments_m,
 )
-from gcs.plan import MAX_OBSTACLES, Obstacle
+from gcs.model.plan import MAX_OBSTACLES, Obstacle
+from gcs.model.state import Array
 from gcs.safety.separation import Floor
-from gcs.state import Array
 
 NOBODY = np.zeros((0, 2))
 BOX = Ellipse.around(Obstacle("b", 0.0, 0.0, 3.0, 6.0, 10.0), margin_m=2.0, headroom_m=3.0)

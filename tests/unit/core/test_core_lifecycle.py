@@ -2,8 +2,8 @@
 
 import pytest
 
-from gcs.errors import RefusedError
-from gcs.lifecycle import (
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import (
     AIRBORNE,
     FLOWN,
     IN_THE_AIR,

@@ -9,11 +9,11 @@ import pytest
 from core_silent_link import SilentLink
 
 from gcs.config import find, load, parse
-from gcs.errors import ConfigError
-from gcs.lifecycle import Phase
 from gcs.links.shares import Shares
+from gcs.model.errors import ConfigError
+from gcs.model.lifecycle import Phase
+from gcs.model.state import Landed, Mode, Setpoints
 from gcs.service import Latest
-from gcs.state import Landed, Mode, Setpoints
 from gcs.vehicle import Heard, Vehicle
 
 OURS = (frozenset[Mode](), frozenset({Mode.OFFBOARD}), frozenset({Mode.TAKEOFF, Mode.HOLD}))

@@ -5,7 +5,7 @@ import pytest
 
 from gcs.homeward import STEP_S, Pace, Ways
 from gcs.homeward.pace import PATIENCE_S
-from gcs.state import Array
+from gcs.model.state import Array
 
 TICK_S = 0.05
 BOTH = np.ones(2, dtype=np.bool_)

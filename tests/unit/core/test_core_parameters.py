@@ -4,10 +4,10 @@ from math import inf, nan
 
 import pytest
 
-from gcs.checks import Check, State
 from gcs.config import OperationSettings
 from gcs.control import ControlSettings
 from gcs.links import ParameterValue
+from gcs.model.preflight_report import Check, State
 from gcs.parameters import Requirement, broken, parameter_checks, requirements, settings_of
 from gcs.sim.params import Parameters, defaults
 

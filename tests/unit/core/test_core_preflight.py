@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from gcs.accuracy import Positioning, uncertainty_m
-from gcs.checks import Check, State, told
+from gcs.model.preflight_report import Check, State, told
+from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
 from gcs.preflight import PAD_HEIGHT_MAX_M, Facts, Pattern, own_checks, spacing, standing
 from gcs.preflight_settings import PreflightSettings
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
-from gcs.state import Array, FleetState, Landed, Mode, Telemetry
 
 IDS = ("a", "b", "c")
 FLOOR = Floor(horizontal_m=2.0, margin_m=1.0, uncertainty_m=0.0)

@@ -6,10 +6,10 @@ from math import inf, nan, pi
 import numpy as np
 import pytest
 
-from gcs.errors import GcsError, InvalidError, ShapeError
-from gcs.frames import ShowFrame
-from gcs.plan import Formation, Obstacle, Orbit, Target, Yaw
-from gcs.state import FleetState, Landed, Mode, Setpoints, Telemetry
+from gcs.model.errors import GcsError, InvalidError, ShapeError
+from gcs.model.frames import ShowFrame
+from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
+from gcs.model.state import FleetState, Landed, Mode, Setpoints, Telemetry
 from gcs.table import Table, tuple3
 from gcs.table_kernels import FORWARD_MAX_S
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gcs.frames import ShowFrame, wrap_rad
-from gcs.state import FleetState, Landed, Mode, Telemetry
+from gcs.model.frames import ShowFrame, wrap_rad
+from gcs.model.state import FleetState, Landed, Mode, Telemetry
 from gcs.table import Table
 from gcs.table_kernels import CONSISTENT_S, FAR_M, FORWARD_MAX_S, into_frame
 

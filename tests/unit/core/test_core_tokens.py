@@ -7,7 +7,7 @@ import pytest
 from gcs import config as configuration
 from gcs.access import Role
 from gcs.cli.main import main
-from gcs.errors import ConfigError, RefusedError, UnknownError
+from gcs.model.errors import ConfigError, RefusedError, UnknownError
 from gcs.tokens import Tokens, create_token, read_tokens, revoke_token
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick, warm_up
 from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
-from gcs.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw, YawPolicy
+from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw, YawPolicy
+from gcs.model.state import Array, FleetState, Traits
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
-from gcs.state import Array, FleetState, Traits
 
 ROAD = np.array([[[30.0, 0.0, -20.0], [30.0, 0.0, 0.0]]])
 TOWERS = (

@@ -9,9 +9,9 @@ import pytest
 from core_silent_link import SilentLink
 
 from gcs.config import Config
-from gcs.errors import InvalidError, RefusedError
+from gcs.model.errors import InvalidError, RefusedError
+from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target
 from gcs.orchestrator import Orchestrator
-from gcs.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target
 
 CONFIG = Config.model_validate(
     {

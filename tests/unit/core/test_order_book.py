@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from gcs.errors import UnknownError
+from gcs.model.errors import UnknownError
 from gcs.orders import KEPT, OrderBook
 from gcs.service import WHO, OrderRecord, Outcome, VehicleOutcome
 

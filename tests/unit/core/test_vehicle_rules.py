@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gcs.control import Task
-from gcs.errors import RefusedError
-from gcs.lifecycle import AIRBORNE, Event, Phase, ShowPhase
-from gcs.state import Landed, Mode
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowPhase
+from gcs.model.state import Landed, Mode
 from gcs.vehicle import Heard, Vehicle, require_phase
 
 SILENCE_S = 2.0

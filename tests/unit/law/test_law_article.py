@@ -19,7 +19,7 @@ from gcs.formation.orbit import Center
 from gcs.formation.repulsion import repulsion_force
 from gcs.formation.sphere import sphere_force
 from gcs.formation.thomson import energy, nearest_m
-from gcs.state import Array
+from gcs.model.state import Array
 
 SECTION_5 = ArticleParameters()
 DT_S = 0.02

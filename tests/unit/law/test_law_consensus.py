@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gcs.formation.consensus import Belief, ConsensusSettings, Heard, agree
-from gcs.state import Array, Mask
+from gcs.model.state import Array, Mask
 
 DT_S = 0.05
 SETTINGS = ConsensusSettings()

@@ -8,7 +8,7 @@ from gcs.formation.law import LawSettings
 from gcs.formation.neighbours import AHEAD, Sight, sighted_velocity, step_aside
 from gcs.formation.orbit import Center
 from gcs.formation.thomson import energy, nearest_m
-from gcs.state import Array
+from gcs.model.state import Array
 
 LAW = LawSettings()
 RADIUS_M = 10.0

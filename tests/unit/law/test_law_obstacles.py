@@ -10,8 +10,8 @@ from gcs.formation.kernels import warm_up
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
 from gcs.formation.steering import LEFT, RIGHT, avoid_all, contact_m, contacts_m, push, steer, tangent
 from gcs.formation.way import Way, steer_center, way_ahead
-from gcs.plan import Formation, Obstacle, Orbit, Plan, Target
-from gcs.state import Array
+from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
+from gcs.model.state import Array
 
 AVOIDANCE = AvoidanceSettings(
     margin_m=2.0, headroom_m=3.0, lookahead_m=12.0, near_m=3.0, push_rate_per_s=0.5, lead_out_m_s=1.5

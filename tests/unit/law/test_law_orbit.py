@@ -18,8 +18,8 @@ from gcs.formation.orbit import (
     target_reach_m,
     within_ground_speed,
 )
-from gcs.plan import Direction, Formation, Orbit, Plan, Target
-from gcs.state import Array
+from gcs.model.plan import Direction, Formation, Orbit, Plan, Target
+from gcs.model.state import Array
 
 LAW = LawSettings()
 

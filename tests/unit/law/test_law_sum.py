@@ -13,7 +13,7 @@ from gcs.formation.law import (
     place_velocity,
 )
 from gcs.formation.repulsion import sweep
-from gcs.state import Array
+from gcs.model.state import Array
 
 LAW = LawSettings()
 CENTER = np.array([5.0, -3.0, -20.0])

@@ -5,7 +5,6 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
-from gcs.errors import InvalidError
 from gcs.formation.repulsion import (
     CHANGE_MAX_RAD,
     MUTUAL_FROM,
@@ -24,8 +23,9 @@ from gcs.formation.thomson import (
     smallest_radius_m,
 )
 from gcs.formation.yaw import turn_towards, wanted_yaw_rad
-from gcs.plan import Yaw, YawPolicy
-from gcs.state import Array
+from gcs.model.errors import InvalidError
+from gcs.model.plan import Yaw, YawPolicy
+from gcs.model.state import Array
 
 ORIGIN = np.zeros(3)
 

@@ -17,7 +17,7 @@ from gcs.links.mavlink_frames import (
     status_text,
     target_system,
 )
-from gcs.state import Mode
+from gcs.model.state import Mode
 
 PACKER = dialect.MAVLink(None, srcSystem=7, srcComponent=1)
 

@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.heard import Heard
 from gcs.links.mavlink_frames import PREARM_CHECK, split
-from gcs.state import Mode
+from gcs.model.state import Mode
 
 
 def take(heard: Heard, time_s: float, *messages: Any, component: int = 1) -> None:

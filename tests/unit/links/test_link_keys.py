@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.errors import ConfigError, LinkError
 from gcs.links.keys import Signing, create_key, load_key
+from gcs.model.errors import ConfigError, LinkError
 
 KEY = bytes(range(200, 232))
 HEX = KEY.hex().encode()

@@ -1,7 +1,7 @@
 import pytest
 
-from gcs.errors import ConfigError
 from gcs.links.endpoints import Listen, Place, SerialPort, TcpIn, TcpOut, UdpOut, make, occupied, parse
+from gcs.model.errors import ConfigError
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from gcs.errors import InvalidError
-from gcs.frames import ShowFrame
 from gcs.links.mavsdk_link import MavsdkLink
 from gcs.links.wire import Listen
-from gcs.state import Setpoints
+from gcs.model.errors import InvalidError
+from gcs.model.frames import ShowFrame
+from gcs.model.state import Setpoints
 
 LISTEN = Listen("127.0.0.1", 14540)
 FRAME = ShowFrame(47.4, 8.5, 500.0)

@@ -6,12 +6,12 @@ import numpy as np
 
 from gcs.alarms import Alarm, AlarmCause, AlarmSeverity
 from gcs.control import ControlSettings
-from gcs.lifecycle import Phase, ShowPhase
-from gcs.plan import Formation, Plan
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Formation, Plan
+from gcs.model.state import Array, FleetState, Landed, Mode, Setpoints
 from gcs.records.moment import Colours, Moment
 from gcs.records.replay import NOTHING_COUNTED
 from gcs.service import SelectedShow, TickView
-from gcs.state import Array, FleetState, Landed, Mode, Setpoints
 
 FULL = Alarm(
     "record-fails-1",

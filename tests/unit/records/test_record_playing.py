@@ -4,7 +4,7 @@ from math import inf, nan
 
 import pytest
 
-from gcs.errors import InvalidError, RefusedError
+from gcs.model.errors import InvalidError, RefusedError
 from gcs.records.playing import Playhead
 
 

@@ -7,7 +7,7 @@ import pytest
 from records_moment import FULL, moment
 
 from gcs.alarms import AlarmCause, AlarmSeverity
-from gcs.errors import GcsError
+from gcs.model.errors import GcsError
 from gcs.records.alarms_past import recorded, replay_alarm
 from gcs.records.layout import status_message
 

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 from records_moment import PLAN, moment
 
-from gcs.checks import Exclusion
-from gcs.errors import GcsError
-from gcs.lifecycle import Phase, ShowPhase
 from gcs.links.roster import Address
+from gcs.model.errors import GcsError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Formation, Obstacle, Plan
+from gcs.model.preflight_report import Exclusion
+from gcs.model.state import Mode
 from gcs.orders import OrderBook
-from gcs.plan import Formation, Obstacle, Plan
 from gcs.records import last_known
 from gcs.records.database import VERSION
 from gcs.records.exclusions import exclusions
@@ -26,7 +27,6 @@ from gcs.records.journal import Journal, Row
 from gcs.records.known import AUDIT, calls, events, orders
 from gcs.records.record import Record
 from gcs.service import WHO, Call, Outcome, SelectedShow
-from gcs.state import Mode
 
 VEHICLES = {"d1": (1, "radio"), "d2": (2, "radio")}
 CONFIG = '{"show_frame": {}}'

@@ -14,8 +14,9 @@ from records_moment import ids_of, moment
 
 from gcs import config as configuration
 from gcs.cli.main import main
-from gcs.frames import ShowFrame
-from gcs.lifecycle import Phase
+from gcs.model.frames import ShowFrame
+from gcs.model.lifecycle import Phase
+from gcs.model.state import Array
 from gcs.records import layout
 from gcs.records.certify import certify
 from gcs.records.flightfile import FlightFile
@@ -24,7 +25,6 @@ from gcs.records.pairs import nearest_approaches
 from gcs.records.standard import Standard
 from gcs.records.tracks import estimated, true
 from gcs.safety.separation import Floor
-from gcs.state import Array
 
 CONFIG = configuration.load(configuration.find("demo"))
 FRAME = CONFIG.frame

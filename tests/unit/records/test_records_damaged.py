@@ -13,13 +13,13 @@ from records_moment import ids_of, moment
 from gcs import config as configuration
 from gcs.cli.main import main
 from gcs.control import ControlSettings
-from gcs.lifecycle import Phase
+from gcs.model.lifecycle import Phase
+from gcs.model.state import Landed, Mode
 from gcs.records import flightfile, layout
 from gcs.records.flightfile import _OpenFile
 from gcs.records.flown import FlightData
 from gcs.records.moment import Moment
 from gcs.safety.walls import Fence
-from gcs.state import Landed, Mode
 
 TICKS, EACH = 240, 20
 CONFIG = configuration.load(configuration.find("demo"))

@@ -14,15 +14,15 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from records_moment import moment
 
-from gcs.errors import GcsError
-from gcs.lifecycle import Phase
-from gcs.plan import Obstacle
+from gcs.model.errors import GcsError
+from gcs.model.lifecycle import Phase
+from gcs.model.plan import Obstacle
+from gcs.model.state import Mode, Setpoints
 from gcs.records import layout
 from gcs.records.flightfile import WAITING_MAX, FlightFile, Said
 from gcs.records.flown import FlightData
 from gcs.records.moment import Moment
 from gcs.records.record import Record
-from gcs.state import Mode, Setpoints
 
 ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})
 

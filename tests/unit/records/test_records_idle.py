@@ -9,7 +9,7 @@ import pytest
 from records_moment import moment
 
 from gcs import config as configuration
-from gcs.lifecycle import ShowPhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.records import layout
 from gcs.records.audit import Audit
 from gcs.records.flightfile import _OpenFile

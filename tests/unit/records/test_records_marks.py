@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from gcs.happenings import Severity
-from gcs.lifecycle import ShowPhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.records.marks import EVENTS_MAX, KEPT_S, Event, marks_of
 
 BEGAN_S = 1.7e9

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.errors import GcsError
 from gcs.happenings import KEPT, Severity
+from gcs.model.errors import GcsError
 from gcs.records.audit import Audit
 from gcs.records.interruption import PAD
 from gcs.records.journal import Journal

@@ -5,11 +5,11 @@ from math import sqrt
 import numpy as np
 
 from gcs.formation.obstacles import Ellipse
+from gcs.model.state import Array
 from gcs.safety.constraints import Braking, Constraints
 from gcs.safety.filter import Limits, SafetySettings, Surroundings, filter_velocities
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
-from gcs.state import Array
 
 BRAKING = Braking(reaction_s=0.5, lead_s=0.0, deceleration_m_s2=1.5, escape_rate_per_s=0.5)
 FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=1.0, uncertainty_m=0.0, pad_height_m=2.0)

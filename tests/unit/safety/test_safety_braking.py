@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from safety_world import BRAKING, SETTINGS, half_space, surroundings
 
-from gcs.errors import ShapeError
+from gcs.model.errors import ShapeError
 from gcs.safety.constraints import NOBODY, Constraints
 from gcs.safety.filter import filter_velocities
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from safety_world import FLOOR, SETTINGS, surroundings
 
+from gcs.model.state import Array, Mask
 from gcs.safety.filter import filter_velocities
 from gcs.safety.neighbours import FEW, near_pairs, near_pairs_of
 from gcs.safety.separation import (
@@ -11,7 +12,6 @@ from gcs.safety.separation import (
     pairs_that_count,
     scaled_distance_m,
 )
-from gcs.state import Array, Mask
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 60, 400])

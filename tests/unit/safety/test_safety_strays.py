@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import gcs.safety.filter as whole
+from gcs.model.state import Array
 from gcs.safety.constraints import NOBODY
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.separation import separation_constraints
 from gcs.safety.walls import Fence
-from gcs.state import Array
 
 SETTINGS = SafetySettings(fence=Fence(height_min_m=0.1, height_max_m=1e4, distance_max_m=1e4))
 

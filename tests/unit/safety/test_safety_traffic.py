@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from gcs.model.state import Array
 from gcs.safety.traffic import Traffic, give_way, keep_right
-from gcs.state import Array
 
 
 def to_goals(

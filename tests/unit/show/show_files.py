@@ -5,7 +5,7 @@ from typing import Any
 
 import yaml
 
-from gcs.errors import Problem, ShowError
+from gcs.model.errors import Problem, ShowError
 from gcs.show import LoadedShow, parse
 
 BROKEN = Path(__file__).parents[2] / "data" / "shows"

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from show_files import BROKEN, loaded, problems, text_of
 
-from gcs.errors import ConfigError, ShowError
+from gcs.model.errors import ConfigError, ShowError
 from gcs.show import find, load, parse, shipped
 
 FLOWN = {"battery-too-small", "orbit-never-reached", "tower-in-the-sphere"}

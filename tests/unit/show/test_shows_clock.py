@@ -3,7 +3,7 @@
 import pytest
 from show_files import loaded
 
-from gcs.errors import RefusedError, UnknownError
+from gcs.model.errors import RefusedError, UnknownError
 from gcs.show import ShowClock
 
 CUES = (

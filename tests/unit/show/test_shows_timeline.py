@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from show_files import BEGIN, loaded, text_of
 
-from gcs.plan import Direction, Target
+from gcs.model.plan import Direction, Target
 from gcs.show import parse
 from gcs.show.glide import Glide, shortest_s
 from gcs.show.timeline import Timeline

@@ -5,8 +5,8 @@ import pytest
 
 from gcs.cli.simulation import layout
 from gcs.cli.simulation.scenario import GoalFlight
-from gcs.errors import ConfigError
-from gcs.state import Array
+from gcs.model.errors import ConfigError
+from gcs.model.state import Array
 
 
 def nearest(place_m: Array, stretch: float = 1.0) -> float:

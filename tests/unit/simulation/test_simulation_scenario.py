@@ -6,7 +6,7 @@ import pytest
 
 from gcs.cli.simulation import scenario as scenarios
 from gcs.cli.simulation.scenario import FormationFlight, GoalFlight, Scenario
-from gcs.errors import ConfigError
+from gcs.model.errors import ConfigError
 
 PLAIN = """
 about: a trial

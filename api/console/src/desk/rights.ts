@@ -6,7 +6,7 @@ import { texts } from "../texts";
 export type VehicleAction = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down";
 export const VEHICLE_ACTIONS: readonly VehicleAction[] = ["hold", "join", "return", "land", "take-control", "confirm-down"];
 
-/** From which phases the service takes an order to one vehicle: gcs/lifecycle.py. It has the last word. */
+/** From which phases the service takes an order to one vehicle: gcs/model/lifecycle.py. It has the last word. */
 export const FROM: Record<VehicleAction, readonly Phase[]> = {
   hold: ["formation", "return", "landing"],
   join: ["hold"],

@@ -1,7 +1,7 @@
 """Batches that cross the boundaries: one array row per vehicle, frozen, checked where they are made.
 
 Times are seconds of the event loop's clock (``loop.time()``, monotonic). The show frame is x along the
-show's heading, y to its right, z down; see ``gcs.frames``.
+show's heading, y to its right, z down; see ``gcs.model.frames``.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.errors import ShapeError
+from gcs.model.errors import ShapeError
 
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]

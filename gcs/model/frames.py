@@ -10,8 +10,8 @@ from math import cos, isfinite, radians, sin
 import numpy as np
 import pymap3d
 
-from gcs.errors import InvalidError
-from gcs.state import Array
+from gcs.model.errors import InvalidError
+from gcs.model.state import Array
 
 
 def wrap_rad(angle_rad: Array) -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from gcs.state import VehicleId
+from gcs.model.state import VehicleId
 
 
 class State(StrEnum):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from math import hypot, isfinite
 
-from gcs.errors import InvalidError
+from gcs.model.errors import InvalidError
 
 MAX_OBSTACLES = 32
 """Every tick looks at each of them, and a landing at each for every place."""

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.quoting import cut
+from gcs.model.quoting import cut
 
 PROBLEMS_MAX: Final = 100
 """Problems listed for one file; further ones show once these are fixed."""

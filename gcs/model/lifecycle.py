@@ -3,7 +3,7 @@
 from enum import StrEnum
 from typing import Final
 
-from gcs.errors import RefusedError
+from gcs.model.errors import RefusedError
 
 
 class Phase(StrEnum):

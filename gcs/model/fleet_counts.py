@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from gcs.lifecycle import AIRBORNE, Phase
-from gcs.state import Landed
+from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.state import Landed
 
 KILLED_HEARD_S: Final = 3.0
 """An older landed state of a killed vehicle does not count; heartbeats come once a second."""

@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from gcs.lifecycle import AIRBORNE, Phase, ShowPhase
-from gcs.state import Mode, VehicleId
+from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.model.state import Mode, VehicleId
 
 Triple = tuple[float, float, float]
 
@@ -54,7 +54,9 @@ class Interruption:
     frame: Mapping[str, float]  # `show_frame` of its configuration
     vehicles: Mapping[VehicleId, Before]
     written: Written | None
-    plan: Mapping[str, Any] | None  # as recorded, see `gcs.records.plans`; None: the plan flown still stands
+    plan: (
+        Mapping[str, Any] | None
+    )  # as recorded, see `gcs.model.plan_json`; None: the plan flown still stands
     stalled_s: float | None = None  # no setpoints left for so long; None: the service ended
 
     @property

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
-from gcs.plan import Direction, Formation, Obstacle, Orbit, Plan, Target, Yaw, YawPolicy
+from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target, Yaw, YawPolicy
 
 
 def plan_json(plan: Plan, **more: object) -> str:

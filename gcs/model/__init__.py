@@ -1,0 +1,1 @@
+"""The types that every package uses: fleet arrays, plan, phases, errors; pure, imports no other package."""
