@@ -14,11 +14,11 @@ from gcs.config import Config, LinkSettings
 from gcs.links.endpoints import Arrival, Endpoint, make
 from gcs.links.endpoints.udp import Udp
 from gcs.links.keys import Signing
-from gcs.links.mavlink_frames import COMMAND_ACK, HEARTBEAT, Frame, heartbeat, kill_frame
 from gcs.links.mavsdk_fleet import COMPONENT_ID
 from gcs.links.roster import Address
-from gcs.links.signing import Judgement
 from gcs.links.vehicle_ids import station_id
+from gcs.mavlink.framing import COMMAND_ACK, HEARTBEAT, Frame, heartbeat, kill_frame
+from gcs.mavlink.signing import Judgement
 from gcs.model.errors import LinkError
 from gcs.model.state import VehicleId
 from gcs.records.known import KnownVehicle

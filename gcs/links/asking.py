@@ -8,8 +8,8 @@ from typing import Final
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import COMMAND_ACK, SET_MESSAGE_INTERVAL, Frame, acknowledged_component
 from gcs.links.rates import ASKING_COMPONENT, Rates
+from gcs.mavlink.framing import COMMAND_ACK, SET_MESSAGE_INTERVAL, Frame, acknowledged_component
 
 _PERIOD_S: Final = 0.05
 _VEHICLES_AT_ONCE_MAX: Final = 4  # about a millisecond of the loop's

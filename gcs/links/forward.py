@@ -7,9 +7,9 @@ import socket
 from collections.abc import Collection, Iterator
 from typing import Final
 
-from gcs.links.mavlink_frames import SETPOINT_MESSAGES, Frame, split, target_system
 from gcs.links.settings import Forward
 from gcs.links.traffic import Counters
+from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, split, target_system
 from gcs.model.errors import LinkError
 
 _DATAGRAM_BYTES: Final = 1400

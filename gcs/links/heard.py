@@ -6,7 +6,8 @@ from math import inf, nan
 from typing import Final
 
 from gcs.links.battery_packs import BatteryPacks
-from gcs.links.mavlink_frames import (
+from gcs.links.roster import SILENT_AFTER_S
+from gcs.mavlink.framing import (
     ATTITUDE,
     BATTERY_STATUS,
     EXTENDED_SYS_STATE,
@@ -36,7 +37,6 @@ from gcs.links.mavlink_frames import (
     total_percent,
     unix_time_s,
 )
-from gcs.links.roster import SILENT_AFTER_S
 from gcs.model.state import Landed, Mode, StatusText
 
 _AUTOPILOT_COMPONENT = 1

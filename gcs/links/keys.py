@@ -12,8 +12,8 @@ from threading import Event, Thread
 from time import time as wall_time_s
 from typing import Final
 
-from gcs.links.mavlink_frames import Frame
-from gcs.links.signing import KEY_BYTES, TIME_MAX, UNITS_PER_S, Judgement, Signer, signing_time
+from gcs.mavlink.framing import Frame
+from gcs.mavlink.signing import KEY_BYTES, TIME_MAX, UNITS_PER_S, Judgement, Signer, signing_time
 from gcs.model.errors import ConfigError, LinkError
 
 log = logging.getLogger(__name__)

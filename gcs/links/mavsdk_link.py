@@ -22,13 +22,6 @@ from gcs.links.facts import LinkFacts
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
-from gcs.links.mavlink_frames import (
-    GLOBAL_POSITION_INT,
-    PARAM_VALUE,
-    Frame,
-    kill_frame,
-    parameter_value,
-)
 from gcs.links.mavsdk_fleet import COMPONENT_ID, MavsdkVehicle
 from gcs.links.mavsdk_orders import MavsdkHand, Workers
 from gcs.links.mavsdk_shards import MavsdkShards
@@ -41,6 +34,7 @@ from gcs.links.settings import Forward
 from gcs.links.traffic import Observer
 from gcs.links.vehicle_ids import station_id
 from gcs.links.wire import Wire
+from gcs.mavlink.framing import GLOBAL_POSITION_INT, PARAM_VALUE, Frame, kill_frame, parameter_value
 from gcs.model.errors import OrderError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Mode, Setpoints, Telemetry, VehicleId

@@ -6,16 +6,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.direct.codec import Frames
-from gcs.links.direct.kernels import Whole
 from gcs.links.direct.outbox import Outbox
 from gcs.links.direct.sent import Sent
 from gcs.links.direct.udp_link import Wanted
 from gcs.links.killlatch import KillLatch
-from gcs.links.mavlink_frames import SETPOINT_MESSAGES, Frame, moves, split, target_system
 from gcs.links.mmsg import Batch
-from gcs.links.setpoint_kernels import FRAME, NOBODY, are_setpoints, awaited_setpoints, warm_up
 from gcs.links.traffic import Counters
+from gcs.mavlink.codec import Frames
+from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves, split, target_system
+from gcs.mavlink.kernels import Whole
+from gcs.mavlink.setpoint_kernels import FRAME, NOBODY, are_setpoints, awaited_setpoints, warm_up
 from gcs.model.state import Array, Mask
 
 _ALL: Final = slice(None)

@@ -4,10 +4,10 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links.direct import codec
-from gcs.links.direct.kernels import MESSAGE, Bytes, Whole
-from gcs.links.mavlink_frames import COMMAND_ACK, GLOBAL_POSITION_INT
 from gcs.links.rates import ASKING_COMPONENT, NOT_FOR_MAVSDK
+from gcs.mavlink import codec
+from gcs.mavlink.framing import COMMAND_ACK, GLOBAL_POSITION_INT
+from gcs.mavlink.kernels import MESSAGE, Bytes, Whole
 from gcs.model.state import Array, Mask
 
 _POSITION_PERIOD_S: Final = 0.5

@@ -17,7 +17,6 @@ from typing import Final
 import numpy as np
 
 from gcs.links import mmsg
-from gcs.links.direct.kernels import BEGIN, END, Bytes, Whole
 from gcs.links.direct.udp_link import UdpLink, Wanted, Works
 from gcs.links.endpoints import Listen
 from gcs.links.mavsdk_fleet import MavsdkVehicle
@@ -29,6 +28,7 @@ from gcs.links.offstage import Offstage
 from gcs.links.orders import Orders
 from gcs.links.rates import SETTLE_S
 from gcs.links.vehicle_ids import station_id
+from gcs.mavlink.kernels import BEGIN, END, Bytes, Whole
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, Mask, Telemetry, VehicleId
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.direct.kernels import Bytes, Whole
+from gcs.mavlink.kernels import Bytes, Whole
 
 SO_TIMESTAMPNS: Final = 35  # Linux; Python does not name it
 

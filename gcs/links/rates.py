@@ -8,7 +8,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import (
+from gcs.links.roster import SILENT_AFTER_S
+from gcs.links.settings import StreamSettings
+from gcs.mavlink.framing import (
     BATTERY_STATUS,
     EXTENDED_SYS_STATE,
     GLOBAL_POSITION_INT,
@@ -17,8 +19,6 @@ from gcs.links.mavlink_frames import (
     SYS_STATUS,
     SYSTEM_TIME,
 )
-from gcs.links.roster import SILENT_AFTER_S
-from gcs.links.settings import StreamSettings
 
 _NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141, 230, 241})
 """Frequent, and nothing here reads them: attitudes, local position, servos, HUD, targets, IMU, clocks, range,

@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.links.deadman import Asked, Deadman
-from gcs.links.direct.codec import Records
 from gcs.links.endpoints import Endpoint
 from gcs.links.endpoints.udp import Udp
 from gcs.links.killlatch import KillLatch
 from gcs.links.mmsg import Batch
 from gcs.links.roster import Address
-from gcs.links.setpoint_kernels import FRAME, are_setpoints, warm_up
 from gcs.links.traffic import Counters, Direction, Observer
+from gcs.mavlink.codec import Records
+from gcs.mavlink.setpoint_kernels import FRAME, are_setpoints, warm_up
 from gcs.model.state import Array
 
 _ROOM: Final = 256

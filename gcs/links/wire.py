@@ -17,7 +17,12 @@ from gcs.links.forward import Forwarder, may_pass
 from gcs.links.heard import Heard
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
-from gcs.links.mavlink_frames import (
+from gcs.links.mmsg import Batch
+from gcs.links.roster import TAKEN, Address, Roster, Verdict
+from gcs.links.setpoint_gate import SetpointGate
+from gcs.links.settings import Forward
+from gcs.links.traffic import Counters, Direction, Observer
+from gcs.mavlink.framing import (
     HEARTBEAT,
     PING,
     RADIO_STATUS,
@@ -28,12 +33,7 @@ from gcs.links.mavlink_frames import (
     split,
     target_system,
 )
-from gcs.links.mmsg import Batch
-from gcs.links.roster import TAKEN, Address, Roster, Verdict
-from gcs.links.setpoint_gate import SetpointGate
-from gcs.links.settings import Forward
-from gcs.links.signing import Judgement
-from gcs.links.traffic import Counters, Direction, Observer
+from gcs.mavlink.signing import Judgement
 from gcs.model.errors import LinkError
 
 __all__ = ["Counters", "Direction", "Listen", "Observer", "Wire"]

@@ -17,8 +17,8 @@ import yaml
 from gcs.cli.serve import make_link
 from gcs.config import Config, parse
 from gcs.links.direct.udp_link import UdpLink
-from gcs.links.mavlink_frames import GLOBAL_POSITION_INT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.links.traffic import Direction
+from gcs.mavlink.framing import GLOBAL_POSITION_INT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.model.lifecycle import ShowPhase
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.links.direct.kernels import Whole
+from gcs.mavlink.kernels import Whole
 
 FIRST_PORT = 15400
 EACH = 250

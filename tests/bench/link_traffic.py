@@ -16,12 +16,11 @@ import time
 import numpy as np
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct import codec
 from gcs.links.direct.commands import COMMAND_ACK
-from gcs.links.direct.kernels import DATAGRAM, MESSAGE, Bytes, Whole
-from gcs.links.direct.messages import SETPOINT
 from gcs.links.direct.packets import Datagrams, Packets, source_of
-from gcs.links.mavlink_frames import (
+from gcs.links.wire import Listen
+from gcs.mavlink import codec
+from gcs.mavlink.framing import (
     BATTERY_STATUS,
     COMMAND_LONG,
     EXTENDED_SYS_STATE,
@@ -30,7 +29,8 @@ from gcs.links.mavlink_frames import (
     PREARM_CHECK,
     SYS_STATUS,
 )
-from gcs.links.wire import Listen
+from gcs.mavlink.kernels import DATAGRAM, MESSAGE, Bytes, Whole
+from gcs.mavlink.outgoing import SETPOINT
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
 

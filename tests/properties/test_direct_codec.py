@@ -7,12 +7,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct import codec
-from gcs.links.direct.kernels import BEGIN, COMPONENT, END, MESSAGE, SYSTEM
 from gcs.links.direct.link import DirectLink
 from gcs.links.direct.packets import Datagrams, source_of
-from gcs.links.mavlink_frames import split
 from gcs.links.wire import Listen
+from gcs.mavlink import codec
+from gcs.mavlink.framing import split
+from gcs.mavlink.kernels import BEGIN, COMPONENT, END, MESSAGE, SYSTEM
 from gcs.model.frames import ShowFrame
 
 SENT = (

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import common
 
 from gcs.links import Order, ParameterValue, Verb
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import Frame
+from gcs.mavlink.framing import Frame
 from gcs.model.state import Landed, Mode
 
 EXTENDED_SYS_STATE, PARAM_VALUE = 245, 22

@@ -16,10 +16,10 @@ from loopback_ears import INT32, Ears, failure, news, obeyed
 from pymavlink.dialects.v20 import common
 
 from gcs.links import Order, ParameterValue, Verb, rates
-from gcs.links.mavlink_frames import HEARTBEAT, PARAM_VALUE, kill_frame, parameter_value, split
 from gcs.links.parameter_news import ParameterNews
 from gcs.links.roster import Address
 from gcs.links.settings import StreamSettings
+from gcs.mavlink.framing import HEARTBEAT, PARAM_VALUE, kill_frame, parameter_value, split
 from gcs.model.errors import LinkError, OrderError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, Setpoints, Telemetry, VehicleId

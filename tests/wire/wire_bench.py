@@ -14,9 +14,9 @@ from gcs.links.deadman import Deadman
 from gcs.links.endpoints import Listen, Place
 from gcs.links.keys import Signing
 from gcs.links.killlatch import KillLatch
-from gcs.links.mavlink_frames import Frame
 from gcs.links.settings import Forward
 from gcs.links.wire import Wire
+from gcs.mavlink.framing import Frame
 
 GROUND = dialect.MAVLink(None, srcSystem=245, srcComponent=190)
 

@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.direct.kernels import DATAGRAM, SYSTEM, Whole
 from gcs.links.direct.packets import Datagrams, host_of, port_of, socket_of
 from gcs.links.roster import TAKEN, Address, Roster, Verdict
 from gcs.links.traffic import Counters
+from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Whole
 from gcs.model.state import Array
 
 log = logging.getLogger(__name__)

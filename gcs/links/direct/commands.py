@@ -7,11 +7,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct.codec import Records, records, text, text_field
-from gcs.links.direct.kernels import Whole
 from gcs.links.link import ParameterValue
-from gcs.links.mavlink_frames import COMMAND_LONG
 from gcs.links.orders import CLOSED, TIMEOUT
+from gcs.mavlink.codec import Records, records, text, text_field
+from gcs.mavlink.framing import COMMAND_LONG
+from gcs.mavlink.kernels import Whole
 from gcs.model.errors import OrderError
 
 COMMAND_ACK: Final = 77

@@ -6,11 +6,11 @@ from typing import Final
 
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct.codec import Records, records
 from gcs.links.direct.commands import Commands
 from gcs.links.direct.heard import Said
 from gcs.links.link import Order, ParameterValue, Verb
-from gcs.links.mavlink_frames import COMMAND_LONG
+from gcs.mavlink.codec import Records, records
+from gcs.mavlink.framing import COMMAND_LONG
 from gcs.model.state import Landed
 
 ARM_DISARM: Final = int(dialect.MAV_CMD_COMPONENT_ARM_DISARM)

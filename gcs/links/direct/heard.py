@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.battery_packs import BatteryPacks
-from gcs.links.direct.codec import Records, decode
-from gcs.links.direct.kernels import COMPONENT, LENGTH, MESSAGE, PAYLOAD, Bytes, Whole
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import (
+from gcs.links.roster import SILENT_AFTER_S
+from gcs.mavlink.codec import Records, decode
+from gcs.mavlink.framing import (
     AHRS,
     ATTITUDE,
     BATTERY_STATUS,
@@ -36,7 +36,7 @@ from gcs.links.mavlink_frames import (
     Frame,
     px4_mode,
 )
-from gcs.links.roster import SILENT_AFTER_S
+from gcs.mavlink.kernels import COMPONENT, LENGTH, MESSAGE, PAYLOAD, Bytes, Whole
 from gcs.model.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
 
 Value = TypeVar("Value")

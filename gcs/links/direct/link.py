@@ -11,13 +11,13 @@ from time import monotonic
 
 import numpy as np
 
-from gcs.links.direct.codec import SYSTEM_ID
 from gcs.links.direct.commands import Commands
 from gcs.links.direct.hand import DirectHand
-from gcs.links.direct.messages import SETPOINT, setpoint_messages
 from gcs.links.direct.udp_link import UdpLink, Wanted, Works
 from gcs.links.endpoints import Listen
 from gcs.links.orders import Orders
+from gcs.mavlink.codec import SYSTEM_ID
+from gcs.mavlink.outgoing import SETPOINT, setpoint_messages
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Mask, VehicleId
 

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.links.direct.addresses import Addresses
-from gcs.links.direct.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode
-from gcs.links.direct.kernels import Bytes, Whole
 from gcs.links.direct.packets import Packets
 from gcs.links.traffic import Counters, Direction, Observer
+from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode
+from gcs.mavlink.kernels import Bytes, Whole
 
 _NOWHERE: Final = -1
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.links import mmsg
-from gcs.links.direct.kernels import Bytes, Whole
 from gcs.links.endpoints import Listen
+from gcs.mavlink.kernels import Bytes, Whole
 from gcs.model.errors import LinkError
 from gcs.model.state import Array
 

@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links.direct.kernels import Whole
+from gcs.mavlink.kernels import Whole
 from gcs.model.state import Array
 
 REMEMBERED: Final = 512

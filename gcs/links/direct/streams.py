@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links.direct.codec import Records, records
-from gcs.links.direct.kernels import Whole
-from gcs.links.mavlink_frames import COMMAND_LONG, GLOBAL_POSITION_INT, SET_MESSAGE_INTERVAL
 from gcs.links.rates import ASKING_COMPONENT
+from gcs.mavlink.codec import Records, records
+from gcs.mavlink.framing import COMMAND_LONG, GLOBAL_POSITION_INT, SET_MESSAGE_INTERVAL
+from gcs.mavlink.kernels import Whole
 from gcs.model.state import Mask
 
 _ANSWER_S: Final = 0.5

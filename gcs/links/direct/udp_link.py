@@ -15,13 +15,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from gcs.links.deadman import before_it_leaves_s
-from gcs.links.direct import codec
 from gcs.links.direct.addresses import Addresses
 from gcs.links.direct.hand import kill_message
 from gcs.links.direct.heard import FleetHeard
 from gcs.links.direct.inbox import Inbox
-from gcs.links.direct.kernels import Whole
-from gcs.links.direct.messages import heartbeats
 from gcs.links.direct.outbox import Outbox
 from gcs.links.direct.packets import Packets
 from gcs.links.direct.sent import Sent
@@ -30,12 +27,15 @@ from gcs.links.endpoints import Listen
 from gcs.links.facts import LinkFacts
 from gcs.links.killlatch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
-from gcs.links.mavlink_frames import COMMAND_LONG, HEARTBEAT
 from gcs.links.orders import Hand, Orders
 from gcs.links.rates import ASKING_COMPONENT
 from gcs.links.recorder import Recorder
 from gcs.links.roster import SILENT_AFTER_S
 from gcs.links.traffic import Counters, Observer
+from gcs.mavlink import codec
+from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT
+from gcs.mavlink.kernels import Whole
+from gcs.mavlink.outgoing import heartbeats
 from gcs.model.errors import OrderError, UnknownError
 from gcs.model.frames import ShowFrame, wrap_rad
 from gcs.model.state import Array, Mask, Setpoints, Telemetry, VehicleId

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable
 from selectors import BaseSelector
 from typing import NamedTuple, Protocol, TypeAlias
 
-from gcs.links.mavlink_frames import Split
 from gcs.links.roster import Address
+from gcs.mavlink.framing import Split
 
 
 class Arrival(NamedTuple):

@@ -5,8 +5,8 @@ from threading import Lock
 from typing import Final, Protocol
 
 from gcs.links.endpoints.endpoint import Arrival
-from gcs.links.mavlink_frames import split_stream
 from gcs.links.roster import Address
+from gcs.mavlink.framing import split_stream
 
 _READ_BYTES: Final = 4096
 _READS_PER_CALL: Final = 64

@@ -10,9 +10,9 @@ from time import time as wall_time_s
 from typing import Final
 
 from gcs.links.endpoints.endpoint import Arrival
-from gcs.links.mavlink_frames import split
 from gcs.links.mmsg import Batch
 from gcs.links.roster import Address
+from gcs.mavlink.framing import split
 from gcs.model.errors import LinkError
 
 _DATAGRAM_MAX_BYTES: Final = 65535

@@ -7,9 +7,9 @@ import async_solipsism
 import numpy as np
 import pytest
 
-from gcs.links.direct.codec import Records, records, text_field
 from gcs.links.direct.commands import ANSWER_S, COMMAND_ACK, PARAM_VALUE, TRIES, Commands
-from gcs.links.direct.kernels import Whole
+from gcs.mavlink.codec import Records, records, text_field
+from gcs.mavlink.kernels import Whole
 from gcs.model.errors import OrderError
 
 ARM = 400

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct import codec
 from gcs.links.direct.heard import FleetHeard
-from gcs.links.direct.kernels import SYSTEM
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import PREARM_CHECK, split
+from gcs.mavlink import codec
+from gcs.mavlink.framing import PREARM_CHECK, split
+from gcs.mavlink.kernels import SYSTEM
 
 IDS = ("a", "b")
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from gcs.links.direct.codec import Records, records
-from gcs.links.direct.kernels import Whole
 from gcs.links.direct.streams import Streams
-from gcs.links.mavlink_frames import SET_MESSAGE_INTERVAL
+from gcs.mavlink.codec import Records, records
+from gcs.mavlink.framing import SET_MESSAGE_INTERVAL
+from gcs.mavlink.kernels import Whole
 
 RATES_HZ = {33: 10.0, 30: 0.0}
 BOTH = np.ones(2, np.bool_)

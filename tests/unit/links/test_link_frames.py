@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import development as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from gcs.links.mavlink_frames import (
+from gcs.mavlink.framing import (
     SETPOINT_MESSAGES,
     Frame,
     checksum,

@@ -5,7 +5,7 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.heard import Heard
-from gcs.links.mavlink_frames import PREARM_CHECK, split
+from gcs.mavlink.framing import PREARM_CHECK, split
 from gcs.model.state import Mode
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.setpoint_kernels import FRAME, NOBODY, are_setpoints, awaited_setpoints
+from gcs.mavlink.setpoint_kernels import FRAME, NOBODY, are_setpoints, awaited_setpoints
 
 ROOM, LONGEST = 16, 300
 

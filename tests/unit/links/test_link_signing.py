@@ -3,8 +3,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.mavlink_frames import Frame, split
-from gcs.links.signing import TIME_MAX, UNITS_PER_S, Judgement, Signer, signing_time
+from gcs.mavlink.framing import Frame, split
+from gcs.mavlink.signing import TIME_MAX, UNITS_PER_S, Judgement, Signer, signing_time
 
 KEY = bytes(range(32))
 NOW = signing_time(1_790_000_000.0)

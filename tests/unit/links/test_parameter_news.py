@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct import codec
 from gcs.links.direct.commands import PARAM_VALUE, parameter_values
-from gcs.links.mavlink_frames import parameter_value, split
 from gcs.links.parameter_news import ParameterNews
+from gcs.mavlink import codec
+from gcs.mavlink.framing import parameter_value, split
 
 
 def announced(name: str, value: float, kind: int) -> bytes:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct.kernels import (
+from gcs.mavlink.kernels import (
     FRAME_COLUMNS,
     LENGTH,
     PAYLOAD,

@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.direct.codec import HEADER_LENGTH, layout
-from gcs.links.direct.kernels import Bytes, Number, Whole
-from gcs.links.mavlink_frames import SET_POSITION_TARGET_LOCAL_NED
+from gcs.mavlink.codec import HEADER_LENGTH, layout
+from gcs.mavlink.framing import SET_POSITION_TARGET_LOCAL_NED
+from gcs.mavlink.kernels import Bytes, Number, Whole
 from gcs.model.jit import kernel
 from gcs.model.state import Mask
 

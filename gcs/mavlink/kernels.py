@@ -90,7 +90,7 @@ def _behind(data: Bytes, start: Number, end: Number, extras: NDArray[np.int16]) 
 def find_frames(
     data: Bytes, starts: Whole, lengths: Whole, extras: NDArray[np.int16], frames: Whole
 ) -> tuple[int, int, int]:
-    """Take datagrams apart, as `gcs.links.mavlink_frames.split` does. Never fails, whatever the bytes.
+    """Take datagrams apart, as `gcs.mavlink.framing.split` does. Never fails, whatever the bytes.
 
     Args:
         data: where the datagrams lie.

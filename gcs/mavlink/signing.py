@@ -6,7 +6,7 @@ from enum import Enum, auto
 from hashlib import sha256
 from typing import Final
 
-from gcs.links.mavlink_frames import Frame, checksum, crc_extra, is_signed
+from gcs.mavlink.framing import Frame, checksum, crc_extra, is_signed
 
 KEY_BYTES: Final = 32
 EPOCH_S: Final = 1_420_070_400  # 2015-01-01 in Unix time; a signature's time counts 10 us from here

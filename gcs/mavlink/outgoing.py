@@ -4,9 +4,9 @@ from typing import Final
 
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct.codec import Records, records
-from gcs.links.direct.kernels import Whole
-from gcs.links.mavlink_frames import HEARTBEAT
+from gcs.mavlink.codec import Records, records
+from gcs.mavlink.framing import HEARTBEAT
+from gcs.mavlink.kernels import Whole
 from gcs.model.state import Array
 
 SETPOINT: Final = 84  # SET_POSITION_TARGET_LOCAL_NED

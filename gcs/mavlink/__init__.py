@@ -1,0 +1,1 @@
+"""MAVLink as bytes: framing, codecs, signing, compiled kernels; imports only model."""
