@@ -58,7 +58,7 @@ wire: .venv/ready api/console/node_modules/ready  ## the page's wire types, from
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
 	@$(BIN)/python -c "from gcs import control, homeward; from gcs.links import setpoint_kernels; \
-	  from gcs.links.direct import codec; \
+	  from gcs.links.native import codec; \
 	  control.warm_up(); homeward.warm_up(); codec.warm_up(); setpoint_kernels.warm_up()"
 
 check: .venv/ready  ## what a reviewer should not have to say

@@ -11,11 +11,11 @@ from selectors import DefaultSelector
 from typing import Final
 
 from gcs.config import Config, LinkSettings
+from gcs.links.address_book import Address
 from gcs.links.endpoints import Arrival, Endpoint, make
 from gcs.links.endpoints.udp import Udp
-from gcs.links.keys import Signing
-from gcs.links.mavsdk_fleet import COMPONENT_ID
-from gcs.links.roster import Address
+from gcs.links.mavsdk.binding import COMPONENT_ID
+from gcs.links.signing_keys import Signing
 from gcs.links.vehicle_ids import station_id
 from gcs.mavlink.framing import COMMAND_ACK, HEARTBEAT, Frame, heartbeat, kill_frame
 from gcs.mavlink.signing import Judgement

@@ -28,8 +28,8 @@ from gcs.homeward import warm_up as warm_up_ways
 from gcs.inspection import Inspection
 from gcs.instead import instead
 from gcs.links import Link
-from gcs.links.keeping import keep_open
-from gcs.links.shares import Shares
+from gcs.links.routing import Shares
+from gcs.links.supervision import keep_open
 from gcs.model.errors import RefusedError
 from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import Offer

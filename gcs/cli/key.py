@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from gcs.cli.output import print_json
-from gcs.links.keys import create_key
+from gcs.links.signing_keys import create_key
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

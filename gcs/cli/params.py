@@ -15,7 +15,7 @@ from gcs.cli.output import REFUSED, fail, print_json
 from gcs.cli.serve import make_link
 from gcs.config import Config
 from gcs.links import Link, ParameterValue
-from gcs.links.keeping import leaves
+from gcs.links.supervision import leaves
 from gcs.model.errors import ConfigError, LinkError, OrderError
 from gcs.model.state import Mode, Setpoints, VehicleId
 from gcs.parameters import Requirement, requirements

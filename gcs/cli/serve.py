@@ -21,12 +21,12 @@ from gcs.cli.output import Say
 from gcs.cli.record import make_record
 from gcs.config import Config, LinkSettings
 from gcs.links import Link
-from gcs.links.direct.link import DirectLink
 from gcs.links.endpoints import Listen
-from gcs.links.keys import Signing
-from gcs.links.mavsdk_link import MavsdkLink
-from gcs.links.mavsdk_udp_link import MavsdkUdpLink
-from gcs.links.rates import wanted
+from gcs.links.framed.link import MavsdkLink
+from gcs.links.mavsdk.link import MavsdkUdpLink
+from gcs.links.native.link import DirectLink
+from gcs.links.signing_keys import Signing
+from gcs.links.stream_rates import wanted
 from gcs.maps import GroundMap, open_map
 from gcs.model.errors import ConfigError, LinkError, RefusedError
 from gcs.model.interrupted_flight import Offer

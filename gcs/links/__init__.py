@@ -1,4 +1,4 @@
-"""Transports: MAVLink bytes on one side, batches of the whole fleet on the other."""
+"""Transports between MAVLink endpoints and arrays of the fleet; imports only mavlink and model."""
 
 from gcs.links.link import Link, Order, ParameterValue, Verb
 

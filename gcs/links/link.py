@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, TypeAlias
 
-from gcs.links.roster import Address
+from gcs.links.address_book import Address
 from gcs.model.state import Setpoints, Telemetry, VehicleId
 
 ParameterValue: TypeAlias = int | float

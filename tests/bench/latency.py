@@ -16,8 +16,8 @@ import yaml
 
 from gcs.cli.serve import make_link
 from gcs.config import Config, parse
-from gcs.links.direct.udp_link import UdpLink
-from gcs.links.traffic import Direction
+from gcs.links.counters import Direction
+from gcs.links.udp.link import UdpLink
 from gcs.mavlink.framing import GLOBAL_POSITION_INT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.model.lifecycle import ShowPhase
 from gcs.orchestrator import Orchestrator

@@ -28,7 +28,7 @@ from link_traffic import FRAME, HOST
 from gcs.cli.serve import make_link
 from gcs.config import Config, parse
 from gcs.control import Memory
-from gcs.links.direct.udp_link import UdpLink
+from gcs.links.udp.link import UdpLink
 from gcs.mavlink.kernels import BEGIN, Bytes, Whole
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mode, Setpoints, Telemetry

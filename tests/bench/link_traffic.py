@@ -16,9 +16,9 @@ import time
 import numpy as np
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct.commands import COMMAND_ACK
-from gcs.links.direct.packets import Datagrams, Packets, source_of
-from gcs.links.wire import Listen
+from gcs.links.framed.router import Listen
+from gcs.links.udp.commands import COMMAND_ACK
+from gcs.links.udp.sockets import Datagrams, Packets, source_of
 from gcs.mavlink import codec
 from gcs.mavlink.framing import (
     BATTERY_STATUS,

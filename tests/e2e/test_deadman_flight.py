@@ -10,7 +10,7 @@ from ground import SOON_S, flying_config, last_truths, proper, until, vehicles, 
 from machine import Witness, free_ports
 
 from gcs.cli.serve import make_link
-from gcs.links.mavsdk_udp_link import MavsdkUdpLink
+from gcs.links.mavsdk.link import MavsdkUdpLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.orchestrator import Orchestrator
 from gcs.service import ShowAction

@@ -16,7 +16,7 @@ from machine import Witness, free_ports
 from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.formation.thomson import best_configuration, energy
-from gcs.links.mavsdk_udp_link import MavsdkUdpLink
+from gcs.links.mavsdk.link import MavsdkUdpLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.orchestrator import Orchestrator
 from gcs.service import FleetView

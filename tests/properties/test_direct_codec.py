@@ -7,9 +7,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct.link import DirectLink
-from gcs.links.direct.packets import Datagrams, source_of
-from gcs.links.wire import Listen
+from gcs.links.framed.router import Listen
+from gcs.links.native.link import DirectLink
+from gcs.links.udp.sockets import Datagrams, source_of
 from gcs.mavlink import codec
 from gcs.mavlink.framing import split
 from gcs.mavlink.kernels import BEGIN, COMPONENT, END, MESSAGE, SYSTEM

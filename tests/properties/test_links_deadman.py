@@ -3,8 +3,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.links.deadman import Deadman
-from gcs.links.killlatch import KillLatch
+from gcs.links.kill_latch import KillLatch
+from gcs.links.setpoint_watchdog import Deadman
 
 HOLD_S = 0.2
 SYSTEMS = st.integers(0, 5)

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.heard import Heard
+from gcs.links.telemetry import Heard
 from gcs.mavlink.framing import moves, split, split_stream, target_system
 
 PACKER = dialect.MAVLink(None, srcSystem=7, srcComponent=1)

@@ -7,7 +7,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from gcs.links import Order, ParameterValue, Verb
-from gcs.links.heard import Heard
+from gcs.links.telemetry import Heard
 from gcs.mavlink.framing import Frame
 from gcs.model.state import Landed, Mode
 

@@ -15,9 +15,10 @@ import numpy as np
 from loopback_ears import INT32, Ears, failure, news, obeyed
 from pymavlink.dialects.v20 import common
 
-from gcs.links import Order, ParameterValue, Verb, rates
-from gcs.links.parameter_news import ParameterNews
-from gcs.links.roster import Address
+from gcs.links import Order, ParameterValue, Verb
+from gcs.links import stream_rates as rates
+from gcs.links.address_book import Address
+from gcs.links.parameter_updates import ParameterNews
 from gcs.links.settings import StreamSettings
 from gcs.mavlink.framing import HEARTBEAT, PARAM_VALUE, kill_frame, parameter_value, split
 from gcs.model.errors import LinkError, OrderError, UnknownError

@@ -8,7 +8,7 @@ import pytest
 from virtual_show import Show, Track, fly, show_config
 
 from gcs.cli.main import main
-from gcs.links.roster import Address
+from gcs.links.address_book import Address
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.records import layout
 from gcs.records.flown import FlightData

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from gcs.links import Order, Verb
-from gcs.links.direct.link import DirectLink
-from gcs.links.direct.udp_link import UdpLink
 from gcs.links.endpoints import Listen
-from gcs.links.mavsdk_link import MavsdkLink
-from gcs.links.mavsdk_udp_link import MavsdkUdpLink
+from gcs.links.framed.link import MavsdkLink
+from gcs.links.mavsdk.link import MavsdkUdpLink
+from gcs.links.native.link import DirectLink
+from gcs.links.udp.link import UdpLink
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Setpoints
 

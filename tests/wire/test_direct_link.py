@@ -14,12 +14,12 @@ from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links import Verb, mmsg
-from gcs.links.direct.link import DirectLink
-from gcs.links.direct.packets import Datagrams, Packets, host_of, port_of, socket_of, source_of
+from gcs.links.counters import Direction
 from gcs.links.endpoints import Listen
-from gcs.links.rates import wanted
+from gcs.links.native.link import DirectLink
 from gcs.links.settings import StreamSettings
-from gcs.links.traffic import Direction
+from gcs.links.stream_rates import wanted
+from gcs.links.udp.sockets import Datagrams, Packets, host_of, port_of, socket_of, source_of
 from gcs.model.errors import LinkError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Setpoints

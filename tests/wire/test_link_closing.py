@@ -13,8 +13,8 @@ from link_bench import a_link, running, until
 from link_peer import Peer
 from machine import free_ports
 
-from gcs.links.mavsdk_fleet import MavsdkFleet
-from gcs.links.mavsdk_udp_link import MavsdkUdpLink
+from gcs.links.mavsdk.binding import MavsdkFleet
+from gcs.links.mavsdk.link import MavsdkUdpLink
 
 VEHICLES = 6
 ROUNDS = 12

@@ -15,8 +15,8 @@ from machine import free_ports
 from pymavlink import mavutil
 
 from gcs.links import Verb
+from gcs.links.counters import Direction
 from gcs.links.endpoints import Listen
-from gcs.links.traffic import Direction
 from gcs.model.frames import ShowFrame
 
 

@@ -14,9 +14,9 @@ from wire_bench import a_socket, arrived, beat, bench, command
 
 from gcs.links import Verb
 from gcs.links.endpoints import Listen
-from gcs.links.keys import Signing
-from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.framed.link import MavsdkLink
 from gcs.links.settings import Forward
+from gcs.links.signing_keys import Signing
 from gcs.model.frames import ShowFrame
 
 KEY = bytes(range(32))

@@ -11,7 +11,7 @@ from machine import free_ports
 from pymavlink.dialects.v20.common import MAV_TYPE_GCS
 
 from gcs.links import Verb
-from gcs.links.direct.link import DirectLink
+from gcs.links.native.link import DirectLink
 from gcs.model.state import Mode, Setpoints
 
 pytestmark = pytest.mark.usefixtures("transport")

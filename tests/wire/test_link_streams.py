@@ -10,7 +10,7 @@ from machine import free_ports
 
 from gcs.links import Verb
 from gcs.links.endpoints import Listen
-from gcs.links.mavsdk_link import MavsdkLink
+from gcs.links.framed.link import MavsdkLink
 from gcs.model.frames import ShowFrame
 
 RATES_HZ = {33: 5.0, 245: 5.0, 30: 0.0}

@@ -15,8 +15,8 @@ from link_station import a_station, go_on, stop
 from machine import Witness, free_ports
 from pymavlink import mavutil
 
-from gcs.links.mavsdk_link import MavsdkLink
-from gcs.links.mavsdk_udp_link import MavsdkUdpLink
+from gcs.links.framed.link import MavsdkLink
+from gcs.links.mavsdk.link import MavsdkUdpLink
 
 DEADMAN_S = 0.2
 ON_ITS_WAY_S = 0.02

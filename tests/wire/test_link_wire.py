@@ -18,9 +18,9 @@ from wire_bench import (
     setpoint,
 )
 
-from gcs.links.deadman import Deadman
-from gcs.links.killlatch import KillLatch
-from gcs.links.wire import Direction, Listen, Wire
+from gcs.links.framed.router import Direction, Listen, Wire
+from gcs.links.kill_latch import KillLatch
+from gcs.links.setpoint_watchdog import Deadman
 from gcs.model.errors import LinkError
 from gcs.model.state import Mode
 
@@ -131,7 +131,7 @@ def test_a_duplicate_system_id_is_dropped_and_both_addresses_are_named(
                     vars(record)["cause"] for record in caplog.records if record.msg == "duplicate_system_id"
                 ] == [text]
 
-    with caplog.at_level("INFO", logger="gcs.links.wire"):
+    with caplog.at_level("INFO", logger="gcs.links.framed.router"):
         asyncio.run(main())
 
 
@@ -157,7 +157,7 @@ def test_strangers_and_garbage_are_counted_and_change_nothing(caplog: pytest.Log
                 assert made.wire.heard[1].mode is Mode.OFFBOARD
                 assert sum(record.msg == "stranger_ignored" for record in caplog.records) == 2
 
-    with caplog.at_level("INFO", logger="gcs.links.wire"):
+    with caplog.at_level("INFO", logger="gcs.links.framed.router"):
         asyncio.run(main())
 
 

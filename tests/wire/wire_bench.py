@@ -10,12 +10,12 @@ from typing import Any
 from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.deadman import Deadman
 from gcs.links.endpoints import Listen, Place
-from gcs.links.keys import Signing
-from gcs.links.killlatch import KillLatch
+from gcs.links.framed.router import Wire
+from gcs.links.kill_latch import KillLatch
+from gcs.links.setpoint_watchdog import Deadman
 from gcs.links.settings import Forward
-from gcs.links.wire import Wire
+from gcs.links.signing_keys import Signing
 from gcs.mavlink.framing import Frame
 
 GROUND = dialect.MAVLink(None, srcSystem=245, srcComponent=190)

@@ -1,4 +1,4 @@
-"""Ways to vehicles: UDP, TCP and serial ports behind one small protocol."""
+"""UDP, TCP and serial ports behind one protocol; knows frames, not messages."""
 
 from gcs.links.endpoints.endpoint import Arrival, Endpoint
 from gcs.links.endpoints.making import make

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from selectors import BaseSelector
 from typing import NamedTuple, Protocol, TypeAlias
 
-from gcs.links.roster import Address
+from gcs.links.address_book import Address
 from gcs.mavlink.framing import Split
 
 

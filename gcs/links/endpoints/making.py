@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable
 
+from gcs.links.address_book import Address
 from gcs.links.endpoints.endpoint import Endpoint
 from gcs.links.endpoints.redialled import Redialled
 from gcs.links.endpoints.serial_port import SerialDial
 from gcs.links.endpoints.tcp import TcpDial, TcpServer
 from gcs.links.endpoints.udp import Udp
 from gcs.links.endpoints.urls import Listen, Place, SerialPort, TcpIn, TcpOut, UdpOut
-from gcs.links.roster import Address
 
 
 def make(name: str, places: Iterable[Place]) -> tuple[Endpoint, ...]:

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from selectors import EVENT_READ, BaseSelector
 from typing import Final, Protocol
 
+from gcs.links.address_book import Address
 from gcs.links.endpoints.endpoint import Arrival
 from gcs.links.endpoints.stream import Channel, Stream
-from gcs.links.roster import Address
 
 log = logging.getLogger(__name__)
 

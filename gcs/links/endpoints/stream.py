@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from threading import Lock
 from typing import Final, Protocol
 
+from gcs.links.address_book import Address
 from gcs.links.endpoints.endpoint import Arrival
-from gcs.links.roster import Address
 from gcs.mavlink.framing import split_stream
 
 _READ_BYTES: Final = 4096

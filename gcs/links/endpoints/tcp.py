@@ -15,9 +15,9 @@ from fcntl import ioctl
 from struct import Struct
 from typing import Final
 
+from gcs.links.address_book import Address
 from gcs.links.endpoints.endpoint import Arrival
 from gcs.links.endpoints.stream import Stream
-from gcs.links.roster import Address
 from gcs.model.errors import LinkError
 
 log = logging.getLogger(__name__)

@@ -9,9 +9,9 @@ from struct import Struct
 from time import time as wall_time_s
 from typing import Final
 
+from gcs.links.address_book import Address
 from gcs.links.endpoints.endpoint import Arrival
 from gcs.links.mmsg import Batch
-from gcs.links.roster import Address
 from gcs.mavlink.framing import split
 from gcs.model.errors import LinkError
 

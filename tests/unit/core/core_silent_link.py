@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from gcs.links import Order, ParameterValue
-from gcs.links.roster import Address
+from gcs.links.address_book import Address
 from gcs.model.errors import OrderError
 from gcs.model.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 

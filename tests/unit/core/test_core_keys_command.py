@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from gcs.cli.main import main
-from gcs.links.keys import load_key
+from gcs.links.signing_keys import load_key
 
 
 def test_a_key_is_made_for_nobody_else_and_never_over_another(

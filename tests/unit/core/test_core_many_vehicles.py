@@ -9,7 +9,7 @@ import pytest
 from core_silent_link import SilentLink
 
 from gcs.config import find, load, parse
-from gcs.links.shares import Shares
+from gcs.links.routing import Shares
 from gcs.model.errors import ConfigError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode, Setpoints

@@ -7,7 +7,7 @@ import async_solipsism
 import numpy as np
 import pytest
 
-from gcs.links.direct.commands import ANSWER_S, COMMAND_ACK, PARAM_VALUE, TRIES, Commands
+from gcs.links.udp.commands import ANSWER_S, COMMAND_ACK, PARAM_VALUE, TRIES, Commands
 from gcs.mavlink.codec import Records, records, text_field
 from gcs.mavlink.kernels import Whole
 from gcs.model.errors import OrderError

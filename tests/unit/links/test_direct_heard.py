@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct.heard import FleetHeard
-from gcs.links.heard import Heard
+from gcs.links.telemetry import Heard
+from gcs.links.udp.telemetry import FleetHeard
 from gcs.mavlink import codec
 from gcs.mavlink.framing import PREARM_CHECK, split
 from gcs.mavlink.kernels import SYSTEM

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gcs.links.direct.streams import Streams
+from gcs.links.udp.stream_requests import Streams
 from gcs.mavlink.codec import Records, records
 from gcs.mavlink.framing import SET_MESSAGE_INTERVAL
 from gcs.mavlink.kernels import Whole

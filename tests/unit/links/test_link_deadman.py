@@ -1,6 +1,6 @@
 from math import nan
 
-from gcs.links.deadman import Asked, Deadman, Pulse
+from gcs.links.setpoint_watchdog import Asked, Deadman, Pulse
 
 
 def test_nothing_is_allowed_before_the_first_tick() -> None:

@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.heard import Heard
+from gcs.links.telemetry import Heard
 from gcs.mavlink.framing import PREARM_CHECK, split
 from gcs.model.state import Mode
 

@@ -1,9 +1,9 @@
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.heard import Heard
-from gcs.links.rates import Rates, wanted
 from gcs.links.settings import StreamSettings
+from gcs.links.stream_rates import Rates, wanted
+from gcs.links.telemetry import Heard
 from gcs.mavlink.framing import split
 
 WANTED = {33: 20.0, 147: 0.5, 30: 0.0}

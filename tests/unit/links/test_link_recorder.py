@@ -10,8 +10,8 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.recorder import Recorder, record
-from gcs.links.traffic import Counters, Direction
+from gcs.links.counters import Counters, Direction
+from gcs.links.tlog import Recorder, record
 
 
 def a_recorder(folder: Path, name: str = "radio") -> tuple[Recorder, Counters]:
@@ -133,7 +133,7 @@ def test_a_full_disk_loses_whole_frames_and_the_file_goes_on(tmp_path: Path) -> 
 def test_more_than_the_disk_takes_is_counted_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gcs.links.recorder._QUEUE_MAX_BYTES", 100)
+    monkeypatch.setattr("gcs.links.tlog._QUEUE_MAX_BYTES", 100)
     recorder, counters = a_recorder(tmp_path)
     recorder._writer = threading.current_thread()  # which never comes to writing
     for raw in frames(50):

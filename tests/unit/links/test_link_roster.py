@@ -1,4 +1,4 @@
-from gcs.links.roster import CONFLICT_KEPT_S, SILENT_AFTER_S, Address, Roster, Verdict
+from gcs.links.address_book import CONFLICT_KEPT_S, SILENT_AFTER_S, Address, Roster, Verdict
 
 A = Address("127.0.0.1", 14582, 0)
 B = Address("127.0.0.1", 14599, 0)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from gcs.links.mavsdk_link import MavsdkLink
-from gcs.links.wire import Listen
+from gcs.links.framed.link import MavsdkLink
+from gcs.links.framed.router import Listen
 from gcs.model.errors import InvalidError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Setpoints

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct.commands import PARAM_VALUE, parameter_values
-from gcs.links.parameter_news import ParameterNews
+from gcs.links.parameter_updates import ParameterNews
+from gcs.links.udp.commands import PARAM_VALUE, parameter_values
 from gcs.mavlink import codec
 from gcs.mavlink.framing import parameter_value, split
 

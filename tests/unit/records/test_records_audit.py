@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from records_moment import PLAN, moment
 
-from gcs.links.roster import Address
+from gcs.links.address_book import Address
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle, Plan

@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links.rates import ASKING_COMPONENT, NOT_FOR_MAVSDK
+from gcs.links.stream_rates import ASKING_COMPONENT, NOT_FOR_MAVSDK
 from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_ACK, GLOBAL_POSITION_INT
 from gcs.mavlink.kernels import MESSAGE, Bytes, Whole

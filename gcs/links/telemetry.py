@@ -5,8 +5,8 @@ from collections import Counter
 from math import inf, nan
 from typing import Final
 
+from gcs.links.address_book import SILENT_AFTER_S
 from gcs.links.battery_packs import BatteryPacks
-from gcs.links.roster import SILENT_AFTER_S
 from gcs.mavlink.framing import (
     ATTITUDE,
     BATTERY_STATUS,

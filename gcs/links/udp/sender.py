@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.direct.addresses import Addresses
-from gcs.links.direct.packets import Packets
-from gcs.links.traffic import Counters, Direction, Observer
+from gcs.links.counters import Counters, Direction, Observer
+from gcs.links.udp.addresses import Addresses
+from gcs.links.udp.sockets import Packets
 from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode
 from gcs.mavlink.kernels import Bytes, Whole
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from math import isfinite
 from typing import Final, Protocol, TypeVar
 
-from gcs.links.killlatch import KillLatch
+from gcs.links.kill_latch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
 from gcs.model.errors import OrderError
 from gcs.model.state import Landed, Mode, VehicleId
@@ -37,7 +37,7 @@ _WANTED_MODE: Final = {
 
 
 class Said(Protocol):
-    """What a vehicle's own frames said: all that is believed of it. `gcs.links.heard.Heard` is one."""
+    """What a vehicle's own frames said: all that is believed of it. `gcs.links.telemetry.Heard` is one."""
 
     @property
     def heartbeat_time_s(self) -> float:

@@ -16,7 +16,7 @@ from threading import Event, Lock, Thread
 from time import time as wall_time_s
 from typing import Final
 
-from gcs.links.traffic import Counters, Direction
+from gcs.links.counters import Counters, Direction
 
 log = logging.getLogger(__name__)
 

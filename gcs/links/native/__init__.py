@@ -1,4 +1,4 @@
-"""The transport for large fleets: our own MAVLink, for all vehicles of a link at once.
+"""The native transport: our own MAVLink over UDP, for all vehicles of a link at once.
 
 `link` is the `gcs.links.Link`; below it `heard` (what the vehicles said), `commands` (one vehicle is told
 something and answers), `streams` (which messages come how often), `addresses` (who is where), `packets` (many

@@ -6,12 +6,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.direct.outbox import Outbox
-from gcs.links.direct.sent import Sent
-from gcs.links.direct.udp_link import Wanted
-from gcs.links.killlatch import KillLatch
+from gcs.links.counters import Counters
+from gcs.links.kill_latch import KillLatch
 from gcs.links.mmsg import Batch
-from gcs.links.traffic import Counters
+from gcs.links.udp.link import Wanted
+from gcs.links.udp.send_times import Sent
+from gcs.links.udp.sender import Outbox
 from gcs.mavlink.codec import Frames
 from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves, split, target_system
 from gcs.mavlink.kernels import Whole

@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 from typing import Final, Protocol
 
 from gcs.links import mmsg
-from gcs.links.mavsdk_fleet import MavsdkFleet, MavsdkVehicle
+from gcs.links.mavsdk.binding import MavsdkFleet, MavsdkVehicle
 from gcs.links.vehicle_ids import instances
 
 _DATAGRAM_BYTES: Final = 1400

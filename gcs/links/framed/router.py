@@ -10,18 +10,18 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from gcs.links.deadman import Asked, Deadman, Pulse
+from gcs.links.address_book import TAKEN, Address, Roster, Verdict
+from gcs.links.counters import Counters, Direction, Observer
 from gcs.links.endpoints import Arrival, Listen, Place, make
 from gcs.links.endpoints.udp import Udp
-from gcs.links.forward import Forwarder, may_pass
-from gcs.links.heard import Heard
-from gcs.links.keys import Signing
-from gcs.links.killlatch import KillLatch
+from gcs.links.framed.forwarding import Forwarder, may_pass
+from gcs.links.framed.setpoint_gate import SetpointGate
+from gcs.links.kill_latch import KillLatch
 from gcs.links.mmsg import Batch
-from gcs.links.roster import TAKEN, Address, Roster, Verdict
-from gcs.links.setpoint_gate import SetpointGate
+from gcs.links.setpoint_watchdog import Asked, Deadman, Pulse
 from gcs.links.settings import Forward
-from gcs.links.traffic import Counters, Direction, Observer
+from gcs.links.signing_keys import Signing
+from gcs.links.telemetry import Heard
 from gcs.mavlink.framing import (
     HEARTBEAT,
     PING,

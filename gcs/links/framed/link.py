@@ -15,25 +15,25 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links.asking import is_answer, keep_asking
-from gcs.links.deadman import Asked, Deadman, Pulse, before_it_leaves_s
+from gcs.links.address_book import SILENT_AFTER_S
+from gcs.links.base import LinkFacts
+from gcs.links.command_protocol import Orders
+from gcs.links.counters import Observer
 from gcs.links.endpoints import Place
-from gcs.links.facts import LinkFacts
-from gcs.links.keys import Signing
-from gcs.links.killlatch import KillLatch
+from gcs.links.framed.router import Wire
+from gcs.links.framed.stream_requests import is_answer, keep_asking
+from gcs.links.kill_latch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
-from gcs.links.mavsdk_fleet import COMPONENT_ID, MavsdkVehicle
-from gcs.links.mavsdk_orders import MavsdkHand, Workers
-from gcs.links.mavsdk_shards import MavsdkShards
-from gcs.links.offstage import Offstage
-from gcs.links.orders import Orders
-from gcs.links.rates import NOT_FOR_MAVSDK
-from gcs.links.recorder import Recorder
-from gcs.links.roster import SILENT_AFTER_S
+from gcs.links.mavsdk.binding import COMPONENT_ID, MavsdkVehicle
+from gcs.links.mavsdk.instances import MavsdkShards
+from gcs.links.mavsdk.threads import Offstage
+from gcs.links.mavsdk.workers import MavsdkHand, Workers
+from gcs.links.setpoint_watchdog import Asked, Deadman, Pulse, before_it_leaves_s
 from gcs.links.settings import Forward
-from gcs.links.traffic import Observer
+from gcs.links.signing_keys import Signing
+from gcs.links.stream_rates import NOT_FOR_MAVSDK
+from gcs.links.tlog import Recorder
 from gcs.links.vehicle_ids import station_id
-from gcs.links.wire import Wire
 from gcs.mavlink.framing import GLOBAL_POSITION_INT, PARAM_VALUE, Frame, kill_frame, parameter_value
 from gcs.model.errors import OrderError, UnknownError
 from gcs.model.frames import ShowFrame

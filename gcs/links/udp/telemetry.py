@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import development as dialect
 
+from gcs.links.address_book import SILENT_AFTER_S
 from gcs.links.battery_packs import BatteryPacks
-from gcs.links.heard import Heard
-from gcs.links.roster import SILENT_AFTER_S
+from gcs.links.telemetry import Heard
 from gcs.mavlink.codec import Records, decode
 from gcs.mavlink.framing import (
     AHRS,
@@ -297,7 +297,7 @@ class FleetHeard:
 
 
 class Said:
-    """One vehicle's part of what was heard: what `gcs.links.orders` believes."""
+    """One vehicle's part of what was heard: what `gcs.links.command_protocol` believes."""
 
     def __init__(self, fleet: FleetHeard, row: int) -> None:
         self._fleet = fleet

@@ -4,13 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gcs.links.direct.addresses import Addresses
-from gcs.links.direct.commands import COMMAND_ACK, PARAM_VALUE, Commands, parameter_values
-from gcs.links.direct.heard import FleetHeard
-from gcs.links.direct.packets import Datagrams
-from gcs.links.direct.streams import Streams
+from gcs.links.counters import Counters, Direction, Observer
 from gcs.links.link import ParameterValue
-from gcs.links.traffic import Counters, Direction, Observer
+from gcs.links.udp.addresses import Addresses
+from gcs.links.udp.commands import COMMAND_ACK, PARAM_VALUE, Commands, parameter_values
+from gcs.links.udp.sockets import Datagrams
+from gcs.links.udp.stream_requests import Streams
+from gcs.links.udp.telemetry import FleetHeard
 from gcs.mavlink import codec
 from gcs.mavlink.kernels import BEGIN, COMPONENT, DATAGRAM, END, MESSAGE, SYSTEM, Bytes, Whole
 from gcs.model.state import Array

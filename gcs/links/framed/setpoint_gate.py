@@ -6,13 +6,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.deadman import Asked, Deadman
+from gcs.links.address_book import Address
+from gcs.links.counters import Counters, Direction, Observer
 from gcs.links.endpoints import Endpoint
 from gcs.links.endpoints.udp import Udp
-from gcs.links.killlatch import KillLatch
+from gcs.links.kill_latch import KillLatch
 from gcs.links.mmsg import Batch
-from gcs.links.roster import Address
-from gcs.links.traffic import Counters, Direction, Observer
+from gcs.links.setpoint_watchdog import Asked, Deadman
 from gcs.mavlink.codec import Records
 from gcs.mavlink.setpoint_kernels import FRAME, are_setpoints, warm_up
 from gcs.model.state import Array

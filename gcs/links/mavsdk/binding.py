@@ -19,7 +19,7 @@ from mavsdk.plugins.param import Param, ParamError, ParamResult
 from mavsdk.plugins.telemetry import Telemetry
 
 from gcs.links.link import ParameterValue, Verb
-from gcs.links.loopback import Loopback
+from gcs.links.mavsdk.loopback import Loopback
 from gcs.model.errors import LinkError, OrderError
 
 log = logging.getLogger(__name__)

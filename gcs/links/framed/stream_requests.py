@@ -7,8 +7,8 @@ from typing import Final
 
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.heard import Heard
-from gcs.links.rates import ASKING_COMPONENT, Rates
+from gcs.links.stream_rates import ASKING_COMPONENT, Rates
+from gcs.links.telemetry import Heard
 from gcs.mavlink.framing import COMMAND_ACK, SET_MESSAGE_INTERVAL, Frame, acknowledged_component
 
 _PERIOD_S: Final = 0.05

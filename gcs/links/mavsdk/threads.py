@@ -2,9 +2,9 @@
 
 from threading import Lock
 
-from gcs.links.keys import Signing
-from gcs.links.mavsdk_shards import MavsdkShards
-from gcs.links.recorder import Recorder
+from gcs.links.mavsdk.instances import MavsdkShards
+from gcs.links.signing_keys import Signing
+from gcs.links.tlog import Recorder
 
 
 class Offstage:

@@ -6,9 +6,9 @@ from typing import Final
 
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.direct.commands import Commands
-from gcs.links.direct.heard import Said
 from gcs.links.link import Order, ParameterValue, Verb
+from gcs.links.udp.commands import Commands
+from gcs.links.udp.telemetry import Said
 from gcs.mavlink.codec import Records, records
 from gcs.mavlink.framing import COMMAND_LONG
 from gcs.model.state import Landed
@@ -36,7 +36,7 @@ _COMMANDS: Final[dict[Verb, tuple[int, tuple[float, ...]]]] = {
 
 
 class DirectHand:
-    """One vehicle. A `gcs.links.orders.Hand`."""
+    """One vehicle. A `gcs.links.command_protocol.Hand`."""
 
     def __init__(self, row: int, commands: Commands, said: Said) -> None:
         self._row = row

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links.rates import ASKING_COMPONENT
+from gcs.links.stream_rates import ASKING_COMPONENT
 from gcs.mavlink.codec import Records, records
 from gcs.mavlink.framing import COMMAND_LONG, GLOBAL_POSITION_INT, SET_MESSAGE_INTERVAL
 from gcs.mavlink.kernels import Whole

@@ -6,9 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Final, Protocol, TypeVar
 
+from gcs.links.command_protocol import CLOSED
 from gcs.links.link import Order, ParameterValue, Verb
-from gcs.links.mavsdk_fleet import MavsdkVehicle
-from gcs.links.orders import CLOSED
+from gcs.links.mavsdk.binding import MavsdkVehicle
 from gcs.model.errors import OrderError
 from gcs.model.state import Landed, VehicleId
 
@@ -52,7 +52,7 @@ class Workers:
 
 
 class MavsdkHand:
-    """One vehicle through MAVSDK. A `gcs.links.orders.Hand`."""
+    """One vehicle through MAVSDK. A `gcs.links.command_protocol.Hand`."""
 
     def __init__(
         self, vehicle: MavsdkVehicle, heard: Heard, worker: ThreadPoolExecutor, closed: Callable[[], bool]

@@ -11,11 +11,11 @@ from time import monotonic
 
 import numpy as np
 
-from gcs.links.direct.commands import Commands
-from gcs.links.direct.hand import DirectHand
-from gcs.links.direct.udp_link import UdpLink, Wanted, Works
+from gcs.links.command_protocol import Orders
 from gcs.links.endpoints import Listen
-from gcs.links.orders import Orders
+from gcs.links.udp.commands import Commands
+from gcs.links.udp.link import UdpLink, Wanted, Works
+from gcs.links.udp.px4_commands import DirectHand
 from gcs.mavlink.codec import SYSTEM_ID
 from gcs.mavlink.outgoing import SETPOINT, setpoint_messages
 from gcs.model.frames import ShowFrame

@@ -7,8 +7,8 @@ import socket
 from collections.abc import Collection, Iterator
 from typing import Final
 
+from gcs.links.counters import Counters
 from gcs.links.settings import Forward
-from gcs.links.traffic import Counters
 from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, split, target_system
 from gcs.model.errors import LinkError
 

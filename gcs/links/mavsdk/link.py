@@ -17,16 +17,16 @@ from typing import Final
 import numpy as np
 
 from gcs.links import mmsg
-from gcs.links.direct.udp_link import UdpLink, Wanted, Works
+from gcs.links.command_protocol import Orders
 from gcs.links.endpoints import Listen
-from gcs.links.mavsdk_fleet import MavsdkVehicle
-from gcs.links.mavsdk_orders import MavsdkHand, Workers
-from gcs.links.mavsdk_outlet import MavsdkOutlet
-from gcs.links.mavsdk_shards import MavsdkShards
-from gcs.links.mavsdk_shown import Shown
-from gcs.links.offstage import Offstage
-from gcs.links.orders import Orders
-from gcs.links.rates import SETTLE_S
+from gcs.links.mavsdk.binding import MavsdkVehicle
+from gcs.links.mavsdk.frame_filter import Shown
+from gcs.links.mavsdk.instances import MavsdkShards
+from gcs.links.mavsdk.setpoint_filter import MavsdkOutlet
+from gcs.links.mavsdk.threads import Offstage
+from gcs.links.mavsdk.workers import MavsdkHand, Workers
+from gcs.links.stream_rates import SETTLE_S
+from gcs.links.udp.link import UdpLink, Wanted, Works
 from gcs.links.vehicle_ids import station_id
 from gcs.mavlink.kernels import BEGIN, END, Bytes, Whole
 from gcs.model.frames import ShowFrame

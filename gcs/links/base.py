@@ -4,11 +4,11 @@ from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Protocol
 
+from gcs.links.address_book import Address
+from gcs.links.counters import Counters
 from gcs.links.link import ParameterValue
-from gcs.links.parameter_news import ParameterNews
-from gcs.links.recorder import Recorder
-from gcs.links.roster import Address
-from gcs.links.traffic import Counters
+from gcs.links.parameter_updates import ParameterNews
+from gcs.links.tlog import Recorder
 from gcs.links.vehicle_ids import check
 from gcs.model.state import VehicleId
 

@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from pymavlink.dialects.v20 import development as dialect
 
+from gcs.links.command_protocol import CLOSED, TIMEOUT
 from gcs.links.link import ParameterValue
-from gcs.links.orders import CLOSED, TIMEOUT
 from gcs.mavlink.codec import Records, records, text, text_field
 from gcs.mavlink.framing import COMMAND_LONG
 from gcs.mavlink.kernels import Whole

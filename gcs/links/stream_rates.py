@@ -7,9 +7,9 @@ for streams that do not come as asked: an autopilot forgets them when it restart
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
-from gcs.links.heard import Heard
-from gcs.links.roster import SILENT_AFTER_S
+from gcs.links.address_book import SILENT_AFTER_S
 from gcs.links.settings import StreamSettings
+from gcs.links.telemetry import Heard
 from gcs.mavlink.framing import (
     BATTERY_STATUS,
     EXTENDED_SYS_STATE,

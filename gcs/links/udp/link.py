@@ -14,24 +14,24 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from gcs.links.deadman import before_it_leaves_s
-from gcs.links.direct.addresses import Addresses
-from gcs.links.direct.hand import kill_message
-from gcs.links.direct.heard import FleetHeard
-from gcs.links.direct.inbox import Inbox
-from gcs.links.direct.outbox import Outbox
-from gcs.links.direct.packets import Packets
-from gcs.links.direct.sent import Sent
-from gcs.links.direct.streams import Streams
+from gcs.links.address_book import SILENT_AFTER_S
+from gcs.links.base import LinkFacts
+from gcs.links.command_protocol import Hand, Orders
+from gcs.links.counters import Counters, Observer
 from gcs.links.endpoints import Listen
-from gcs.links.facts import LinkFacts
-from gcs.links.killlatch import KillLatch
+from gcs.links.kill_latch import KillLatch
 from gcs.links.link import Order, ParameterValue, Verb
-from gcs.links.orders import Hand, Orders
-from gcs.links.rates import ASKING_COMPONENT
-from gcs.links.recorder import Recorder
-from gcs.links.roster import SILENT_AFTER_S
-from gcs.links.traffic import Counters, Observer
+from gcs.links.setpoint_watchdog import before_it_leaves_s
+from gcs.links.stream_rates import ASKING_COMPONENT
+from gcs.links.tlog import Recorder
+from gcs.links.udp.addresses import Addresses
+from gcs.links.udp.px4_commands import kill_message
+from gcs.links.udp.receiver import Inbox
+from gcs.links.udp.send_times import Sent
+from gcs.links.udp.sender import Outbox
+from gcs.links.udp.sockets import Packets
+from gcs.links.udp.stream_requests import Streams
+from gcs.links.udp.telemetry import FleetHeard
 from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT
 from gcs.mavlink.kernels import Whole

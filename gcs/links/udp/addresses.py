@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.direct.packets import Datagrams, host_of, port_of, socket_of
-from gcs.links.roster import TAKEN, Address, Roster, Verdict
-from gcs.links.traffic import Counters
+from gcs.links.address_book import TAKEN, Address, Roster, Verdict
+from gcs.links.counters import Counters
+from gcs.links.udp.sockets import Datagrams, host_of, port_of, socket_of
 from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Whole
 from gcs.model.state import Array
 

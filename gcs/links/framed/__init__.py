@@ -1,0 +1,1 @@
+"""The MAVSDK transport frame by frame: serial ports, TCP, signing and forwarding."""
