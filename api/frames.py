@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.estimates import Estimates
+from gcs.estimation.time_estimates import Estimates
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode

@@ -20,9 +20,9 @@ from pydantic import (
 
 from gcs import documents
 from gcs.access import AccessSettings, is_loopback
-from gcs.accuracy import Positioning
 from gcs.config_rules import fence_too_small, misfits_of_fleet
 from gcs.control import ControlSettings
+from gcs.estimation.position_uncertainty import Positioning
 from gcs.feasibility import check_formation, check_orbit, check_target
 from gcs.links.endpoints.urls import Listen, Place, occupied
 from gcs.links.endpoints.urls import parse as place_at

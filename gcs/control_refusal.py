@@ -1,9 +1,9 @@
 """Which airborne vehicles this station does not take control of, and why. Pure functions of one vehicle."""
 
+from gcs.estimation.signs_of_life import BEATS_MAY_LACK_S
 from gcs.failsafe_cause import comes_down, control_refusal
 from gcs.flight import Flight
 from gcs.model.state import Mode
-from gcs.signs_of_life import BEATS_MAY_LACK_S
 from gcs.vehicle import Vehicle
 
 A_PERSON_FLIES = frozenset({Mode.POSITION, Mode.OTHER})

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from gcs.control import ControlSettings
-from gcs.estimates import (
+from gcs.estimation.time_estimates import (
     SEEN_DOWN_S,
     BatteryHistory,
     Estimates,

@@ -12,15 +12,18 @@ from typing import TypeVar
 
 import numpy as np
 
-from gcs.accuracy import uncertainty_m
 from gcs.config import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
+from gcs.estimation.fleet_state import Table
+from gcs.estimation.kernels import FORWARD_MAX_S
+from gcs.estimation.link_delay import LinkDelay
+from gcs.estimation.link_quality import LinkQuality
+from gcs.estimation.position_uncertainty import uncertainty_m
+from gcs.estimation.setpoint_gaps import SetpointGaps
 from gcs.failsafe_cause import TEXTS_COUNT_S, VehicleFacts
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.landing import STOP_S, swept_segments_m
 from gcs.late_links import LATE_S, fleet_delay_s, for_late_links
-from gcs.link_delay import LinkDelay
-from gcs.link_quality import LinkQuality
 from gcs.links import Link, Order, ParameterValue
 from gcs.model.errors import UnknownError
 from gcs.model.fleet_counts import Whereabouts, whereabouts
@@ -29,9 +32,6 @@ from gcs.model.plan import Plan
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
 from gcs.performance import Performance
-from gcs.setpoint_gaps import SetpointGaps
-from gcs.table import Table
-from gcs.table_kernels import FORWARD_MAX_S
 from gcs.vehicle import SHOW_FLIES, Vehicle
 
 log = logging.getLogger(__name__)

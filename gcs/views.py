@@ -7,7 +7,8 @@ import numpy as np
 from gcs.alarms import Alarm
 from gcs.bounds import bounds
 from gcs.control import Tick
-from gcs.estimates import Estimates
+from gcs.estimation.fleet_state import tuple3
+from gcs.estimation.time_estimates import Estimates
 from gcs.flight import Flight
 from gcs.model.interrupted_flight import Interrupted
 from gcs.model.lifecycle import ShowPhase
@@ -17,7 +18,6 @@ from gcs.performance import Performance
 from gcs.rows import VehicleRows
 from gcs.safety.filter import SafetySettings
 from gcs.service import FleetView, Reaction, TickView
-from gcs.table import tuple3
 
 
 def finite(value: float) -> float | None:

@@ -6,11 +6,11 @@ import numpy as np
 
 from gcs.alarms import Alarm
 from gcs.control import Tick
+from gcs.estimation.fleet_state import tuple3
 from gcs.flight import Flight
 from gcs.performance import lights
 from gcs.records.moment import Moment
 from gcs.service import TickView
-from gcs.table import tuple3
 
 
 def moment_of(

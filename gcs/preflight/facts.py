@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.accuracy import Positioning
+from gcs.estimation.position_uncertainty import Positioning
 from gcs.model.state import Array, FleetState, Telemetry, VehicleId
 from gcs.preflight_settings import PreflightSettings
 from gcs.safety.separation import Floor

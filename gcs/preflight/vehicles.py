@@ -5,7 +5,7 @@ from math import inf, isfinite, isnan
 
 import numpy as np
 
-from gcs.accuracy import excess_m
+from gcs.estimation.position_uncertainty import excess_m
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import VehicleId
 from gcs.preflight.facts import Facts
@@ -80,7 +80,7 @@ def _address(facts: Facts, vehicle_id: VehicleId) -> Check:
 
 
 def _position(facts: Facts, vehicle_id: VehicleId, row: int) -> Check:
-    """Fresh; or never heard, heard too long ago, or heard and not believed (`gcs.table`)."""
+    """Fresh; or never heard, heard too long ago, or heard and not believed (`gcs.estimation.fleet_state`)."""
     age_s, (heard, at) = float(facts.fleet.age_s[row]), facts.telemetry[vehicle_id]
     limit = f"at most {facts.age_max_s:g} s old"
     if facts.is_placed(row):

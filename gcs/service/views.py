@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 from gcs.alarms import Alarm
-from gcs.estimates import Estimates
+from gcs.estimation.time_estimates import Estimates
 from gcs.model.errors import Problem
 from gcs.model.fleet_counts import Counts
 from gcs.model.interrupted_flight import Interrupted

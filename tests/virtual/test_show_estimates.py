@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from virtual_show import Moment, Show, Track, fly, show_config
 
-from gcs.estimates import Estimates
+from gcs.estimation.time_estimates import Estimates
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Orbit
 from gcs.service import ShowAction

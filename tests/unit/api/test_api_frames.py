@@ -11,7 +11,7 @@ from api_fake_service import FRAME, FakeService
 from numpy.typing import NDArray
 
 from gcs.api import convert, frames
-from gcs.estimates import Estimates
+from gcs.estimation.time_estimates import Estimates
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
 from gcs.service import SelectedShow

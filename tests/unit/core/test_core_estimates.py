@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gcs.estimates import BatteryHistory, Speeds, approach_s, batteries, home_s, to_slots_s
+from gcs.estimation.time_estimates import BatteryHistory, Speeds, approach_s, batteries, home_s, to_slots_s
 from gcs.model.state import Array
 
 SPEEDS = Speeds(

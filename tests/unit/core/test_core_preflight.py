@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gcs.accuracy import Positioning, uncertainty_m
+from gcs.estimation.position_uncertainty import Positioning, uncertainty_m
 from gcs.model.preflight_report import Check, State, told
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
 from gcs.preflight import PAD_HEIGHT_MAX_M, Facts, Pattern, own_checks, spacing, standing

@@ -6,12 +6,12 @@ from math import inf, nan, pi
 import numpy as np
 import pytest
 
+from gcs.estimation.fleet_state import Table, tuple3
+from gcs.estimation.kernels import FORWARD_MAX_S
 from gcs.model.errors import GcsError, InvalidError, ShapeError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.model.state import FleetState, Landed, Mode, Setpoints, Telemetry
-from gcs.table import Table, tuple3
-from gcs.table_kernels import FORWARD_MAX_S
 
 FRAME = ShowFrame(47.0, 8.0, 400.0, heading_deg=90.0)
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from gcs.estimation.fleet_state import Table
+from gcs.estimation.kernels import CONSISTENT_S, FAR_M, FORWARD_MAX_S, into_frame
 from gcs.model.frames import ShowFrame, wrap_rad
 from gcs.model.state import FleetState, Landed, Mode, Telemetry
-from gcs.table import Table
-from gcs.table_kernels import CONSISTENT_S, FAR_M, FORWARD_MAX_S, into_frame
 
 FRAME = ShowFrame(47.0, 8.0, 400.0)
 STEP_S = 0.1

@@ -1,4 +1,4 @@
-"""Compiled loops of `gcs.table`: telemetry into the show frame, and which of it is believed. Pure."""
+"""Compiled loops of `gcs.estimation.fleet_state`: telemetry into the show frame, and which of it is believed. Pure."""
 
 from typing import Final
 
@@ -133,7 +133,7 @@ def judge(
     known_resets: Bits,
     reset_time_s: Array,
 ) -> None:
-    """Believe what is new, or do not: see `gcs.table.Table`.
+    """Believe what is new, or do not: see `gcs.estimation.fleet_state.Table`.
 
     Args:
         now_s: of this tick.
@@ -194,7 +194,7 @@ def brought_forward(
     flies_on_s: float,
     brakes_s: float,
 ) -> tuple[Array, Array, Array]:
-    """Estimate the fleet's motion at `now_s`; see `gcs.table.Table`.
+    """Estimate the fleet's motion at `now_s`; see `gcs.estimation.fleet_state.Table`.
 
     Returns: (n, 3) positions, (n, 3) velocities, and the (n,) age of the positions, inf where the newest is
         not believed.

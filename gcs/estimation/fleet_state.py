@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.estimation.kernels import brought_forward, into_frame, judge
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, FleetState, Telemetry, VehicleId
-from gcs.table_kernels import brought_forward, into_frame, judge
 
 FLIES_ON_S: Final = 2.0
 """Age of telemetry up to which a vehicle may fly on unchanged, as PX4 and the service are delivered: 0.5 s
