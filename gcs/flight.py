@@ -14,6 +14,7 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
+from gcs.control.late_links import LATE_S, fleet_delay_s, for_late_links
 from gcs.estimation.fleet_state import Table
 from gcs.estimation.kernels import FORWARD_MAX_S
 from gcs.estimation.link_delay import LinkDelay
@@ -23,7 +24,6 @@ from gcs.estimation.setpoint_gaps import SetpointGaps
 from gcs.failsafe_cause import TEXTS_COUNT_S, VehicleFacts
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.landing import STOP_S, swept_segments_m
-from gcs.late_links import LATE_S, fleet_delay_s, for_late_links
 from gcs.links import Link, Order, ParameterValue
 from gcs.model.errors import UnknownError
 from gcs.model.fleet_counts import Whereabouts, whereabouts

@@ -1,10 +1,10 @@
-"""One tick: the law, then safety. Pure: the same for real vehicles, fake ones and a simulation."""
+"""One control tick: law, safety filter, setpoint shaping; pure, imports safety and what lies below."""
 
+from gcs.control.inputs import ellipses_of
 from gcs.control.memory import Memory
-from gcs.control.moment import ellipses_of
 from gcs.control.settings import ControlSettings
 from gcs.control.tasks import Task, Tasks
-from gcs.control.ticking import Tick, tick, warm_up
+from gcs.control.tick_step import Tick, tick, warm_up
 
 __all__ = [
     "ControlSettings",

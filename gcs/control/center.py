@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gcs.control.inputs import Moment
 from gcs.control.memory import Memory
-from gcs.control.moment import Moment
 from gcs.control.tasks import Task
 from gcs.formation.law import wanted_center_velocity
 from gcs.formation.orbit import CLEAR_OF_FENCE_M, Center, advance_center, held_within, target_reach_m

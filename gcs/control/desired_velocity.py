@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.control.center import Lead
+from gcs.control.inputs import Moment
 from gcs.control.memory import Memory
-from gcs.control.moment import Moment
 from gcs.formation.law import begun, directions_from, goal_velocity, kicks, place_velocity
 from gcs.formation.neighbours import Sight, sighted_velocity
 from gcs.formation.orbit import Center

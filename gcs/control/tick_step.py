@@ -6,13 +6,13 @@ from math import radians
 
 import numpy as np
 
-from gcs.control.answer import answer
 from gcs.control.center import move_center
+from gcs.control.desired_velocity import spread, wanted_velocity
+from gcs.control.inputs import Moment
 from gcs.control.memory import Memory
-from gcs.control.moment import Moment
+from gcs.control.setpoint_shaping import answer
 from gcs.control.settings import ControlSettings
 from gcs.control.tasks import Task, Tasks
-from gcs.control.wanted import spread, wanted_velocity
 from gcs.formation.kernels import warm_up as formation_warm_up
 from gcs.formation.orbit import Center
 from gcs.formation.response import limit_change

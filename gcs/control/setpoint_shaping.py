@@ -5,8 +5,8 @@ from math import hypot
 
 import numpy as np
 
+from gcs.control.inputs import Moment
 from gcs.control.memory import Memory
-from gcs.control.moment import Moment
 from gcs.formation.orbit import Center, next_pace
 from gcs.formation.response import compensate, correct_trim, most_lacking_m_s, shared
 from gcs.model.state import Array
