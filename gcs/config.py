@@ -23,7 +23,6 @@ from gcs.access import AccessSettings, is_loopback
 from gcs.config_rules import fence_too_small, misfits_of_fleet
 from gcs.control import ControlSettings
 from gcs.estimation.position_uncertainty import Positioning
-from gcs.feasibility import check_formation, check_orbit, check_target
 from gcs.links.endpoints.urls import Listen, Place, occupied
 from gcs.links.endpoints.urls import parse as place_at
 from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
@@ -34,6 +33,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import VehicleId
+from gcs.planning.feasibility import check_formation, check_orbit, check_target
 from gcs.preflight_settings import PreflightSettings
 from gcs.reactions import ReactionSettings
 from gcs.setting_errors import explained, located

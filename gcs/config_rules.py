@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from math import isfinite
 
-from gcs.feasibility import smallest_formation_radius_m
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
+from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
 from gcs.setting_errors import Misfit

@@ -13,11 +13,11 @@ import numpy as np
 
 from gcs.config import OperationSettings
 from gcs.errand_tasks import Errand, ErrandTasks
-from gcs.homeward import IN_PLACE_M, WELL_IN_PLACE_M, is_above, may_hand_over
 from gcs.links import Order, Verb
 from gcs.model.errors import OrderError, RefusedError
 from gcs.model.lifecycle import FLOWN, Event, Phase
 from gcs.model.state import Array, FleetState, Mode
+from gcs.planning.return_paths import IN_PLACE_M, WELL_IN_PLACE_M, is_above, may_hand_over
 from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)

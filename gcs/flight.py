@@ -23,7 +23,6 @@ from gcs.estimation.position_uncertainty import uncertainty_m
 from gcs.estimation.setpoint_gaps import SetpointGaps
 from gcs.failsafe_cause import TEXTS_COUNT_S, VehicleFacts
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
-from gcs.landing import STOP_S, swept_segments_m
 from gcs.links import Link, Order, ParameterValue
 from gcs.model.errors import UnknownError
 from gcs.model.fleet_counts import Whereabouts, whereabouts
@@ -32,6 +31,7 @@ from gcs.model.plan import Plan
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
 from gcs.performance import Performance
+from gcs.planning.landing_sites import STOP_S, swept_segments_m
 from gcs.vehicle import SHOW_FLIES, Vehicle
 
 log = logging.getLogger(__name__)

@@ -24,7 +24,6 @@ from gcs.errands import Errands
 from gcs.estimating import Estimating
 from gcs.flight import Flight
 from gcs.happenings import Happening, Happenings, heard
-from gcs.homeward import warm_up as warm_up_ways
 from gcs.inspection import Inspection
 from gcs.instead import instead
 from gcs.links import Link
@@ -38,6 +37,7 @@ from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
 from gcs.orders import OrderBook
+from gcs.planning.return_paths import warm_up as warm_up_ways
 from gcs.records.record import Record
 from gcs.repertoire import Repertoire
 from gcs.service import (

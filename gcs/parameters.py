@@ -13,9 +13,9 @@ from typing import Final
 
 from gcs.config import OperationSettings
 from gcs.control import ControlSettings
-from gcs.landing import STOP_S
 from gcs.links import ParameterValue
 from gcs.model.preflight_report import Check, State
+from gcs.planning.landing_sites import STOP_S
 from gcs.preflight import PAD_HEIGHT_MAX_M
 
 SETPOINT_LOSS_ACTIONS: Final = {"descend": 0, "return": 3, "land": 4, "hold": 5}

@@ -6,9 +6,9 @@ import numpy as np
 
 from gcs.control import ellipses_of
 from gcs.flight import Flight
-from gcs.landing import distinct_places_m
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Array, VehicleId
+from gcs.planning.landing_sites import distinct_places_m
 from gcs.vehicle import Vehicle
 
 

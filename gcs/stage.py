@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import nan
 
-from gcs.feasibility import check_obstacle, check_target
 from gcs.flight import Flight
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
@@ -13,6 +12,7 @@ from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan, Target
 from gcs.model.state import VehicleId
 from gcs.performance import Performance
+from gcs.planning.feasibility import check_obstacle, check_target
 from gcs.repertoire import Repertoire
 from gcs.service import SelectedShow
 from gcs.show import Flaw, Show, ShowClock, Timeline

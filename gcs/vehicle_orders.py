@@ -7,7 +7,6 @@ from types import MappingProxyType
 from gcs.control_refusal import why_never, why_not_unasked
 from gcs.errand_tasks import Errand
 from gcs.errands import Errands
-from gcs.feasibility import check_formation
 from gcs.flight import Flight
 from gcs.links import Order, Verb
 from gcs.model.errors import InvalidError, OrderError, RefusedError
@@ -15,6 +14,7 @@ from gcs.model.lifecycle import FLOWN, GROUNDED, IN_THE_AIR, NEXT, Event, Phase,
 from gcs.model.state import VehicleId
 from gcs.orders import OrderBook
 from gcs.places import landing_places_m
+from gcs.planning.feasibility import check_formation
 from gcs.service import OrderRecord, Outcome, VehicleAction
 from gcs.vehicle import Vehicle, require_phase
 

@@ -3,7 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from gcs.feasibility import (
+from gcs.flight import Flight
+from gcs.model.errors import RefusedError, UnknownError
+from gcs.model.lifecycle import ON_THE_GROUND, Phase
+from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
+from gcs.planning.feasibility import (
     check_formation,
     check_obstacle,
     check_orbit,
@@ -11,10 +15,6 @@ from gcs.feasibility import (
     check_target,
     followed,
 )
-from gcs.flight import Flight
-from gcs.model.errors import RefusedError, UnknownError
-from gcs.model.lifecycle import ON_THE_GROUND, Phase
-from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
 from gcs.stage import Stage
 from gcs.vehicle import Vehicle
 

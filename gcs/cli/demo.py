@@ -23,11 +23,11 @@ from gcs.cli.serve import running
 from gcs.cli.story import ORBIT_RADIUS_M, Marks, StoppedEarlyError, Story, home_s, shortest_s, whole_s
 from gcs.client import Client
 from gcs.control import warm_up
-from gcs.feasibility import smallest_formation_radius_m
 from gcs.links.vehicle_ids import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of
+from gcs.planning.feasibility import smallest_formation_radius_m
 
 VEHICLES_MAX = {"mavsdk": 50, "direct": 1000}
 CHILD_ENDS_S = 5.0

@@ -1,7 +1,7 @@
 """What the operator wants: formation, target, orbit, obstacles. Immutable; a change is a new value.
 
 Every constructor refuses what can never be flown, with the field's name and what would be right. Whether
-it fits the fleet and the moment (radius for N, height, limits) is `gcs.feasibility`'s question.
+it fits the fleet and the moment (radius for N, height, limits) is `gcs.planning.feasibility`'s question.
 """
 
 from dataclasses import dataclass

@@ -10,7 +10,7 @@ from law_fleets import places, vectors
 from safety_fleets import CALM
 
 from gcs.model.state import Array
-from gcs.safety.loss import Action, clashes, turned_upright
+from gcs.planning.loss_conflicts import Action, clashes, turned_upright
 from gcs.safety.separation import Floor
 
 FLOOR = Floor(uncertainty_m=0.0)

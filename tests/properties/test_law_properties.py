@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from law_fleets import COUNTS, met_m, obstacles, places, tangent_of, vectors, within
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
-from gcs.feasibility import check_formation, check_orbit, smallest_formation_radius_m
 from gcs.formation.law import LawSettings, directions_from, goal_velocity, place_velocity
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.formation.orbit import Center, advance_center, orbit_velocity, within_ground_speed
@@ -20,10 +19,11 @@ from gcs.formation.sphere import sphere_velocity
 from gcs.formation.steering import LEFT, RIGHT, avoid_all
 from gcs.formation.thomson import energy
 from gcs.formation.yaw import turn_towards
-from gcs.landing import CLEAR_M, distinct_places_m
 from gcs.model.frames import ShowFrame, wrap_rad
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
+from gcs.planning.feasibility import check_formation, check_orbit, smallest_formation_radius_m
+from gcs.planning.landing_sites import CLEAR_M, distinct_places_m
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
 

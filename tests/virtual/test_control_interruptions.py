@@ -15,9 +15,9 @@ from control_flight import (
 )
 
 from gcs.control import Task
-from gcs.landing import swept_segments_m
 from gcs.model.plan import Formation, Orbit, Target, Yaw, YawPolicy
 from gcs.model.state import Array
+from gcs.planning.landing_sites import swept_segments_m
 
 
 def in_orbit(*, noise_scale: float = 1.0) -> Flight:

@@ -15,10 +15,10 @@ from control_flight import (
     shape,
 )
 
-from gcs.feasibility import check_obstacle
 from gcs.formation.orbit import orbit_velocity
 from gcs.model.plan import Formation, Obstacle, Orbit, Target
 from gcs.model.state import Array
+from gcs.planning.feasibility import check_obstacle
 
 ORBIT = Orbit(radius_m=15.0, speed_m_s=2.5)
 VELOCITY_M_S = np.array([0.5, -0.3])

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from virtual_show import TAKEOFF_HEIGHT_M, Refusal, Show, Track, alarm_texts, fly, refused, show_config
 
-from gcs.columns import column_m, overlapping
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import Mode
+from gcs.planning.vertical_overlap import column_m, overlapping
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 
 

@@ -8,11 +8,11 @@ from gcs.cli.simulation.flight import SimulatedFlight
 from gcs.cli.simulation.record import Record
 from gcs.cli.simulation.scenario import FormationFlight, Judged, Scenario, World
 from gcs.control import Task
-from gcs.feasibility import check_obstacle
 from gcs.flight import stands
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array
+from gcs.planning.feasibility import check_obstacle
 from gcs.show import Flaw, LoadedShow, Played
 
 ASSEMBLED_BY_S = 120.0

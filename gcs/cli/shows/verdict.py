@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from gcs.cli.shows.rehearsal import Rehearsal
 from gcs.cli.simulation.measure import rounded
 from gcs.cli.simulation.record import Record
-from gcs.columns import column_m, overlapping
 from gcs.model.errors import Problem
 from gcs.model.plan import Plan
+from gcs.planning.vertical_overlap import column_m, overlapping
 from gcs.show import Flaw, Played
 
 TAKEOFF_M_S = 1.5

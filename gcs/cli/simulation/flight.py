@@ -17,14 +17,14 @@ from gcs.cli.simulation.scenario import FormationFlight, GoalFlight, Scenario
 from gcs.cli.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
 from gcs.config import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
-from gcs.feasibility import check_obstacle
 from gcs.flight import BEHIND_M
 from gcs.formation.neighbours import Sight
 from gcs.homecoming import return_planner
-from gcs.homeward import WELL_IN_PLACE_M, Pace, Ways, is_above, may_hand_over, plan_ways
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Mask, Traits
+from gcs.planning.feasibility import check_obstacle
+from gcs.planning.return_paths import WELL_IN_PLACE_M, Pace, Ways, is_above, may_hand_over, plan_ways
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 
 HANDOVER_HEIGHT_M: Final[float] = OperationSettings.model_fields["handover_height_m"].default

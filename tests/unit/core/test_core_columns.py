@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gcs.columns import column_m, most_overlapping, overlapping, told
+from gcs.planning.vertical_overlap import column_m, most_overlapping, overlapping, told
 from gcs.safety.separation import Floor
 
 PLACES_M = np.array([(0.0, 0.0, -10.0), (1.0, 0.0, -20.0), (10.0, 0.0, -15.0), (10.0, 0.5, -8.0)])

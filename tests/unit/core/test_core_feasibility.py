@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 from gcs.control import ControlSettings
-from gcs.feasibility import (
+from gcs.formation.law import LawSettings
+from gcs.formation.obstacles import AvoidanceSettings
+from gcs.model.errors import InvalidError, RefusedError
+from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Target
+from gcs.planning.feasibility import (
     check_formation,
     check_obstacle,
     check_orbit,
@@ -17,10 +21,6 @@ from gcs.feasibility import (
     followed,
     smallest_formation_radius_m,
 )
-from gcs.formation.law import LawSettings
-from gcs.formation.obstacles import AvoidanceSettings
-from gcs.model.errors import InvalidError, RefusedError
-from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Target
 from gcs.safety.constraints import Braking
 from gcs.safety.filter import SafetySettings
 from gcs.safety.separation import Floor

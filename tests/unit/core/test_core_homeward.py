@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.homeward import STEP_S, Planner, Ways, plan_ways
 from gcs.model.errors import ShapeError
 from gcs.model.state import Array, Mask
+from gcs.planning.return_paths import STEP_S, Planner, Ways, plan_ways
 from gcs.safety.filter import Limits
 from gcs.safety.separation import Floor
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
-from gcs.landing import (
+from gcs.model.plan import MAX_OBSTACLES, Obstacle
+from gcs.model.state import Array
+from gcs.planning.landing_sites import (
     CLEAR_M,
     COLUMNS_APART_M,
     DRIFT_S,
@@ -12,8 +14,6 @@ from gcs.landing import (
     distinct_places_m,
     swept_segments_m,
 )
-from gcs.model.plan import MAX_OBSTACLES, Obstacle
-from gcs.model.state import Array
 from gcs.safety.separation import Floor
 
 NOBODY = np.zeros((0, 2))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gcs.homeward import STEP_S, Pace, Ways
-from gcs.homeward.pace import PATIENCE_S
 from gcs.model.state import Array
+from gcs.planning.return_paths import STEP_S, Pace, Ways
+from gcs.planning.return_paths.progress import PATIENCE_S
 
 TICK_S = 0.05
 BOTH = np.ones(2, dtype=np.bool_)

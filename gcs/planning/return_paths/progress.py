@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from gcs.homeward.ways import Ways
 from gcs.model.state import Array, Mask
+from gcs.planning.return_paths.paths import Ways
 
 KEPT_UP_M = 2.5
 """Who is no farther from where it should be keeps up."""

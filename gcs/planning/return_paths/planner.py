@@ -5,12 +5,12 @@ from functools import cache
 
 import numpy as np
 
-from gcs.homeward.choices import EACH, SPEED_SHARE, AreFree, Choices, lay
-from gcs.homeward.meeting import chosen_ways
-from gcs.homeward.ways import STEP_S, Ways
 from gcs.model.errors import ShapeError
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
+from gcs.planning.return_paths.candidates import EACH, SPEED_SHARE, AreFree, Choices, lay
+from gcs.planning.return_paths.conflicts import chosen_ways
+from gcs.planning.return_paths.paths import STEP_S, Ways
 from gcs.safety.filter import Limits
 from gcs.safety.neighbours import Rows
 from gcs.safety.separation import Floor

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.homeward.ways import STEP_S
 from gcs.model.jit import kernel, kernel_apart
 from gcs.model.state import Array, Mask
+from gcs.planning.return_paths.paths import STEP_S
 from gcs.safety.neighbours import Rows
 
 SLANTS = (0.0, 0.25, 0.5, 0.75, 1.0)

@@ -15,7 +15,7 @@ from gcs.formation.spin import turned
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Plan
 from gcs.model.state import Array, VehicleId
-from gcs.safety.loss import ACTIONS, Action, Clash, clashes, turned_upright
+from gcs.planning.loss_conflicts import ACTIONS, Action, Clash, clashes, turned_upright
 
 SWEEPS = 300
 """Of the law's own descent, from the pads to the shape it will have. 50 ms for PREDICTED_MAX vehicles."""

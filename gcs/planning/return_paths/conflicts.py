@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from gcs.homeward.ways import STEP_S
 from gcs.model.jit import kernel, kernel_apart
 from gcs.model.state import Array, Mask
+from gcs.planning.return_paths.paths import STEP_S
 from gcs.safety.neighbours import Rows
 
 NEARLY_M = 0.05
