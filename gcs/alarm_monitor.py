@@ -23,12 +23,12 @@ from gcs.alarms import (
 )
 from gcs.close_pairs import ClosePairs
 from gcs.control import Tick
-from gcs.failsafe_cause import ADVICE_TO_MANY, FailsafeCause
+from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, FailsafeCause
+from gcs.failsafe.policy import Action, Cause
 from gcs.flight import FLIES, Flight
 from gcs.model.interrupted_flight import Interrupted
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import VehicleId
-from gcs.reactions import Action, Cause
 from gcs.service import WHO, OrderRecord, Outcome, Reaction
 from gcs.vehicle import Vehicle
 

@@ -23,6 +23,7 @@ from gcs.access import AccessSettings, is_loopback
 from gcs.config_rules import fence_too_small, misfits_of_fleet
 from gcs.control import ControlSettings
 from gcs.estimation.position_uncertainty import Positioning
+from gcs.failsafe.policy import ReactionSettings
 from gcs.links.endpoints.urls import Listen, Place, occupied
 from gcs.links.endpoints.urls import parse as place_at
 from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
@@ -35,7 +36,6 @@ from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_formation, check_orbit, check_target
 from gcs.preflight_settings import PreflightSettings
-from gcs.reactions import ReactionSettings
 from gcs.setting_errors import explained, located
 from gcs.yaml_source import Source
 

@@ -1,7 +1,7 @@
 """Which airborne vehicles this station does not take control of, and why. Pure functions of one vehicle."""
 
 from gcs.estimation.signs_of_life import BEATS_MAY_LACK_S
-from gcs.failsafe_cause import comes_down, control_refusal
+from gcs.failsafe.autopilot_failsafe import comes_down, control_refusal
 from gcs.flight import Flight
 from gcs.model.state import Mode
 from gcs.vehicle import Vehicle

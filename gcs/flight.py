@@ -21,7 +21,7 @@ from gcs.estimation.link_delay import LinkDelay
 from gcs.estimation.link_quality import LinkQuality
 from gcs.estimation.position_uncertainty import uncertainty_m
 from gcs.estimation.setpoint_gaps import SetpointGaps
-from gcs.failsafe_cause import TEXTS_COUNT_S, VehicleFacts
+from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, VehicleFacts
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.links import Link, Order, ParameterValue
 from gcs.model.errors import UnknownError
@@ -259,7 +259,7 @@ class Flight:
         return telemetry.mode[at]
 
     def facts(self, vehicle: Vehicle) -> VehicleFacts:
-        """All that tells why it flies as it does: see `gcs.failsafe_cause`."""
+        """All that tells why it flies as it does: see `gcs.failsafe.autopilot_failsafe`."""
         (telemetry, at), now_s = self.telemetry[vehicle.id], self.fleet.time_s
         return VehicleFacts(
             mode=telemetry.mode[at],

@@ -1,4 +1,4 @@
-"""Looks every tick whether something goes wrong, and orders what `gcs.reaction_rules` wants."""
+"""Looks every tick whether something goes wrong, and orders what `gcs.failsafe.triggers` wants."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -7,11 +7,11 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
+from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, Cause
+from gcs.failsafe.triggers import Known, Roles, Seen, Wish, advance, is_calm, look
 from gcs.flight import Flight
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
-from gcs.precedence import SHOW_ROW, Standing, due, keys
-from gcs.reaction_rules import Known, Roles, Seen, Wish, advance, is_calm, look
-from gcs.reactions import FLIES_ON, SEVERITY, Action, Cause
 from gcs.service import OrderRecord, Reaction, ShowAction, VehicleAction
 from gcs.stage import Stage
 from gcs.timing import TickClock

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
-from gcs.failsafe_cause import FailsafeCause
+from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.flight import Flight
 from gcs.model.interrupted_flight import Before, Interruption, Triple, Written, is_left_alone, left_by, triple
 from gcs.model.lifecycle import FLOWN, Phase, ShowPhase

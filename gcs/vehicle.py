@@ -7,7 +7,7 @@ from math import inf
 from typing import TypeAlias
 
 from gcs.control import Task
-from gcs.failsafe_cause import FailsafeCause
+from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase, ShowPhase, advance
 from gcs.model.state import Array, Landed, Mode, VehicleId

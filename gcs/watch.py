@@ -8,7 +8,7 @@ import numpy as np
 from gcs.errand_tasks import Errand
 from gcs.errands import Errands
 from gcs.estimation.signs_of_life import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking
-from gcs.failsafe_cause import cause_of, described, lost_on_the_way
+from gcs.failsafe.autopilot_failsafe import cause_of, described, lost_on_the_way
 from gcs.flight import Columns, Flight
 from gcs.inspection import Inspection
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase

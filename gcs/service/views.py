@@ -88,7 +88,7 @@ class TickView:
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """What the service does by itself, for as long as its cause lasts; see `gcs.reactions`."""
+    """What the service does by itself, for as long as its cause lasts; see `gcs.failsafe.policy`."""
 
     cause: str
     action: str

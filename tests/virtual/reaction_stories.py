@@ -3,7 +3,7 @@
 import numpy as np
 from virtual_show import Show
 
-from gcs.reactions import Cause
+from gcs.failsafe.policy import Cause
 from gcs.service import OrderRecord, Reaction
 
 

@@ -12,9 +12,9 @@ from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 from gcs.alarms import RANK, Alarm, AlarmCause, AlarmSeverity
 from gcs.api.console_feed import Feed
+from gcs.failsafe.policy import Cause
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
-from gcs.reactions import Cause
 from gcs.service import ShowAction, VehicleAction
 
 WITHIN_S: Final = 1.0

@@ -7,9 +7,9 @@ import written_show
 from reaction_stories import by_itself, carried_out, off_pad_m, off_sphere_m, reaction, reacts
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
+from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Target
-from gcs.reactions import Cause
 from gcs.service import Outcome, ShowAction
 
 STORM_M_S = 12.0

@@ -5,8 +5,8 @@ import pytest
 from reaction_stories import by_itself, carried_out, nearest_m, off_pad_m, off_sphere_m, reaction, reacts
 from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
+from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.reactions import Cause
 from gcs.service import Outcome, ShowAction, VehicleAction
 
 OTHERS = ("d1", "d2", "d4", "d5")

@@ -5,8 +5,8 @@ from pathlib import Path
 from reaction_stories import carried_out, reacts
 from virtual_show import Show, fly, show_config
 
+from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import ShowPhase
-from gcs.reactions import Cause
 from gcs.records.known import events, orders
 from gcs.records.record import Record
 from gcs.service import ShowAction

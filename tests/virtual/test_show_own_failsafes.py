@@ -5,7 +5,7 @@ from typing import Any
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 from gcs.alarms import AlarmCause, AlarmSeverity
-from gcs.failsafe_cause import control_refusal
+from gcs.failsafe.autopilot_failsafe import control_refusal
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction

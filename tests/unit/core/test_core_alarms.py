@@ -20,7 +20,7 @@ from gcs.alarms import (
     overall,
 )
 from gcs.close_pairs import ClosePairs
-from gcs.failsafe_cause import ADVICE_TO_MANY
+from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY
 from gcs.model.errors import UnknownError
 from gcs.safety.separation import Floor
 

@@ -5,7 +5,7 @@ from math import nan
 
 import pytest
 
-from gcs.failsafe_cause import FailsafeCause, VehicleFacts, cause_of, control_refusal, described
+from gcs.failsafe.autopilot_failsafe import FailsafeCause, VehicleFacts, cause_of, control_refusal, described
 from gcs.model.state import Mode
 
 FACTS = VehicleFacts(

@@ -8,9 +8,9 @@ import pytest
 from pydantic import ValidationError
 
 from gcs.config import Config
-from gcs.precedence import SHOW_ROW, Standing, due, keys
-from gcs.reaction_rules import Known, Roles, Seen, Wish, advance, is_calm, look
-from gcs.reactions import SEVERITY, Action, Cause, ReactionSettings
+from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
+from gcs.failsafe.policy import SEVERITY, Action, Cause, ReactionSettings
+from gcs.failsafe.triggers import Known, Roles, Seen, Wish, advance, is_calm, look
 from gcs.safety.walls import Fence
 
 N = 8

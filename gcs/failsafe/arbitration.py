@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
+from gcs.failsafe.policy import SEVERITY, Action, Cause
+from gcs.failsafe.triggers import Wish
 from gcs.model.state import Array
-from gcs.reaction_rules import Wish
-from gcs.reactions import SEVERITY, Action, Cause
 
 Acted = Mapping[tuple[Cause, int], int]
 """Severity up to which a cause has been answered, by vehicle; -1: the whole show."""

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from gcs.failsafe.policy import SEVERITY, Action, Cause, LinksLate, ReactionSettings
 from gcs.model.state import Array, Mask
-from gcs.reactions import SEVERITY, Action, Cause, LinksLate, ReactionSettings
 from gcs.safety.walls import Fence
 
 LOST, LOW, CRITICAL, POOR, SUDDEN, OUT, BELOW = range(7)
