@@ -2,13 +2,13 @@
 
 from fastapi import APIRouter
 
-from gcs.alarms import AlarmCause
 from gcs.api import convert_alarms
 from gcs.api.desk import DeskDep
 from gcs.api.path_names import AlarmId
 from gcs.api.problem_docs import COMMAND, NO_BODY, TOKEN, errors
 from gcs.api.wire_alarms import Alarm, AlarmList
 from gcs.model.errors import RefusedError
+from gcs.service.alarms import AlarmCause
 
 router = APIRouter(prefix="/alarms", tags=["alarms"], dependencies=TOKEN)
 

@@ -13,7 +13,6 @@ from gcs.model.fleet_counts import Counts
 from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import Interrupted
 from gcs.model.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
-from gcs.rows import VehicleView
 from gcs.service import (
     FleetView,
     OrderRecord,
@@ -22,6 +21,7 @@ from gcs.service import (
     ShowCheck,
     StoredShow,
 )
+from gcs.service.vehicle_table import VehicleView
 
 Triple = tuple[float, float, float]
 

@@ -1,9 +1,9 @@
 """Alarms, between the service's types and the wire's."""
 
-from gcs.alarms import CAUSES, Alarm, AlarmCause, OverallSeverity, overall
 from gcs.api.wire_alarms import Alarm as WireAlarm
 from gcs.api.wire_alarms import AlarmList
 from gcs.service import FleetView
+from gcs.service.alarms import CAUSES, Alarm, AlarmCause, OverallSeverity, overall
 
 
 def current(view: FleetView, problem: str) -> tuple[Alarm, ...]:

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from gcs.api import convert, convert_alarms, wire_replay, wire_stream
-from gcs.happenings import Happening
 from gcs.maps import GroundMap
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
-from gcs.rows import VehicleRows
 from gcs.service import Bounds, Certification, FleetView, Playback, ReplayMarks
+from gcs.service.event_log import Happening
+from gcs.service.vehicle_table import VehicleRows
 
 
 def status(

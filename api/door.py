@@ -15,11 +15,11 @@ from typing import Final
 
 from starlette.datastructures import Headers
 
-from gcs.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
 from gcs.api.page import is_public
 from gcs.api.rates import Bucket
 from gcs.model.interrupted_flight import Offer
 from gcs.service import ShowAction, VehicleAction
+from gcs.service.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
 from gcs.tokens import Entry, Tokens
 
 log = logging.getLogger(__name__)

@@ -14,8 +14,8 @@ from gcs.estimation.time_estimates import Estimates
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
-from gcs.rows import VehicleRows
 from gcs.service import FleetView
+from gcs.service.vehicle_table import VehicleRows
 
 VERSION: Final = 2
 

@@ -17,13 +17,13 @@ from prometheus_client.core import (
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_1_0_0, generate_latest
 from starlette.responses import Response
 
-from gcs.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall
 from gcs.api.convert_alarms import current
 from gcs.api.desk import DeskDep
 from gcs.api.problem_docs import TOKEN
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.rows import VehicleView
 from gcs.service import FleetView, Histogram
+from gcs.service.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall
+from gcs.service.vehicle_table import VehicleView
 
 router = APIRouter()
 

@@ -15,10 +15,10 @@ from typing import Any, Final
 import uvicorn
 from starlette.types import ASGIApp
 
-from gcs.access import TlsSettings
 from gcs.api.absolute_target import AbsoluteTarget
 from gcs.api.protocols import CONNECTIONS_MAX, Http, Viewer, bound_log
 from gcs.model.errors import ConfigError, LinkError
+from gcs.service.access import TlsSettings
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 8000

@@ -11,7 +11,6 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from gcs.alarms import OverallSeverity
 from gcs.api.names import VehicleName
 from gcs.api.wire_alarms import Alarm
 from gcs.api.wire_interrupted import Interrupted
@@ -19,6 +18,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Direction, YawPolicy
 from gcs.model.state import Mode
 from gcs.service import Outcome, ShowAction
+from gcs.service.alarms import OverallSeverity
 
 LENGTH_MAX_M: Final = 100_000.0
 """Beyond this a flat show frame means nothing, and geodesy answers nonsense."""

@@ -2,7 +2,7 @@
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gcs.alarms import AlarmSeverity, OverallSeverity
+from gcs.service.alarms import AlarmSeverity, OverallSeverity
 
 
 class Alarm(BaseModel):

@@ -5,9 +5,9 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 
 from gcs.api.wire import ABSENT, Change, Measured, Outward
-from gcs.happenings import Severity
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import CheckState
+from gcs.service.event_log import Severity
 
 SPEED_MAX: Final = 100.0
 

@@ -4,8 +4,6 @@ from typing import Annotated
 
 from pydantic import Field
 
-from gcs.access import Right
-from gcs.alarms import OverallSeverity
 from gcs.api.wire import (
     Counts,
     Estimates,
@@ -21,7 +19,9 @@ from gcs.api.wire import (
 from gcs.api.wire_alarms import Alarm
 from gcs.api.wire_interrupted import Interrupted
 from gcs.api.wire_replay import Replay
-from gcs.happenings import Severity
+from gcs.service.access import Right
+from gcs.service.alarms import OverallSeverity
+from gcs.service.event_log import Severity
 
 
 class Access(Outward):

@@ -10,7 +10,16 @@ from typing import Final
 
 import numpy as np
 
-from gcs.alarms import (
+from gcs.close_pairs import ClosePairs
+from gcs.control import Tick
+from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, FailsafeCause
+from gcs.failsafe.policy import Action, Cause
+from gcs.flight import FLIES, Flight
+from gcs.model.interrupted_flight import Interrupted
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import VehicleId
+from gcs.service import WHO, OrderRecord, Outcome, Reaction
+from gcs.service.alarms import (
     Alarm,
     AlarmBook,
     AlarmCause,
@@ -21,15 +30,6 @@ from gcs.alarms import (
     Limit,
     beyond,
 )
-from gcs.close_pairs import ClosePairs
-from gcs.control import Tick
-from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, FailsafeCause
-from gcs.failsafe.policy import Action, Cause
-from gcs.flight import FLIES, Flight
-from gcs.model.interrupted_flight import Interrupted
-from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.state import VehicleId
-from gcs.service import WHO, OrderRecord, Outcome, Reaction
 from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)

@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gcs.alarms import Limit, beyond
 from gcs.model.state import Array, Mask
 from gcs.safety.separation import Floor
+from gcs.service.alarms import Limit, beyond
 
 CLOSE: Final = Limit(on=1.0, off=1.05)
 """Distance over the floor, in the metric in which the floor is a sphere."""

@@ -19,7 +19,6 @@ from pydantic import (
 )
 
 from gcs import documents
-from gcs.access import AccessSettings, is_loopback
 from gcs.config_rules import fence_too_small, misfits_of_fleet
 from gcs.control import ControlSettings
 from gcs.estimation.position_uncertainty import Positioning
@@ -28,7 +27,6 @@ from gcs.links.endpoints.urls import Listen, Place, occupied
 from gcs.links.endpoints.urls import parse as place_at
 from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
 from gcs.links.vehicle_ids import INSTANCES_MAX, SYSTEM_ID_MAX, instances
-from gcs.map_settings import MapSettings
 from gcs.model.errors import ConfigError, FileError, InvalidError, Problem
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPolicy
@@ -36,6 +34,8 @@ from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_formation, check_orbit, check_target
 from gcs.preflight_settings import PreflightSettings
+from gcs.service.access import AccessSettings, is_loopback
+from gcs.service.map_settings import MapSettings
 from gcs.setting_errors import explained, located
 from gcs.yaml_source import Source
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
 
-from gcs.map_settings import ZOOM_MAX, MapSettings, is_address
 from gcs.model.errors import ConfigError, InvalidError, UnknownError
+from gcs.service.map_settings import ZOOM_MAX, MapSettings, is_address
 
 SERVED: Final = "/api/v1/map/{z}/{x}/{y}"
 """Where a page finds the tiles of our own file."""

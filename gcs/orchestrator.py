@@ -16,14 +16,12 @@ from typing import Protocol
 import numpy as np
 
 from gcs.alarm_monitor import AlarmMonitor, Findings
-from gcs.alarms import Alarm
 from gcs.config import Config
 from gcs.control import Tick, tick, warm_up
 from gcs.director import Director
 from gcs.errands import Errands
 from gcs.estimating import Estimating
 from gcs.flight import Flight
-from gcs.happenings import Happening, Happenings, heard
 from gcs.inspection import Inspection
 from gcs.instead import instead
 from gcs.links import Link
@@ -50,6 +48,8 @@ from gcs.service import (
     ShowAction,
     VehicleAction,
 )
+from gcs.service.alarms import Alarm
+from gcs.service.event_log import Happening, Happenings, heard
 from gcs.stage import Stage
 from gcs.timing import TickClock, ticks
 from gcs.vehicle import Vehicle

@@ -16,9 +16,9 @@ from typing import Annotated, Final
 
 from pydantic import Field, ValidationError
 
-from gcs.access import ANONYMOUS, LOCAL, Role
 from gcs.model.errors import ConfigError, RefusedError, UnknownError
 from gcs.model.settings import Settings
+from gcs.service.access import ANONYMOUS, LOCAL, Role
 
 log = logging.getLogger(__name__)
 

@@ -4,8 +4,6 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from gcs.alarms import Alarm
-from gcs.bounds import bounds
 from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
 from gcs.estimation.time_estimates import Estimates
@@ -15,9 +13,11 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.state import Array, FleetState, Telemetry, Traits, VehicleId
 from gcs.performance import Performance
-from gcs.rows import VehicleRows
 from gcs.safety.filter import SafetySettings
 from gcs.service import FleetView, Reaction, TickView
+from gcs.service.alarms import Alarm
+from gcs.service.flight_envelope import bounds
+from gcs.service.vehicle_table import VehicleRows
 
 
 def finite(value: float) -> float | None:

@@ -4,13 +4,13 @@ from functools import partial
 
 import numpy as np
 
-from gcs.alarms import Alarm
 from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
 from gcs.flight import Flight
 from gcs.performance import lights
 from gcs.records.moment import Moment
 from gcs.service import TickView
+from gcs.service.alarms import Alarm
 
 
 def moment_of(

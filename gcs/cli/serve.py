@@ -10,7 +10,6 @@ from pathlib import Path
 
 from starlette.types import ASGIApp
 
-from gcs.access import Audit, is_loopback
 from gcs.api.app import create_app
 from gcs.api.door import Door, log_denied
 from gcs.api.guard import EmergencyLane
@@ -33,6 +32,7 @@ from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ShowPhase
 from gcs.orchestrator import Heart, Orchestrator
 from gcs.service import FleetView, ShowAction
+from gcs.service.access import Audit, is_loopback
 from gcs.tokens import Tokens
 
 log = logging.getLogger(__name__)

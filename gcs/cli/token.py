@@ -5,9 +5,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from gcs.access import Role
 from gcs.cli.output import REFUSED, failed, note, print_json
 from gcs.model.errors import GcsError
+from gcs.service.access import Role
 from gcs.tokens import create_token, read_tokens, revoke_token
 
 FILE: Final = "tokens.json"

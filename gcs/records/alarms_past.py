@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gcs.alarms import CAUSES, Alarm, AlarmCause, AlarmSeverity
 from gcs.model.errors import GcsError
+from gcs.service.alarms import CAUSES, Alarm, AlarmCause, AlarmSeverity
 
 
 def replay_alarm(path: Path, began_unix_s: float, *, ended: bool, cut: str) -> Alarm:

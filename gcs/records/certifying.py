@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from gcs.apart import LOWER, answered
 from gcs.model.errors import GcsError
 from gcs.records.certify import EXIT_CODES
 from gcs.service import Certification, CheckState
+from gcs.service.check_process import LOWER, answered
 
 WITHIN_S: Final = 1800.0
 

@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
 
-from gcs.event_words import words
-from gcs.happenings import Severity, severity
 from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.state import VehicleId
+from gcs.service.event_log import Severity, severity
+from gcs.service.event_texts import words
 from gcs.service.replay_marks import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
 
 SHOW_PHASE, VEHICLE_PHASE, CUE, ALARM = "show_phase", "vehicle_phase", "cue", "alarm"

@@ -7,12 +7,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.alarms import Alarm
 from gcs.control import ControlSettings
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Obstacle, Plan, Yaw
 from gcs.model.state import Array, FleetState, Landed, Mask, Mode, Setpoints, VehicleId
 from gcs.service import SelectedShow, TickView
+from gcs.service.alarms import Alarm
 
 Told: TypeAlias = Plan | tuple[str, str, str, tuple[Obstacle, ...], Yaw]
 """A plan, or the name, hash and cue of the show that leads it, with what that leaves to others."""

@@ -8,13 +8,13 @@ from typing import Final
 
 import numpy as np
 
-from gcs.event_words import words
-from gcs.happenings import KEPT, Happening, severity
 from gcs.model.errors import GcsError
 from gcs.model.state import Array, VehicleId
 from gcs.records.interruption import PAD
 from gcs.records.known import AUDIT, rows
 from gcs.records.marks import Event, marks_of
+from gcs.service.event_log import KEPT, Happening, severity
+from gcs.service.event_texts import words
 from gcs.service.replay_marks import ReplayMarks
 
 PLAN: Final = "plan"

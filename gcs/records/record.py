@@ -8,8 +8,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, Self
 
-from gcs.event_words import plain
-from gcs.happenings import details, heard, vehicle_of
 from gcs.links import Link
 from gcs.model.interrupted_flight import Interruption
 from gcs.model.preflight_report import Exclusion
@@ -20,6 +18,8 @@ from gcs.records.flightfile import WAITING_MAX, FlightFile, Said
 from gcs.records.journal import Journal
 from gcs.records.known import AUDIT
 from gcs.records.moment import Moment
+from gcs.service.event_log import details, heard, vehicle_of
+from gcs.service.event_texts import plain
 
 WHEREABOUTS_S: Final = 1.0
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from gcs.alarms import Alarm
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
@@ -21,6 +20,7 @@ from gcs.service import (
     StoredShow,
     VehicleAction,
 )
+from gcs.service.alarms import Alarm
 
 
 class NoShows:

@@ -10,9 +10,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from gcs.alarms import ordered
-from gcs.bounds import bounds
-from gcs.happenings import Happening
 from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import ShowPhase
@@ -26,7 +23,6 @@ from gcs.records.past import Past
 from gcs.records.playing import Playhead
 from gcs.records.refusing import Refusing
 from gcs.records.standard import Standard
-from gcs.rows import VehicleRows
 from gcs.service import (
     Certification,
     FleetView,
@@ -37,6 +33,10 @@ from gcs.service import (
     SelectedShow,
     TickView,
 )
+from gcs.service.alarms import ordered
+from gcs.service.event_log import Happening
+from gcs.service.flight_envelope import bounds
+from gcs.service.vehicle_table import VehicleRows
 
 REPEAT_S: Final = 0.5
 """The state is shown again that often, so that a viewer knows that somebody is there."""

@@ -1,14 +1,14 @@
-"""The one narrow interface between control and everything above it: orders in, newest state out.
+"""The port between flight and outside: commands in, snapshots out; imports safety, estimation and model.
 
 The API, the console and the command line know the service by this package alone, so that control can move to
 a process of its own without a change on their side.
 """
 
+from gcs.service.commands import WHO, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
 from gcs.service.interface import Audit, Call, NoAudit, Replaying, Service, Shows
 from gcs.service.latest import Latest
-from gcs.service.orders import WHO, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
 from gcs.service.replay_marks import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
-from gcs.service.views import (
+from gcs.service.snapshots import (
     Bounds,
     Certification,
     CheckState,

@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from gcs.alarms import Alarm
-from gcs.happenings import Happening
 from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import Offer
 from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
+from gcs.service.alarms import Alarm
+from gcs.service.commands import OrderRecord, ShowAction, VehicleAction
+from gcs.service.event_log import Happening
 from gcs.service.latest import Latest
-from gcs.service.orders import OrderRecord, ShowAction, VehicleAction
 from gcs.service.replay_marks import ReplayMarks
-from gcs.service.views import Certification, FleetView, Playback, SelectedShow, ShowCheck, StoredShow
+from gcs.service.snapshots import Certification, FleetView, Playback, SelectedShow, ShowCheck, StoredShow
 
 
 class Shows(Protocol):

@@ -5,9 +5,9 @@ Times are seconds since the first recorded state, within the record.
 
 from dataclasses import dataclass
 
-from gcs.happenings import Severity
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.state import VehicleId
+from gcs.service.event_log import Severity
 
 
 @dataclass(frozen=True, slots=True)

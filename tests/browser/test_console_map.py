@@ -19,7 +19,7 @@ from PIL import Image
 from playwright.sync_api import Browser, expect
 
 from gcs import config as configuration
-from gcs.access import Role
+from gcs.service.access import Role
 from gcs.tokens import create_token
 
 FRAME: Final = configuration.load(configuration.find("demo")).show_frame

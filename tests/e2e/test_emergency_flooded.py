@@ -13,13 +13,13 @@ from typing import NamedTuple
 from ground import ORIGIN, SOON_S, flying_config, proper, until
 from machine import Witness, free_ports
 
-from gcs.access import Role
 from gcs.cli.serve import running
 from gcs.client import Client
 from gcs.config import Config
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
+from gcs.service.access import Role
 from gcs.tokens import create_token
 
 COUNT = 20

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.alarms import (
+from gcs.service.alarms import (
     CAUSES,
     RANK,
     AlarmBook,

@@ -10,12 +10,12 @@ import pytest
 from reaction_stories import reaction
 from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
-from gcs.alarms import RANK, Alarm, AlarmCause, AlarmSeverity
 from gcs.api.console_feed import Feed
 from gcs.failsafe.policy import Cause
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.service import ShowAction, VehicleAction
+from gcs.service.alarms import RANK, Alarm, AlarmCause, AlarmSeverity
 
 WITHIN_S: Final = 1.0
 REACTIONS: Final = {

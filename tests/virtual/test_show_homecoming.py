@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from virtual_show import AtOnce, Show, Track, fly, show_config
 
-from gcs.alarms import AlarmCause
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service.alarms import AlarmCause
 
 T = TypeVar("T")
 

@@ -22,7 +22,6 @@ from virtual_show import (
 )
 from written_show import NAME, TEXT, check, keep, on_pads
 
-from gcs.alarms import AlarmCause
 from gcs.config import Config
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Offer
@@ -35,6 +34,7 @@ from gcs.records.exclusions import exclusions
 from gcs.records.interruption import interruption
 from gcs.records.record import Record
 from gcs.service import WHO, OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service.alarms import AlarmCause
 from gcs.sim.fleet import Fleet, Settings
 
 T = TypeVar("T")

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
-from gcs.alarms import Alarm, AlarmCause
 from gcs.links import ParameterValue
 from gcs.service import ShowAction
+from gcs.service.alarms import Alarm, AlarmCause
 
 
 class Changed(NamedTuple):

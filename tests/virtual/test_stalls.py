@@ -9,12 +9,12 @@ from show_phases import aborting, arming, assembling, paused, returning, running
 from stalls import floor_violations, stall
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
-from gcs.alarms import AlarmCause
 from gcs.model.fleet_counts import Counts
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import FLOWN, Phase, ShowPhase
 from gcs.model.state import Array
 from gcs.service import Outcome, ShowAction
+from gcs.service.alarms import AlarmCause
 from gcs.sim.modes import Mode as PilotMode
 
 Into = Callable[[Show], Awaitable[None]]

@@ -22,9 +22,9 @@ from gcs.model.state import Array, VehicleId
 from gcs.orchestrator import Heart, Orchestrator
 from gcs.parameters import requirements, settings_of
 from gcs.records.record import Record
-from gcs.rows import VehicleView
 from gcs.safety.separation import minimum_separation
 from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service.vehicle_table import VehicleView
 from gcs.sim.fleet import Fleet, Settings
 from gcs.sim.trouble import Trouble
 

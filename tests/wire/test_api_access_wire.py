@@ -16,7 +16,6 @@ from websockets.asyncio.client import connect
 from websockets.typing import Subprotocol
 
 from gcs import config as configuration
-from gcs.access import Role, TlsSettings
 from gcs.api.app import create_app
 from gcs.api.door import Door
 from gcs.api.guard import EmergencyLane
@@ -25,6 +24,7 @@ from gcs.cli.main import main
 from gcs.client import Client
 from gcs.model.errors import AccessError, ConfigError, LinkError
 from gcs.model.lifecycle import ShowPhase
+from gcs.service.access import Role, TlsSettings
 from gcs.tokens import Tokens, create_token, revoke_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))

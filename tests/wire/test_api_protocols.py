@@ -12,10 +12,10 @@ import websockets
 from api_station import run, served
 from websockets.asyncio.client import connect
 
-from gcs.access import Denied, Role
 from gcs.api import server, wire
 from gcs.api.door import TELL_BURST, TELL_PER_S, Door
 from gcs.api.protocols import CONNECTIONS_MAX, LINES_BURST, LINES_PER_S
+from gcs.service.access import Denied, Role
 from gcs.tokens import Tokens, create_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))

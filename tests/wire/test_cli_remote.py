@@ -16,8 +16,6 @@ import pytest
 from rich.console import Console
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from gcs.access import Role
-from gcs.alarms import AlarmCause, Condition
 from gcs.api.app import create_app
 from gcs.api.door import Door
 from gcs.cli import status
@@ -31,6 +29,8 @@ from gcs.model.interrupted_flight import Interrupted, Offer
 from gcs.model.lifecycle import Phase as LifePhase
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import Outcome, SelectedShow
+from gcs.service.access import Role
+from gcs.service.alarms import AlarmCause, Condition
 from gcs.show import load, shipped
 from gcs.tokens import Tokens, create_token
 

@@ -13,7 +13,6 @@ from replays import replay
 from websockets.asyncio.client import connect
 
 from gcs import config as configuration
-from gcs.alarms import Alarm, AlarmCause, AlarmSeverity
 from gcs.api import frames
 from gcs.cli.main import main
 from gcs.client import Client
@@ -30,6 +29,7 @@ from gcs.records.known import AUDIT
 from gcs.records.moment import Moment
 from gcs.records.replay import NOTHING_COUNTED
 from gcs.service import SelectedShow, TickView
+from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
 
 SECONDS, SPEED = 20.0, 10.0
 BOX = Obstacle("tower", 5.0, 0.0, 1.0, 1.0, 30.0, velocity_x_m_s=1.0, time_s=500.0)

@@ -11,8 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.alarms import Alarm, AlarmBook, Condition
-from gcs.happenings import Happening, Severity
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import Interrupted, Offer
@@ -22,7 +20,6 @@ from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State,
 from gcs.model.state import Array, Landed, Mode
 from gcs.records.playing import Playhead
 from gcs.repertoire import Repertoire
-from gcs.rows import VehicleRows
 from gcs.service import (
     WHO,
     Audit,
@@ -45,6 +42,9 @@ from gcs.service import (
     VehicleAction,
     VehicleOutcome,
 )
+from gcs.service.alarms import Alarm, AlarmBook, Condition
+from gcs.service.event_log import Happening, Severity
+from gcs.service.vehicle_table import VehicleRows
 
 FRAME = ShowFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_amsl_m=488.0, heading_deg=90.0)
 HEIGHT_MIN_M = 2.0

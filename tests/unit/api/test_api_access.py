@@ -8,11 +8,11 @@ import httpx
 import pytest
 from api_fake_service import FakeService
 
-from gcs.access import Denied, Role
 from gcs.api.app import create_app
 from gcs.api.door import TELL_BURST, Door
 from gcs.api.guard import EmergencyLane
 from gcs.model.lifecycle import ShowPhase
+from gcs.service.access import Denied, Role
 from gcs.tokens import Tokens, create_token, revoke_token
 
 

@@ -2,10 +2,10 @@ import pytest
 from api_fake_service import FakeService
 from api_harness import Api
 
-from gcs.access import RIGHTS, Right, Role
-from gcs.alarms import AlarmCause, Condition
 from gcs.api import convert
 from gcs.api.door import needed
+from gcs.service.access import RIGHTS, Right, Role
+from gcs.service.alarms import AlarmCause, Condition
 
 LOST = Condition(
     AlarmCause.VEHICLE_LOST, "no telemetry for 2.0 s", ("d3",), "Formation closes the gap.", order_id="o7"

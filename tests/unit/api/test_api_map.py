@@ -8,11 +8,11 @@ import pytest
 from api_fake_service import FakeService
 from mbtiles import mbtiles
 
-from gcs.access import Role
 from gcs.api.app import create_app
 from gcs.api.door import Door
-from gcs.map_settings import MapSettings
 from gcs.maps import GroundMap, open_map
+from gcs.service.access import Role
+from gcs.service.map_settings import MapSettings
 from gcs.tokens import Tokens, create_token
 
 ADDRESS = "https://maps.example:8443/tiles/{z}/{x}/{y}.png?key=a"

@@ -7,8 +7,8 @@ from api_fake_service import FakeService
 from api_harness import Api
 from prometheus_client.parser import text_string_to_metric_families
 
-from gcs.alarms import AlarmCause, Condition
 from gcs.model.lifecycle import Phase
+from gcs.service.alarms import AlarmCause, Condition
 
 DASHBOARD = Path(__file__).parents[3] / "docs" / "grafana" / "formation.json"
 

@@ -6,9 +6,9 @@ import pytest
 from api_fake_service import FakeService
 from api_harness import Api
 
-from gcs.access import Role
 from gcs.api.app import create_app
 from gcs.api.door import Door
+from gcs.service.access import Role
 from gcs.tokens import Tokens, create_token
 
 

@@ -9,10 +9,10 @@ import httpx
 import pytest
 from api_fake_service import FakeService
 
-from gcs.access import Right, Role
 from gcs.api.app import create_app
 from gcs.api.door import Door, needed
 from gcs.api.page import DIST
+from gcs.service.access import Right, Role
 from gcs.tokens import Tokens, create_token
 
 SCRIPT = "index-Ccg8Q6D7.js"

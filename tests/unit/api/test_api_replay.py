@@ -7,7 +7,6 @@ import pytest
 from api_fake_service import FakeRecord
 from api_harness import Api
 
-from gcs.happenings import Severity
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import (
     Certification,
@@ -18,6 +17,7 @@ from gcs.service import (
     PhaseSpan,
     ReplayMarks,
 )
+from gcs.service.event_log import Severity
 
 
 @pytest.fixture(autouse=True)

@@ -6,12 +6,12 @@ from api_fake_service import FakeService
 from api_harness import Api
 from rich.console import Console
 
-from gcs.alarms import AlarmCause, Condition
 from gcs.api import convert, wire
 from gcs.cli.status_table import board
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Direction, YawPolicy
 from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.service.alarms import AlarmCause, Condition
 
 BOX = {"x_m": 50.0, "y_m": 0.0, "half_length_x_m": 2.0, "half_length_y_m": 3.0, "height_m": 15.0}
 

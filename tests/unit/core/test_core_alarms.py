@@ -6,7 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.alarms import (
+from gcs.close_pairs import ClosePairs
+from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY
+from gcs.model.errors import UnknownError
+from gcs.safety.separation import Floor
+from gcs.service.alarms import (
     CAUSES,
     Alarm,
     AlarmBook,
@@ -19,10 +23,6 @@ from gcs.alarms import (
     beyond,
     overall,
 )
-from gcs.close_pairs import ClosePairs
-from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY
-from gcs.model.errors import UnknownError
-from gcs.safety.separation import Floor
 
 UNIX_S = 1.7e9
 OPERATIONS = Path(__file__).parents[3] / "docs" / "operations.md"

@@ -2,7 +2,7 @@
 
 import logging
 
-from gcs.happenings import KEPT, Happenings, Severity, heard
+from gcs.service.event_log import KEPT, Happenings, Severity, heard
 
 
 def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:

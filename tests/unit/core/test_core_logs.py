@@ -4,8 +4,8 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from gcs.access import Denied
 from gcs.cli import logs
+from gcs.service.access import Denied
 
 
 def line(level: int, message: str, *arguments: object, **extra: object) -> dict[str, object]:

@@ -12,9 +12,9 @@ from mbtiles import mbtiles
 from gcs.cli.replay import recorded_map
 from gcs.cli.serve import open_ground
 from gcs.config import parse
-from gcs.map_settings import MapSettings
 from gcs.maps import TILE_MOST_BYTES, TileFile, open_map
 from gcs.model.errors import ConfigError, InvalidError, UnknownError
+from gcs.service.map_settings import MapSettings
 
 SMALLEST = """
 show_frame: {latitude_deg: 47.0, longitude_deg: 8.0, altitude_amsl_m: 400.0}

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from gcs import config as configuration
-from gcs.access import Role
 from gcs.cli.main import main
 from gcs.model.errors import ConfigError, RefusedError, UnknownError
+from gcs.service.access import Role
 from gcs.tokens import Tokens, create_token, read_tokens, revoke_token
 
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs.alarms import Alarm, AlarmCause, AlarmSeverity
 from gcs.control import ControlSettings
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Plan
@@ -12,6 +11,7 @@ from gcs.model.state import Array, FleetState, Landed, Mode, Setpoints
 from gcs.records.moment import Colours, Moment
 from gcs.records.replay import NOTHING_COUNTED
 from gcs.service import SelectedShow, TickView
+from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
 
 FULL = Alarm(
     "record-fails-1",

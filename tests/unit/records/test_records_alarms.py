@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from records_moment import FULL, moment
 
-from gcs.alarms import AlarmCause, AlarmSeverity
 from gcs.model.errors import GcsError
 from gcs.records.alarms_past import recorded, replay_alarm
 from gcs.records.layout import status_message
+from gcs.service.alarms import AlarmCause, AlarmSeverity
 
 FILE = Path("flight.mcap")
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.happenings import KEPT, Severity
 from gcs.model.errors import GcsError
 from gcs.records.audit import Audit
 from gcs.records.interruption import PAD
 from gcs.records.journal import Journal
 from gcs.records.known import AUDIT
 from gcs.records.past import Past
+from gcs.service.event_log import KEPT, Severity
 
 
 def recorded(root: Path) -> Path:

@@ -5,7 +5,6 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
-from gcs.alarms import Alarm
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.errors import Problem
 from gcs.model.fleet_counts import Counts
@@ -13,7 +12,8 @@ from gcs.model.interrupted_flight import Interrupted
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.state import VehicleId
-from gcs.rows import VehicleRows, VehicleView
+from gcs.service.alarms import Alarm
+from gcs.service.vehicle_table import VehicleRows, VehicleView
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from gcs.alarms.causes import AlarmCause, AlarmSeverity
 from gcs.model.state import VehicleId
+from gcs.service.alarms.causes import AlarmCause, AlarmSeverity
 
 
 class OverallSeverity(StrEnum):

@@ -9,8 +9,8 @@ from enum import StrEnum
 from itertools import count
 from typing import Final
 
-from gcs.event_words import words
 from gcs.model.state import VehicleId
+from gcs.service.event_texts import words
 
 KEPT: Final = 100
 

@@ -7,10 +7,10 @@ from enum import StrEnum
 from itertools import count
 from typing import Final
 
-from gcs.alarms.causes import CAUSES, AlarmCause, AlarmSeverity, CauseRow
-from gcs.alarms.model import RANK, Alarm, Condition, ordered
 from gcs.model.errors import UnknownError
 from gcs.model.state import VehicleId
+from gcs.service.alarms.causes import CAUSES, AlarmCause, AlarmSeverity, CauseRow
+from gcs.service.alarms.model import RANK, Alarm, Condition, ordered
 
 NAMED_MAX: Final = 12
 """So many vehicles are named in a text; of more it has the number, and the alarm's `vehicles` the names."""

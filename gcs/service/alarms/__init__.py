@@ -1,0 +1,32 @@
+"""The list of conditions that an operator must know, the most severe first; pure (decision 0023).
+
+A source says every so often which `Condition`s hold; the `AlarmBook` makes `Alarm`s of them. To add a cause:
+
+1. add a member to `AlarmCause` and its row to `CAUSES` (severity, headline, advice) in `gcs.service.alarms.causes`;
+2. add its row to the table in docs/operations.md (a test compares the two);
+3. yield a `Condition` while the cause holds, from `gcs.alarm_monitor` or from what it asks. A value at a
+   limit goes through `gcs.service.alarms.limits` first, so that it does not flicker.
+"""
+
+from gcs.service.alarms.book import AlarmBook, Change, ChangeKind
+from gcs.service.alarms.causes import CAUSES, AlarmCause, AlarmSeverity, CauseRow
+from gcs.service.alarms.limits import Limit, beyond
+from gcs.service.alarms.model import RANK, Alarm, Condition, OverallSeverity, ordered, overall
+
+__all__ = [
+    "CAUSES",
+    "RANK",
+    "Alarm",
+    "AlarmBook",
+    "AlarmCause",
+    "AlarmSeverity",
+    "CauseRow",
+    "Change",
+    "ChangeKind",
+    "Condition",
+    "Limit",
+    "OverallSeverity",
+    "beyond",
+    "ordered",
+    "overall",
+]
