@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gcs.config import OperationSettings
+from gcs.config.schema import OperationSettings
 from gcs.errand_tasks import Errand, ErrandTasks
 from gcs.links import Order, Verb
 from gcs.model.errors import OrderError, RefusedError

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
 from gcs.control.late_links import LATE_S, fleet_delay_s, for_late_links
 from gcs.estimation.fleet_state import Table

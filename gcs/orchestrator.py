@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from gcs.alarm_monitor import AlarmMonitor, Findings
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.control import Tick, tick, warm_up
 from gcs.director import Director
 from gcs.errands import Errands

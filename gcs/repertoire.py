@@ -18,12 +18,12 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
+from gcs.config.yaml_source import Source
 from gcs.model.errors import ConfigError, GcsError, InvalidError, Problem, RefusedError, UnknownError
 from gcs.service import CheckState, ShowCheck, StoredShow
 from gcs.service.check_process import answered
 from gcs.show import Flaw, Show, Timeline
 from gcs.show.loading import parse
-from gcs.yaml_source import Source
 
 log = logging.getLogger(__name__)
 

@@ -18,7 +18,7 @@ from mkdocs.structure.pages import Page
 from gcs.api.app import routed
 from gcs.cli.commands import ACTIONS, CALLS, COMMANDS
 from gcs.cli.main import make_parser, overview
-from gcs.config import Config
+from gcs.config.schema import Config
 
 ROOT: Final = Path(__file__).parents[2]
 REPOSITORY: Final = "https://github.com/formation-gcs/formation-gcs/blob/main"

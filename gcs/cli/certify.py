@@ -5,11 +5,11 @@ import json
 from pathlib import Path
 from typing import Final
 
-from gcs import config as configuration
 from gcs.cli.output import WRONG, failed
 from gcs.cli.plots import require_matplotlib
 from gcs.cli.progress import Report, part_of, share_of
 from gcs.cli.record import session_folder
+from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
 from gcs.records.certify import EXIT_CODES, Certificate, certify
 from gcs.records.flown import FlightData

@@ -4,13 +4,13 @@ import errno
 import socket
 from collections.abc import Iterator
 
-from gcs import config as configuration
-from gcs import documents
-from gcs.config import Config
+from gcs.config import schema as configuration
+from gcs.config import yaml_files as documents
+from gcs.config.schema import Config
+from gcs.config.setting_errors import Misfit
+from gcs.config.yaml_source import Source
 from gcs.links.endpoints.urls import Listen, TcpIn
 from gcs.model.errors import FileError, Problem
-from gcs.setting_errors import Misfit
-from gcs.yaml_source import Source
 
 
 def load_here(name: str) -> Config:

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from gcs import config as configuration
 from gcs.cli import eventloop, logs, report
 from gcs.cli.output import REFUSED, Say, failed, lines, print_json
 from gcs.cli.serve import running
 from gcs.cli.story import ORBIT_RADIUS_M, Marks, StoppedEarlyError, Story, home_s, shortest_s, whole_s
 from gcs.client import Client
+from gcs.config import schema as configuration
 from gcs.control import warm_up
 from gcs.links.vehicle_ids import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError

@@ -12,13 +12,13 @@ from pydantic import ValidationError
 
 from gcs.cli.kill import asked, told
 from gcs.cli.output import REFUSED, note
-from gcs.config import Config
+from gcs.config.schema import Config
+from gcs.config.setting_errors import explained
 from gcs.direct_kill import direct_kill
 from gcs.model.errors import ConfigError, InvalidError, RefusedError, UnknownError
 from gcs.records.known import KnownVehicle, LastKnown, last_known
 from gcs.records.outside import Outside
 from gcs.service import Outcome
-from gcs.setting_errors import explained
 
 CODE_S: Final = 30.0
 """A code is good for this long at least, and for twice as long at most."""

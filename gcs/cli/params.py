@@ -13,7 +13,7 @@ from gcs.cli import logs
 from gcs.cli.configuration import load_here
 from gcs.cli.output import REFUSED, fail, print_json
 from gcs.cli.serve import make_link
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.links import Link, ParameterValue
 from gcs.links.supervision import leaves
 from gcs.model.errors import ConfigError, LinkError, OrderError

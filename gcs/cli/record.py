@@ -3,7 +3,7 @@
 import logging
 from pathlib import Path
 
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.model.errors import GcsError
 from gcs.records.exclusions import exclusions
 from gcs.records.interruption import interruption

@@ -16,13 +16,13 @@ from gcs.cli import logs
 from gcs.cli.certify import TRUTH
 from gcs.cli.output import WRONG, failed, lines, note
 from gcs.cli.record import session_folder
+from gcs.config.setting_errors import explained
 from gcs.maps import GroundMap, open_map
 from gcs.model.errors import ConfigError, GcsError
 from gcs.records.flown import FlightData
 from gcs.records.playing import SPEED_MAX
 from gcs.records.replay import Replay
 from gcs.service.map_settings import MapSettings
-from gcs.setting_errors import explained
 
 
 def run(arguments: argparse.Namespace) -> int:

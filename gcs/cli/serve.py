@@ -18,7 +18,7 @@ from gcs.cli import eventloop, notify
 from gcs.cli.notify import Notifier
 from gcs.cli.output import Say
 from gcs.cli.record import make_record
-from gcs.config import Config, LinkSettings
+from gcs.config.schema import Config, LinkSettings
 from gcs.links import Link
 from gcs.links.endpoints import Listen
 from gcs.links.framed.link import MavsdkLink

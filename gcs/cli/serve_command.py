@@ -6,13 +6,13 @@ import sys
 
 from pydantic import ValidationError
 
-from gcs import config as configuration
 from gcs import supervisor
 from gcs.cli import logs, serve
 from gcs.cli.configuration import load_here
 from gcs.cli.output import REFUSED, failed, lines
+from gcs.config import schema as configuration
+from gcs.config.setting_errors import explained
 from gcs.model.errors import GcsError
-from gcs.setting_errors import explained
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -53,7 +53,7 @@ class VehicleFacts:
     texts: Sequence[str]  # its status texts of the last TEXTS_COUNT_S, the oldest first
     setpoint_gap_s: float  # the longest time without a setpoint to it in the last seconds
     setpoint_loss_s: float  # COM_OF_LOSS_T as configured
-    setpoint_loss_action: str  # COM_OBL_RC_ACT as configured, see `gcs.config.OperationSettings`
+    setpoint_loss_action: str  # COM_OBL_RC_ACT as configured, see `gcs.config.schema.OperationSettings`
     position_age_s: float  # inf: none to believe
 
 

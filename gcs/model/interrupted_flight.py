@@ -158,7 +158,7 @@ def is_left_alone(before: Phase, mode: Mode, setpoint_loss_action: str, *, in_fa
     Args:
         before: its phase when control ended.
         mode: now.
-        setpoint_loss_action: see `gcs.config.OperationSettings`.
+        setpoint_loss_action: see `gcs.config.schema.OperationSettings`.
         in_failsafe: whether its autopilot reports a failsafe. With "descend" it flies in a pilot's mode, or
             lands where it cannot; only the failsafe tells these from a pilot.
     """

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gcs.config.preflight import PreflightSettings
 from gcs.estimation.position_uncertainty import Positioning
 from gcs.model.state import Array, FleetState, Telemetry, VehicleId
-from gcs.preflight_settings import PreflightSettings
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 

@@ -29,7 +29,7 @@ class About:
     """What a file says of itself."""
 
     session: str
-    config: Mapping[str, Any]  # as `gcs.config.Config.model_validate` takes it
+    config: Mapping[str, Any]  # as `gcs.config.schema.Config.model_validate` takes it
     ids: tuple[VehicleId, ...]  # in the order of the rows
     system_ids: tuple[int, ...]
     links: tuple[str, ...]

@@ -24,7 +24,7 @@ class Session:
     began_unix_s: float
     ended_unix_s: float | None  # None: it runs, or was killed
     folder: Path  # its flight data
-    config: Mapping[str, Any]  # as `gcs.config.Config.model_validate` takes it
+    config: Mapping[str, Any]  # as `gcs.config.schema.Config.model_validate` takes it
 
 
 @dataclass(frozen=True, slots=True)

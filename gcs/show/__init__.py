@@ -1,6 +1,6 @@
 """Shows: written beforehand, checked on the ground, flown by the same tick as everything else."""
 
-from gcs.documents import SHOWS
+from gcs.config.yaml_files import SHOWS
 from gcs.show.clock import ShowClock
 from gcs.show.loading import LoadedShow, load, parse
 from gcs.show.model import Show

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from gcs import documents
+from gcs.config import yaml_files as documents
+from gcs.config.setting_errors import Misfit, misfits
+from gcs.config.yaml_source import Loc, Source
 from gcs.model.errors import FileError, Problem, ShowError
-from gcs.setting_errors import Misfit, misfits
 from gcs.show.model import Show
 from gcs.show.rules import Flaw, flaws
 from gcs.show.timeline import Timeline
-from gcs.yaml_source import Loc, Source
 
 
 @dataclass(frozen=True, slots=True, eq=False)

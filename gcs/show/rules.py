@@ -12,6 +12,7 @@ from math import hypot, inf
 
 import numpy as np
 
+from gcs.config.yaml_source import Loc
 from gcs.control import ControlSettings
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import MAX_OBSTACLES, Plan
@@ -19,7 +20,6 @@ from gcs.planning.feasibility import check_formation, check_obstacle, check_orbi
 from gcs.show.glide import Glide, shortest_s
 from gcs.show.model import MAX_CUES, Cue, Path, Show
 from gcs.show.timeline import Curve, Live, Played, Timeline, obstacle_of, total_s, turning, written_out
-from gcs.yaml_source import Loc
 
 SAMPLED_S = 0.1
 """Every so often the whole plan is looked at."""

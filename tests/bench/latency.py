@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from gcs.cli.serve import make_link
-from gcs.config import Config, parse
+from gcs.config.schema import Config, parse
 from gcs.links.counters import Direction
 from gcs.links.udp.link import UdpLink
 from gcs.mavlink.framing import GLOBAL_POSITION_INT, SET_POSITION_TARGET_LOCAL_NED

@@ -26,7 +26,7 @@ from link_measures import (
 from link_traffic import FRAME, HOST
 
 from gcs.cli.serve import make_link
-from gcs.config import Config, parse
+from gcs.config.schema import Config, parse
 from gcs.control import Memory
 from gcs.links.udp.link import UdpLink
 from gcs.mavlink.kernels import BEGIN, Bytes, Whole

@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "e2e"))
 
 from ground import flying_config, proper, service, vehicles
 
-from gcs import config as configuration
 from gcs.client import Client
+from gcs.config import schema as configuration
 
 ROOT: Final = Path(__file__).parents[2]
 

@@ -26,8 +26,8 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 from replays import replay
 
-from gcs import config as configuration
 from gcs.client import Client
+from gcs.config import schema as configuration
 
 Size = tuple[int, int]
 """Width and height of the window, CSS pixels."""

@@ -18,7 +18,7 @@ from mbtiles import mbtiles
 from PIL import Image
 from playwright.sync_api import Browser, expect
 
-from gcs import config as configuration
+from gcs.config import schema as configuration
 from gcs.service.access import Role
 from gcs.tokens import create_token
 

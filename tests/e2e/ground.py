@@ -19,10 +19,10 @@ from pathlib import Path
 import yaml
 from machine import free_ports
 
-from gcs import config as configuration
 from gcs.api.app import create_app
 from gcs.api.server import serve as serve_api
 from gcs.client import Client
+from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
 from gcs.orchestrator import Orchestrator
 from gcs.parameters import requirements, settings_of

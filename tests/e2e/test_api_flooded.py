@@ -14,7 +14,7 @@ from machine import Witness, free_ports
 
 from gcs.cli.serve import make_link
 from gcs.client import Client
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.links.udp.link import UdpLink
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase

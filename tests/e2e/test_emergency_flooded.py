@@ -15,7 +15,7 @@ from machine import Witness, free_ports
 
 from gcs.cli.serve import running
 from gcs.client import Client
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction

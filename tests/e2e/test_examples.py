@@ -8,7 +8,7 @@ from pathlib import Path
 from ground import SOON_S, flying_config, proper, service, vehicles, wait_until
 from machine import free_ports
 
-from gcs.config import Config
+from gcs.config.schema import Config
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 COUNT = 3

@@ -25,7 +25,7 @@ from ground import (
 from machine import Witness, free_ports
 
 from gcs.client import Client
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.model.errors import GcsError
 from gcs.model.interrupted_flight import Offer
 from gcs.records.known import last_known, orders

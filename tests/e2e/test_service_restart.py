@@ -13,7 +13,7 @@ from machine import free_ports
 from pymavlink import mavutil
 
 from gcs.client import Client
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
 from gcs.records.flown import FlightData
 from gcs.records.known import last_known, orders

@@ -11,7 +11,7 @@ from gcs.api.app import create_app
 from gcs.api.server import serve
 from gcs.cli.serve import make_link
 from gcs.client import Client
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.orchestrator import Orchestrator

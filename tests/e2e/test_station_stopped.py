@@ -9,7 +9,7 @@ import pytest
 from ground import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
 from machine import free_ports
 
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
 
 COUNT = 3

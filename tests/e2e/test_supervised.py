@@ -8,7 +8,7 @@ from ground import SOON_S, Supervised, flying_config, supervised, wait_until
 from machine import free_ports
 
 from gcs.client import Client
-from gcs.config import Config
+from gcs.config.schema import Config
 
 
 def config_of() -> Config:

@@ -21,8 +21,8 @@ from sitl_service import Service, ServiceError
 from sitl_simulators import PX4_PORT, PX4_SIMULATOR_PORT, FakeFleet, Pads, Px4Build, Px4Image, Simulators
 from sitl_truth import TruthRecorder
 
-from gcs import config as configuration
 from gcs.cli import report
+from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
 
 CONFIG = "px4-sitl"

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import yaml
 
-from gcs import config as configuration
 from gcs.client import Client
+from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
 
 GCS = (sys.executable, "-m", "gcs")

@@ -10,7 +10,7 @@ from written_show import NAME, config, keep, on_pads, select
 from written_show import TEXT as SHOW
 from written_show import fly as fly_show
 
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.preflight_report import Check, PreflightReport

@@ -22,7 +22,7 @@ from virtual_show import (
 )
 from written_show import NAME, TEXT, check, keep, on_pads
 
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase

@@ -13,7 +13,7 @@ import async_solipsism
 import numpy as np
 from loopback_link import LoopbackLink, system_ids
 
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.formation.obstacles import Ellipse
 from gcs.links import Link
 from gcs.model.errors import GcsError, LinkError

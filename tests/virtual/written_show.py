@@ -10,7 +10,7 @@ from virtual_show import fly as fly_anywhere
 
 from gcs.cli.shows.rehearsal import rehearse
 from gcs.cli.shows.verdict import judge
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.records.record import Record
 from gcs.show import parse
 

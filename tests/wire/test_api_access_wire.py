@@ -15,13 +15,13 @@ from starlette.types import ASGIApp
 from websockets.asyncio.client import connect
 from websockets.typing import Subprotocol
 
-from gcs import config as configuration
 from gcs.api.app import create_app
 from gcs.api.door import Door
 from gcs.api.guard import EmergencyLane
 from gcs.api.server import serve
 from gcs.cli.main import main
 from gcs.client import Client
+from gcs.config import schema as configuration
 from gcs.model.errors import AccessError, ConfigError, LinkError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service.access import Role, TlsSettings

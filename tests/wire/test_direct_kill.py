@@ -15,7 +15,7 @@ import pytest
 from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.config import Config, find, load
+from gcs.config.schema import Config, find, load
 from gcs.direct_kill import direct_kill
 from gcs.model.errors import ConfigError
 from gcs.records.known import KnownVehicle

@@ -12,10 +12,10 @@ import pytest
 from replays import replay
 from websockets.asyncio.client import connect
 
-from gcs import config as configuration
 from gcs.api import frames
 from gcs.cli.main import main
 from gcs.client import Client
+from gcs.config import schema as configuration
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle, Plan

@@ -15,7 +15,7 @@ from gcs.cli.simulation.passing import THROUGH_M, approaching
 from gcs.cli.simulation.record import NOWHERE, Record
 from gcs.cli.simulation.scenario import FormationFlight, GoalFlight, Scenario
 from gcs.cli.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
-from gcs.config import OperationSettings
+from gcs.config.schema import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
 from gcs.flight import BEHIND_M
 from gcs.formation.neighbours import Sight

@@ -6,7 +6,9 @@ from typing import Annotated, Final, Literal, TypeAlias, get_args
 
 from pydantic import Field, ValidationError, model_validator
 
-from gcs import documents
+from gcs.config import yaml_files as documents
+from gcs.config.setting_errors import explained
+from gcs.config.yaml_source import Source
 from gcs.control import ControlSettings
 from gcs.formation.article import ArticleParameters
 from gcs.formation.consensus import ConsensusSettings
@@ -15,8 +17,6 @@ from gcs.model.errors import ConfigError
 from gcs.model.plan import MAX_OBSTACLES, Direction
 from gcs.model.quoting import quoted
 from gcs.model.settings import NotNegative, Positive, Settings
-from gcs.setting_errors import explained
-from gcs.yaml_source import Source
 
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
 VehicleCount: TypeAlias = Annotated[int, Field(ge=1, le=20_000)]

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from gcs.cli.configuration import load_here
-from gcs.config import Config, find, load, parse
-from gcs.documents import CONFIGURATIONS
+from gcs.config.schema import Config, find, load, parse
+from gcs.config.yaml_files import CONFIGURATIONS
 from gcs.links.endpoints import Listen, SerialPort, TcpIn, TcpOut, UdpOut
 from gcs.model.errors import ConfigError
 from gcs.model.plan import Direction, YawPolicy

@@ -5,7 +5,7 @@ import argparse
 import pytest
 
 from gcs.cli import demo, options
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.model.errors import ConfigError
 from gcs.parameters import requirements, settings_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from core_silent_link import SilentLink
 
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.control import Memory, Task
 from gcs.flight import Flight
 from gcs.formation.orbit import Center

@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 
 from gcs.cli import main
-from gcs.config import parse as parse_config
+from gcs.config.schema import parse as parse_config
+from gcs.config.yaml_source import DEPTH_MAX, Source
 from gcs.model.errors import FileError, InvalidError, RefusedError
 from gcs.model.quoting import SHOWN_MAX, quoted
 from gcs.service.check_process import answered
 from gcs.show import parse as parse_show
-from gcs.yaml_source import DEPTH_MAX, Source
 
 LEVELS = range(5, 10)
 MEMORY_MAX_BYTES = 4 << 20

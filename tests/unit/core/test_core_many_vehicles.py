@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from core_silent_link import SilentLink
 
-from gcs.config import find, load, parse
+from gcs.config.schema import find, load, parse
 from gcs.links.routing import Shares
 from gcs.model.errors import ConfigError
 from gcs.model.lifecycle import Phase

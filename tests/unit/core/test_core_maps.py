@@ -11,7 +11,7 @@ from mbtiles import mbtiles
 
 from gcs.cli.replay import recorded_map
 from gcs.cli.serve import open_ground
-from gcs.config import parse
+from gcs.config.schema import parse
 from gcs.maps import TILE_MOST_BYTES, TileFile, open_map
 from gcs.model.errors import ConfigError, InvalidError, UnknownError
 from gcs.service.map_settings import MapSettings

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gcs.config.preflight import PreflightSettings
 from gcs.estimation.position_uncertainty import Positioning, uncertainty_m
 from gcs.model.preflight_report import Check, State, told
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
 from gcs.preflight import PAD_HEIGHT_MAX_M, Facts, Pattern, own_checks, spacing, standing
-from gcs.preflight_settings import PreflightSettings
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
 from gcs.failsafe.policy import SEVERITY, Action, Cause, ReactionSettings
 from gcs.failsafe.triggers import Known, Roles, Seen, Wish, advance, is_calm, look

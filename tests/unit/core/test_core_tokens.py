@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from gcs import config as configuration
 from gcs.cli.main import main
+from gcs.config import schema as configuration
 from gcs.model.errors import ConfigError, RefusedError, UnknownError
 from gcs.service.access import Role
 from gcs.tokens import Tokens, create_token, read_tokens, revoke_token

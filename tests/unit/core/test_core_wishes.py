@@ -8,7 +8,7 @@ import async_solipsism
 import pytest
 from core_silent_link import SilentLink
 
-from gcs.config import Config
+from gcs.config.schema import Config
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target
 from gcs.orchestrator import Orchestrator

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from records_moment import ids_of, moment
 
-from gcs import config as configuration
 from gcs.cli.main import main
+from gcs.config import schema as configuration
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array

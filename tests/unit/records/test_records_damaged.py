@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from records_moment import ids_of, moment
 
-from gcs import config as configuration
 from gcs.cli.main import main
+from gcs.config import schema as configuration
 from gcs.control import ControlSettings
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode

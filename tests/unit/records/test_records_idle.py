@@ -8,7 +8,7 @@ import async_solipsism
 import pytest
 from records_moment import moment
 
-from gcs import config as configuration
+from gcs.config import schema as configuration
 from gcs.model.lifecycle import ShowPhase
 from gcs.records import layout
 from gcs.records.audit import Audit

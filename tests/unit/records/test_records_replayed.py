@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from records_moment import ids_of, moment
 
-from gcs import config as configuration
+from gcs.config import schema as configuration
 from gcs.performance import lights
 from gcs.records import flightfile, layout
 from gcs.records.flightfile import _OpenFile

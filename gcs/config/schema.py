@@ -18,8 +18,11 @@ from pydantic import (
     model_validator,
 )
 
-from gcs import documents
-from gcs.config_rules import fence_too_small, misfits_of_fleet
+from gcs.config import yaml_files as documents
+from gcs.config.preflight import PreflightSettings
+from gcs.config.rules import fence_too_small, misfits_of_fleet
+from gcs.config.setting_errors import explained, located
+from gcs.config.yaml_source import Source
 from gcs.control import ControlSettings
 from gcs.estimation.position_uncertainty import Positioning
 from gcs.failsafe.policy import ReactionSettings
@@ -33,11 +36,8 @@ from gcs.model.plan import Direction, Formation, Orbit, Plan, Target, Yaw, YawPo
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_formation, check_orbit, check_target
-from gcs.preflight_settings import PreflightSettings
 from gcs.service.access import AccessSettings, is_loopback
 from gcs.service.map_settings import MapSettings
-from gcs.setting_errors import explained, located
-from gcs.yaml_source import Source
 
 SystemId: TypeAlias = Annotated[int, Field(ge=1, le=SYSTEM_ID_MAX)]
 

@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Sequence
 from math import isfinite
 
+from gcs.config.setting_errors import Misfit
+from gcs.config.yaml_source import Loc
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
 from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
-from gcs.setting_errors import Misfit
-from gcs.yaml_source import Loc
 
 
 def misfits_of_fleet(

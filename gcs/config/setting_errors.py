@@ -7,9 +7,9 @@ from typing import Any, Final, NamedTuple, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from gcs.config.yaml_source import Loc, Source
 from gcs.model.errors import ConfigError, FileError, Problem
 from gcs.model.quoting import cut, quoted
-from gcs.yaml_source import Loc, Source
 
 LOCATED: Final = "located"
 KEYS_TOLD: Final = 12

@@ -4,8 +4,8 @@ from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
+from gcs.config.yaml_source import CHARACTERS_MAX
 from gcs.model.errors import ConfigError
-from gcs.yaml_source import CHARACTERS_MAX
 
 
 class Kind(NamedTuple):
