@@ -17,7 +17,7 @@ from gcs.links import ParameterValue
 from gcs.model.errors import OrderError
 from gcs.model.preflight_report import Check
 from gcs.model.state import Mask, VehicleId
-from gcs.parameters import Requirement, parameter_checks, requirements
+from gcs.preflight.parameters import Requirement, parameter_checks, requirements
 from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)

@@ -26,8 +26,8 @@ from gcs.control import warm_up
 from gcs.links.vehicle_ids import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError
 from gcs.orchestrator import Orchestrator
-from gcs.parameters import requirements, settings_of
 from gcs.planning.feasibility import smallest_formation_radius_m
+from gcs.preflight.parameters import requirements, settings_of
 
 VEHICLES_MAX = {"mavsdk": 50, "direct": 1000}
 CHILD_ENDS_S = 5.0

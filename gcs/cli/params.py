@@ -18,7 +18,7 @@ from gcs.links import Link, ParameterValue
 from gcs.links.supervision import leaves
 from gcs.model.errors import ConfigError, LinkError, OrderError
 from gcs.model.state import Mode, Setpoints, VehicleId
-from gcs.parameters import Requirement, requirements
+from gcs.preflight.parameters import Requirement, requirements
 
 """How long it waits for vehicles to speak up: heartbeats come once a second."""
 

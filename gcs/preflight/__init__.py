@@ -1,7 +1,7 @@
-"""Before take-off: who may fly, and why not. Pure."""
+"""Checks before take-off and the PX4 parameters they require; pure, imports config and what lies below."""
 
-from gcs.preflight.facts import Facts
-from gcs.preflight.together import Pattern, Stand, room_to_wander, spacing, standing
+from gcs.preflight.fleet import Pattern, Stand, room_to_wander, spacing, standing
+from gcs.preflight.inputs import Facts
 from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M, own_checks
 
 __all__ = [

@@ -8,7 +8,7 @@ import numpy as np
 from gcs.estimation.position_uncertainty import excess_m
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import VehicleId
-from gcs.preflight.facts import Facts
+from gcs.preflight.inputs import Facts
 
 PAD_HEIGHT_MAX_M = 3.0
 """A pad may lie this much above or below the show's origin: obstacles, heights and landing places count from

@@ -21,7 +21,7 @@ from gcs.links.udp.link import UdpLink
 from gcs.mavlink.framing import GLOBAL_POSITION_INT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.model.lifecycle import ShowPhase
 from gcs.orchestrator import Orchestrator
-from gcs.parameters import requirements, settings_of
+from gcs.preflight.parameters import requirements, settings_of
 from gcs.service import ShowAction, TickView
 
 FIRST_PORT = 15900

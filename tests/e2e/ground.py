@@ -25,7 +25,7 @@ from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
 from gcs.orchestrator import Orchestrator
-from gcs.parameters import requirements, settings_of
+from gcs.preflight.parameters import requirements, settings_of
 from gcs.service import ShowAction
 
 ORIGIN = "47.397742,8.545594,488.0"

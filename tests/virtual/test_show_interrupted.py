@@ -29,7 +29,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import Mode, VehicleId
 from gcs.orchestrator import Orchestrator
-from gcs.parameters import requirements, settings_of
+from gcs.preflight.parameters import requirements, settings_of
 from gcs.records.exclusions import exclusions
 from gcs.records.interruption import interruption
 from gcs.records.record import Record

@@ -15,7 +15,7 @@ from written_show import fly as fly_written
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
-from gcs.parameters import requirements, settings_of
+from gcs.preflight.parameters import requirements, settings_of
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet, Settings
 

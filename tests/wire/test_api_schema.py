@@ -17,7 +17,7 @@ from gcs.api.app import create_app
 from gcs.api.door import Door
 from gcs.api.server import serve
 from gcs.orchestrator import Orchestrator
-from gcs.parameters import requirements, settings_of
+from gcs.preflight.parameters import requirements, settings_of
 from gcs.service.access import Role
 from gcs.sim.fleet import Fleet, Settings
 from gcs.tokens import Tokens, create_token

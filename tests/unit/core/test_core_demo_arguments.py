@@ -7,7 +7,7 @@ import pytest
 from gcs.cli import demo, options
 from gcs.config.schema import Config
 from gcs.model.errors import ConfigError
-from gcs.parameters import requirements, settings_of
+from gcs.preflight.parameters import requirements, settings_of
 
 
 def config_of(*words: str) -> Config:

@@ -8,7 +8,7 @@ from gcs.config.schema import OperationSettings
 from gcs.control import ControlSettings
 from gcs.links import ParameterValue
 from gcs.model.preflight_report import Check, State
-from gcs.parameters import Requirement, broken, parameter_checks, requirements, settings_of
+from gcs.preflight.parameters import Requirement, broken, parameter_checks, requirements, settings_of
 from gcs.sim.params import Parameters, defaults
 
 OPERATION, CONTROL = OperationSettings(), ControlSettings()

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, VehicleId
-from gcs.preflight.facts import Facts
-from gcs.preflight.pattern import Fit, assigned, fit
+from gcs.preflight.inputs import Facts
+from gcs.preflight.start_pattern import Fit, assigned, fit
 from gcs.preflight.vehicles import judged
 
 ROOM_TOLERANCE_M, ROOM_HYSTERESIS_M = 0.5, 0.15
