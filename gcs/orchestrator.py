@@ -37,7 +37,6 @@ from gcs.model.state import VehicleId
 from gcs.orders import OrderBook
 from gcs.planning.return_paths import warm_up as warm_up_ways
 from gcs.records.record import Record
-from gcs.repertoire import Repertoire
 from gcs.service import (
     Audit,
     FleetView,
@@ -50,6 +49,7 @@ from gcs.service import (
 )
 from gcs.service.alarms import Alarm
 from gcs.service.event_log import Happening, Happenings, heard
+from gcs.shows.library import Repertoire
 from gcs.stage import Stage
 from gcs.timing import TickClock, ticks
 from gcs.vehicle import Vehicle

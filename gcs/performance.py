@@ -11,8 +11,8 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Obstacle, Plan, Target
 from gcs.model.state import VehicleId
 from gcs.service import SelectedShow
-from gcs.show import ShowClock, Timeline
-from gcs.show.timeline import Live
+from gcs.shows import ShowClock, Timeline
+from gcs.shows.timeline import Live
 
 OVER = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
 

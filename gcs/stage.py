@@ -13,11 +13,11 @@ from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan, Target
 from gcs.model.state import VehicleId
 from gcs.performance import Performance
 from gcs.planning.feasibility import check_obstacle, check_target
-from gcs.repertoire import Repertoire
 from gcs.service import SelectedShow
-from gcs.show import Flaw, Show, ShowClock, Timeline
-from gcs.show.fitting import misfits
-from gcs.show.model import control_of
+from gcs.shows import Flaw, Show, ShowClock, Timeline
+from gcs.shows.compatibility import misfits
+from gcs.shows.format import control_of
+from gcs.shows.library import Repertoire
 
 log = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ import pytest
 
 from gcs.cli import main
 from gcs.cli.shows.rehearsal import rehearse
-from gcs.show import load, shipped
+from gcs.shows import load, shipped
 
 BROKEN = Path(__file__).parents[1] / "data" / "shows"
 

@@ -16,7 +16,7 @@ from gcs.records.flown import FlightData
 from gcs.records.known import events
 from gcs.records.record import Record
 from gcs.service import OrderRecord, Outcome, SelectedShow, ShowAction
-from gcs.show import Timeline, parse
+from gcs.shows import Timeline, parse
 
 GUEST_M = (12.0, 4.0)
 PAUSED_S = 90.0

@@ -12,7 +12,7 @@ from gcs.cli.shows.rehearsal import rehearse
 from gcs.cli.shows.verdict import judge
 from gcs.config.schema import Config
 from gcs.records.record import Record
-from gcs.show import parse
+from gcs.shows import parse
 
 NAME = "small"
 TEXT = """

@@ -15,7 +15,7 @@ from gcs.api.app import create_app
 from gcs.client import Client
 from gcs.model.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
 from gcs.service import Outcome
-from gcs.show import load, shipped
+from gcs.shows import load, shipped
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 

@@ -31,7 +31,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.service import Outcome, SelectedShow
 from gcs.service.access import Role
 from gcs.service.alarms import AlarmCause, Condition
-from gcs.show import load, shipped
+from gcs.shows import load, shipped
 from gcs.tokens import Tokens, create_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))

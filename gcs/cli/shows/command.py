@@ -11,7 +11,7 @@ from gcs.cli.progress import share_of
 from gcs.cli.shows.rehearsal import rehearse
 from gcs.cli.shows.verdict import judge, table
 from gcs.model.errors import ConfigError, ShowError
-from gcs.show import LoadedShow, find, load
+from gcs.shows import LoadedShow, find, load
 
 
 def run(arguments: argparse.Namespace) -> int:

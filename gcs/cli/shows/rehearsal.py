@@ -13,7 +13,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array
 from gcs.planning.feasibility import check_obstacle
-from gcs.show import Flaw, LoadedShow, Played
+from gcs.shows import Flaw, LoadedShow, Played
 
 ASSEMBLED_BY_S = 120.0
 """A sphere that does not stand by then never will."""

@@ -13,7 +13,7 @@ from gcs.cli.simulation.record import Record
 from gcs.model.errors import Problem
 from gcs.model.plan import Plan
 from gcs.planning.vertical_overlap import column_m, overlapping
-from gcs.show import Flaw, Played
+from gcs.shows import Flaw, Played
 
 TAKEOFF_M_S = 1.5
 """MPC_TKO_SPEED."""

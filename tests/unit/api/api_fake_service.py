@@ -19,7 +19,6 @@ from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks
 from gcs.model.state import Array, Landed, Mode
 from gcs.records.playing import Playhead
-from gcs.repertoire import Repertoire
 from gcs.service import (
     WHO,
     Audit,
@@ -45,6 +44,7 @@ from gcs.service import (
 from gcs.service.alarms import Alarm, AlarmBook, Condition
 from gcs.service.event_log import Happening, Severity
 from gcs.service.vehicle_table import VehicleRows
+from gcs.shows.library import Repertoire
 
 FRAME = ShowFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_amsl_m=488.0, heading_deg=90.0)
 HEIGHT_MIN_M = 2.0

@@ -9,8 +9,8 @@ import pytest
 from api_fake_service import FakeService
 from api_harness import Api
 
-from gcs.repertoire import FILES_MAX, SIZE_MAX_BYTES
-from gcs.show import load, shipped
+from gcs.shows import load, shipped
+from gcs.shows.library import FILES_MAX, SIZE_MAX_BYTES
 
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse").read_text()
 SHOW = load(next(path for path in shipped() if path.stem == "lighthouse")).show

@@ -17,7 +17,7 @@ from gcs.config.yaml_source import DEPTH_MAX, Source
 from gcs.model.errors import FileError, InvalidError, RefusedError
 from gcs.model.quoting import SHOWN_MAX, quoted
 from gcs.service.check_process import answered
-from gcs.show import parse as parse_show
+from gcs.shows import parse as parse_show
 
 LEVELS = range(5, 10)
 MEMORY_MAX_BYTES = 4 << 20

@@ -17,7 +17,7 @@ from gcs.records.moment import Moment
 from gcs.records.replay import Replay
 from gcs.safety.walls import Fence
 from gcs.service import FleetView
-from gcs.show import find, load
+from gcs.shows import find, load
 
 CONFIG = configuration.load(configuration.find("demo"))
 SHOW = load(find("breathing-sphere"))

@@ -6,7 +6,7 @@ from typing import Any
 import yaml
 
 from gcs.model.errors import Problem, ShowError
-from gcs.show import LoadedShow, parse
+from gcs.shows import LoadedShow, parse
 
 BROKEN = Path(__file__).parents[2] / "data" / "shows"
 

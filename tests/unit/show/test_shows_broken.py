@@ -6,7 +6,7 @@ import pytest
 from show_files import BROKEN, loaded, problems, text_of
 
 from gcs.model.errors import ConfigError, ShowError
-from gcs.show import find, load, parse, shipped
+from gcs.shows import find, load, parse, shipped
 
 FLOWN = {"battery-too-small", "orbit-never-reached", "tower-in-the-sphere"}
 """What only a flight shows: tests/virtual/test_shows_checked.py."""

@@ -4,7 +4,7 @@ import pytest
 from show_files import loaded
 
 from gcs.model.errors import RefusedError, UnknownError
-from gcs.show import ShowClock
+from gcs.shows import ShowClock
 
 CUES = (
     {"cue": "in", "at_s": 5, "radius_m": 9},

@@ -1,4 +1,4 @@
-"""What a show file says: strict, frozen, every key with its unit. What it means is `gcs.show.timeline`'s."""
+"""What a show file says: strict, frozen, every key with its unit. What it means is `gcs.shows.timeline`'s."""
 
 import json
 from functools import cached_property

@@ -17,9 +17,9 @@ from gcs.control import ControlSettings
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import MAX_OBSTACLES, Plan
 from gcs.planning.feasibility import check_formation, check_obstacle, check_orbit, check_target
-from gcs.show.glide import Glide, shortest_s
-from gcs.show.model import MAX_CUES, Cue, Path, Show
-from gcs.show.timeline import Curve, Live, Played, Timeline, obstacle_of, total_s, turning, written_out
+from gcs.shows.easing import Glide, shortest_s
+from gcs.shows.format import MAX_CUES, Cue, Path, Show
+from gcs.shows.timeline import Curve, Live, Played, Timeline, obstacle_of, total_s, turning, written_out
 
 SAMPLED_S = 0.1
 """Every so often the whole plan is looked at."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from gcs.model.errors import RefusedError, UnknownError
-from gcs.show.timeline import Timeline
+from gcs.shows.timeline import Timeline
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,8 @@ import numpy as np
 from gcs.config.schema import OperationSettings
 from gcs.control import ControlSettings
 from gcs.model.frames import ShowFrame
-from gcs.show.model import Show
-from gcs.show.rules import Flaw
+from gcs.shows.format import Show
+from gcs.shows.validation import Flaw
 
 ORIGIN_WITHIN_M = 0.5
 """Of the service's own: more is another field, or a mistake."""

@@ -22,8 +22,8 @@ from gcs.config.yaml_source import Source
 from gcs.model.errors import ConfigError, GcsError, InvalidError, Problem, RefusedError, UnknownError
 from gcs.service import CheckState, ShowCheck, StoredShow
 from gcs.service.check_process import answered
-from gcs.show import Flaw, Show, Timeline
-from gcs.show.loading import parse
+from gcs.shows import Flaw, Show, Timeline
+from gcs.shows.loading import parse
 
 log = logging.getLogger(__name__)
 

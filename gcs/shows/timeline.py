@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
-from gcs.show.glide import Glide, Track, shortest_s
-from gcs.show.model import Box, Cue, CueOrbit, Loop, Path, Place, Show, Spin
+from gcs.shows.easing import Glide, Track, shortest_s
+from gcs.shows.format import Box, Cue, CueOrbit, Loop, Path, Place, Show, Spin
 
 LEAST_SHARE = 0.05
 """Of a limit that an orbit leaves to the target, at least: that it leaves too little is told by the rules."""
@@ -76,7 +76,7 @@ Leg: TypeAlias = Glide | Curve | Live
 
 
 def written_out(cues: tuple[Cue, ...], loops: tuple[Loop, ...]) -> tuple[Played, ...]:
-    """Every cue as often and whenever it is played. Loops must be in order: see `gcs.show.rules`."""
+    """Every cue as often and whenever it is played. Loops must be in order: see `gcs.shows.validation`."""
     index_of = {cue.cue: index for index, cue in enumerate(cues)}
     ends = {index_of[loop.to_cue] - 1: (index_of[loop.from_cue], loop.times) for loop in loops}
     played: list[Played] = []

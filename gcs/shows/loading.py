@@ -10,9 +10,9 @@ from gcs.config import yaml_files as documents
 from gcs.config.setting_errors import Misfit, misfits
 from gcs.config.yaml_source import Loc, Source
 from gcs.model.errors import FileError, Problem, ShowError
-from gcs.show.model import Show
-from gcs.show.rules import Flaw, flaws
-from gcs.show.timeline import Timeline
+from gcs.shows.format import Show
+from gcs.shows.timeline import Timeline
+from gcs.shows.validation import Flaw, flaws
 
 
 @dataclass(frozen=True, slots=True, eq=False)
