@@ -36,7 +36,7 @@ from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
 from gcs.orders import OrderBook
 from gcs.planning.return_paths import warm_up as warm_up_ways
-from gcs.records.record import Record
+from gcs.recording.session import Record
 from gcs.service import (
     Audit,
     FleetView,

@@ -8,7 +8,7 @@ from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
 from gcs.flight import Flight
 from gcs.performance import lights
-from gcs.records.moment import Moment
+from gcs.recording.sample import Moment
 from gcs.service import TickView
 from gcs.service.alarms import Alarm
 

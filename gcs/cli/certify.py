@@ -11,10 +11,10 @@ from gcs.cli.progress import Report, part_of, share_of
 from gcs.cli.record import session_folder
 from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
-from gcs.records.certify import EXIT_CODES, Certificate, certify
-from gcs.records.flown import FlightData
-from gcs.records.standard import Standard
-from gcs.records.tracks import Tracks, estimated, true
+from gcs.recording.analysis.flight_report import EXIT_CODES, Certificate, certify
+from gcs.recording.analysis.trajectories import Tracks, estimated, true
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.standard import Standard
 
 MEANING: Final = {
     "kept": "all of the flight was judged, and no limit was broken",

@@ -11,7 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from gcs.records.certify import SMOOTHED_S, TOLERATED, TOLERATED_M_S, TOLERATED_M_S2, Certificate
+from gcs.recording.analysis.flight_report import (
+    SMOOTHED_S,
+    TOLERATED,
+    TOLERATED_M_S,
+    TOLERATED_M_S2,
+    Certificate,
+)
 
 SHOWN_PATHS: Final = 80
 POINTS_MAX: Final = 1500

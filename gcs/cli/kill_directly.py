@@ -16,8 +16,8 @@ from gcs.config.schema import Config
 from gcs.config.setting_errors import explained
 from gcs.direct_kill import direct_kill
 from gcs.model.errors import ConfigError, InvalidError, RefusedError, UnknownError
-from gcs.records.known import KnownVehicle, LastKnown, last_known
-from gcs.records.outside import Outside
+from gcs.recording.last_known import KnownVehicle, LastKnown, last_known
+from gcs.recording.offline_audit import Outside
 from gcs.service import Outcome
 
 CODE_S: Final = 30.0

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from gcs.config.schema import Config
 from gcs.model.errors import GcsError
-from gcs.records.exclusions import exclusions
-from gcs.records.interruption import interruption
-from gcs.records.known import AUDIT, last_known
-from gcs.records.record import Record
+from gcs.recording.exclusions import exclusions
+from gcs.recording.interrupted_session import interruption
+from gcs.recording.last_known import AUDIT, last_known
+from gcs.recording.session import Record
 
 log = logging.getLogger(__name__)
 

@@ -19,9 +19,9 @@ from gcs.cli.record import session_folder
 from gcs.config.setting_errors import explained
 from gcs.maps import GroundMap, open_map
 from gcs.model.errors import ConfigError, GcsError
-from gcs.records.flown import FlightData
-from gcs.records.playing import SPEED_MAX
-from gcs.records.replay import Replay
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.replay.playhead import SPEED_MAX
+from gcs.recording.replay.service import Replay
 from gcs.service.map_settings import MapSettings
 
 

@@ -19,7 +19,7 @@ from virtual_show import Show, UnixClock, fly, show_config
 
 from gcs.client import Client
 from gcs.model.lifecycle import ShowPhase
-from gcs.records.record import Record
+from gcs.recording.session import Record
 from gcs.service import ShowAction
 
 chrome = pytest.fixture(scope="module")(chromes)

@@ -9,7 +9,7 @@ import pytest
 from machine import free_ports
 
 from gcs.cli.main import main
-from gcs.records.known import orders
+from gcs.recording.last_known import orders
 
 
 @pytest.mark.soak

@@ -28,7 +28,7 @@ from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import GcsError
 from gcs.model.interrupted_flight import Offer
-from gcs.records.known import last_known, orders
+from gcs.recording.last_known import last_known, orders
 
 KILLS = (4, 20)
 """The more of them are for `make soak`."""

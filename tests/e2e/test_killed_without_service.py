@@ -10,8 +10,8 @@ from ground import SOON_S, flying_config, last_truths, proper, service, vehicles
 from machine import free_ports
 
 from gcs.config.schema import Config
-from gcs.records.interruption import interruption
-from gcs.records.known import last_known, orders
+from gcs.recording.interrupted_session import interruption
+from gcs.recording.last_known import last_known, orders
 
 IDS = ("d1", "d2")
 NOBODY = "http://127.0.0.1:9"

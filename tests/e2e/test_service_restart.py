@@ -15,8 +15,8 @@ from pymavlink import mavutil
 from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
-from gcs.records.flown import FlightData
-from gcs.records.known import last_known, orders
+from gcs.recording.last_known import last_known, orders
+from gcs.recording.mcap_reader import FlightData
 
 IDS = ("d1", "d2", "d3")
 AT_REST_M_S = 0.3

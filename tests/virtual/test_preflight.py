@@ -14,8 +14,8 @@ from gcs.config.schema import Config
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.preflight_report import Check, PreflightReport
-from gcs.records.known import orders
-from gcs.records.record import Record
+from gcs.recording.last_known import orders
+from gcs.recording.session import Record
 from gcs.service import WHO, Outcome, ShowAction
 
 HEARD_S = 3.0

@@ -7,8 +7,8 @@ from virtual_show import Show, fly, show_config
 
 from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import ShowPhase
-from gcs.records.known import events, orders
-from gcs.records.record import Record
+from gcs.recording.last_known import events, orders
+from gcs.recording.session import Record
 from gcs.service import ShowAction
 
 

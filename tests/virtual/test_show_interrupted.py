@@ -30,9 +30,9 @@ from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import Mode, VehicleId
 from gcs.orchestrator import Orchestrator
 from gcs.preflight.parameters import requirements, settings_of
-from gcs.records.exclusions import exclusions
-from gcs.records.interruption import interruption
-from gcs.records.record import Record
+from gcs.recording.exclusions import exclusions
+from gcs.recording.interrupted_session import interruption
+from gcs.recording.session import Record
 from gcs.service import WHO, OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.fleet import Fleet, Settings

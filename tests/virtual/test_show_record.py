@@ -10,10 +10,10 @@ from virtual_show import Show, Track, fly, show_config
 from gcs.cli.main import main
 from gcs.links.address_book import Address
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.records import layout
-from gcs.records.flown import FlightData
-from gcs.records.known import events, last_known, orders
-from gcs.records.record import Record
+from gcs.recording import mcap_layout as layout
+from gcs.recording.last_known import events, last_known, orders
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.session import Record
 from gcs.service import ShowAction, VehicleAction
 
 CONFIG = show_config(4)

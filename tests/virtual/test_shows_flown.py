@@ -11,10 +11,10 @@ from written_show import NAME, TEXT, config, fly, select
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation, Obstacle, Orbit, Target
-from gcs.records import last_known
-from gcs.records.flown import FlightData
-from gcs.records.known import events
-from gcs.records.record import Record
+from gcs.recording import last_known
+from gcs.recording.last_known import events
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.session import Record
 from gcs.service import OrderRecord, Outcome, SelectedShow, ShowAction
 from gcs.shows import Timeline, parse
 

@@ -10,10 +10,10 @@ from written_show import config, fly, select
 
 from gcs.cli.main import main
 from gcs.model.lifecycle import ShowPhase
-from gcs.records import layout
-from gcs.records.flown import FlightData
-from gcs.records.known import last_known
-from gcs.records.record import Record
+from gcs.recording import mcap_layout as layout
+from gcs.recording.last_known import last_known
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.session import Record
 from gcs.service import ShowAction
 
 ALL = ("d1", "d2", "d3", "d4")

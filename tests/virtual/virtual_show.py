@@ -21,7 +21,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, VehicleId
 from gcs.orchestrator import Heart, Orchestrator
 from gcs.preflight.parameters import requirements, settings_of
-from gcs.records.record import Record
+from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.vehicle_table import VehicleView

@@ -11,7 +11,7 @@ from virtual_show import fly as fly_anywhere
 from gcs.cli.shows.rehearsal import rehearse
 from gcs.cli.shows.verdict import judge
 from gcs.config.schema import Config
-from gcs.records.record import Record
+from gcs.recording.session import Record
 from gcs.shows import parse
 
 NAME = "small"

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import common as dialect
 from gcs.config.schema import Config, find, load
 from gcs.direct_kill import direct_kill
 from gcs.model.errors import ConfigError
-from gcs.records.known import KnownVehicle
+from gcs.recording.last_known import KnownVehicle
 from gcs.service import Outcome, VehicleOutcome
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)

@@ -14,11 +14,11 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import FleetState, Landed, Mode, Setpoints
 from gcs.orders import OrderBook
-from gcs.records.flown import FlightData
-from gcs.records.known import last_known, orders
-from gcs.records.moment import Moment
-from gcs.records.record import Record
-from gcs.records.replay import NOTHING_COUNTED
+from gcs.recording.last_known import last_known, orders
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.replay.service import NOTHING_COUNTED
+from gcs.recording.sample import Moment
+from gcs.recording.session import Record
 from gcs.service import TickView
 
 VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 101)}

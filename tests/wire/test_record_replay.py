@@ -20,14 +20,14 @@ from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.state import FleetState, Landed, Mode, Setpoints
-from gcs.records import layout
-from gcs.records.audit import Audit
-from gcs.records.flightfile import FlightFile
-from gcs.records.interruption import PAD
-from gcs.records.journal import Journal
-from gcs.records.known import AUDIT
-from gcs.records.moment import Moment
-from gcs.records.replay import NOTHING_COUNTED
+from gcs.recording import mcap_layout as layout
+from gcs.recording.audit import Audit
+from gcs.recording.interrupted_session import PAD
+from gcs.recording.last_known import AUDIT
+from gcs.recording.mcap_writer import FlightFile
+from gcs.recording.replay.service import NOTHING_COUNTED
+from gcs.recording.sample import Moment
+from gcs.recording.sqlite_writer import Journal
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
 

@@ -18,7 +18,7 @@ from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, ad
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks
 from gcs.model.state import Array, Landed, Mode
-from gcs.records.playing import Playhead
+from gcs.recording.replay.playhead import Playhead
 from gcs.service import (
     WHO,
     Audit,

@@ -5,8 +5,8 @@ from pathlib import Path
 from api_fake_service import FakeService
 from api_harness import Api
 
-from gcs.records.known import calls
-from gcs.records.record import Record
+from gcs.recording.last_known import calls
+from gcs.recording.session import Record
 
 VEHICLES = {"d1": (1, "radio")}
 

@@ -8,8 +8,8 @@ from gcs.control import ControlSettings
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Landed, Mode, Setpoints
-from gcs.records.moment import Colours, Moment
-from gcs.records.replay import NOTHING_COUNTED
+from gcs.recording.replay.service import NOTHING_COUNTED
+from gcs.recording.sample import Colours, Moment
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
 

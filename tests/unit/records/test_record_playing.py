@@ -5,7 +5,7 @@ from math import inf, nan
 import pytest
 
 from gcs.model.errors import InvalidError, RefusedError
-from gcs.records.playing import Playhead
+from gcs.recording.replay.playhead import Playhead
 
 
 def test_it_moves_at_its_speed_unless_it_is_paused_and_stays_at_the_end() -> None:

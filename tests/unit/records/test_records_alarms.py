@@ -7,8 +7,8 @@ import pytest
 from records_moment import FULL, moment
 
 from gcs.model.errors import GcsError
-from gcs.records.alarms_past import recorded, replay_alarm
-from gcs.records.layout import status_message
+from gcs.recording.mcap_layout import status_message
+from gcs.recording.replay.alarms import recorded, replay_alarm
 from gcs.service.alarms import AlarmCause, AlarmSeverity
 
 FILE = Path("flight.mcap")

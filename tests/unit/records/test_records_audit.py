@@ -20,12 +20,12 @@ from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import Mode
 from gcs.orders import OrderBook
-from gcs.records import last_known
-from gcs.records.database import VERSION
-from gcs.records.exclusions import exclusions
-from gcs.records.journal import Journal, Row
-from gcs.records.known import AUDIT, calls, events, orders
-from gcs.records.record import Record
+from gcs.recording import last_known
+from gcs.recording.exclusions import exclusions
+from gcs.recording.last_known import AUDIT, calls, events, orders
+from gcs.recording.schema import VERSION
+from gcs.recording.session import Record
+from gcs.recording.sqlite_writer import Journal, Row
 from gcs.service import WHO, Call, Outcome, SelectedShow
 
 VEHICLES = {"d1": (1, "radio"), "d2": (2, "radio")}
@@ -260,7 +260,7 @@ def test_a_disk_that_fails_is_told_of_and_what_was_noted_meanwhile_is_written_on
         book.open("stop", ["d1"], {})
         assert asyncio.run(record.audit.kept())
     assert [order.action for order in orders(root)] == ["start", "stop"]
-    assert [line.msg for line in caplog.records if line.name == "gcs.records.journal"] == [
+    assert [line.msg for line in caplog.records if line.name == "gcs.recording.sqlite_writer"] == [
         "audit_failed",
         "audit_goes_on",
     ]

@@ -17,13 +17,13 @@ from gcs.config import schema as configuration
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array
-from gcs.records import layout
-from gcs.records.certify import certify
-from gcs.records.flightfile import FlightFile
-from gcs.records.flown import FlightData
-from gcs.records.pairs import nearest_approaches
-from gcs.records.standard import Standard
-from gcs.records.tracks import estimated, true
+from gcs.recording import mcap_layout as layout
+from gcs.recording.analysis.flight_report import certify
+from gcs.recording.analysis.pair_distances import nearest_approaches
+from gcs.recording.analysis.trajectories import estimated, true
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.mcap_writer import FlightFile
+from gcs.recording.standard import Standard
 from gcs.safety.separation import Floor
 
 CONFIG = configuration.load(configuration.find("demo"))
@@ -298,7 +298,7 @@ def test_a_flight_judged_in_pieces_is_judged_as_in_one(
 ) -> None:
     file = truth(tmp_path / "truth-1.jsonl", moves(-6, 0, -9, (3, 0, 0)), moves(6, 1, -9, (-3, 0, 0)))
     whole = judged(file, "--config", "demo")
-    monkeypatch.setattr("gcs.records.certify.PAIRS_AT_ONCE", 28)
+    monkeypatch.setattr("gcs.recording.analysis.flight_report.PAIRS_AT_ONCE", 28)
     assert judged(file, "--config", "demo") == whole
 
 

@@ -15,10 +15,11 @@ from gcs.config import schema as configuration
 from gcs.control import ControlSettings
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode
-from gcs.records import flightfile, layout
-from gcs.records.flightfile import _OpenFile
-from gcs.records.flown import FlightData
-from gcs.records.moment import Moment
+from gcs.recording import mcap_layout as layout
+from gcs.recording import mcap_writer as flightfile
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.mcap_writer import _OpenFile
+from gcs.recording.sample import Moment
 from gcs.safety.walls import Fence
 
 TICKS, EACH = 240, 20

@@ -18,11 +18,11 @@ from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Mode, Setpoints
-from gcs.records import layout
-from gcs.records.flightfile import WAITING_MAX, FlightFile, Said
-from gcs.records.flown import FlightData
-from gcs.records.moment import Moment
-from gcs.records.record import Record
+from gcs.recording import mcap_layout as layout
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, Said
+from gcs.recording.sample import Moment
+from gcs.recording.session import Record
 
 ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})
 

@@ -10,14 +10,14 @@ from records_moment import moment
 
 from gcs.config import schema as configuration
 from gcs.model.lifecycle import ShowPhase
-from gcs.records import layout
-from gcs.records.audit import Audit
-from gcs.records.flightfile import _OpenFile
-from gcs.records.flown import FlightData
-from gcs.records.journal import Journal
-from gcs.records.known import AUDIT
-from gcs.records.marks import KEPT_S
-from gcs.records.replay import Replay
+from gcs.recording import mcap_layout as layout
+from gcs.recording.audit import Audit
+from gcs.recording.last_known import AUDIT
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.mcap_writer import _OpenFile
+from gcs.recording.replay.marks import KEPT_S
+from gcs.recording.replay.service import Replay
+from gcs.recording.sqlite_writer import Journal
 
 BEGAN_S = 1.7e9 + 100.0
 TAKES_OFF_S, LANDS_S, ENDS_S = 30.0, 40.0, 80.0

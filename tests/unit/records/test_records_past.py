@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from gcs.model.errors import GcsError
-from gcs.records.audit import Audit
-from gcs.records.interruption import PAD
-from gcs.records.journal import Journal
-from gcs.records.known import AUDIT
-from gcs.records.past import Past
+from gcs.recording.audit import Audit
+from gcs.recording.interrupted_session import PAD
+from gcs.recording.last_known import AUDIT
+from gcs.recording.replay.history import Past
+from gcs.recording.sqlite_writer import Journal
 from gcs.service.event_log import KEPT, Severity
 
 

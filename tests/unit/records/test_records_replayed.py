@@ -10,11 +10,12 @@ from records_moment import ids_of, moment
 
 from gcs.config import schema as configuration
 from gcs.performance import lights
-from gcs.records import flightfile, layout
-from gcs.records.flightfile import _OpenFile
-from gcs.records.flown import FlightData
-from gcs.records.moment import Moment
-from gcs.records.replay import Replay
+from gcs.recording import mcap_layout as layout
+from gcs.recording import mcap_writer as flightfile
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.mcap_writer import _OpenFile
+from gcs.recording.replay.service import Replay
+from gcs.recording.sample import Moment
 from gcs.safety.walls import Fence
 from gcs.service import FleetView
 from gcs.shows import find, load

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from records_moment import moment
 
-from gcs.records import flightfile, layout
-from gcs.records.flightfile import _OpenFile
-from gcs.records.flown import FlightData
-from gcs.records.moment import Moment
+from gcs.recording import mcap_layout as layout
+from gcs.recording import mcap_writer as flightfile
+from gcs.recording.mcap_reader import FlightData
+from gcs.recording.mcap_writer import _OpenFile
+from gcs.recording.sample import Moment
 
 TICKS, EACH = 600, 20
 ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})

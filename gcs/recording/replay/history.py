@@ -10,9 +10,9 @@ import numpy as np
 
 from gcs.model.errors import GcsError
 from gcs.model.state import Array, VehicleId
-from gcs.records.interruption import PAD
-from gcs.records.known import AUDIT, rows
-from gcs.records.marks import Event, marks_of
+from gcs.recording.interrupted_session import PAD
+from gcs.recording.last_known import AUDIT, rows
+from gcs.recording.replay.marks import Event, marks_of
 from gcs.service.event_log import KEPT, Happening, severity
 from gcs.service.event_texts import words
 from gcs.service.replay_marks import ReplayMarks

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Mask, Mode
-from gcs.records.moment import Moment
-from gcs.records.schemas import SCHEMAS
-from gcs.records.standard import limits_of
+from gcs.recording.mcap_schemas import SCHEMAS
+from gcs.recording.sample import Moment
+from gcs.recording.standard import limits_of
 
 VERSION: Final = 2
 UNCHECKED: Final = "1"  # metadata without a checksum, vehicles without lights

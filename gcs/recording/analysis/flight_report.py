@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from gcs.model.errors import GcsError
 from gcs.model.state import Array, Mask
-from gcs.records.pairs import Pairs, nearest_approaches
-from gcs.records.standard import Standard
-from gcs.records.tracks import OnProgress, Single, Tracks
+from gcs.recording.analysis.pair_distances import Pairs, nearest_approaches
+from gcs.recording.analysis.trajectories import OnProgress, Single, Tracks
+from gcs.recording.standard import Standard
 from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
 

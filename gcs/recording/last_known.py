@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from gcs.model.errors import GcsError
 from gcs.model.state import VehicleId
-from gcs.records.database import open_to_read
+from gcs.recording.schema import open_to_read
 
 AUDIT: Final = "audit.sqlite"
 """In the folder that the configuration names under `record`."""

@@ -7,9 +7,9 @@ from typing import Self
 
 from gcs.model.lifecycle import Phase
 from gcs.model.state import VehicleId
-from gcs.records.audit import Audit
-from gcs.records.journal import Journal, Row
-from gcs.records.known import LastKnown, audit_file
+from gcs.recording.audit import Audit
+from gcs.recording.last_known import LastKnown, audit_file
+from gcs.recording.sqlite_writer import Journal, Row
 from gcs.service import OrderRecord, Outcome, VehicleOutcome
 
 REASON = "motors stopped by gcs kill, without the service"

@@ -14,7 +14,7 @@ from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Phase
 from gcs.model.state import Array, Landed, Mask, VehicleId
-from gcs.records.flown import FlightData, Flown
+from gcs.recording.mcap_reader import FlightData, Flown
 
 Single = NDArray[np.float32]
 OnProgress = Callable[[float], None]

@@ -18,10 +18,10 @@ from typing import IO, Final, NamedTuple, cast
 
 from mcap.writer import Writer
 
-from gcs.records import layout
-from gcs.records.moment import Moment
-from gcs.records.scene import scene_message
-from gcs.records.schemas import SCHEMAS
+from gcs.recording import mcap_layout as layout
+from gcs.recording.foxglove_scene import scene_message
+from gcs.recording.mcap_schemas import SCHEMAS
+from gcs.recording.sample import Moment
 
 log = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.model.jit import kernel
-from gcs.records.tracks import Single, Tracks
+from gcs.recording.analysis.trajectories import Single, Tracks
 from gcs.safety.separation import Floor
 
 FAR = 8.0

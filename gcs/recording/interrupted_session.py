@@ -10,7 +10,7 @@ from gcs.model.errors import GcsError
 from gcs.model.interrupted_flight import Before, Interruption, Triple, Written, triple
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.state import VehicleId
-from gcs.records.known import KnownShow, LastKnown, audit_file, last_known, rows
+from gcs.recording.last_known import KnownShow, LastKnown, audit_file, last_known, rows
 
 FOUND: Final = "interrupted"
 OVER: Final = "interruption_over"

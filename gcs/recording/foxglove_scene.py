@@ -5,8 +5,8 @@ from typing import Any, Final
 import numpy as np
 
 from gcs.model.state import Mask
-from gcs.records.layout import SHOW, as_json, stamp
-from gcs.records.moment import Moment
+from gcs.recording.mcap_layout import SHOW, as_json, stamp
+from gcs.recording.sample import Moment
 
 LABELS_MAX: Final = 64
 """More names than that hide the fleet."""

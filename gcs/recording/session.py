@@ -12,12 +12,12 @@ from gcs.links import Link
 from gcs.model.interrupted_flight import Interruption
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import VehicleId
-from gcs.records import layout
-from gcs.records.audit import Audit
-from gcs.records.flightfile import WAITING_MAX, FlightFile, Said
-from gcs.records.journal import Journal
-from gcs.records.known import AUDIT
-from gcs.records.moment import Moment
+from gcs.recording import mcap_layout as layout
+from gcs.recording.audit import Audit
+from gcs.recording.last_known import AUDIT
+from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, Said
+from gcs.recording.sample import Moment
+from gcs.recording.sqlite_writer import Journal
 from gcs.service.event_log import details, heard, vehicle_of
 from gcs.service.event_texts import plain
 

@@ -12,9 +12,9 @@ from gcs.model.interrupted_flight import Interruption
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.plan_json import plan_json
 from gcs.model.state import Array, Mode, VehicleId
-from gcs.records.interruption import FOUND, PAD
-from gcs.records.journal import Journal, Row, Value
-from gcs.records.moment import Moment, Told
+from gcs.recording.interrupted_session import FOUND, PAD
+from gcs.recording.sample import Moment, Told
+from gcs.recording.sqlite_writer import Journal, Row, Value
 from gcs.service import Call, OrderRecord, Outcome
 
 BODY_MAX: Final = 4096

@@ -14,7 +14,7 @@ from threading import Condition, Thread
 from typing import Final, NamedTuple, TypeAlias
 
 from gcs.model.errors import GcsError
-from gcs.records.database import open_to_write
+from gcs.recording.schema import open_to_write
 
 log = logging.getLogger(__name__)
 

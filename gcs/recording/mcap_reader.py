@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Mode, VehicleId
-from gcs.records import layout
-from gcs.records.flightfile import CHUNK_S, STATUS_S
-from gcs.records.mcap_recovery import DAMAGED, Damage, messages, opened, records
+from gcs.recording import mcap_layout as layout
+from gcs.recording.mcap_recovery import DAMAGED, Damage, messages, opened, records
+from gcs.recording.mcap_writer import CHUNK_S, STATUS_S
 
 
 @dataclass(frozen=True, slots=True)

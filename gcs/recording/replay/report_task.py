@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from gcs.model.errors import GcsError
-from gcs.records.certify import EXIT_CODES
+from gcs.recording.analysis.flight_report import EXIT_CODES
 from gcs.service import Certification, CheckState
 from gcs.service.check_process import LOWER, answered
 

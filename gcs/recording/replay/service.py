@@ -15,14 +15,14 @@ from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan_json import plan_of
 from gcs.model.state import Array, Landed
-from gcs.records import layout
-from gcs.records.alarms_past import recorded, replay_alarm
-from gcs.records.certifying import Certifying
-from gcs.records.flown import FlightData, Flown, Moment
-from gcs.records.past import Past
-from gcs.records.playing import Playhead
-from gcs.records.refusing import Refusing
-from gcs.records.standard import Standard
+from gcs.recording import mcap_layout as layout
+from gcs.recording.mcap_reader import FlightData, Flown, Moment
+from gcs.recording.replay.alarms import recorded, replay_alarm
+from gcs.recording.replay.history import Past
+from gcs.recording.replay.playhead import Playhead
+from gcs.recording.replay.read_only_service import Refusing
+from gcs.recording.replay.report_task import Certifying
+from gcs.recording.standard import Standard
 from gcs.service import (
     Certification,
     FleetView,

@@ -7,7 +7,7 @@ from typing import Final
 from gcs.model.errors import GcsError
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import VehicleId
-from gcs.records.known import audit_file, rows
+from gcs.recording.last_known import audit_file, rows
 
 EXCLUDED: Final = "excluded"
 INCLUDED: Final = "included"

@@ -1,0 +1,1 @@
+"""Trajectories, pair distances and the flight report of a recorded flight."""

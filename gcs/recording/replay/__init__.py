@@ -1,0 +1,1 @@
+"""A service over a recorded flight: playhead, events, marks, alarms; it refuses commands."""
