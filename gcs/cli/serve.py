@@ -19,6 +19,7 @@ from gcs.cli.notify import Notifier
 from gcs.cli.output import Say
 from gcs.cli.record import make_record
 from gcs.config.schema import Config, LinkSettings
+from gcs.flight.orchestrator import Heart, Orchestrator
 from gcs.links import Link
 from gcs.links.endpoints import Listen
 from gcs.links.framed.link import MavsdkLink
@@ -30,7 +31,6 @@ from gcs.maps import GroundMap, open_map
 from gcs.model.errors import ConfigError, LinkError, RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ShowPhase
-from gcs.orchestrator import Heart, Orchestrator
 from gcs.service import FleetView, ShowAction
 from gcs.service.access import Audit, is_loopback
 from gcs.tokens import Tokens

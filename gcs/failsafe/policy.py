@@ -1,6 +1,6 @@
 """What the service does by itself when something goes wrong in the air: causes, actions, settings. Pure.
 
-The rules are in `gcs.failsafe.triggers`; `gcs.reacting` orders what they want. Decision 0016.
+The rules are in `gcs.failsafe.triggers`; `gcs.flight.failsafe_monitor` orders what they want. Decision 0016.
 """
 
 from enum import StrEnum

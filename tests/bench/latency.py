@@ -16,11 +16,11 @@ import yaml
 
 from gcs.cli.serve import make_link
 from gcs.config.schema import Config, parse
+from gcs.flight.orchestrator import Orchestrator
 from gcs.links.counters import Direction
 from gcs.links.udp.link import UdpLink
 from gcs.mavlink.framing import GLOBAL_POSITION_INT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.model.lifecycle import ShowPhase
-from gcs.orchestrator import Orchestrator
 from gcs.preflight.parameters import requirements, settings_of
 from gcs.service import ShowAction, TickView
 

@@ -28,11 +28,11 @@ from link_traffic import FRAME, HOST
 from gcs.cli.serve import make_link
 from gcs.config.schema import Config, parse
 from gcs.control import Memory
+from gcs.flight.orchestrator import Orchestrator
 from gcs.links.udp.link import UdpLink
 from gcs.mavlink.kernels import BEGIN, Bytes, Whole
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mode, Setpoints, Telemetry
-from gcs.orchestrator import Orchestrator
 
 NUMBER_AT = 4  # of a MAVLink 2 frame: where its number is
 

@@ -24,7 +24,7 @@ from websockets.asyncio.client import connect
 from gcs.api.app import create_app
 from gcs.api.server import serve
 from gcs.cli import eventloop
-from gcs.orchestrator import Orchestrator
+from gcs.flight.orchestrator import Orchestrator
 
 COUNTS = (200, 1000)
 VIEWERS, RATE_HZ, TICK_HZ = 5, 10.0, 20.0

@@ -23,8 +23,8 @@ from gcs.api.app import create_app
 from gcs.api.server import serve as serve_api
 from gcs.client import Client
 from gcs.config import schema as configuration
+from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import GcsError
-from gcs.orchestrator import Orchestrator
 from gcs.preflight.parameters import requirements, settings_of
 from gcs.service import ShowAction
 

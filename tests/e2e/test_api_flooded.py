@@ -15,10 +15,10 @@ from machine import Witness, free_ports
 from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.config.schema import Config
+from gcs.flight.orchestrator import Orchestrator
 from gcs.links.udp.link import UdpLink
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.orchestrator import Orchestrator
 
 IDS = {"mavsdk": "mavsdk1", "direct": "direct2"}
 """Who is flown over which transport."""

@@ -10,9 +10,9 @@ from ground import SOON_S, flying_config, last_truths, proper, until, vehicles, 
 from machine import Witness, free_ports
 
 from gcs.cli.serve import make_link
+from gcs.flight.orchestrator import Orchestrator
 from gcs.links.mavsdk.link import MavsdkUdpLink
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.orchestrator import Orchestrator
 from gcs.service import ShowAction
 
 DEADMAN_S = 0.2

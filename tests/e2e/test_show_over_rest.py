@@ -12,9 +12,9 @@ from gcs.api.server import serve
 from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.config.schema import Config
+from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
-from gcs.orchestrator import Orchestrator
 
 SHOW = """
 about: Three vehicles stand above their pads and turn.

@@ -15,10 +15,10 @@ from machine import Witness, free_ports
 
 from gcs.cli.serve import make_link
 from gcs.client import Client
+from gcs.flight.orchestrator import Orchestrator
 from gcs.formation.thomson import best_configuration, energy
 from gcs.links.mavsdk.link import MavsdkUdpLink
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.orchestrator import Orchestrator
 from gcs.service import FleetView
 
 SURVIVORS = ("d1", "d2", "d3", "d4", "d6", "d7", "d8")

@@ -18,7 +18,7 @@ from gcs.sim.dynamics import PointMasses, Response, step
 TICK_S = 0.05
 STEP_S = 0.01
 TAKEOFF_HEIGHT_M = 5.0
-ABOVE_HOME_M = 0.8  # as gcs.errands
+ABOVE_HOME_M = 0.8  # as gcs.flight.maneuvers
 HANDOVER_HEIGHT_M = 1.5
 TOUCHDOWN_M_S = 0.7  # PX4 lands at 0.7
 SETTINGS = ControlSettings()

@@ -12,7 +12,7 @@ from test_refusals_in_the_air import commands, refusal_of
 from test_show_interrupted import sessions
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
-from gcs.control_refusal import A_PERSON_FLIES
+from gcs.flight.control_refusal import A_PERSON_FLIES
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.sim.modes import Mode as PilotMode

@@ -23,12 +23,12 @@ from virtual_show import (
 from written_show import NAME, TEXT, check, keep, on_pads
 
 from gcs.config.schema import Config
+from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import Mode, VehicleId
-from gcs.orchestrator import Orchestrator
 from gcs.preflight.parameters import requirements, settings_of
 from gcs.recording.exclusions import exclusions
 from gcs.recording.interrupted_session import interruption

@@ -8,11 +8,11 @@ import pytest
 from loopback_link import LoopbackLink
 from virtual_show import Show, fly, run_virtual, show_config
 
+from gcs.flight.ticker import TickClock, ticks
 from gcs.links import Link
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Setpoints
-from gcs.timing import TickClock, ticks
 
 
 async def some_ticks(takes_s: list[float]) -> list[tuple[float, float, int]]:

@@ -14,12 +14,12 @@ import numpy as np
 from loopback_link import LoopbackLink, system_ids
 
 from gcs.config.schema import Config
+from gcs.flight.orchestrator import Heart, Orchestrator
 from gcs.formation.obstacles import Ellipse
 from gcs.links import Link
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, VehicleId
-from gcs.orchestrator import Heart, Orchestrator
 from gcs.preflight.parameters import requirements, settings_of
 from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation

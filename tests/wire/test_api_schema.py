@@ -16,7 +16,7 @@ from schemathesis import Case
 from gcs.api.app import create_app
 from gcs.api.door import Door
 from gcs.api.server import serve
-from gcs.orchestrator import Orchestrator
+from gcs.flight.orchestrator import Orchestrator
 from gcs.preflight.parameters import requirements, settings_of
 from gcs.service.access import Role
 from gcs.sim.fleet import Fleet, Settings

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from gcs.flight.command_log import OrderBook
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import FleetState, Landed, Mode, Setpoints
-from gcs.orders import OrderBook
 from gcs.recording.last_known import last_known, orders
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.replay.service import NOTHING_COUNTED

@@ -8,7 +8,7 @@ import signal
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from gcs.orders import OrderBook
+from gcs.flight.command_log import OrderBook
 from gcs.recording.last_known import last_known, orders
 from gcs.recording.session import Record
 from gcs.service import Outcome
@@ -40,7 +40,7 @@ def order_for_ever(root: Path, told: Connection) -> None:
 
 def test_no_order_that_was_acknowledged_is_missing_after_kill_9_at_any_moment(tmp_path: Path) -> None:
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["gcs.recording.session", "gcs.orders"])
+    context.set_forkserver_preload(["gcs.recording.session", "gcs.flight.command_log"])
     moments, acknowledged = random.Random(5), set()
     for _ in range(KILLS):
         hear, tell = context.Pipe(duplex=False)

@@ -8,7 +8,7 @@ from gcs.cli.simulation.flight import SimulatedFlight
 from gcs.cli.simulation.record import Record
 from gcs.cli.simulation.scenario import FormationFlight, Judged, Scenario, World
 from gcs.control import Task
-from gcs.flight import stands
+from gcs.flight.fleet import stands
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array

@@ -17,9 +17,9 @@ from gcs.cli.simulation.scenario import FormationFlight, GoalFlight, Scenario
 from gcs.cli.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
 from gcs.config.schema import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
-from gcs.flight import BEHIND_M
+from gcs.flight.collective_return import return_planner
+from gcs.flight.fleet import BEHIND_M
 from gcs.formation.neighbours import Sight
-from gcs.homecoming import return_planner
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Mask, Traits
@@ -171,7 +171,7 @@ class SimulatedFlight:
         self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
     def _on_a_way(self) -> Mask | None:
-        """As `gcs.flight`."""
+        """As `gcs.flight.fleet`."""
         if self._pace is None:
             return None
         near = np.linalg.norm(self.goal_m - self.world.heard_m, axis=1) < BEHIND_M

@@ -8,7 +8,7 @@ from core_silent_link import SilentLink
 
 from gcs.config.schema import Config
 from gcs.control import Memory, Task
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
 from gcs.formation.orbit import Center
 from gcs.formation.thomson import best_configuration
 from gcs.model.lifecycle import Phase, ShowPhase

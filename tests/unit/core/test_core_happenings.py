@@ -7,7 +7,7 @@ from gcs.service.event_log import KEPT, Happenings, Severity, heard
 
 def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:
     happenings = Happenings()
-    log = logging.getLogger("gcs.vehicle")
+    log = logging.getLogger("gcs.flight.vehicle")
     logger = logging.getLogger("gcs")
     before = logger.level, list(logger.handlers)
     with heard(happenings):

@@ -9,12 +9,12 @@ import pytest
 from core_silent_link import SilentLink
 
 from gcs.config.schema import find, load, parse
+from gcs.flight.vehicle import Heard, Vehicle
 from gcs.links.routing import Shares
 from gcs.model.errors import ConfigError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode, Setpoints
 from gcs.service import Latest
-from gcs.vehicle import Heard, Vehicle
 
 OURS = (frozenset[Mode](), frozenset({Mode.OFFBOARD}), frozenset({Mode.TAKEOFF, Mode.HOLD}))
 

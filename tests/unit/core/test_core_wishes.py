@@ -9,9 +9,9 @@ import pytest
 from core_silent_link import SilentLink
 
 from gcs.config.schema import Config
+from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target
-from gcs.orchestrator import Orchestrator
 
 CONFIG = Config.model_validate(
     {

@@ -4,8 +4,8 @@ import time
 
 import pytest
 
+from gcs.flight.command_log import KEPT, OrderBook
 from gcs.model.errors import UnknownError
-from gcs.orders import KEPT, OrderBook
 from gcs.service import WHO, OrderRecord, Outcome, VehicleOutcome
 
 

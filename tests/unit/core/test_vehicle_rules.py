@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from gcs.control import Task
+from gcs.flight.vehicle import Heard, Vehicle, require_phase
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowPhase
 from gcs.model.state import Landed, Mode
-from gcs.vehicle import Heard, Vehicle, require_phase
 
 SILENCE_S = 2.0
 HERE_M = np.array([1.0, 2.0, -5.0])

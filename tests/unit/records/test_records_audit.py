@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from records_moment import PLAN, moment
 
+from gcs.flight.command_log import OrderBook
 from gcs.links.address_book import Address
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import Mode
-from gcs.orders import OrderBook
 from gcs.recording import last_known
 from gcs.recording.exclusions import exclusions
 from gcs.recording.last_known import AUDIT, calls, events, orders
@@ -79,10 +79,10 @@ def test_calls_are_read_back_long_bodies_shortened(tmp_path: Path) -> None:
 
 def test_what_the_service_logs_becomes_an_event(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES):
-        logging.getLogger("gcs.vehicle").warning(
+        logging.getLogger("gcs.flight.vehicle").warning(
             "vehicle_phase", extra={"vehicle": "d1", "was": "hold", "phase": "lost"}
         )
-    logging.getLogger("gcs.vehicle").warning("after_the_end")
+    logging.getLogger("gcs.flight.vehicle").warning("after_the_end")
     (event,) = events(tmp_path)
     assert (event["level"], event["event"], event["vehicle"]) == ("warning", "vehicle_phase", "d1")
     assert event["detail"] == {"was": "hold", "phase": "lost"}

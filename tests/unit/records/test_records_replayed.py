@@ -9,7 +9,7 @@ import pytest
 from records_moment import ids_of, moment
 
 from gcs.config import schema as configuration
-from gcs.performance import lights
+from gcs.flight.running_show import lights
 from gcs.recording import mcap_layout as layout
 from gcs.recording import mcap_writer as flightfile
 from gcs.recording.mcap_reader import FlightData

@@ -3,12 +3,12 @@
 import logging
 from collections.abc import Callable, Sequence
 
-from gcs.flight import Flight
+from gcs.flight.command_log import OrderBook
+from gcs.flight.fleet import Flight
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import VehicleId
-from gcs.orders import OrderBook
 from gcs.service import WHO, OrderRecord, Outcome
 
 log = logging.getLogger(__name__)

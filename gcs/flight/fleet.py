@@ -22,6 +22,8 @@ from gcs.estimation.link_quality import LinkQuality
 from gcs.estimation.position_uncertainty import uncertainty_m
 from gcs.estimation.setpoint_gaps import SetpointGaps
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, VehicleFacts
+from gcs.flight.running_show import Performance
+from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.links import Link, Order, ParameterValue
 from gcs.model.errors import UnknownError
@@ -30,9 +32,7 @@ from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEv
 from gcs.model.plan import Plan
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
-from gcs.performance import Performance
 from gcs.planning.landing_sites import STOP_S, swept_segments_m
-from gcs.vehicle import SHOW_FLIES, Vehicle
 
 log = logging.getLogger(__name__)
 

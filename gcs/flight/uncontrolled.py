@@ -3,11 +3,11 @@
 from collections.abc import Collection
 from typing import Final
 
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
+from gcs.flight.vehicle import Vehicle
 from gcs.model.fleet_counts import Whereabouts
 from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
 from gcs.model.preflight_report import listed
-from gcs.vehicle import Vehicle
 
 NAMED: Final = 6
 """So many vehicles are named one by one; of more, how many there are."""

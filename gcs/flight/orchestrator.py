@@ -15,15 +15,22 @@ from typing import Protocol
 
 import numpy as np
 
-from gcs.alarm_monitor import AlarmMonitor, Findings
 from gcs.config.schema import Config
 from gcs.control import Tick, tick, warm_up
-from gcs.director import Director
-from gcs.errands import Errands
-from gcs.estimating import Estimating
-from gcs.flight import Flight
-from gcs.inspection import Inspection
-from gcs.instead import instead
+from gcs.flight.alarm_monitor import AlarmMonitor, Findings
+from gcs.flight.alternatives import instead
+from gcs.flight.command_log import OrderBook
+from gcs.flight.commander import Director
+from gcs.flight.estimate_inputs import Estimating
+from gcs.flight.fleet import Flight
+from gcs.flight.maneuvers import Errands
+from gcs.flight.parameter_reader import Inspection
+from gcs.flight.plan_editor import Wishes
+from gcs.flight.record_sample import moment_of
+from gcs.flight.show_player import Stage
+from gcs.flight.snapshots import fleet_view
+from gcs.flight.ticker import TickClock, ticks
+from gcs.flight.vehicle import Vehicle
 from gcs.links import Link
 from gcs.links.routing import Shares
 from gcs.links.supervision import keep_open
@@ -34,7 +41,6 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
-from gcs.orders import OrderBook
 from gcs.planning.return_paths import warm_up as warm_up_ways
 from gcs.recording.session import Record
 from gcs.service import (
@@ -50,12 +56,6 @@ from gcs.service import (
 from gcs.service.alarms import Alarm
 from gcs.service.event_log import Happening, Happenings, heard
 from gcs.shows.library import Repertoire
-from gcs.stage import Stage
-from gcs.timing import TickClock, ticks
-from gcs.vehicle import Vehicle
-from gcs.views import fleet_view
-from gcs.wishes import Wishes
-from gcs.witness import moment_of
 
 log = logging.getLogger(__name__)
 

@@ -7,12 +7,12 @@ import numpy as np
 from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
 from gcs.estimation.time_estimates import Estimates
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
+from gcs.flight.running_show import Performance
 from gcs.model.interrupted_flight import Interrupted
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.state import Array, FleetState, Telemetry, Traits, VehicleId
-from gcs.performance import Performance
 from gcs.safety.filter import SafetySettings
 from gcs.service import FleetView, Reaction, TickView
 from gcs.service.alarms import Alarm

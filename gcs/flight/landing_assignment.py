@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from gcs.control import ellipses_of
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
+from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Array, VehicleId
 from gcs.planning.landing_sites import distinct_places_m
-from gcs.vehicle import Vehicle
 
 
 def landing_places_m(flight: Flight, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:

@@ -7,20 +7,20 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from gcs.flight import Flight
-from gcs.inspection import Inspection
-from gcs.lineup import Lineup
+from gcs.flight.fleet import Flight
+from gcs.flight.parameter_reader import Inspection
+from gcs.flight.participants import Lineup
+from gcs.flight.running_show import Performance
+from gcs.flight.show_player import Stage
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.preflight_report import Check, PreflightReport, State, VehicleChecks, told
 from gcs.model.state import VehicleId
-from gcs.performance import Performance
 from gcs.planning.feasibility import check_formation, check_obstacle
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
 from gcs.planning.vertical_overlap import column_m, most_overlapping
 from gcs.planning.vertical_overlap import told as told_columns
 from gcs.preflight import Facts, Pattern, own_checks, room_to_wander, spacing, standing
-from gcs.stage import Stage
 
 log = logging.getLogger(__name__)
 

@@ -5,9 +5,9 @@ import logging
 from collections.abc import Callable, Coroutine
 from typing import TypeAlias
 
+from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import OrderError, RefusedError
 from gcs.service import Outcome
-from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 

@@ -5,31 +5,31 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Final
 
-from gcs.clearance import Clearance
-from gcs.control_refusal import why_never
-from gcs.errand_tasks import Done
-from gcs.errands import Errands
-from gcs.flight import Flight
-from gcs.homecoming import Homecoming
-from gcs.inspection import Inspection
-from gcs.lineup import Lineup
+from gcs.flight.collective_return import Homecoming
+from gcs.flight.command_log import OrderBook
+from gcs.flight.control_refusal import why_never
+from gcs.flight.failsafe_monitor import Reacting
+from gcs.flight.fleet import Flight
+from gcs.flight.landing_assignment import landing_places_m
+from gcs.flight.maneuver_tasks import Done
+from gcs.flight.maneuvers import Errands
+from gcs.flight.parameter_reader import Inspection
+from gcs.flight.participants import Lineup
+from gcs.flight.preflight_gate import Clearance
+from gcs.flight.recovery import Takeover
+from gcs.flight.show_player import Stage
+from gcs.flight.start import Countdown, Starting
+from gcs.flight.telemetry_monitor import Watch
+from gcs.flight.ticker import TickClock
+from gcs.flight.uncontrolled import follow
+from gcs.flight.vehicle import Vehicle
+from gcs.flight.vehicle_commands import VehicleOrders
 from gcs.model.errors import InvalidError, OrderError, RefusedError
 from gcs.model.interrupted_flight import Interruption, Offer
 from gcs.model.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import Array, VehicleId
-from gcs.orders import OrderBook
-from gcs.places import landing_places_m
-from gcs.reacting import Reacting
 from gcs.service import OrderRecord, Outcome, Reaction, ShowAction, VehicleAction
-from gcs.stage import Stage
-from gcs.starting import Countdown, Starting
-from gcs.takeover import Takeover
-from gcs.timing import TickClock
-from gcs.uncontrolled import follow
-from gcs.vehicle import Vehicle
-from gcs.vehicle_orders import VehicleOrders
-from gcs.watch import Watch
 
 log = logging.getLogger(__name__)
 

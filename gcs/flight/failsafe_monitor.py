@@ -10,12 +10,12 @@ import numpy as np
 from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
 from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, Cause
 from gcs.failsafe.triggers import Known, Roles, Seen, Wish, advance, is_calm, look
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
+from gcs.flight.show_player import Stage
+from gcs.flight.ticker import TickClock
+from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.service import OrderRecord, Reaction, ShowAction, VehicleAction
-from gcs.stage import Stage
-from gcs.timing import TickClock
-from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +54,7 @@ FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 
 
 class Orders(Protocol):
-    """What can be ordered, see `gcs.director`."""
+    """What can be ordered, see `gcs.flight.commander`."""
 
     def react(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> OrderRecord:
         """One order to several vehicles."""

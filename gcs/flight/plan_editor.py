@@ -3,7 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
+from gcs.flight.show_player import Stage
+from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import ON_THE_GROUND, Phase
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target, Yaw
@@ -15,8 +17,6 @@ from gcs.planning.feasibility import (
     check_target,
     followed,
 )
-from gcs.stage import Stage
-from gcs.vehicle import Vehicle
 
 
 class Wishes:

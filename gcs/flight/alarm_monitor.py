@@ -10,11 +10,12 @@ from typing import Final
 
 import numpy as np
 
-from gcs.close_pairs import ClosePairs
 from gcs.control import Tick
 from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, FailsafeCause
 from gcs.failsafe.policy import Action, Cause
-from gcs.flight import FLIES, Flight
+from gcs.flight.close_pairs import ClosePairs
+from gcs.flight.fleet import FLIES, Flight
+from gcs.flight.vehicle import Vehicle
 from gcs.model.interrupted_flight import Interrupted
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import VehicleId
@@ -30,7 +31,6 @@ from gcs.service.alarms import (
     Limit,
     beyond,
 )
-from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 

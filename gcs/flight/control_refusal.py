@@ -2,9 +2,9 @@
 
 from gcs.estimation.signs_of_life import BEATS_MAY_LACK_S
 from gcs.failsafe.autopilot_failsafe import comes_down, control_refusal
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
+from gcs.flight.vehicle import Vehicle
 from gcs.model.state import Mode
-from gcs.vehicle import Vehicle
 
 A_PERSON_FLIES = frozenset({Mode.POSITION, Mode.OTHER})
 """Modes that no autopilot chooses for itself while it has a position: a person is at the sticks."""

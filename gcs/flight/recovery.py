@@ -1,6 +1,6 @@
 """An interrupted flight: which vehicles wait for a command, and the two commands offered for all of them.
 
-The service ended, and the record knows what was flown; or it stalled, and `gcs.stall_recovery` remembers it.
+The service ended, and the record knows what was flown; or it stalled, and `gcs.flight.stall_recovery` remembers it.
 Both are an `Interruption`.
 """
 
@@ -13,10 +13,15 @@ from typing import Final
 
 import numpy as np
 
-from gcs.awaited_vehicles import REPLACED, AwaitedVehicles, Missed, Reached
-from gcs.control_refusal import why_never, why_not_touching_down, why_not_without_heartbeat
-from gcs.errands import Errands
-from gcs.flight import Flight
+from gcs.flight.awaited_vehicles import REPLACED, AwaitedVehicles, Missed, Reached
+from gcs.flight.command_log import OrderBook
+from gcs.flight.control_refusal import why_never, why_not_touching_down, why_not_without_heartbeat
+from gcs.flight.fleet import Flight
+from gcs.flight.maneuvers import Errands
+from gcs.flight.restored_plan import RestoredPlan
+from gcs.flight.show_player import Stage
+from gcs.flight.stall_recovery import Stall, StallRecovery
+from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import (
     Before,
@@ -30,12 +35,7 @@ from gcs.model.interrupted_flight import (
 )
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.state import VehicleId
-from gcs.orders import OrderBook
-from gcs.restored_plan import RestoredPlan
 from gcs.service import OrderRecord, Outcome
-from gcs.stage import Stage
-from gcs.stall_recovery import Stall, StallRecovery
-from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 

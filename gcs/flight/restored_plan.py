@@ -4,13 +4,13 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
+from gcs.flight.show_player import Stage
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.interrupted_flight import TAKEN_OVER_FROM, Interruption, Offer
 from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan
 from gcs.model.plan_json import plan_of
 from gcs.planning.feasibility import check_formation, check_orbit, check_target, followed
-from gcs.stage import Stage
 
 log = logging.getLogger(__name__)
 

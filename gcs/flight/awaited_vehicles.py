@@ -7,12 +7,12 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.errands import Errands
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
+from gcs.flight.maneuvers import Errands
+from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import Phase
 from gcs.model.state import VehicleId
 from gcs.service import Outcome
-from gcs.vehicle import Vehicle
 
 RECEIVED_WITHIN_S: Final = 3.0
 """A command for an interrupted flight awaits vehicles of which nothing was received yet for so long."""

@@ -12,13 +12,13 @@ from typing import Protocol
 import numpy as np
 
 from gcs.config.schema import OperationSettings
-from gcs.errand_tasks import Errand, ErrandTasks
+from gcs.flight.maneuver_tasks import Errand, ErrandTasks
+from gcs.flight.vehicle import Vehicle
 from gcs.links import Order, Verb
 from gcs.model.errors import OrderError, RefusedError
 from gcs.model.lifecycle import FLOWN, Event, Phase
 from gcs.model.state import Array, FleetState, Mode
 from gcs.planning.return_paths import IN_PLACE_M, WELL_IN_PLACE_M, is_above, may_hand_over
-from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 
@@ -78,7 +78,7 @@ class Surroundings(Protocol):
 
 
 class Homecoming(Protocol):
-    """What errands need of a collective return, see `gcs.homecoming`."""
+    """What errands need of a collective return, see `gcs.flight.collective_return`."""
 
     @property
     def is_planned(self) -> bool:

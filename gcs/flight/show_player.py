@@ -5,13 +5,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import nan
 
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
+from gcs.flight.running_show import Performance
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan, Target
 from gcs.model.state import VehicleId
-from gcs.performance import Performance
 from gcs.planning.feasibility import check_obstacle, check_target
 from gcs.service import SelectedShow
 from gcs.shows import Flaw, Show, ShowClock, Timeline

@@ -5,11 +5,11 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
+from gcs.flight.vehicle import Vehicle
 from gcs.model.interrupted_flight import Before, Interruption, Triple, Written, is_left_alone, left_by, triple
 from gcs.model.lifecycle import FLOWN, Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
-from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 

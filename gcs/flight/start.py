@@ -4,16 +4,16 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from gcs.clearance import Clearance, Cleared
-from gcs.errands import Errands
-from gcs.flight import Flight
+from gcs.flight.command_log import OrderBook
+from gcs.flight.fleet import Flight
+from gcs.flight.maneuvers import Errands
+from gcs.flight.preflight_gate import Clearance, Cleared
+from gcs.flight.show_player import Stage
+from gcs.flight.uncontrolled import reason, uncontrolled
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import ShowEvent, advance_show
 from gcs.model.state import VehicleId
-from gcs.orders import OrderBook
 from gcs.service import OrderRecord, Outcome, ShowAction
-from gcs.stage import Stage
-from gcs.uncontrolled import reason, uncontrolled
 
 log = logging.getLogger(__name__)
 

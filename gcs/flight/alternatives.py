@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from gcs.control_refusal import why_never
-from gcs.flight import Flight
+from gcs.flight.control_refusal import why_never
+from gcs.flight.fleet import Flight
 from gcs.model.errors import RefusedError
 from gcs.model.fleet_counts import Whereabouts
 from gcs.model.lifecycle import NEXT, Event, Phase

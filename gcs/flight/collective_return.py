@@ -7,7 +7,8 @@ from concurrent.futures import Executor, Future
 import numpy as np
 
 from gcs.control import ControlSettings, ellipses_of
-from gcs.flight import Flight
+from gcs.flight.fleet import Flight
+from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import ShapeError
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan
@@ -15,7 +16,6 @@ from gcs.model.quoting import cut
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.landing_sites import CLEAR_M
 from gcs.planning.return_paths import AreFree, Pace, Planner, Ways, plan_ways
-from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 

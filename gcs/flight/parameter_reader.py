@@ -12,13 +12,13 @@ from typing import Final
 
 import numpy as np
 
-from gcs.flight import Columns, Flight
+from gcs.flight.fleet import Columns, Flight
+from gcs.flight.vehicle import Vehicle
 from gcs.links import ParameterValue
 from gcs.model.errors import OrderError
 from gcs.model.preflight_report import Check
 from gcs.model.state import Mask, VehicleId
 from gcs.preflight.parameters import Requirement, parameter_checks, requirements
-from gcs.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 

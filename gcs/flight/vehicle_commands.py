@@ -4,19 +4,19 @@ import logging
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from gcs.control_refusal import why_never, why_not_unasked
-from gcs.errand_tasks import Errand
-from gcs.errands import Errands
-from gcs.flight import Flight
+from gcs.flight.command_log import OrderBook
+from gcs.flight.control_refusal import why_never, why_not_unasked
+from gcs.flight.fleet import Flight
+from gcs.flight.landing_assignment import landing_places_m
+from gcs.flight.maneuver_tasks import Errand
+from gcs.flight.maneuvers import Errands
+from gcs.flight.vehicle import Vehicle, require_phase
 from gcs.links import Order, Verb
 from gcs.model.errors import InvalidError, OrderError, RefusedError
 from gcs.model.lifecycle import FLOWN, GROUNDED, IN_THE_AIR, NEXT, Event, Phase, ShowPhase
 from gcs.model.state import VehicleId
-from gcs.orders import OrderBook
-from gcs.places import landing_places_m
 from gcs.planning.feasibility import check_formation
 from gcs.service import OrderRecord, Outcome, VehicleAction
-from gcs.vehicle import Vehicle, require_phase
 
 log = logging.getLogger(__name__)
 

@@ -5,15 +5,15 @@ from functools import partial
 
 import numpy as np
 
-from gcs.errand_tasks import Errand
-from gcs.errands import Errands
 from gcs.estimation.signs_of_life import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking
 from gcs.failsafe.autopilot_failsafe import cause_of, described, lost_on_the_way
-from gcs.flight import Columns, Flight
-from gcs.inspection import Inspection
+from gcs.flight.fleet import Columns, Flight
+from gcs.flight.maneuver_tasks import Errand
+from gcs.flight.maneuvers import Errands
+from gcs.flight.parameter_reader import Inspection
+from gcs.flight.vehicle import Explanation, Heard, Vehicle
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase
 from gcs.model.state import Array, Mask, Mode
-from gcs.vehicle import Explanation, Heard, Vehicle
 
 log = logging.getLogger(__name__)
 

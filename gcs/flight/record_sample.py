@@ -6,8 +6,8 @@ import numpy as np
 
 from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
-from gcs.flight import Flight
-from gcs.performance import lights
+from gcs.flight.fleet import Flight
+from gcs.flight.running_show import lights
 from gcs.recording.sample import Moment
 from gcs.service import TickView
 from gcs.service.alarms import Alarm

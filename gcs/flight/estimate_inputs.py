@@ -18,7 +18,7 @@ from gcs.estimation.time_estimates import (
     to_slots_s,
     to_sphere_s,
 )
-from gcs.flight import ASSEMBLED_M, ASSEMBLED_SHARE, Flight
+from gcs.flight.fleet import ASSEMBLED_M, ASSEMBLED_SHARE, Flight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask
 

@@ -1,0 +1,1 @@
+"""The running flight: orchestrator, fleet, commander, maneuvers, recovery; imports everything below it."""
