@@ -19,7 +19,7 @@ ROWS: Final = (
         "landing",
     ),
 )
-"""Of docs/flight-quality.md; as `gcs.cli.simulation.scenario.ROWS`."""
+"""Of docs/flight-quality.md; as `gcs.simulation.scenario.ROWS`."""
 
 HEARD_S: Final = 8.0
 """Time for the vehicles' first messages."""

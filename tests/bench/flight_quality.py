@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 
-from gcs.cli.simulation import scenario as scenarios
-from gcs.cli.simulation.flight import fly
-from gcs.cli.simulation.plot import draw
-from gcs.cli.simulation.table import Figures, markdown
+from gcs.simulation import scenario as scenarios
+from gcs.simulation.flight import fly
+from gcs.simulation.plot import draw
+from gcs.simulation.summary import Figures, markdown
 
 TABLE = re.compile(r"(<!-- figures: (?P<names>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
 PLOT = re.compile(r"<!-- plot: (?P<name>\S+) (?P<vehicles>\d+) (?P<seed>\d+) -->")

@@ -13,10 +13,7 @@ import numpy as np
 import pyrvo
 from numpy.typing import NDArray
 
-from gcs.cli.simulation import scenario as scenarios
-from gcs.cli.simulation.flight import fly
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
-from gcs.formation.article import ArticleParameters, formation_force, step_virtual
 from gcs.formation.law import goal_velocity
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Plan
@@ -24,6 +21,9 @@ from gcs.model.state import Array, FleetState, Traits
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
 from gcs.sim.dynamics import PointMasses, Response, step
+from gcs.simulation import scenario as scenarios
+from gcs.simulation.flight import fly
+from gcs.simulation.paper_law import ArticleParameters, formation_force, step_virtual
 
 WARM_UPS = 3
 LONGEST_S = 6.0

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from gcs.cli.simulation.flight import FormationRun
-from gcs.cli.simulation.scenario import FormationFlight, Judged, Scenario
 from gcs.model.plan import Obstacle
 from gcs.planning.return_paths import WELL_IN_PLACE_M
+from gcs.simulation.flight import FormationRun
+from gcs.simulation.scenario import FormationFlight, Judged, Scenario
 
 COUNT = 6
 FLIGHT = FormationFlight(kind="formation", radius_m=8.0, ending="return", ending_s=20.0)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gcs.cli import main
-from gcs.cli.shows.rehearsal import rehearse
 from gcs.shows import load, shipped
+from gcs.simulation.rehearsal.flight import rehearse
 
 BROKEN = Path(__file__).parents[1] / "data" / "shows"
 

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.cli.simulation import scenario as scenarios
-from gcs.cli.simulation.article import article_figures
-from gcs.cli.simulation.batch import broken
-from gcs.cli.simulation.flight import fly
-from gcs.cli.simulation.measure import report
-from gcs.cli.simulation.plot import draw
-from gcs.cli.simulation.record import Record
-from gcs.cli.simulation.scenario import ArticleFlight
+from gcs.simulation import scenario as scenarios
+from gcs.simulation.batch import broken
+from gcs.simulation.flight import fly
+from gcs.simulation.metrics import report
+from gcs.simulation.paper_controller import article_figures
+from gcs.simulation.plot import draw
+from gcs.simulation.scenario import ArticleFlight
+from gcs.simulation.trace import Record
 
 VEHICLES = 4
 

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from gcs.cli.simulation import scenario as scenarios
-from gcs.cli.simulation.batch import broken
-from gcs.cli.simulation.flight import fly
-from gcs.cli.simulation.layout import lattice
-from gcs.cli.simulation.measure import report
-from gcs.cli.simulation.neighbours import Neighbourhood, range_m
-from gcs.cli.simulation.scenario import Radio
 from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
 from gcs.model.state import Array
+from gcs.simulation import scenario as scenarios
+from gcs.simulation.batch import broken
+from gcs.simulation.flight import fly
+from gcs.simulation.initial_states import lattice
+from gcs.simulation.metrics import report
+from gcs.simulation.neighbour_links import Neighbourhood, range_m
+from gcs.simulation.scenario import Radio
 
 TICK_S = 0.05
 RADIUS_M = 10.0

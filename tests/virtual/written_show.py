@@ -8,11 +8,11 @@ from typing import Any, Final
 from virtual_show import HEADING_DEG, Show, Story, T, show_config
 from virtual_show import fly as fly_anywhere
 
-from gcs.cli.shows.rehearsal import rehearse
-from gcs.cli.shows.verdict import judge
 from gcs.config.schema import Config
 from gcs.recording.session import Record
 from gcs.shows import parse
+from gcs.simulation.rehearsal.flight import rehearse
+from gcs.simulation.rehearsal.verdict import judge
 
 NAME = "small"
 TEXT = """

@@ -8,10 +8,10 @@ from pathlib import Path
 from gcs.cli.output import print_json
 from gcs.cli.plots import require_matplotlib
 from gcs.cli.progress import share_of
-from gcs.cli.shows.rehearsal import rehearse
-from gcs.cli.shows.verdict import judge, table
 from gcs.model.errors import ConfigError, ShowError
 from gcs.shows import LoadedShow, find, load
+from gcs.simulation.rehearsal.flight import rehearse
+from gcs.simulation.rehearsal.verdict import judge, table
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -52,7 +52,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _plot(loaded: LoadedShow, arguments: argparse.Namespace) -> int:
     require_matplotlib("gcs show plot")
-    from gcs.cli.shows.plot import draw  # noqa: PLC0415  (a second that only a plot need wait for)
+    from gcs.simulation.rehearsal.plot import draw  # noqa: PLC0415  (a second that only a plot need wait for)
 
     file = Path(arguments.picture)
     if not file.parent.is_dir() or file.suffix not in {".png", ".svg", ".pdf"}:

@@ -7,11 +7,11 @@ from pathlib import Path
 from gcs.cli.output import print_json
 from gcs.cli.plots import require_matplotlib
 from gcs.cli.progress import working
-from gcs.cli.simulation import scenario as scenarios
-from gcs.cli.simulation.batch import Run, judged_runs, passed, run_all
-from gcs.cli.simulation.flight import fly
-from gcs.cli.simulation.table import summary
 from gcs.model.errors import ConfigError
+from gcs.simulation import scenario as scenarios
+from gcs.simulation.batch import Run, judged_runs, passed, run_all
+from gcs.simulation.flight import fly
+from gcs.simulation.summary import summary
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -64,7 +64,7 @@ def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
 
 def _plot(paths: list[Path], arguments: argparse.Namespace) -> int:
     require_matplotlib("--plot")
-    from gcs.cli.simulation.plot import draw  # noqa: PLC0415  (a second that only a plot need wait for)
+    from gcs.simulation.plot import draw  # noqa: PLC0415  (a second that only a plot need wait for)
 
     runs = [run for path in paths for run in _runs(path, arguments)]
     if len(runs) != 1:

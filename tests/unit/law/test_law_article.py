@@ -5,7 +5,13 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from gcs.formation.article import (
+from gcs.formation.obstacles import AvoidanceSettings, Ellipse
+from gcs.formation.orbit import Center
+from gcs.formation.repulsion import repulsion_force
+from gcs.formation.sphere import sphere_force
+from gcs.formation.thomson import energy, nearest_m
+from gcs.model.state import Array
+from gcs.simulation.paper_law import (
     ANSWER_S,
     ArticleParameters,
     avoiding_force,
@@ -14,12 +20,6 @@ from gcs.formation.article import (
     step_center,
     step_virtual,
 )
-from gcs.formation.obstacles import AvoidanceSettings, Ellipse
-from gcs.formation.orbit import Center
-from gcs.formation.repulsion import repulsion_force
-from gcs.formation.sphere import sphere_force
-from gcs.formation.thomson import energy, nearest_m
-from gcs.model.state import Array
 
 SECTION_5 = ArticleParameters()
 DT_S = 0.02

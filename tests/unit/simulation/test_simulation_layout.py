@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gcs.cli.simulation import layout
-from gcs.cli.simulation.scenario import GoalFlight
 from gcs.model.errors import ConfigError
 from gcs.model.state import Array
+from gcs.simulation import initial_states as layout
+from gcs.simulation.scenario import GoalFlight
 
 
 def nearest(place_m: Array, stretch: float = 1.0) -> float:

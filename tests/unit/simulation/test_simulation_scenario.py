@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from gcs.cli.simulation import scenario as scenarios
-from gcs.cli.simulation.scenario import FormationFlight, GoalFlight, Scenario
 from gcs.model.errors import ConfigError
+from gcs.simulation import scenario as scenarios
+from gcs.simulation.scenario import FormationFlight, GoalFlight, Scenario
 
 PLAIN = """
 about: a trial

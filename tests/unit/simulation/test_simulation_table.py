@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from gcs.cli.simulation.batch import passed
-from gcs.cli.simulation.table import markdown, rows, summary
+from gcs.simulation.batch import passed
+from gcs.simulation.summary import markdown, rows, summary
 
 
 def run(

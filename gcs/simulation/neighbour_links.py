@@ -6,11 +6,11 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.cli.simulation.scenario import Radio
 from gcs.formation.consensus import Belief, Heard, agree
 from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
 from gcs.model.state import Array, Mask
+from gcs.simulation.scenario import Radio
 
 PLACE, PACE, CENTER, CENTER_PACE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 DEGREE, SENT = 12, 13

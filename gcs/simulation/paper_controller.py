@@ -6,22 +6,22 @@ from math import sqrt
 
 import numpy as np
 
-from gcs.cli.simulation.layout import scattered_m
-from gcs.cli.simulation.record import Record
-from gcs.cli.simulation.scenario import ArticleFlight, Scenario
-from gcs.formation.article import (
-    avoiding_force,
-    feed_forward_force,
-    formation_force,
-    step_center,
-    step_virtual,
-)
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center, orbit_velocity
 from gcs.formation.way import Way, steer_center
 from gcs.model.plan import Obstacle, Target
 from gcs.model.state import Array
 from gcs.safety.separation import Floor, scaled_distance_m
+from gcs.simulation.initial_states import scattered_m
+from gcs.simulation.paper_law import (
+    avoiding_force,
+    feed_forward_force,
+    formation_force,
+    step_center,
+    step_virtual,
+)
+from gcs.simulation.scenario import ArticleFlight, Scenario
+from gcs.simulation.trace import Record
 
 SUBSTEPS = 10
 """Steps of the virtual dynamics in a tick; at 20 Hz they last 5 ms."""

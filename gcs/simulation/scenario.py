@@ -10,13 +10,13 @@ from gcs.config import yaml_files as documents
 from gcs.config.setting_errors import explained
 from gcs.config.yaml_source import Source
 from gcs.control import ControlSettings
-from gcs.formation.article import ArticleParameters
 from gcs.formation.consensus import ConsensusSettings
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.model.errors import ConfigError
 from gcs.model.plan import MAX_OBSTACLES, Direction
 from gcs.model.quoting import quoted
 from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.simulation.paper_law import ArticleParameters
 
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
 VehicleCount: TypeAlias = Annotated[int, Field(ge=1, le=20_000)]

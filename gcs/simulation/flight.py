@@ -6,15 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from gcs.cli.simulation import layout
-from gcs.cli.simulation.article import fly_article
-from gcs.cli.simulation.boxes import draw_world
-from gcs.cli.simulation.judge import closest_m
-from gcs.cli.simulation.neighbours import Neighbourhood
-from gcs.cli.simulation.passing import THROUGH_M, approaching
-from gcs.cli.simulation.record import NOWHERE, Record
-from gcs.cli.simulation.scenario import FormationFlight, GoalFlight, Scenario
-from gcs.cli.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
 from gcs.config.schema import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
 from gcs.flight.collective_return import return_planner
@@ -26,6 +17,15 @@ from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
 from gcs.planning.return_paths import WELL_IN_PLACE_M, Pace, Ways, is_above, may_hand_over, plan_ways
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
+from gcs.simulation import initial_states as layout
+from gcs.simulation.neighbour_links import Neighbourhood
+from gcs.simulation.obstacle_metrics import THROUGH_M, approaching
+from gcs.simulation.pair_metrics import closest_m
+from gcs.simulation.paper_controller import fly_article
+from gcs.simulation.random_obstacles import draw_world
+from gcs.simulation.scenario import FormationFlight, GoalFlight, Scenario
+from gcs.simulation.trace import NOWHERE, Record
+from gcs.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
 
 HANDOVER_HEIGHT_M: Final[float] = OperationSettings.model_fields["handover_height_m"].default
 AFTER_BOXES_S = 25.0

@@ -4,9 +4,6 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from gcs.cli.simulation.flight import SimulatedFlight
-from gcs.cli.simulation.record import Record
-from gcs.cli.simulation.scenario import FormationFlight, Judged, Scenario, World
 from gcs.control import Task
 from gcs.flight.fleet import stands
 from gcs.model.errors import RefusedError
@@ -14,6 +11,9 @@ from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array
 from gcs.planning.feasibility import check_obstacle
 from gcs.shows import Flaw, LoadedShow, Played
+from gcs.simulation.flight import SimulatedFlight
+from gcs.simulation.scenario import FormationFlight, Judged, Scenario, World
+from gcs.simulation.trace import Record
 
 ASSEMBLED_BY_S = 120.0
 """A sphere that does not stand by then never will."""

@@ -7,13 +7,13 @@ from math import ceil, hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.cli.shows.rehearsal import Rehearsal
-from gcs.cli.simulation.measure import rounded
-from gcs.cli.simulation.record import Record
 from gcs.model.errors import Problem
 from gcs.model.plan import Plan
 from gcs.planning.vertical_overlap import column_m, overlapping
 from gcs.shows import Flaw, Played
+from gcs.simulation.metrics import rounded
+from gcs.simulation.rehearsal.flight import Rehearsal
+from gcs.simulation.trace import Record
 
 TAKEOFF_M_S = 1.5
 """MPC_TKO_SPEED."""

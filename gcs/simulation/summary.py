@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from statistics import median
 
-from gcs.cli.simulation.batch import figure
+from gcs.simulation.batch import figure
 
 Figures = dict[str, object]
 LESS_IS_BETTER: Callable[[list[float]], float] = max

@@ -6,19 +6,19 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gcs.cli.simulation.article import article_figures
-from gcs.cli.simulation.best import best, best_figures
-from gcs.cli.simulation.judge import energy_and_nearest
-from gcs.cli.simulation.passing import (
+from gcs.model.state import Array, Mask
+from gcs.safety.filter import Limits
+from gcs.simulation.obstacle_metrics import (
     last_passing_tick,
     penetrations_and_clearance_m,
     same_side,
     through,
 )
-from gcs.cli.simulation.record import Record
-from gcs.cli.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged
-from gcs.model.state import Array, Mask
-from gcs.safety.filter import Limits
+from gcs.simulation.pair_metrics import energy_and_nearest
+from gcs.simulation.paper_controller import article_figures
+from gcs.simulation.reference_shapes import best, best_figures
+from gcs.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged
+from gcs.simulation.trace import Record
 
 SETTLED_ENERGY = 1.005
 SETTLED_RADIUS = 0.02

@@ -6,10 +6,10 @@ from math import exp, sqrt
 
 import numpy as np
 
-from gcs.cli.simulation.scenario import Wind, World
 from gcs.model.state import Array, FleetState, Mask, Setpoints, VehicleId
 from gcs.sim import noise
 from gcs.sim.dynamics import PointMasses, Response, step
+from gcs.simulation.scenario import Wind, World
 
 LONGEST_STEP_S = 1.0 / 60.0
 """Of the integration; sim.dynamics allows 0.02."""

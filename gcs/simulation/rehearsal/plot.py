@@ -10,10 +10,10 @@ from matplotlib.patches import Circle, Rectangle
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from gcs.cli.shows.rehearsal import Rehearsal
-from gcs.cli.shows.verdict import Verdict, judge
-from gcs.cli.simulation.record import Record
 from gcs.model.state import Array
+from gcs.simulation.rehearsal.flight import Rehearsal
+from gcs.simulation.rehearsal.verdict import Verdict, judge
+from gcs.simulation.trace import Record
 
 NIGHT = "#0b0e16"
 GREY = "#8a93a6"

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-from gcs.cli.simulation import scenario as scenarios
-from gcs.cli.simulation.flight import fly
-from gcs.cli.simulation.measure import report
-from gcs.cli.simulation.scenario import Gate, Scenario
+from gcs.simulation import scenario as scenarios
+from gcs.simulation.flight import fly
+from gcs.simulation.metrics import report
+from gcs.simulation.scenario import Gate, Scenario
 
 MISSES_ALLOWED = 0.05
 """Share of a fleet's runs of a scenario that may be outside the gates in `mostly`."""

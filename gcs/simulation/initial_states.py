@@ -4,10 +4,10 @@ from math import ceil, sqrt
 
 import numpy as np
 
-from gcs.cli.simulation.best import best
-from gcs.cli.simulation.scenario import FormationFlight, GoalFlight
 from gcs.model.errors import ConfigError
 from gcs.model.state import Array
+from gcs.simulation.reference_shapes import best
+from gcs.simulation.scenario import FormationFlight, GoalFlight
 
 GOLDEN_RAD = np.pi * (3.0 - sqrt(5.0))
 TRIES = 20_000

@@ -5,10 +5,10 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from gcs.cli.simulation.scenario import RandomBoxes
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
+from gcs.simulation.scenario import RandomBoxes
 
 TRIES = 2000
 """Of placing one box; a field that is full then gets fewer."""

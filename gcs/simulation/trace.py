@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gcs.cli.simulation.scenario import Scenario
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
+from gcs.simulation.scenario import Scenario
 
 NOWHERE = np.full(3, np.nan)
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from gcs.cli.simulation.record import Record
 from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
+from gcs.simulation.trace import Record
 
 PENETRATION_M = 1.0
 NEAR_M = 15.0

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from gcs.cli.simulation.article_plot import draw_article
-from gcs.cli.simulation.measure import SETTLED_ENERGY, report, shape_over_time
-from gcs.cli.simulation.record import Record
-from gcs.cli.simulation.scenario import ArticleFlight
+from gcs.simulation.metrics import SETTLED_ENERGY, report, shape_over_time
+from gcs.simulation.paper_figures import draw_article
+from gcs.simulation.scenario import ArticleFlight
+from gcs.simulation.trace import Record
 
 SHOWN_PATHS = 60
 COLOURS = "viridis"

@@ -12,11 +12,11 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import NDArray
 
-from gcs.cli.simulation.article import TETRAHEDRON_EDGE
-from gcs.cli.simulation.record import Record
-from gcs.cli.simulation.scenario import ArticleFlight
 from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Obstacle
+from gcs.simulation.paper_controller import TETRAHEDRON_EDGE
+from gcs.simulation.scenario import ArticleFlight
+from gcs.simulation.trace import Record
 
 SHOWN_S = 12.0
 """Paths over the ground are shown for so long: at the end, or before and after the obstacle."""

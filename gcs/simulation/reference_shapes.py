@@ -1,7 +1,7 @@
 """The best shapes known, ready at hand for the fleets that are judged (the Thomson problem).
 
 `best.npz` beside this file holds them for N = 2 to 32 and some larger; it was written by `write`, which
-`python -m gcs.cli.simulation.best` calls.
+`python -m gcs.simulation.reference_shapes` calls.
 """
 
 from functools import cache
@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from gcs.cli.simulation.judge import energy_and_gradient, energy_and_nearest
 from gcs.model.state import Array
+from gcs.simulation.pair_metrics import energy_and_gradient, energy_and_nearest
 
 KEPT = (*range(2, 33), 40, 45, 48, 50, 52, 60, 64, 72, 90, 100, 128, 150, 180, 190, 200)
 STARTS = 60
@@ -52,7 +52,7 @@ def best(charges: int | tuple[float, ...]) -> Array:
 
 @cache
 def _best_alike(count: int) -> Array:
-    with resources.as_file(resources.files("gcs.cli.simulation") / "best.npz") as file, np.load(file) as kept:
+    with resources.as_file(resources.files("gcs.simulation") / "best.npz") as file, np.load(file) as kept:
         if str(count) in kept:
             unit = kept[str(count)].astype(np.float64)
             return np.asarray(unit / np.linalg.norm(unit, axis=1, keepdims=True))

@@ -1,0 +1,1 @@
+"""A written show flown in virtual time, judged and drawn."""
