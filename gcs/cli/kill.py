@@ -8,7 +8,7 @@ from typing import Final
 
 from gcs.cli.output import REFUSED, fail, note, print_json
 from gcs.cli.remote import add_connection, connected
-from gcs.client import Client
+from gcs.client.fleet_client import Client
 from gcs.model.errors import GcsError, InvalidError, LinkError
 
 RECORD: Final = "runs"

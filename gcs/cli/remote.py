@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from gcs.cli.commands import ACTIONS, CALLS, Call
 from gcs.cli.output import REFUSED, exit_code, fail, failed, print_json
-from gcs.client import URL, Client
-from gcs.deferred import Deferred
+from gcs.client.deferred import Deferred
+from gcs.client.fleet_client import URL, Client
 from gcs.model.errors import GcsError, UnknownError
 
 if TYPE_CHECKING:
@@ -38,10 +38,10 @@ NOT_INCLUDED: Final = "not-included"
 """Of `gcs.service`'s words, which would load numpy."""
 
 OWNERS: Final = {
-    "": "gcs.client:Client",
-    "shows": "gcs.client_shows:Shows",
-    "preflight": "gcs.client_preflight:Preflight",
-    "playback": "gcs.client_replay:Playback",
+    "": "gcs.client.fleet_client:Client",
+    "shows": "gcs.client.shows:Shows",
+    "preflight": "gcs.client.preflight:Preflight",
+    "playback": "gcs.client.replay:Playback",
 }
 
 

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "e2e"))
 
 from ground import flying_config, proper, service, vehicles
 
-from gcs.client import Client
+from gcs.client.fleet_client import Client
 from gcs.config import schema as configuration
 
 ROOT: Final = Path(__file__).parents[2]

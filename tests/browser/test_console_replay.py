@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "virtual"))
 
 from virtual_show import Show, UnixClock, fly, show_config
 
-from gcs.client import Client
+from gcs.client.fleet_client import Client
 from gcs.model.lifecycle import ShowPhase
 from gcs.recording.session import Record
 from gcs.service import ShowAction

@@ -20,7 +20,7 @@ from gcs.api.door import Door
 from gcs.api.guard import EmergencyLane
 from gcs.api.server import serve
 from gcs.cli.main import main
-from gcs.client import Client
+from gcs.client.fleet_client import Client
 from gcs.config import schema as configuration
 from gcs.model.errors import AccessError, ConfigError, LinkError
 from gcs.model.lifecycle import ShowPhase

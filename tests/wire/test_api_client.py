@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from gcs.api.app import create_app
-from gcs.client import Client
+from gcs.client.fleet_client import Client
 from gcs.model.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
 from gcs.service import Outcome
 from gcs.shows import load, shipped

@@ -21,10 +21,10 @@ from gcs.api.door import Door
 from gcs.cli import status
 from gcs.cli.commands import ACTIONS, CALLS
 from gcs.cli.main import main
-from gcs.client import Client
-from gcs.client_preflight import Preflight
-from gcs.client_replay import Playback
-from gcs.client_shows import Shows
+from gcs.client.fleet_client import Client
+from gcs.client.preflight import Preflight
+from gcs.client.replay import Playback
+from gcs.client.shows import Shows
 from gcs.model.interrupted_flight import Interrupted, Offer
 from gcs.model.lifecycle import Phase as LifePhase
 from gcs.model.lifecycle import ShowPhase

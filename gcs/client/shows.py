@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 from urllib.parse import quote
 
-from gcs.deferred import Deferred
+from gcs.client.deferred import Deferred
 from gcs.model.errors import InvalidError, OrderError
 
 if TYPE_CHECKING:

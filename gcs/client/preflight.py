@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from urllib.parse import quote, urlencode
 
-from gcs.deferred import Deferred
+from gcs.client.deferred import Deferred
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

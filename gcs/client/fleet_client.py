@@ -22,11 +22,11 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
 from urllib.parse import quote
 
-from gcs.client_preflight import Preflight
-from gcs.client_replay import Playback
-from gcs.client_shows import Shows
-from gcs.deferred import Deferred
-from gcs.exchange import Exchange
+from gcs.client.deferred import Deferred
+from gcs.client.http import Exchange
+from gcs.client.preflight import Preflight
+from gcs.client.replay import Playback
+from gcs.client.shows import Shows
 from gcs.model.errors import LinkError, OrderError
 
 if TYPE_CHECKING:

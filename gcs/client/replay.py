@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from gcs.deferred import Deferred
+from gcs.client.deferred import Deferred
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
