@@ -1,1 +1,1 @@
-"""The REST API and the stream, over `gcs.service.Service` alone."""
+"""The REST API, its stream and the console's files; imports only service and model."""

@@ -11,29 +11,26 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 
-from gcs.api import (
-    alarm_routes,
-    docs,
-    kill_routes,
-    map_routes,
-    metrics,
-    page,
-    preflight_routes,
-    problem_docs,
-    replay_routes,
-    routes,
-    show_routes,
-    stream,
-    wire,
-)
-from gcs.api.audit import Audited
-from gcs.api.desk import Desk
-from gcs.api.door import Door
-from gcs.api.guard import Guard
+from gcs.api import console_files as page
+from gcs.api import docs, metrics
+from gcs.api import error_docs as problem_docs
+from gcs.api.auth.audit import Audited
+from gcs.api.auth.authorization import Door
+from gcs.api.auth.middleware import Guard
+from gcs.api.context import Desk
+from gcs.api.errors import echo, error_response, from_pydantic, invalid_response
+from gcs.api.map_tiles import GroundMap
 from gcs.api.methods import Methods, allowed
-from gcs.api.problems import echo, error_response, from_pydantic, invalid_response
+from gcs.api.routes import alarms as alarm_routes
+from gcs.api.routes import fleet as routes
+from gcs.api.routes import kill as kill_routes
+from gcs.api.routes import map as map_routes
+from gcs.api.routes import preflight as preflight_routes
+from gcs.api.routes import replay as replay_routes
+from gcs.api.routes import shows as show_routes
+from gcs.api.routes import stream
+from gcs.api.schemas import rest as wire
 from gcs.api.security_headers import SecurityHeaders
-from gcs.maps import GroundMap
 from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
 from gcs.model.quoting import cut
 from gcs.service import Service

@@ -5,9 +5,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from gcs.api import convert_status, frames
-from gcs.api.wire_stream import Status
-from gcs.maps import GroundMap
+from gcs.api.map_tiles import GroundMap
+from gcs.api.schemas import binary_frame as frames
+from gcs.api.schemas import status_from_service as convert_status
+from gcs.api.schemas.stream import Status
 from gcs.service import FleetView, Service
 
 STATUS_S: Final = 0.5

@@ -7,8 +7,8 @@ from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
 
-from gcs.api import page
-from gcs.api.problems import error_response
+from gcs.api import console_files as page
+from gcs.api.errors import error_response
 
 HEADERS: Final = {
     **page.HEADERS,

@@ -17,9 +17,9 @@ from prometheus_client.core import (
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_1_0_0, generate_latest
 from starlette.responses import Response
 
-from gcs.api.convert_alarms import current
-from gcs.api.desk import DeskDep
-from gcs.api.problem_docs import TOKEN
+from gcs.api.context import DeskDep
+from gcs.api.error_docs import TOKEN
+from gcs.api.schemas.alarms_from_service import current
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import FleetView, Histogram
 from gcs.service.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall

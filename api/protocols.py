@@ -22,8 +22,8 @@ from websockets.http11 import Request
 from websockets.http11 import Response as Handshake
 from websockets.server import ServerProtocol
 
-from gcs.api.problems import error_response
-from gcs.api.rates import Bucket
+from gcs.api.errors import error_response
+from gcs.api.rate_limit import Bucket
 
 CONNECTIONS_MAX: Final = 256
 """Of each listener; one more is answered 503 and closed."""

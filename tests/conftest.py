@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
 
-from gcs.api import convert
+from gcs.api.schemas import from_service as convert
 
 HERE = Path(__file__).parent
 BROWSER = HERE / "browser"

@@ -9,7 +9,7 @@ sys.path.insert(0, str(Path(__file__).parent / "unit" / "api"))
 from api_fake_service import FakeService
 from api_harness import Api
 
-from gcs.api import wire
+from gcs.api.schemas import rest as wire
 from gcs.model.state import Mode
 
 PILOT = "its pilot flies it in POSCTL since 12:04:31"

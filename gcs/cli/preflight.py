@@ -15,7 +15,7 @@ from gcs.cli.remote import add_connection, connected
 from gcs.model.preflight_report import State
 
 if TYPE_CHECKING:
-    from gcs.api import wire_preflight
+    from gcs.api.schemas import preflight as wire_preflight
 
 STYLE: Final = {State.PASS: "green", State.FAIL: "bold red", State.UNKNOWN: "bold yellow"}
 

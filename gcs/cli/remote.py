@@ -27,9 +27,9 @@ from gcs.model.errors import GcsError, UnknownError
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from gcs.api import wire
+    from gcs.api.schemas import rest as wire
 else:
-    wire = Deferred("gcs.api.wire")
+    wire = Deferred("gcs.api.schemas.rest")
 
 CONFIRM_DOWN: Final = "confirm-down"
 LAND: Final = "land"

@@ -11,13 +11,13 @@ from typing import Any
 from pydantic import ValidationError
 
 from gcs.api.app import create_app
+from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve as serve_api
 from gcs.cli import logs
 from gcs.cli.certify import TRUTH
 from gcs.cli.output import WRONG, failed, lines, note
 from gcs.cli.record import session_folder
 from gcs.config.setting_errors import explained
-from gcs.maps import GroundMap, open_map
 from gcs.model.errors import ConfigError, GcsError
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.replay.playhead import SPEED_MAX

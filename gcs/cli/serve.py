@@ -11,8 +11,10 @@ from pathlib import Path
 from starlette.types import ASGIApp
 
 from gcs.api.app import create_app
-from gcs.api.door import Door, log_denied
-from gcs.api.guard import EmergencyLane
+from gcs.api.auth.authorization import Door, log_denied
+from gcs.api.auth.middleware import EmergencyLane
+from gcs.api.auth.tokens import Tokens
+from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve as serve_api
 from gcs.cli import eventloop, notify
 from gcs.cli.notify import Notifier
@@ -27,13 +29,11 @@ from gcs.links.mavsdk.link import MavsdkUdpLink
 from gcs.links.native.link import DirectLink
 from gcs.links.signing_keys import Signing
 from gcs.links.stream_rates import wanted
-from gcs.maps import GroundMap, open_map
 from gcs.model.errors import ConfigError, LinkError, RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ShowPhase
 from gcs.service import FleetView, ShowAction
 from gcs.service.access import Audit, is_loopback
-from gcs.tokens import Tokens
 
 log = logging.getLogger(__name__)
 

@@ -18,7 +18,7 @@ from gcs.cli.alarm_lines import alarm_lines
 from gcs.model.lifecycle import Phase
 
 if TYPE_CHECKING:
-    from gcs.api import wire
+    from gcs.api.schemas import rest as wire
 
 OLD_S: Final = 1.0
 POOR_LINK: Final = 0.8

@@ -5,10 +5,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
+from gcs.api.auth.tokens import create_token, read_tokens, revoke_token
 from gcs.cli.output import REFUSED, failed, note, print_json
 from gcs.model.errors import GcsError
 from gcs.service.access import Role
-from gcs.tokens import create_token, read_tokens, revoke_token
 
 FILE: Final = "tokens.json"
 

@@ -33,14 +33,17 @@ if TYPE_CHECKING:
     import pydantic
     from pydantic import BaseModel
 
-    from gcs.api import wire, wire_alarms, wire_kill, wire_stream
-    from gcs.api.wire_interrupted import Interrupted
+    from gcs.api.schemas import alarms as wire_alarms
+    from gcs.api.schemas import kill as wire_kill
+    from gcs.api.schemas import rest as wire
+    from gcs.api.schemas import stream as wire_stream
+    from gcs.api.schemas.recovery import Interrupted
 else:
     pydantic = Deferred("pydantic")
-    wire = Deferred("gcs.api.wire")
-    wire_alarms = Deferred("gcs.api.wire_alarms")
-    wire_kill = Deferred("gcs.api.wire_kill")
-    wire_stream = Deferred("gcs.api.wire_stream")
+    wire = Deferred("gcs.api.schemas.rest")
+    wire_alarms = Deferred("gcs.api.schemas.alarms")
+    wire_kill = Deferred("gcs.api.schemas.kill")
+    wire_stream = Deferred("gcs.api.schemas.stream")
 
 M = TypeVar("M", bound="BaseModel")
 

@@ -11,10 +11,11 @@ from gcs.client.deferred import Deferred
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from gcs.api import wire, wire_preflight
+    from gcs.api.schemas import preflight as wire_preflight
+    from gcs.api.schemas import rest as wire
 else:
-    wire = Deferred("gcs.api.wire")
-    wire_preflight = Deferred("gcs.api.wire_preflight")
+    wire = Deferred("gcs.api.schemas.rest")
+    wire_preflight = Deferred("gcs.api.schemas.preflight")
 
 M = TypeVar("M", bound="BaseModel")
 

@@ -10,9 +10,9 @@ from gcs.client.deferred import Deferred
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from gcs.api import wire_replay
+    from gcs.api.schemas import replay as wire_replay
 else:
-    wire_replay = Deferred("gcs.api.wire_replay")
+    wire_replay = Deferred("gcs.api.schemas.replay")
 
 M = TypeVar("M", bound="BaseModel")
 

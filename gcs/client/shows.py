@@ -14,10 +14,11 @@ from gcs.model.errors import InvalidError, OrderError
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from gcs.api import wire, wire_shows
+    from gcs.api.schemas import rest as wire
+    from gcs.api.schemas import shows as wire_shows
 else:
-    wire = Deferred("gcs.api.wire")
-    wire_shows = Deferred("gcs.api.wire_shows")
+    wire = Deferred("gcs.api.schemas.rest")
+    wire_shows = Deferred("gcs.api.schemas.shows")
 
 M = TypeVar("M", bound="BaseModel")
 

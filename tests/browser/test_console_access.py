@@ -8,8 +8,8 @@ from console_bench import SOON_MS, TARGET_PX, Console, Station, chromes, console
 from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
 
+from gcs.api.auth.tokens import create_token
 from gcs.service.access import Role
-from gcs.tokens import create_token
 
 REACHABLE = """() => [...document.querySelectorAll("button, input, select, textarea, a[href], [role=region]")]
   .filter((each) => each.checkVisibility({ visibilityProperty: true }) && each.tabIndex >= 0)

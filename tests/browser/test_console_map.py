@@ -18,9 +18,9 @@ from mbtiles import mbtiles
 from PIL import Image
 from playwright.sync_api import Browser, expect
 
+from gcs.api.auth.tokens import create_token
 from gcs.config import schema as configuration
 from gcs.service.access import Role
-from gcs.tokens import create_token
 
 FRAME: Final = configuration.load(configuration.find("demo")).show_frame
 ZOOMS: Final = (13, 14, 15)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from ground import ORIGIN, SOON_S, flying_config, proper, until
 from machine import Witness, free_ports
 
+from gcs.api.auth.tokens import create_token
 from gcs.cli.serve import running
 from gcs.client.fleet_client import Client
 from gcs.config.schema import Config
@@ -20,7 +21,6 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.access import Role
-from gcs.tokens import create_token
 
 COUNT = 20
 JUNK_PER_S = 200.0

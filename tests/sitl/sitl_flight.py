@@ -10,7 +10,7 @@ import numpy as np
 from sitl_service import Service, ServiceError
 from sitl_simulators import Simulators
 
-from gcs.api import wire
+from gcs.api.schemas import rest as wire
 from gcs.cli.report import Commanded
 from gcs.client.fleet_client import Client
 from gcs.model.errors import GcsError, RefusedError

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from gcs.api.app import create_app
-from gcs.api.door import Door
+from gcs.api.auth.authorization import Door
 from gcs.api.server import serve
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))

@@ -16,8 +16,9 @@ from websockets.asyncio.client import connect
 from websockets.typing import Subprotocol
 
 from gcs.api.app import create_app
-from gcs.api.door import Door
-from gcs.api.guard import EmergencyLane
+from gcs.api.auth.authorization import Door
+from gcs.api.auth.middleware import EmergencyLane
+from gcs.api.auth.tokens import Tokens, create_token, revoke_token
 from gcs.api.server import serve
 from gcs.cli.main import main
 from gcs.client.fleet_client import Client
@@ -25,7 +26,6 @@ from gcs.config import schema as configuration
 from gcs.model.errors import AccessError, ConfigError, LinkError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service.access import Role, TlsSettings
-from gcs.tokens import Tokens, create_token, revoke_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 

@@ -17,12 +17,12 @@ from api_station import narrow, served, ticking
 from api_station import run as run_beside
 from websockets.asyncio.client import ClientConnection, connect
 
-from gcs.api import frames
-from gcs.api.desk import VIEWERS_MAX
-from gcs.api.door import Door
+from gcs.api.auth.authorization import Door
+from gcs.api.auth.tokens import Tokens, create_token, revoke_token
+from gcs.api.context import VIEWERS_MAX
+from gcs.api.schemas import binary_frame as frames
 from gcs.model.plan import Formation
 from gcs.service.access import Role
-from gcs.tokens import Tokens, create_token, revoke_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 

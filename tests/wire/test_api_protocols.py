@@ -12,11 +12,12 @@ import websockets
 from api_station import run, served
 from websockets.asyncio.client import connect
 
-from gcs.api import server, wire
-from gcs.api.door import TELL_BURST, TELL_PER_S, Door
+from gcs.api import server
+from gcs.api.auth.authorization import TELL_BURST, TELL_PER_S, Door
+from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.protocols import CONNECTIONS_MAX, LINES_BURST, LINES_PER_S
+from gcs.api.schemas import rest as wire
 from gcs.service.access import Denied, Role
-from gcs.tokens import Tokens, create_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 

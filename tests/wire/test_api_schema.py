@@ -14,13 +14,13 @@ from hypothesis import HealthCheck, Phase, settings
 from schemathesis import Case
 
 from gcs.api.app import create_app
-from gcs.api.door import Door
+from gcs.api.auth.authorization import Door
+from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.server import serve
 from gcs.flight.orchestrator import Orchestrator
 from gcs.preflight.parameters import requirements, settings_of
 from gcs.service.access import Role
 from gcs.sim.fleet import Fleet, Settings
-from gcs.tokens import Tokens, create_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "virtual"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))

@@ -18,7 +18,7 @@ from machine import Witness
 from websockets.asyncio.client import ClientConnection, connect
 
 from gcs.api.app import create_app
-from gcs.api.desk import VIEWERS_MAX
+from gcs.api.context import VIEWERS_MAX
 from gcs.api.protocols import CONNECTIONS_MAX
 from gcs.api.server import serve
 from gcs.model.errors import LinkError

@@ -17,7 +17,8 @@ from rich.console import Console
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gcs.api.app import create_app
-from gcs.api.door import Door
+from gcs.api.auth.authorization import Door
+from gcs.api.auth.tokens import Tokens, create_token
 from gcs.cli import status
 from gcs.cli.commands import ACTIONS, CALLS
 from gcs.cli.main import main
@@ -32,7 +33,6 @@ from gcs.service import Outcome, SelectedShow
 from gcs.service.access import Role
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.shows import load, shipped
-from gcs.tokens import Tokens, create_token
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
 

@@ -12,7 +12,7 @@ import pytest
 from replays import replay
 from websockets.asyncio.client import connect
 
-from gcs.api import frames
+from gcs.api.schemas import binary_frame as frames
 from gcs.cli.main import main
 from gcs.client.fleet_client import Client
 from gcs.config import schema as configuration

@@ -9,11 +9,11 @@ import pytest
 from api_fake_service import FakeService
 
 from gcs.api.app import create_app
-from gcs.api.door import TELL_BURST, Door
-from gcs.api.guard import EmergencyLane
+from gcs.api.auth.authorization import TELL_BURST, Door
+from gcs.api.auth.middleware import EmergencyLane
+from gcs.api.auth.tokens import Tokens, create_token, revoke_token
 from gcs.model.lifecycle import ShowPhase
 from gcs.service.access import Denied, Role
-from gcs.tokens import Tokens, create_token, revoke_token
 
 
 class Clock:

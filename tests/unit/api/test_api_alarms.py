@@ -2,8 +2,8 @@ import pytest
 from api_fake_service import FakeService
 from api_harness import Api
 
-from gcs.api import convert
-from gcs.api.door import needed
+from gcs.api.auth.authorization import needed
+from gcs.api.schemas import from_service as convert
 from gcs.service.access import RIGHTS, Right, Role
 from gcs.service.alarms import AlarmCause, Condition
 

@@ -7,7 +7,7 @@ import pytest
 from api_fake_service import FakeService
 from api_harness import Api
 
-from gcs.api import wire
+from gcs.api.schemas import rest as wire
 from gcs.model.errors import LinkError, ShapeError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import OrderRecord, ShowAction

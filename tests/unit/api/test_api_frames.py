@@ -10,7 +10,8 @@ import pytest
 from api_fake_service import FRAME, FakeService
 from numpy.typing import NDArray
 
-from gcs.api import convert, frames
+from gcs.api.schemas import binary_frame as frames
+from gcs.api.schemas import from_service as convert
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode

@@ -7,8 +7,8 @@ from api_fake_service import FakeService
 from api_harness import Api
 
 from gcs.api.app import create_app
-from gcs.api.door import Door
-from gcs.api.guard import BODY_MAX_BYTES, DRAIN_MAX_BYTES
+from gcs.api.auth.authorization import Door
+from gcs.api.auth.middleware import BODY_MAX_BYTES, DRAIN_MAX_BYTES
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import OrderRecord
 

@@ -6,9 +6,9 @@ import pytest
 from api_fake_service import FRAME, FakeService
 from api_harness import Api
 
-from gcs.api import convert
-from gcs.api.desk import VIEWERS_MAX, Desk
-from gcs.api.door import Door
+from gcs.api.auth.authorization import Door
+from gcs.api.context import VIEWERS_MAX, Desk
+from gcs.api.schemas import from_service as convert
 from gcs.model.errors import RefusedError
 
 

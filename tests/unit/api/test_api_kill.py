@@ -3,7 +3,7 @@
 import pytest
 from api_harness import Api
 
-from gcs.api.killswitch import VALID_S, WAITING_MAX, KillSwitch
+from gcs.api.auth.kill_confirmation import VALID_S, WAITING_MAX, KillSwitch
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase
 

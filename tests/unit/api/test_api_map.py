@@ -9,11 +9,11 @@ from api_fake_service import FakeService
 from mbtiles import mbtiles
 
 from gcs.api.app import create_app
-from gcs.api.door import Door
-from gcs.maps import GroundMap, open_map
+from gcs.api.auth.authorization import Door
+from gcs.api.auth.tokens import Tokens, create_token
+from gcs.api.map_tiles import GroundMap, open_map
 from gcs.service.access import Role
 from gcs.service.map_settings import MapSettings
-from gcs.tokens import Tokens, create_token
 
 ADDRESS = "https://maps.example:8443/tiles/{z}/{x}/{y}.png?key=a"
 PICTURE = b"\x89PNG and so on"

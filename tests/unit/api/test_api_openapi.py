@@ -7,9 +7,9 @@ from api_fake_service import FakeService
 from api_harness import Api
 
 from gcs.api.app import create_app
-from gcs.api.door import Door
+from gcs.api.auth.authorization import Door
+from gcs.api.auth.tokens import Tokens, create_token
 from gcs.service.access import Role
-from gcs.tokens import Tokens, create_token
 
 
 @pytest.fixture(scope="module")

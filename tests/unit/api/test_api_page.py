@@ -10,10 +10,10 @@ import pytest
 from api_fake_service import FakeService
 
 from gcs.api.app import create_app
-from gcs.api.door import Door, needed
-from gcs.api.page import DIST
+from gcs.api.auth.authorization import Door, needed
+from gcs.api.auth.tokens import Tokens, create_token
+from gcs.api.console_files import DIST
 from gcs.service.access import Right, Role
-from gcs.tokens import Tokens, create_token
 
 SCRIPT = "index-Ccg8Q6D7.js"
 

@@ -6,7 +6,7 @@ from api_harness import Api
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gcs.api import wire
+from gcs.api.schemas import rest as wire
 
 NAMES = st.sampled_from(
     sorted(

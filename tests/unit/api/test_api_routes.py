@@ -6,7 +6,8 @@ from api_fake_service import FakeService
 from api_harness import Api
 from rich.console import Console
 
-from gcs.api import convert, wire
+from gcs.api.schemas import from_service as convert
+from gcs.api.schemas import rest as wire
 from gcs.cli.status_table import board
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Direction, YawPolicy

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 from status_example import NOT_ORDINARY, PILOT, example_fleet
 
-from gcs.api import wire
+from gcs.api.schemas import rest as wire
 from gcs.cli.status import _columns
 from gcs.cli.status_table import COLUMNS, SORTED, board
 

@@ -13,7 +13,7 @@ def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:
     with heard(happenings):
         said = {"vehicle": "d1", "was": "hold", "phase": "formation", "reason": "offboard accepted"}
         log.info("vehicle_phase", extra=said)
-        logging.getLogger("gcs.api.door").warning("access_denied")  # no event of the flight
+        logging.getLogger("gcs.api.auth.authorization").warning("access_denied")  # no event of the flight
         log.error("link_failed", extra={"link": "a", "cause": "no route"})
     log.error("link_failed", extra={"link": "a", "cause": "nobody listens"})
     first, second = happenings.newest()

@@ -9,10 +9,10 @@ import pytest
 import yaml
 from mbtiles import mbtiles
 
+from gcs.api.map_tiles import TILE_MOST_BYTES, TileFile, open_map
 from gcs.cli.replay import recorded_map
 from gcs.cli.serve import open_ground
 from gcs.config.schema import parse
-from gcs.maps import TILE_MOST_BYTES, TileFile, open_map
 from gcs.model.errors import ConfigError, InvalidError, UnknownError
 from gcs.service.map_settings import MapSettings
 

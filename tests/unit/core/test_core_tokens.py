@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from gcs.api.auth.tokens import Tokens, create_token, read_tokens, revoke_token
 from gcs.cli.main import main
 from gcs.config import schema as configuration
 from gcs.model.errors import ConfigError, RefusedError, UnknownError
 from gcs.service.access import Role
-from gcs.tokens import Tokens, create_token, read_tokens, revoke_token
 
 
 def test_a_token_is_known_by_its_hash_alone_and_the_file_is_readable_for_nobody_else(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from starlette.responses import Response
 
-from gcs.api import wire
+from gcs.api.schemas import rest as wire
 from gcs.api.security_headers import HEADERS
 from gcs.model.quoting import cut, quoted
 

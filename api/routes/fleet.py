@@ -9,11 +9,12 @@ from fastapi import APIRouter, Response
 from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 
-from gcs.api import convert, wire
-from gcs.api.desk import Desk, DeskDep
-from gcs.api.path_names import ObstacleId, OrderId, VehicleId
-from gcs.api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
-from gcs.api.wire_stream import Access, Status
+from gcs.api.context import Desk, DeskDep
+from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
+from gcs.api.schemas import from_service as convert
+from gcs.api.schemas import rest as wire
+from gcs.api.schemas.path_names import ObstacleId, OrderId, VehicleId
+from gcs.api.schemas.stream import Access, Status
 from gcs.model.errors import InvalidError, UnknownError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.plan import Obstacle

@@ -2,9 +2,10 @@
 
 from fastapi import APIRouter
 
-from gcs.api import convert_status, wire_replay
-from gcs.api.desk import Desk, DeskDep
-from gcs.api.problem_docs import COMMAND, READ, TOKEN, errors
+from gcs.api.context import Desk, DeskDep
+from gcs.api.error_docs import COMMAND, READ, TOKEN, errors
+from gcs.api.schemas import replay as wire_replay
+from gcs.api.schemas import status_from_service as convert_status
 from gcs.model.errors import RefusedError
 from gcs.service import Replaying
 

@@ -5,10 +5,12 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from gcs.api import convert, wire, wire_preflight
-from gcs.api.desk import DeskDep
-from gcs.api.path_names import VehicleId
-from gcs.api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
+from gcs.api.context import DeskDep
+from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
+from gcs.api.schemas import from_service as convert
+from gcs.api.schemas import preflight as wire_preflight
+from gcs.api.schemas import rest as wire
+from gcs.api.schemas.path_names import VehicleId
 from gcs.model import preflight_report as checks
 
 router = APIRouter(dependencies=TOKEN)

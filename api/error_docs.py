@@ -6,7 +6,7 @@ from fastapi import Depends
 from fastapi.security import HTTPBearer
 from starlette.requests import Request
 
-from gcs.api import wire
+from gcs.api.schemas import rest as wire
 from gcs.model.errors import InvalidError
 
 MEANING: Final = {

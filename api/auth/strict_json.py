@@ -11,8 +11,8 @@ from typing import Any, Final
 
 from starlette.datastructures import Headers
 
-from gcs.api import wire
-from gcs.api.problems import echo
+from gcs.api.errors import echo
+from gcs.api.schemas import rest as wire
 from gcs.model.quoting import cut
 
 DEPTH_MAX: Final = 32

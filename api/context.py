@@ -9,11 +9,11 @@ from typing import Annotated, Final, cast
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from gcs.api import convert
+from gcs.api.auth.authorization import Door
+from gcs.api.auth.kill_confirmation import KillSwitch
 from gcs.api.console_feed import Feed
-from gcs.api.door import Door
-from gcs.api.killswitch import KillSwitch
-from gcs.maps import GroundMap
+from gcs.api.map_tiles import GroundMap
+from gcs.api.schemas import from_service as convert
 from gcs.model.errors import RefusedError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Plan

@@ -17,10 +17,10 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from gcs.api.audit import WHO_KEY
-from gcs.api.door import Call, Door, Refusal, Visitor, is_emergency, needed
-from gcs.api.problems import error_response, invalid_response
-from gcs.api.strict_json import find_problem
+from gcs.api.auth.audit import WHO_KEY
+from gcs.api.auth.authorization import Call, Door, Refusal, Visitor, is_emergency, needed
+from gcs.api.auth.strict_json import find_problem
+from gcs.api.errors import error_response, invalid_response
 from gcs.model.quoting import cut
 from gcs.service import WHO
 

@@ -4,7 +4,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from gcs.api.wire import (
+from gcs.api.schemas.alarms import Alarm
+from gcs.api.schemas.recovery import Interrupted
+from gcs.api.schemas.replay import Replay
+from gcs.api.schemas.rest import (
     Counts,
     Estimates,
     Formation,
@@ -16,9 +19,6 @@ from gcs.api.wire import (
     Target,
     Yaw,
 )
-from gcs.api.wire_alarms import Alarm
-from gcs.api.wire_interrupted import Interrupted
-from gcs.api.wire_replay import Replay
 from gcs.service.access import Right
 from gcs.service.alarms import OverallSeverity
 from gcs.service.event_log import Severity

@@ -4,10 +4,12 @@ from http import HTTPStatus
 
 from fastapi import APIRouter, Response
 
-from gcs.api import convert, wire, wire_kill
-from gcs.api.desk import DeskDep
-from gcs.api.killswitch import VALID_S
-from gcs.api.problem_docs import COMMAND, TOKEN, errors
+from gcs.api.auth.kill_confirmation import VALID_S
+from gcs.api.context import DeskDep
+from gcs.api.error_docs import COMMAND, TOKEN, errors
+from gcs.api.schemas import from_service as convert
+from gcs.api.schemas import kill as wire_kill
+from gcs.api.schemas import rest as wire
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import Phase
 from gcs.service import WHO

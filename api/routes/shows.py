@@ -6,9 +6,11 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Path
 from starlette.requests import Request
 
-from gcs.api import convert, wire, wire_shows
-from gcs.api.desk import DeskDep
-from gcs.api.problem_docs import COMMAND, NO_BODY, READ, TOKEN, errors
+from gcs.api.context import DeskDep
+from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
+from gcs.api.schemas import from_service as convert
+from gcs.api.schemas import rest as wire
+from gcs.api.schemas import shows as wire_shows
 
 Name = Annotated[str, Path(pattern=wire_shows.NAME_PATTERN, examples=["lighthouse"])]
 

@@ -15,12 +15,12 @@ from typing import Final
 
 from starlette.datastructures import Headers
 
-from gcs.api.page import is_public
-from gcs.api.rates import Bucket
+from gcs.api.auth.tokens import Entry, Tokens
+from gcs.api.console_files import is_public
+from gcs.api.rate_limit import Bucket
 from gcs.model.interrupted_flight import Offer
 from gcs.service import ShowAction, VehicleAction
 from gcs.service.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
-from gcs.tokens import Entry, Tokens
 
 log = logging.getLogger(__name__)
 

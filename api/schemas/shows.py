@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from gcs.api.wire import HASH_EXAMPLE, HASH_PATTERN, Inward, Measured, Outward
+from gcs.api.schemas.rest import HASH_EXAMPLE, HASH_PATTERN, Inward, Measured, Outward
 from gcs.service import CheckState
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,59}$"

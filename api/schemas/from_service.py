@@ -6,7 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from gcs.api import convert_alarms, wire, wire_interrupted, wire_shows
+from gcs.api.schemas import alarms_from_service as convert_alarms
+from gcs.api.schemas import recovery as wire_interrupted
+from gcs.api.schemas import rest as wire
+from gcs.api.schemas import shows as wire_shows
 from gcs.model import plan
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.fleet_counts import Counts

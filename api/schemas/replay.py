@@ -4,7 +4,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from gcs.api.wire import ABSENT, Change, Measured, Outward
+from gcs.api.schemas.rest import ABSENT, Change, Measured, Outward
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import CheckState
 from gcs.service.event_log import Severity

@@ -15,7 +15,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
 from gcs.api.encodings import chosen, is_known, is_twin
-from gcs.api.problems import error_response
+from gcs.api.errors import error_response
 
 DIST: Final = Path(__file__).parent / "console" / "dist"
 

@@ -2,11 +2,11 @@
 
 from fastapi import APIRouter
 
-from gcs.api import convert_alarms
-from gcs.api.desk import DeskDep
-from gcs.api.path_names import AlarmId
-from gcs.api.problem_docs import COMMAND, NO_BODY, TOKEN, errors
-from gcs.api.wire_alarms import Alarm, AlarmList
+from gcs.api.context import DeskDep
+from gcs.api.error_docs import COMMAND, NO_BODY, TOKEN, errors
+from gcs.api.schemas import alarms_from_service as convert_alarms
+from gcs.api.schemas.alarms import Alarm, AlarmList
+from gcs.api.schemas.path_names import AlarmId
 from gcs.model.errors import RefusedError
 from gcs.service.alarms import AlarmCause
 

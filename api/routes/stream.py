@@ -12,8 +12,8 @@ from typing import Final, TypeAlias
 from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
-from gcs.api.desk import Desk, DeskDep
-from gcs.api.door import SUBPROTOCOL
+from gcs.api.auth.authorization import SUBPROTOCOL
+from gcs.api.context import Desk, DeskDep
 from gcs.model.errors import InvalidError, RefusedError
 
 RATE_DEFAULT_HZ: Final = 10.0

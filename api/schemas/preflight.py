@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from gcs.api.wire import Inward, Measured, Outward
+from gcs.api.schemas.rest import Inward, Measured, Outward
 from gcs.model.preflight_report import State
 
 REASON_MAX = 200

@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
-from gcs.api.names import VehicleName
-from gcs.api.wire import ABSENT, Inward, Outward, without_defaults
+from gcs.api.schemas.names import VehicleName
+from gcs.api.schemas.rest import ABSENT, Inward, Outward, without_defaults
 
 CODE_PATTERN = r"^[0-9a-f]{6}$"
 

@@ -11,9 +11,9 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from gcs.api.names import VehicleName
-from gcs.api.wire_alarms import Alarm
-from gcs.api.wire_interrupted import Interrupted
+from gcs.api.schemas.alarms import Alarm
+from gcs.api.schemas.names import VehicleName
+from gcs.api.schemas.recovery import Interrupted
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Direction, YawPolicy
 from gcs.model.state import Mode

@@ -6,7 +6,7 @@ from http import HTTPStatus
 from fastapi import APIRouter, HTTPException
 from starlette.responses import Response
 
-from gcs.api.desk import DeskDep
+from gcs.api.context import DeskDep
 from gcs.model.errors import UnknownError
 
 router = APIRouter(include_in_schema=False)

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import Path
 
-from gcs.api.names import NAME_MAX
+from gcs.api.schemas.names import NAME_MAX
 
 VehicleId = Annotated[str, Path(max_length=NAME_MAX, examples=["d1"])]
 ObstacleId = Annotated[str, Path(max_length=NAME_MAX, examples=["tower"])]

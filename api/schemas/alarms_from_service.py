@@ -1,7 +1,7 @@
 """Alarms, between the service's types and the wire's."""
 
-from gcs.api.wire_alarms import Alarm as WireAlarm
-from gcs.api.wire_alarms import AlarmList
+from gcs.api.schemas.alarms import Alarm as WireAlarm
+from gcs.api.schemas.alarms import AlarmList
 from gcs.service import FleetView
 from gcs.service.alarms import CAUSES, Alarm, AlarmCause, OverallSeverity, overall
 

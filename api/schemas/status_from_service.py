@@ -6,8 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from gcs.api import convert, convert_alarms, wire_replay, wire_stream
-from gcs.maps import GroundMap
+from gcs.api.map_tiles import GroundMap
+from gcs.api.schemas import alarms_from_service as convert_alarms
+from gcs.api.schemas import from_service as convert
+from gcs.api.schemas import replay as wire_replay
+from gcs.api.schemas import stream as wire_stream
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
 from gcs.service import Bounds, Certification, FleetView, Playback, ReplayMarks

@@ -1,0 +1,1 @@
+"""Who may call: tokens, rights, rate limits, audit; stands before every route."""
