@@ -4,7 +4,7 @@ import faulthandler
 import os
 import sys
 
-from gcs import supervisor
+from gcs.cli import supervisor
 
 INTERRUPTED = 130
 PIPE_CLOSED = 141

@@ -1,4 +1,4 @@
-"""The command `gcs`: the composition root, where control, API and fake fleet meet."""
+"""The command `gcs`: the composition root, the only package that may import every other."""
 
 from gcs.cli.main import main
 

@@ -53,7 +53,7 @@ COMMANDS: Final = {
     "serve": Command(
         "gcs.cli.options:serve", "gcs.cli.serve_command:run", "run the service and its REST API", LINES
     ),
-    "show": Command("gcs.cli.options:show", "gcs.cli.shows.command:run", "check, draw or hash a show file"),
+    "show": Command("gcs.cli.options:show", "gcs.cli.show:run", "check, draw or hash a show file"),
     "params": Command(
         "gcs.cli.options:params",
         "gcs.cli.params:run",
@@ -61,7 +61,7 @@ COMMANDS: Final = {
     ),
     "simulate": Command(
         "gcs.cli.options:simulate",
-        "gcs.cli.simulation.command:run",
+        "gcs.cli.simulate:run",
         "fly scenarios in virtual time and judge them",
         LINES,
     ),
@@ -72,7 +72,9 @@ COMMANDS: Final = {
         LINES,
     ),
     "certify": Command(
-        "gcs.cli.options:certify", "gcs.cli.certify:run", "judge a recorded flight: separation, fence, limits"
+        "gcs.cli.options:certify",
+        "gcs.cli.flight_report:run",
+        "judge a recorded flight: separation, fence, limits",
     ),
     "key": Command("gcs.cli.key:add_arguments", "", "make keys for MAVLink signatures"),
     "token": Command("gcs.cli.token:add_arguments", "", "make, list and revoke tokens for the API"),

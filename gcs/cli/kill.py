@@ -69,7 +69,7 @@ def _through_service(client: Client, arguments: argparse.Namespace) -> int:
 
 def _without_service(arguments: argparse.Namespace) -> int:
     """By the record: what that takes is loaded only now, and it may take a second."""
-    from gcs.cli import kill_directly  # noqa: PLC0415 (numpy, pydantic and the links)
+    from gcs.cli import kill_direct as kill_directly  # noqa: PLC0415 (numpy, pydantic and the links)
 
     return kill_directly.run(arguments)
 

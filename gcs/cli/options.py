@@ -3,7 +3,7 @@
 import argparse
 from typing import Final
 
-from gcs import supervisor
+from gcs.cli import supervisor
 
 TRANSPORTS: Final = ("direct", "mavsdk")
 ROWS: Final = (

@@ -14,7 +14,7 @@ from gcs.api.app import create_app
 from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve as serve_api
 from gcs.cli import logs
-from gcs.cli.certify import TRUTH
+from gcs.cli.flight_report import TRUTH
 from gcs.cli.output import WRONG, failed, lines, note
 from gcs.cli.record import session_folder
 from gcs.config.setting_errors import explained

@@ -6,8 +6,7 @@ import sys
 
 from pydantic import ValidationError
 
-from gcs import supervisor
-from gcs.cli import logs, serve
+from gcs.cli import logs, serve, supervisor
 from gcs.cli.configuration import load_here
 from gcs.cli.output import REFUSED, failed, lines
 from gcs.config import schema as configuration

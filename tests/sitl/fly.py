@@ -21,7 +21,7 @@ from sitl_service import Service, ServiceError
 from sitl_simulators import PX4_PORT, PX4_SIMULATOR_PORT, FakeFleet, Pads, Px4Build, Px4Image, Simulators
 from sitl_truth import TruthRecorder
 
-from gcs.cli import report
+from gcs.cli import demo_report as report
 from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
 

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from gcs.cli.report import SAMPLE_S, Truth
+from gcs.cli.demo_report import SAMPLE_S, Truth
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
 

@@ -15,8 +15,8 @@ import pytest
 from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
 
+from gcs.cli.kill_without_service import direct_kill
 from gcs.config.schema import Config, find, load
-from gcs.direct_kill import direct_kill
 from gcs.model.errors import ConfigError
 from gcs.recording.last_known import KnownVehicle
 from gcs.service import Outcome, VehicleOutcome

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.cli.report import (
+from gcs.cli.demo_report import (
     Commanded,
     Truth,
     orbit_error_m,

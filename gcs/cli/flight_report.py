@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.report:
             _write(Path(arguments.report), text + "\n")
         if arguments.html:
-            from gcs.cli.certify_page import page  # noqa: PLC0415  (60 MB, for which a flight has no use)
+            from gcs.cli.flight_report_page import page  # noqa: PLC0415  (60 MB, for which a flight has no use)
 
             _write(Path(arguments.html), page(certificate, source))
     except GcsError as error:

@@ -55,7 +55,7 @@ def run(words: Sequence[str]) -> int:
 def _log(level: str, event: str, **more: object) -> None:
     """One line, as the service's own."""
     now = datetime.now(UTC).isoformat(timespec="milliseconds")
-    line = {"time": now, "level": level, "logger": "gcs.supervisor", "event": event, **more}
+    line = {"time": now, "level": level, "logger": "gcs.cli.supervisor", "event": event, **more}
     with suppress(OSError):  # a terminal that is gone stops nothing
         sys.stderr.write(f"{json.dumps(line)}\n")
         sys.stderr.flush()

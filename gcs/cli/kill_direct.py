@@ -11,10 +11,10 @@ from typing import Final
 from pydantic import ValidationError
 
 from gcs.cli.kill import asked, told
+from gcs.cli.kill_without_service import direct_kill
 from gcs.cli.output import REFUSED, note
 from gcs.config.schema import Config
 from gcs.config.setting_errors import explained
-from gcs.direct_kill import direct_kill
 from gcs.model.errors import ConfigError, InvalidError, RefusedError, UnknownError
 from gcs.recording.last_known import KnownVehicle, LastKnown, last_known
 from gcs.recording.offline_audit import Outside

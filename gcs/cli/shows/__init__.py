@@ -1,1 +1,0 @@
-"""`gcs show`: a show checked by flying it in virtual time, and drawn."""
