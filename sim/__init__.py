@@ -1,1 +1,1 @@
-"""A fake autopilot: point masses that speak MAVLink 2 like PX4."""
+"""The fake fleet: PX4-like autopilots over UDP; imports nothing of gcs, only MAVLink bytes connect them."""

@@ -7,8 +7,8 @@ import math
 from typing import TYPE_CHECKING
 
 from gcs.sim.fleet import Origin
-from gcs.sim.params import ParameterError, Parameters, Value, defaults
-from gcs.sim.quirks import QuirkError, Quirks
+from gcs.sim.vehicle.params import ParameterError, Parameters, Value, defaults
+from gcs.sim.vehicle.quirks import QuirkError, Quirks
 
 if TYPE_CHECKING:
     from collections.abc import Callable

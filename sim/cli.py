@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from gcs.sim.endpoint import PortError
 from gcs.sim.fleet import Settings
+from gcs.sim.ground_truth import TruthFile
 from gcs.sim.options import MAX_COUNT, add_arguments
 from gcs.sim.ports import HOST, MAX_PORT, Port, own_ports, shared_ports
-from gcs.sim.quirks import Quirks
+from gcs.sim.protocol.streams import RECORDED_HZ, lean_hz
 from gcs.sim.server import serve
-from gcs.sim.streams import RECORDED_HZ, lean_hz
-from gcs.sim.truth import TruthFile
+from gcs.sim.vehicle.quirks import Quirks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

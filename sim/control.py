@@ -8,10 +8,10 @@ import sys
 from typing import TYPE_CHECKING, Protocol
 
 from gcs.sim.endpoint import LARGEST, PortError
-from gcs.sim.orders import LONGEST_LINE
+from gcs.sim.faults.commands import LONGEST_LINE
 
 if TYPE_CHECKING:
-    from gcs.sim.trouble import Trouble
+    from gcs.sim.faults.injector import Trouble
 
 
 class Control(Protocol):

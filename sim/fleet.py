@@ -8,28 +8,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.sim import dynamics, frames, noise, reports
-from gcs.sim.autopilot import Autopilot, Shared
-from gcs.sim.battery import Batteries
-from gcs.sim.ears import Ears
-from gcs.sim.earth import Tangent
-from gcs.sim.guidance import Guidance
-from gcs.sim.mavlink import Codec
-from gcs.sim.outbox import Outbox
-from gcs.sim.params import Columns, Parameters
-from gcs.sim.quirks import Quirks
-from gcs.sim.sensed import Sensed
-from gcs.sim.snapshot import Snapshot
-from gcs.sim.state import State
-from gcs.sim.streams import RECORDED_HZ, Schedule
-from gcs.sim.watch import Watch
+from gcs.sim.protocol import frames, reports
+from gcs.sim.protocol.autopilot import Autopilot, Shared
+from gcs.sim.protocol.mavlink import Codec
+from gcs.sim.protocol.outbox import Outbox
+from gcs.sim.protocol.receiver import Ears
+from gcs.sim.protocol.snapshot import Snapshot
+from gcs.sim.protocol.streams import RECORDED_HZ, Schedule
+from gcs.sim.vehicle import dynamics, noise
+from gcs.sim.vehicle.battery import Batteries
+from gcs.sim.vehicle.geodesy import Tangent
+from gcs.sim.vehicle.guidance import Guidance
+from gcs.sim.vehicle.params import Columns, Parameters
+from gcs.sim.vehicle.quirks import Quirks
+from gcs.sim.vehicle.sensors import Sensed
+from gcs.sim.vehicle.state import State
+from gcs.sim.vehicle.transitions import Watch
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from gcs.sim.dynamics import Array
-    from gcs.sim.params import Value
-    from gcs.sim.state import Rows
+    from gcs.sim.vehicle.dynamics import Array
+    from gcs.sim.vehicle.params import Value
+    from gcs.sim.vehicle.state import Rows
 
 STEP_S = 0.01
 MAX_SYSTEM_ID = 250

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from gcs.sim import arguments, quirks
+from gcs.sim import arguments
 from gcs.sim.fleet import MAX_SYSTEM_ID, Origin
 from gcs.sim.ports import MAX_PORT
 from gcs.sim.simulator_link import FIRST_PORT
+from gcs.sim.vehicle import quirks
 
 if TYPE_CHECKING:
     import argparse

@@ -8,19 +8,19 @@ import time
 from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Self
 
-from gcs.sim.air import Air
+from gcs.sim.channel import Air
 from gcs.sim.control import Control, ControlPort, StandardInput
 from gcs.sim.endpoint import Endpoint
+from gcs.sim.faults.injector import Trouble
 from gcs.sim.fleet import STEP_S, Fleet, Settings
 from gcs.sim.ports import HOST
 from gcs.sim.simulator_link import SimulatorLink
-from gcs.sim.trouble import Trouble
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from gcs.sim.ground_truth import TruthFile
     from gcs.sim.ports import Port
-    from gcs.sim.truth import TruthFile
 
 CATCH_UP_S = 0.25  # a longer stall is dropped, as if the vehicles had been paused
 REST_S = 0.002  # how long datagrams gather where they come without end; PX4 answers in 1 to 4 ms

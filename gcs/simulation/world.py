@@ -7,8 +7,8 @@ from math import exp, sqrt
 import numpy as np
 
 from gcs.model.state import Array, FleetState, Mask, Setpoints, VehicleId
-from gcs.sim import noise
-from gcs.sim.dynamics import PointMasses, Response, step
+from gcs.sim.vehicle import noise
+from gcs.sim.vehicle.dynamics import PointMasses, Response, step
 from gcs.simulation.scenario import Wind, World
 
 LONGEST_STEP_S = 1.0 / 60.0

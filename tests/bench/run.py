@@ -20,7 +20,7 @@ from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Traits
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
-from gcs.sim.dynamics import PointMasses, Response, step
+from gcs.sim.vehicle.dynamics import PointMasses, Response, step
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.flight import fly
 from gcs.simulation.paper_law import ArticleParameters, formation_force, step_virtual

@@ -1,4 +1,4 @@
-"""Flights of `gcs.control.tick` against `gcs.sim.dynamics` in virtual time, judged by the true positions."""
+"""Flights of `gcs.control.tick` against `gcs.sim.vehicle.dynamics` in virtual time, judged by the true positions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,8 +12,8 @@ from gcs.formation.thomson import best_configuration, energy, nearest_m
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.safety.separation import minimum_separation
-from gcs.sim import noise
-from gcs.sim.dynamics import PointMasses, Response, step
+from gcs.sim.vehicle import noise
+from gcs.sim.vehicle.dynamics import PointMasses, Response, step
 
 TICK_S = 0.05
 STEP_S = 0.01

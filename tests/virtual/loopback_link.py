@@ -24,11 +24,11 @@ from gcs.mavlink.framing import HEARTBEAT, PARAM_VALUE, kill_frame, parameter_va
 from gcs.model.errors import LinkError, OrderError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, Setpoints, Telemetry, VehicleId
-from gcs.sim.autopilot import Autopilot
-from gcs.sim.faults import Channel
+from gcs.sim.faults.injector import Origin, Trouble
+from gcs.sim.faults.link_faults import Channel
 from gcs.sim.fleet import STEP_S, Fleet
-from gcs.sim.modes import Mode as PilotMode
-from gcs.sim.trouble import Origin, Trouble
+from gcs.sim.protocol.autopilot import Autopilot
+from gcs.sim.vehicle.modes import Mode as PilotMode
 
 STATION = (245, 190)
 VELOCITY_AND_YAW = 0x9C7

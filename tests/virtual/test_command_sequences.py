@@ -12,7 +12,7 @@ from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-from gcs.sim.modes import Mode as PilotMode
+from gcs.sim.vehicle.modes import Mode as PilotMode
 
 NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
 

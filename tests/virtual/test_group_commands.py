@@ -6,7 +6,7 @@ from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
-from gcs.sim.modes import Mode as PilotMode
+from gcs.sim.vehicle.modes import Mode as PilotMode
 
 
 def test_a_selection_holds_joins_and_returns_and_those_not_reached_are_named() -> None:

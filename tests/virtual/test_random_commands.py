@@ -15,7 +15,7 @@ from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 from gcs.flight.control_refusal import A_PERSON_FLIES
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
-from gcs.sim.modes import Mode as PilotMode
+from gcs.sim.vehicle.modes import Mode as PilotMode
 
 COUNT, STEPS = 3, 7
 FLIES_M = 0.6

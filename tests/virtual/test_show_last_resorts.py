@@ -11,7 +11,7 @@ from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Mode
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-from gcs.sim.modes import Mode as PilotMode
+from gcs.sim.vehicle.modes import Mode as PilotMode
 
 
 async def hold_overtaken_by_stop(show: Show) -> tuple[OrderRecord, ShowPhase, list[bool]]:

@@ -10,7 +10,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
 from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
-from gcs.sim.modes import Mode as PilotMode
+from gcs.sim.vehicle.modes import Mode as PilotMode
 
 
 class TakenOver(NamedTuple):

@@ -8,7 +8,7 @@ from virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
-from gcs.sim.modes import Mode as PilotMode
+from gcs.sim.vehicle.modes import Mode as PilotMode
 
 COUNT = 20
 

@@ -15,7 +15,7 @@ from gcs.model.lifecycle import FLOWN, Phase, ShowPhase
 from gcs.model.state import Array
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
-from gcs.sim.modes import Mode as PilotMode
+from gcs.sim.vehicle.modes import Mode as PilotMode
 
 Into = Callable[[Show], Awaitable[None]]
 

@@ -25,8 +25,8 @@ from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.vehicle_table import VehicleView
+from gcs.sim.faults.injector import Trouble
 from gcs.sim.fleet import Fleet, Settings
-from gcs.sim.trouble import Trouble
 
 T = TypeVar("T")
 

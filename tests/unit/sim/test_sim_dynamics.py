@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from gcs.sim.dynamics import PointMasses, Response, ShapeError, rest_on_ground, step
+from gcs.sim.vehicle.dynamics import PointMasses, Response, ShapeError, rest_on_ground, step
 
 if TYPE_CHECKING:
-    from gcs.sim.dynamics import Array
+    from gcs.sim.vehicle.dynamics import Array
 
 PX4_DATA = Path(__file__).parents[2] / "data" / "px4"
 PX4 = Response()

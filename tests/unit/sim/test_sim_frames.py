@@ -9,10 +9,11 @@ import pymap3d
 import pytest
 from pymavlink.dialects.v20 import common
 
-from gcs.sim import frames, ports
-from gcs.sim.earth import Tangent
+from gcs.sim import ports
 from gcs.sim.fleet import Fleet, Settings
-from gcs.sim.streams import RECORDED_HZ
+from gcs.sim.protocol import frames
+from gcs.sim.protocol.streams import RECORDED_HZ
+from gcs.sim.vehicle.geodesy import Tangent
 
 
 def heard(fleet: Fleet) -> list[tuple[int, bytes]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs.sim import noise
+from gcs.sim.vehicle import noise
 
 DT_S = 0.05
 

@@ -12,7 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.fleet import STEP_S, Fleet, Settings
-from gcs.sim.streams import RECORDED_HZ
+from gcs.sim.protocol.streams import RECORDED_HZ
 
 PX4_DATA = Path(__file__).parents[2] / "data" / "px4"
 STATION = (245, 190)

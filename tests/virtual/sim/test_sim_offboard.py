@@ -18,7 +18,7 @@ from sim_bench import (
     Bench,
 )
 
-from gcs.sim.streams import RECORDED_HZ
+from gcs.sim.protocol.streams import RECORDED_HZ
 
 ON_GROUND = 1
 NAN = math.nan

@@ -13,8 +13,8 @@ from pymavlink.dialects.v10 import common as v1
 from pymavlink.dialects.v20 import common
 from sim_bench import ACCEPTED, DENIED, FAILED, HOLD, Bench
 
-from gcs.sim.params import defaults
-from gcs.sim.streams import RECORDED_HZ
+from gcs.sim.protocol.streams import RECORDED_HZ
+from gcs.sim.vehicle.params import defaults
 
 SET_INTERVAL, GET_INTERVAL, REQUEST = 511, 510, 512
 VERSION_ID, ATTITUDE_ID = 148, 30

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from sim_bench import ACCEPTED, HOLD, LAND, OFFBOARD, POSITION, TEMPORARILY_REJECTED, VELOCITY_ONLY, Bench
 
-from gcs.sim.quirks import QuirkError, Quirks, names
-from gcs.sim.streams import RECORDED_HZ
+from gcs.sim.protocol.streams import RECORDED_HZ
+from gcs.sim.vehicle.quirks import QuirkError, Quirks, names
 
 
 def without(quirk: str, **settings: Any) -> Bench:

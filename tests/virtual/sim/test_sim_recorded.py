@@ -10,10 +10,10 @@ import pytest
 from pymavlink.dialects.v20 import common
 from sim_bench import Bench, digest
 
-from gcs.sim.dynamics import GRAVITY_M_S2
-from gcs.sim.streams import RECORDED_HZ
+from gcs.sim.protocol.streams import RECORDED_HZ
+from gcs.sim.vehicle.dynamics import GRAVITY_M_S2
 
-# What the recorded PX4 sends and the fake does not: see sim/reports.py.
+# What the recorded PX4 sends and the fake does not: see sim/protocol/reports.py.
 LEFT_OUT = {
     "ESTIMATOR_STATUS",
     "OPEN_DRONE_ID_LOCATION",

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 from sim_bench import HOLD, OFFBOARD, POSITION, Bench
 
-from gcs.sim.faults import Jammer, Way
-from gcs.sim.trouble import Trouble
+from gcs.sim.faults.injector import Trouble
+from gcs.sim.faults.link_faults import Jammer, Way
 
 DENIED = 2
 

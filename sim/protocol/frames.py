@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.mavlink import AUTOPILOT_COMPONENT, CHECKSUM_LENGTH, HEADER_LENGTH, MAGIC
+from gcs.sim.protocol.mavlink import AUTOPILOT_COMPONENT, CHECKSUM_LENGTH, HEADER_LENGTH, MAGIC
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from gcs.sim.dynamics import Mask
-    from gcs.sim.mavlink import Message
-    from gcs.sim.state import Rows
+    from gcs.sim.protocol.mavlink import Message
+    from gcs.sim.vehicle.dynamics import Mask
+    from gcs.sim.vehicle.state import Rows
 
 Bytes: TypeAlias = NDArray[np.uint8]
 Words: TypeAlias = NDArray[np.uint16]

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.sim.dynamics import ShapeError
+from gcs.sim.vehicle.dynamics import ShapeError
 
 if TYPE_CHECKING:
-    from gcs.sim.dynamics import Array
+    from gcs.sim.vehicle.dynamics import Array
 
 POSITION_SD_M = np.array((0.09, 0.19, 0.41))
 VELOCITY_SD_M_S = np.array((0.04, 0.04, 0.03))

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from gcs.sim.frames import SETPOINT, SETPOINT_FRAME
+from gcs.sim.protocol.frames import SETPOINT, SETPOINT_FRAME
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from gcs.sim.endpoint import Address, Endpoint
+    from gcs.sim.faults.injector import Trouble
     from gcs.sim.fleet import Fleet
-    from gcs.sim.trouble import Trouble
 
 SETPOINT_ID = SETPOINT.id.to_bytes(3, "little")
 TARGET_AT = 10 + 50  # header, and what stands before target_system

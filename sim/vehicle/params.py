@@ -18,7 +18,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from gcs.sim.dynamics import Array
+    from gcs.sim.vehicle.dynamics import Array
 
 Value: TypeAlias = int | float
 

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from gcs.sim.state import Rows
+    from gcs.sim.vehicle.state import Rows
 
 RECORDED_HZ = MappingProxyType(
     {

@@ -12,21 +12,22 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pymavlink.dialects.v20 import common
 
-from gcs.sim import params, reports
-from gcs.sim.commander import CRITICAL, INFO, Commander, Result
-from gcs.sim.commands import Command, execute
-from gcs.sim.mavlink import AUTOPILOT_COMPONENT
-from gcs.sim.state import NO_MODE
+from gcs.sim.protocol import reports
+from gcs.sim.protocol.commands import Command, execute
+from gcs.sim.protocol.mavlink import AUTOPILOT_COMPONENT
+from gcs.sim.vehicle import params
+from gcs.sim.vehicle.commander import CRITICAL, INFO, Commander, Result
+from gcs.sim.vehicle.state import NO_MODE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from gcs.sim.mavlink import Message
-    from gcs.sim.modes import Mode
-    from gcs.sim.outbox import Item, Outbox
-    from gcs.sim.quirks import Quirks
-    from gcs.sim.state import State
-    from gcs.sim.streams import Schedule
+    from gcs.sim.protocol.mavlink import Message
+    from gcs.sim.protocol.outbox import Item, Outbox
+    from gcs.sim.protocol.streams import Schedule
+    from gcs.sim.vehicle.modes import Mode
+    from gcs.sim.vehicle.quirks import Quirks
+    from gcs.sim.vehicle.state import State
 
 MODE_RESULT_AFTER_S = 0.008  # item 3: recorded 6 to 15 ms
 SECOND_PARAMETER_AFTER_S = 0.015  # PX4 answers PARAM_SET, then announces the change: recorded

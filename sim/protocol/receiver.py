@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.sim import frames, setpoints
-from gcs.sim.mavlink import AUTOPILOT_COMPONENT, MAGIC, Codec
+from gcs.sim.protocol import frames, setpoints
+from gcs.sim.protocol.mavlink import AUTOPILOT_COMPONENT, MAGIC, Codec
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from gcs.sim.autopilot import Autopilot
-    from gcs.sim.mavlink import Message
-    from gcs.sim.state import State
+    from gcs.sim.protocol.autopilot import Autopilot
+    from gcs.sim.protocol.mavlink import Message
+    from gcs.sim.vehicle.state import State
 
 EVERYONE = 0  # as target system or component
 NOBODY = -1

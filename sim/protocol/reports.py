@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.dynamics import GRAVITY_M_S2
-from gcs.sim.modes import BASE_MODES, CUSTOM_MODES, Mode
+from gcs.sim.vehicle.dynamics import GRAVITY_M_S2
+from gcs.sim.vehicle.modes import BASE_MODES, CUSTOM_MODES, Mode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from gcs.sim.dynamics import Array
-    from gcs.sim.frames import Fields
-    from gcs.sim.snapshot import Snapshot
+    from gcs.sim.protocol.frames import Fields
+    from gcs.sim.protocol.snapshot import Snapshot
+    from gcs.sim.vehicle.dynamics import Array
 
 QUADROTOR, PX4 = 2, 12
 STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE; PX4 says 0 where it could not be armed

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from gcs.sim.commander import Stuck
-from gcs.sim.faults import Channel, Ills
-from gcs.sim.modes import Mode
-from gcs.sim.orders import FIXES, LINK_FAULTS, SENSORS, Order, OrderError, parse
-from gcs.sim.state import FIX_3D
+from gcs.sim.faults.commands import FIXES, LINK_FAULTS, SENSORS, Order, OrderError, parse
+from gcs.sim.faults.link_faults import Channel, Ills
+from gcs.sim.vehicle.commander import Stuck
+from gcs.sim.vehicle.modes import Mode
+from gcs.sim.vehicle.state import FIX_3D
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from gcs.sim.endpoint import Address, Endpoint
+    from gcs.sim.faults.commands import Value
     from gcs.sim.fleet import Fleet
-    from gcs.sim.orders import Value
 
 Origin: TypeAlias = "tuple[Endpoint, Address]"
 """Where a packet came from: the shell's business."""

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.sim.modes import Mode
+from gcs.sim.vehicle.modes import Mode
 
 if TYPE_CHECKING:
-    from gcs.sim.dynamics import Array, Mask
+    from gcs.sim.vehicle.dynamics import Array, Mask
 
 Rows: TypeAlias = NDArray[np.intp]
 Numbers: TypeAlias = NDArray[np.int64]

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.sim.commander import IMPATIENT_S, LandedState
-from gcs.sim.modes import MODES, PREVENTS_ARMING, Mode
+from gcs.sim.vehicle.commander import IMPATIENT_S, LandedState
+from gcs.sim.vehicle.modes import MODES, PREVENTS_ARMING, Mode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from gcs.sim.battery import Batteries
-    from gcs.sim.commander import Commander
-    from gcs.sim.dynamics import Array, Mask
-    from gcs.sim.params import Columns
-    from gcs.sim.quirks import Quirks
-    from gcs.sim.state import Numbers, State
+    from gcs.sim.vehicle.battery import Batteries
+    from gcs.sim.vehicle.commander import Commander
+    from gcs.sim.vehicle.dynamics import Array, Mask
+    from gcs.sim.vehicle.params import Columns
+    from gcs.sim.vehicle.quirks import Quirks
+    from gcs.sim.vehicle.state import Numbers, State
 
 # From spool-up to "Takeoff detected": recorded 1.84 s after arming, of which COM_SPOOLUP_TIME is 1.0.
 TAKEOFF_DETECTION_S = 0.84

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from gcs.sim.dynamics import Array, Mask
-    from gcs.sim.params import Columns
-    from gcs.sim.state import Numbers, State
+    from gcs.sim.vehicle.dynamics import Array, Mask
+    from gcs.sim.vehicle.params import Columns
+    from gcs.sim.vehicle.state import Numbers, State
 
 OK, LOW, CRITICAL, EMERGENCY = 1, 2, 3, 4  # MAV_BATTERY_CHARGE_STATE
 

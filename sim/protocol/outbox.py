@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from gcs.sim.mavlink import Message
+    from gcs.sim.protocol.mavlink import Message
 
 Item: TypeAlias = "Message | int"
 """A message, or the id of a report that is made when it is sent."""

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.sim.dynamics import GRAVITY_M_S2
+from gcs.sim.vehicle.dynamics import GRAVITY_M_S2
 
 if TYPE_CHECKING:
-    from gcs.sim.battery import Batteries
-    from gcs.sim.dynamics import Array, Mask
-    from gcs.sim.sensed import Sensed
-    from gcs.sim.state import Numbers, Rows, State
-    from gcs.sim.watch import Watch
+    from gcs.sim.vehicle.battery import Batteries
+    from gcs.sim.vehicle.dynamics import Array, Mask
+    from gcs.sim.vehicle.sensors import Sensed
+    from gcs.sim.vehicle.state import Numbers, Rows, State
+    from gcs.sim.vehicle.transitions import Watch
 
 
 @dataclass(frozen=True, eq=False)

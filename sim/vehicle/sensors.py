@@ -11,8 +11,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from gcs.sim.dynamics import Array, Mask
-    from gcs.sim.state import Rows
+    from gcs.sim.vehicle.dynamics import Array, Mask
+    from gcs.sim.vehicle.state import Rows
 
 MANY = 8
 

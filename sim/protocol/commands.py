@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from pymavlink.dialects.v20 import common
 
-from gcs.sim import reports
-from gcs.sim.commander import Result
-from gcs.sim.modes import Mode
+from gcs.sim.protocol import reports
+from gcs.sim.vehicle.commander import Result
+from gcs.sim.vehicle.modes import Mode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from gcs.sim.commander import Commander
-    from gcs.sim.outbox import Item
+    from gcs.sim.protocol.outbox import Item
+    from gcs.sim.vehicle.commander import Commander
 
 FORCE = 21196  # param2 that overrides the checks: arms anything, kills in the air
 CUSTOM_MODE_ENABLED = 1

@@ -9,8 +9,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from gcs.sim.dynamics import Array, Mask
-    from gcs.sim.state import Rows, State
+    from gcs.sim.vehicle.dynamics import Array, Mask
+    from gcs.sim.vehicle.state import Rows, State
 
 LOCAL_NED, BODY_NED = 1, 8  # MAV_FRAME
 IGNORE_YAW, IGNORE_YAW_RATE = 0x400, 0x800

@@ -10,15 +10,22 @@ import math
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING
 
-from gcs.sim import battery
-from gcs.sim.modes import MODES, NEEDS_PILOT, OFFBOARD_LOSS_MODE, PREVENTS_ARMING, STATION_LOSS_MODE, Mode
+from gcs.sim.vehicle import battery
+from gcs.sim.vehicle.modes import (
+    MODES,
+    NEEDS_PILOT,
+    OFFBOARD_LOSS_MODE,
+    PREVENTS_ARMING,
+    STATION_LOSS_MODE,
+    Mode,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from gcs.sim.params import Parameters
-    from gcs.sim.quirks import Quirks
-    from gcs.sim.state import State
+    from gcs.sim.vehicle.params import Parameters
+    from gcs.sim.vehicle.quirks import Quirks
+    from gcs.sim.vehicle.state import State
 
 CRITICAL, INFO = 2, 6  # MAV_SEVERITY
 IMPATIENT_S = 0.25  # how long OFFBOARD lives without setpoints where the quirk of item 13 is off

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.sim.modes import MODES, NEEDS_PILOT, Mode
-from gcs.sim.state import NO_MODE
+from gcs.sim.vehicle.modes import MODES, NEEDS_PILOT, Mode
+from gcs.sim.vehicle.state import NO_MODE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from gcs.sim.commander import Commander
-    from gcs.sim.dynamics import Array, Mask
-    from gcs.sim.params import Columns
-    from gcs.sim.quirks import Quirks
-    from gcs.sim.sensed import Sensed
-    from gcs.sim.state import Rows, State
+    from gcs.sim.vehicle.commander import Commander
+    from gcs.sim.vehicle.dynamics import Array, Mask
+    from gcs.sim.vehicle.params import Columns
+    from gcs.sim.vehicle.quirks import Quirks
+    from gcs.sim.vehicle.sensors import Sensed
+    from gcs.sim.vehicle.state import Rows, State
 
 BLIND_DESCENT_M_S = 0.9  # recorded after setpoint loss with nobody at the sticks (item 5)
 TAKEOFF_START_M_S = -0.7  # PX4 ramps the climb from below zero up, so that lifting off is gentle

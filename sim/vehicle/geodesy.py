@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from gcs.sim.dynamics import Array
+    from gcs.sim.vehicle.dynamics import Array
 
 MAJOR_M = 6378137.0
 FLATTENING = 1.0 / 298.257223563

@@ -1,0 +1,1 @@
+"""MAVLink of the fake vehicles: frames, telemetry reports, commands, setpoints."""

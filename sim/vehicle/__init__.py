@@ -1,0 +1,1 @@
+"""One column per vehicle: dynamics, sensors, battery, modes and transitions of a PX4-like autopilot."""
