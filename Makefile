@@ -22,7 +22,7 @@ IDLE := $(shell command -v chrt >/dev/null 2>&1 && chrt --idle 0 true 2>/dev/nul
 test: ready  ## lint, types, import contracts, every test: what computes beside what flies in real time
 	@$(MAKE) --no-print-directory compiled
 	@$(MAKE) --no-print-directory $(if $(IDLE),-j2 --output-sync=target,-j1) computed flown
-	@$(BIN)/python tests/browsers.py  # the last line says so where the page was not looked at
+	@$(BIN)/python tests/support/browsers.py  # the last line says so where the page was not looked at
 
 computed: .venv/ready console
 	@$(IDLE) $(MAKE) --no-print-directory check console-test
@@ -36,11 +36,11 @@ define twice
 	$(BIN)/pytest $(FLOWN_CACHE) $(1) $(2) || { [ $$? = 1 ] && echo "Again, one by one:" && \
 	  $(BIN)/pytest $(FLOWN_CACHE) $(1) -n 0 --last-failed --last-failed-no-failures none --exitfirst; }
 endef
-REALTIME := tests/e2e tests/wire tests/browser tests/unit/api tests/unit/records
+REALTIME := tests/system tests/integration tests/browser tests/unit/api tests/unit/recording
 
 flown: .venv/ready console
 	$(call twice,-m "realtime and not alone and not soak" $(REALTIME),-n 3 --no-loadscope-reorder)
-	$(call twice,-m "alone and not soak" tests/e2e,-n 0)
+	$(call twice,-m "alone and not soak" tests/system,-n 0)
 
 soak: ready compiled  ## what only endurance shows: twenty kills, long floods, the whole demo; 15 minutes
 	$(BIN)/pytest -m soak -n 0 --timeout 1800 tests

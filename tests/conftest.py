@@ -11,8 +11,8 @@ from gcs.api.schemas import from_service as convert
 
 HERE = Path(__file__).parent
 BROWSER = HERE / "browser"
-BY_THE_CLOCK = (HERE / "unit" / "api", HERE / "unit" / "records")  # a state's age; threads that write soon
-REAL_TIME = (BROWSER, HERE / "e2e", HERE / "wire", *BY_THE_CLOCK)
+BY_THE_CLOCK = (HERE / "unit" / "api", HERE / "unit" / "recording")  # a state's age; threads that write soon
+REAL_TIME = (BROWSER, HERE / "system", HERE / "integration", *BY_THE_CLOCK)
 
 
 def pytest_configure(config: pytest.Config) -> None:

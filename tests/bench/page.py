@@ -11,8 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parents[1] / "browser"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from browsers import GET_ONE, chromium
 from console_bench import browser

@@ -17,7 +17,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Final
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from console_bench import FLIGHT_MS, ROOT, SOON_MS, Console, browser, console, fault
 from ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until

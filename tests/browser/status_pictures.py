@@ -5,7 +5,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Final
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from rich.console import Console
 from status_example import example_fleet

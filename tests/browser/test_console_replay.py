@@ -1,10 +1,8 @@
 """A record in the same page: played, stopped, looked at anywhere, and judged."""
 
 import logging
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,9 +10,6 @@ from console_bench import FLIGHT_MS, SOON_MS, chromes, console
 from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
 from replays import replay
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "virtual"))
-
 from virtual_show import Show, UnixClock, fly, show_config
 
 from gcs.client.fleet_client import Client

@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from api_background import in_background
+from api_fake_service import FakeRecord, FakeService
 from rich.console import Console
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -33,11 +35,6 @@ from gcs.service import Outcome, SelectedShow
 from gcs.service.access import Role
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.shows import load, shipped
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
-
-from api_background import in_background
-from api_fake_service import FakeRecord, FakeService
 
 pytestmark = pytest.mark.usefixtures("patient_api")
 

@@ -8,7 +8,7 @@ import yaml
 from gcs.model.errors import Problem, ShowError
 from gcs.shows import LoadedShow, parse
 
-BROKEN = Path(__file__).parents[2] / "data" / "shows"
+BROKEN = Path(__file__).parents[1] / "data" / "shows"
 
 SOUND: dict[str, Any] = {
     "about": "A trial.",

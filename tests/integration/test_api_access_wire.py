@@ -3,7 +3,6 @@
 import asyncio
 import json
 import socket
-import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import pytest
 import websockets
 import yaml
+from api_fake_service import FakeService
 from starlette.types import ASGIApp
 from websockets.asyncio.client import connect
 from websockets.typing import Subprotocol
@@ -26,10 +26,6 @@ from gcs.config import schema as configuration
 from gcs.model.errors import AccessError, ConfigError, LinkError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service.access import Role, TlsSettings
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
-
-from api_fake_service import FakeService
 
 pytestmark = pytest.mark.usefixtures("patient_api")
 

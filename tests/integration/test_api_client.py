@@ -1,7 +1,6 @@
 """The Python client against the server, over real TCP."""
 
 import socket
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -10,17 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from api_background import in_background
+from api_fake_service import FakeService
 
 from gcs.api.app import create_app
 from gcs.client.fleet_client import Client
 from gcs.model.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
 from gcs.service import Outcome
 from gcs.shows import load, shipped
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
-
-from api_background import in_background
-from api_fake_service import FakeService
 
 pytestmark = pytest.mark.usefixtures("patient_api")
 

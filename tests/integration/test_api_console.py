@@ -4,7 +4,6 @@ import asyncio
 import json
 import socket
 import struct
-import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import httpx
 import numpy as np
 import pytest
 import websockets
+from api_fake_service import FakeService
 from api_station import narrow, served, ticking
 from api_station import run as run_beside
 from websockets.asyncio.client import ClientConnection, connect
@@ -23,10 +23,6 @@ from gcs.api.context import VIEWERS_MAX
 from gcs.api.schemas import binary_frame as frames
 from gcs.model.plan import Formation
 from gcs.service.access import Role
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
-
-from api_fake_service import FakeService
 
 TICK_S = 0.02
 

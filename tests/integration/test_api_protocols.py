@@ -3,12 +3,12 @@
 import asyncio
 import json
 import logging
-import sys
 import time
 from pathlib import Path
 
 import pytest
 import websockets
+from api_fake_service import FakeService
 from api_station import run, served
 from websockets.asyncio.client import connect
 
@@ -18,10 +18,6 @@ from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.protocols import CONNECTIONS_MAX, LINES_BURST, LINES_PER_S
 from gcs.api.schemas import rest as wire
 from gcs.service.access import Denied, Role
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
-
-from api_fake_service import FakeService
 
 UPGRADE = "Host: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
 KEY = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"

@@ -1,10 +1,6 @@
 """A fleet of twenty in which nearly everything that `gcs status` can show is so."""
 
-import sys
-from pathlib import Path
 from typing import Any
-
-sys.path.insert(0, str(Path(__file__).parent / "unit" / "api"))
 
 from api_fake_service import FakeService
 from api_harness import Api

@@ -2,20 +2,15 @@
 
 import asyncio
 import socket
-import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, nullcontext
-from pathlib import Path
 
 import pytest
+from api_fake_service import FakeService
 
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Door
 from gcs.api.server import serve
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
-
-from api_fake_service import FakeService
 
 
 @asynccontextmanager

@@ -1,7 +1,6 @@
 """The API against its own OpenAPI: schemathesis' default checks, with the real service over a fake fleet."""
 
 import asyncio
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -10,8 +9,11 @@ from typing import Any, NamedTuple
 
 import pytest
 import schemathesis
+from api_fake_service import FakeService
 from hypothesis import HealthCheck, Phase, settings
+from loopback_link import LoopbackLink, system_ids
 from schemathesis import Case
+from virtual_show import show_config
 
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Door
@@ -21,13 +23,6 @@ from gcs.flight.orchestrator import Orchestrator
 from gcs.preflight.parameters import requirements, settings_of
 from gcs.service.access import Role
 from gcs.sim.fleet import Fleet, Settings
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "virtual"))
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
-
-from api_fake_service import FakeService
-from loopback_link import LoopbackLink, system_ids
-from virtual_show import show_config
 
 EXAMPLES = 20
 """Of each operation and of each way to make one wrong; so that all of it takes less than a minute."""

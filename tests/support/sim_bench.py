@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common
 from gcs.sim.fleet import STEP_S, Fleet, Settings
 from gcs.sim.protocol.streams import RECORDED_HZ
 
-PX4_DATA = Path(__file__).parents[2] / "data" / "px4"
+PX4_DATA = Path(__file__).parents[1] / "data" / "px4"
 STATION = (245, 190)
 VELOCITY_AND_YAW, VELOCITY_ONLY, POSITION_ONLY = 0x9C7, 0xDC7, 0xDF8
 HOLD, LAND, RETURN, OFFBOARD, POSITION = (4, 3), (4, 6), (4, 5), (6, 0), (3, 0)

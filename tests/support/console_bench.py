@@ -4,7 +4,6 @@ import json
 import re
 import socket
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -13,13 +12,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from browsers import chromium
+from ground import flying_config, proper, service, vehicles
 from machine import free_ports
 from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect, sync_playwright
 from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "e2e"))
-
-from ground import flying_config, proper, service, vehicles
 
 from gcs.client.fleet_client import Client
 from gcs.config import schema as configuration

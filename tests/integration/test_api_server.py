@@ -3,16 +3,15 @@
 import asyncio
 import json
 import socket
-import sys
 import threading
 from contextlib import suppress
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 import websockets
+from api_fake_service import FakeService
 from api_station import narrow, run, served, ticking
 from machine import Witness
 from websockets.asyncio.client import ClientConnection, connect
@@ -22,10 +21,6 @@ from gcs.api.context import VIEWERS_MAX
 from gcs.api.protocols import CONNECTIONS_MAX
 from gcs.api.server import serve
 from gcs.model.errors import LinkError
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "api"))
-
-from api_fake_service import FakeService
 
 
 def stream_of(port: int, query: str = "", **options: Any) -> connect:

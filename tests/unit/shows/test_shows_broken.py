@@ -9,7 +9,7 @@ from gcs.model.errors import ConfigError, ShowError
 from gcs.shows import find, load, parse, shipped
 
 FLOWN = {"battery-too-small", "orbit-never-reached", "tower-in-the-sphere"}
-"""What only a flight shows: tests/virtual/test_shows_checked.py."""
+"""What only a flight shows: tests/flight/test_shows_checked.py."""
 
 EXPECTED = {
     "cue-out-of-order": (21, "end", "at_s = 9: after the 10 s of 'change'"),
