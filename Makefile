@@ -57,9 +57,9 @@ wire: .venv/ready api/console/node_modules/ready  ## the page's wire types, from
 	$(BIN)/python -m gcs.api.openapi | $(NPM) run --silent wire -- --output src/wire/schema.ts
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
-	@$(BIN)/python -c "from gcs import control, homeward; from gcs.links import setpoint_kernels; \
-	  from gcs.links.native import codec; \
-	  control.warm_up(); homeward.warm_up(); codec.warm_up(); setpoint_kernels.warm_up()"
+	@$(BIN)/python -c "from gcs import control; from gcs.mavlink import codec, setpoint_kernels; \
+	  from gcs.planning import return_paths; \
+	  control.warm_up(); return_paths.warm_up(); codec.warm_up(); setpoint_kernels.warm_up()"
 
 check: .venv/ready  ## what a reviewer should not have to say
 	$(BIN)/ruff check .

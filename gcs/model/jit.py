@@ -36,7 +36,7 @@ def kept_in(package: Path) -> Path:
     return base / f"kernels-{digest}"
 
 
-numba.config.CACHE_DIR = str(kept_in(Path(__file__).parent))
+numba.config.CACHE_DIR = str(kept_in(Path(__file__).parents[1]))
 
 
 def _load_without_blas() -> None:
