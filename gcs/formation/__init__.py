@@ -1,1 +1,1 @@
-"""The law: where every drone should go. Pure functions over (n, 3) arrays; no clock, no I/O."""
+"""The control law: one velocity per vehicle from the state of the fleet; pure, imports only model."""

@@ -1,1 +1,1 @@
-"""The last word before sending. Pure; only shrinks or deflects, and fails closed."""
+"""The safety filter, the last step before setpoints leave; pure, imports only formation and model."""
