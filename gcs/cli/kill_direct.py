@@ -10,7 +10,7 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from gcs.cli.kill import asked, told
+from gcs.cli.kill_dialogue import asked, told
 from gcs.cli.kill_without_service import direct_kill
 from gcs.cli.output import REFUSED, note
 from gcs.config.schema import Config
