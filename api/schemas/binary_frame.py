@@ -10,11 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.estimation.time_estimates import Estimates
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
-from gcs.service import FleetView
+from gcs.service import Estimates, FleetView
 from gcs.service.vehicle_table import VehicleRows
 
 VERSION: Final = 2

@@ -4,6 +4,7 @@ The API, the console and the command line know the service by this package alone
 a process of its own without a change on their side.
 """
 
+from gcs.estimation.time_estimates import Estimates
 from gcs.service.commands import WHO, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
 from gcs.service.interface import Audit, Call, NoAudit, Replaying, Service, Shows
 from gcs.service.latest import Latest
@@ -30,6 +31,7 @@ __all__ = [
     "Certification",
     "CheckState",
     "CueMark",
+    "Estimates",
     "EventMark",
     "FleetView",
     "Histogram",
