@@ -2,7 +2,7 @@
 
 import sys
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 
 with Client(*sys.argv[1:]) as client:
     tower = client.add_obstacle(x_m=60, y_m=0, half_length_x_m=3, half_length_y_m=3, height_m=40)

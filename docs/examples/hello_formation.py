@@ -2,7 +2,7 @@
 
 import sys
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 
 with Client(*sys.argv[1:]) as client:
     order = client.wait_for(client.start().id, timeout_s=120)

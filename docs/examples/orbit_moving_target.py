@@ -3,7 +3,7 @@
 import sys
 import time
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 
 with Client(*sys.argv[1:]) as client:
     client.change_orbit(radius_m=10, speed_m_s=2, direction="clockwise")

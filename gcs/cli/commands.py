@@ -25,7 +25,7 @@ class Command(NamedTuple):
 
 
 class Call(NamedTuple):
-    """One call of the REST API: a method of `gcs.client.fleet_client.Client`, or of what stands in one of its attributes.
+    """One call of the REST API: a method of `gcs.client.Client`, or of what stands in one of its attributes.
 
     The method's parameters are the arguments. Those that it knows by keyword alone are options, but for those
     `asked`; with `alone` there are no others.

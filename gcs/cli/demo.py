@@ -21,7 +21,7 @@ from gcs.cli import eventloop, logs
 from gcs.cli.demo_script import ORBIT_RADIUS_M, Marks, StoppedEarlyError, Story, home_s, shortest_s, whole_s
 from gcs.cli.output import REFUSED, Say, failed, lines, print_json
 from gcs.cli.serve import running
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.control import warm_up
 from gcs.flight.orchestrator import Orchestrator

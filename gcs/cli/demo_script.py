@@ -8,7 +8,7 @@ from math import ceil
 
 import numpy as np
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.formation.orbit import orbit_velocity
 from gcs.model.errors import GcsError, OrderError, RefusedError
 from gcs.model.plan import Direction, Obstacle

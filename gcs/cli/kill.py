@@ -7,7 +7,7 @@ from typing import Final
 from gcs.cli.kill_dialogue import asked, told
 from gcs.cli.output import REFUSED, note
 from gcs.cli.remote import add_connection, connected
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.model.errors import GcsError, InvalidError, LinkError
 
 RECORD: Final = "runs"

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from gcs.cli.commands import ACTIONS, CALLS, Call
 from gcs.cli.output import REFUSED, exit_code, fail, failed, print_json
+from gcs.client import URL, Client
 from gcs.client.deferred import Deferred
-from gcs.client.fleet_client import URL, Client
 from gcs.model.errors import GcsError, UnknownError
 
 if TYPE_CHECKING:

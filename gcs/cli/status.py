@@ -11,7 +11,7 @@ from rich.text import Text
 from gcs.cli.output import print_json
 from gcs.cli.remote import add_connection, connected, watched_json
 from gcs.cli.status_table import COLUMNS, SORTED, board
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.model.errors import GcsError
 
 PERIOD_S: Final = 0.5

@@ -26,7 +26,7 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 from replays import replay
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config import schema as configuration
 
 Size = tuple[int, int]

@@ -24,7 +24,7 @@ from machine import free_ports
 from playwright.sync_api import Browser, Locator, expect
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config import schema as configuration
 
 chrome = pytest.fixture(scope="module")(chromes)

@@ -9,7 +9,7 @@ import pytest
 from console_bench import FLIGHT_MS, SOON_MS, Console, Station, chromes, console, station
 from playwright.sync_api import Browser, expect
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 
 chrome = pytest.fixture(scope="module")(chromes)
 

@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, expect
 from replays import replay
 from virtual_show import Show, UnixClock, fly, show_config
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.model.lifecycle import ShowPhase
 from gcs.recording.session import Record
 from gcs.service import ShowAction

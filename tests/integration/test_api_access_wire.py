@@ -21,7 +21,7 @@ from gcs.api.auth.middleware import EmergencyLane
 from gcs.api.auth.tokens import Tokens, create_token, revoke_token
 from gcs.api.server import serve
 from gcs.cli.main import main
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.model.errors import AccessError, ConfigError, LinkError
 from gcs.model.lifecycle import ShowPhase

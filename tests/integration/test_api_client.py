@@ -13,7 +13,7 @@ from api_background import in_background
 from api_fake_service import FakeService
 
 from gcs.api.app import create_app
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.model.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
 from gcs.service import Outcome
 from gcs.shows import load, shipped

@@ -24,7 +24,7 @@ from gcs.api.auth.tokens import Tokens, create_token
 from gcs.cli import status
 from gcs.cli.commands import ACTIONS, CALLS
 from gcs.cli.main import main
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.client.preflight import Preflight
 from gcs.client.replay import Playback
 from gcs.client.shows import Shows

@@ -14,7 +14,7 @@ from websockets.asyncio.client import connect
 
 from gcs.api.schemas import binary_frame as frames
 from gcs.cli.main import main
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase

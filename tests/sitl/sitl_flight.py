@@ -12,7 +12,7 @@ from sitl_simulators import Simulators
 
 from gcs.api.schemas import rest as wire
 from gcs.cli.demo_report import Commanded
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.plan import Obstacle
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
 

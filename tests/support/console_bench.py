@@ -17,7 +17,7 @@ from machine import free_ports
 from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect, sync_playwright
 from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config import schema as configuration
 
 ROOT: Final = Path(__file__).parents[2]

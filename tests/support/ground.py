@@ -21,7 +21,7 @@ from machine import free_ports
 
 from gcs.api.app import create_app
 from gcs.api.server import serve as serve_api
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import GcsError

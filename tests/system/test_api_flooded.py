@@ -13,7 +13,7 @@ from ground import SOON_S, flying_config, proper, served, until, vehicles
 from machine import Witness, free_ports
 
 from gcs.cli.serve import make_link
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
 from gcs.links.udp.link import UdpLink

@@ -15,7 +15,7 @@ from machine import Witness, free_ports
 
 from gcs.api.auth.tokens import create_token
 from gcs.cli.serve import running
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -65,7 +65,7 @@ print(len(statuses), min(statuses, default=0))
 
 BUTTON = """
 import json, sys, time
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 url, lane, token, seconds, calls = *sys.argv[1:4], float(sys.argv[4]), int(sys.argv[5])
 times = []
 with Client(url, token=token, emergency_url=lane) as client:

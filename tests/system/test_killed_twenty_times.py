@@ -24,7 +24,7 @@ from ground import (
 )
 from machine import Witness, free_ports
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import GcsError
 from gcs.model.interrupted_flight import Offer

@@ -103,7 +103,7 @@ def check_headless(folder: Path, described: email.message.Message) -> None:
 def check_types(folder: Path) -> None:
     """A program that uses the installed client sees its types, and mypy the program's mistakes."""
     (folder / "program.py").write_text(
-        "from gcs.client.fleet_client import Client\n\nwith Client() as client:\n"
+        "from gcs.client import Client\n\nwith Client() as client:\n"
         "    reveal_type(client.show().phase)\n    client.change_formation(radius_m='wide')\n"
     )
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder / "env")], check=True)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ground import SOON_S, last_truths, session_of, wait_until
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 
 COUNT = 20
 

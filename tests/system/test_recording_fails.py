@@ -9,7 +9,7 @@ from ground import SOON_S, flying_config, proper, service, vehicles, wait_until
 from machine import free_ports
 from pymavlink import mavutil
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 
 IDS = ("d1", "d2")
 

@@ -12,7 +12,7 @@ from ground import PATIENT_S, SOON_S, flying_config, last_truths, proper, servic
 from machine import free_ports
 from pymavlink import mavutil
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
 from gcs.recording.last_known import last_known, orders

@@ -10,7 +10,7 @@ from machine import free_ports
 from gcs.api.app import create_app
 from gcs.api.server import serve
 from gcs.cli.serve import make_link
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import RefusedError

@@ -7,7 +7,7 @@ from pathlib import Path
 from ground import SOON_S, Supervised, flying_config, supervised, wait_until
 from machine import free_ports
 
-from gcs.client.fleet_client import Client
+from gcs.client import Client
 from gcs.config.schema import Config
 
 
