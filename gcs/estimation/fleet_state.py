@@ -17,7 +17,7 @@ it counts as lost, whichever is longer.
 """
 
 BRAKES_S: Final = 2.0
-"""Braking evenly for so long takes the way of 1 s of unchanged flight (`gcs.planning.landing_sites.STOP_S`)."""
+"""Braking evenly for so long takes the way of 1 s of unchanged flight (`STOP_S`)."""
 
 
 class Table:
@@ -33,7 +33,8 @@ class Table:
     vehicle may fly on until its autopilot notices the loss, and other vehicles must keep clear of it by
     this estimate alone until it counts as lost. Within `brakes_s` it then fades to rest, as of a vehicle
     that brakes; one that falls does not move sideways for long either. The growing uncertainty is not in
-    the velocity: from the loss on, the swept space (`gcs.planning.landing_sites.swept_segments_m`) covers every place that
+    the velocity: from the loss on, the swept space (`gcs.planning.landing_sites.swept_segments_m`) covers
+    every place that
     the vehicle can have reached with the whole of `last_velocity_m_s`, however long ago that was.
 
     Attributes:

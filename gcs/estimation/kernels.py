@@ -1,4 +1,4 @@
-"""Compiled loops of `gcs.estimation.fleet_state`: telemetry into the show frame, and which of it is believed. Pure."""
+"""Compiled loops of `fleet_state`: telemetry into the show frame, and which of it is believed. Pure."""
 
 from typing import Final
 

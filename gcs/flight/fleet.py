@@ -303,7 +303,7 @@ class Flight:
         return self.in_phase(*AIRBORNE)
 
     def whereabouts(self, vehicle: Vehicle) -> Whereabouts:
-        """Whether it is airborne and under control, on the ground, or unknown; see `gcs.model.fleet_counts`."""
+        """Whether it is airborne and under control, on the ground, or unknown; see `fleet_counts`."""
         telemetry, at = self.telemetry[vehicle.id]
         age_s = self.fleet.time_s - float(telemetry.heartbeat_time_s[at])
         landed, armed = telemetry.landed[at], telemetry.armed[at]

@@ -1,6 +1,7 @@
 """An interrupted flight: which vehicles wait for a command, and the two commands offered for all of them.
 
-The service ended, and the record knows what was flown; or it stalled, and `gcs.flight.stall_recovery` remembers it.
+The service ended, and the record knows what was flown; or it stalled, and `gcs.flight.stall_recovery`
+remembers it.
 Both are an `Interruption`.
 """
 

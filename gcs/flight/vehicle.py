@@ -134,7 +134,8 @@ class Vehicle:
     def is_calm(self, mode: Mode, *, armed: bool) -> bool:
         """Whether a vehicle heard just now does what is expected of it: `observe` would change nothing.
 
-        Nor does anything follow by itself (see `gcs.flight.telemetry_monitor`). False does not say the contrary.
+        Nor does anything follow by itself (see `gcs.flight.telemetry_monitor`). False does not say the
+        contrary.
         """
         if self.phase in AIRBORNE:
             return armed and mode in self.modes and mode is not Mode.HOLD

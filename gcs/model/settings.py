@@ -12,7 +12,7 @@ NotNegative: TypeAlias = Annotated[float, Field(ge=0)]
 
 
 class Settings(BaseModel):
-    """Base of every group; `gcs.config.schema` reads them from YAML, tests and tools construct them directly."""
+    """Base of every group; `gcs.config` reads them from YAML, tests and tools construct them directly."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 

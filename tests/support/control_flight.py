@@ -1,4 +1,4 @@
-"""Flights of `gcs.control.tick` against `gcs.sim.vehicle.dynamics` in virtual time, judged by the true positions."""
+"""Flights of `gcs.control.tick` over fake dynamics in virtual time, judged by the true positions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

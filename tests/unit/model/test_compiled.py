@@ -8,7 +8,8 @@ import pytest
 
 from gcs.model.jit import kept_in
 
-CALLER = "from gcs.model.jit import kernel\nfrom callee import much\n\n@kernel\ndef asked(x):\n    return much(x)\n"
+KERNEL = "from gcs.model.jit import kernel\n"
+CALLER = KERNEL + "from callee import much\n\n@kernel\ndef asked(x):\n    return much(x)\n"
 CALLEE = "from gcs.model.jit import kernel\n\n@kernel\ndef much(x):\n    return {factor} * x\n"
 
 
