@@ -1,0 +1,29 @@
+"""gcs holds packages only, each with the sentence that docs/architecture.md repeats."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = sorted(
+    [path.parent for path in ROOT.glob("gcs/*/__init__.py") if not path.parent.is_symlink()]
+    + [ROOT / "api", ROOT / "sim"]
+)
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_architecture_repeats_the_package_sentence(package: Path) -> None:
+    docstring = ast.get_docstring(ast.parse((package / "__init__.py").read_text(encoding="utf-8")))
+    assert docstring is not None
+    sentence = docstring.partition("\n")[0]
+    row = f"| `{package.relative_to(ROOT)}/` | {sentence} |"
+    assert row in (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").splitlines()
+
+
+def test_no_module_lies_flat_in_gcs() -> None:
+    assert {path.name for path in (ROOT / "gcs").glob("*.py")} == {"__init__.py", "__main__.py"}
+
+
+def test_at_most_twenty_packages() -> None:
+    assert len([path for path in PACKAGES if path.parent.name == "gcs"]) <= 20
