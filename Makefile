@@ -51,6 +51,7 @@ console-test: .venv/ready api/console/node_modules/ready  ## the page's types an
 	$(BIN)/python -m gcs.api.openapi | $(NPM) run --silent wire -- --check --output src/wire/schema.ts || \
 	  { echo "api/console/src/wire/schema.ts is not what the API says of itself: make wire" >&2; exit 1; }
 	$(NPM) run --silent types
+	$(NPM) run --silent cycles
 	$(NPM) run --silent test
 
 wire: .venv/ready api/console/node_modules/ready  ## the page's wire types, from the API's own OpenAPI

@@ -2,7 +2,7 @@
 
 import type { Ghost, Order, ShowCheck, State, StoredShow } from "./state";
 import { texts } from "./texts";
-import type { Message } from "./update";
+import type { Message } from "./messages";
 import { outcome, type Api, type Outcome } from "./wire/rest";
 import type { components } from "./wire/schema";
 

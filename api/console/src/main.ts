@@ -12,7 +12,7 @@ import { render } from "lit-html";
 
 import { createActions } from "./actions";
 import { createSigns } from "./alarms/signs";
-import { createDeskActions } from "./desk/actions";
+import { createDeskActions } from "./desk/createActions";
 import { desk } from "./desk/index";
 import { watchLayout } from "./desk/layout";
 import { createReader } from "./desk/reading";

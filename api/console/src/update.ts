@@ -1,36 +1,13 @@
 // The one way from a state to the next. Pure: no clock, no network, no document.
 
-import { updateAttention, type AttentionMessage } from "./alarms/attention";
-import { updateDesk, type DeskMessage } from "./desk/update";
+import { updateAttention } from "./alarms/attention";
+import { updateDesk } from "./desk/update";
 import { energy, radiusError_m } from "./formation";
-import { choose, remaining, type Choice, type Selection } from "./selection";
-import {
-  HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Access, type CertificateReport, type Connection, type Frame, type Ghost, type History, type KillArmed,
-  type Order, type PreflightReport, type ReplayMarks, type ShowCheck, type State, type Status, type StoredShow, type Toast, type View,
-} from "./state";
+import { choose, remaining } from "./selection";
+import { HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Connection, type Frame, type History, type Order, type State, type Status, type Toast } from "./state";
+import type { Message } from "./messages";
 
-export type Message =
-  | { kind: "tick"; now_ms: number }
-  | { kind: "connection"; connection: Connection }
-  | { kind: "access"; access: Access | null }
-  | { kind: "status"; status: Status }
-  | { kind: "frame"; frame: Frame }
-  | { kind: "order"; order: Order }
-  | { kind: "orders"; orders: readonly Order[] }
-  | { kind: "preflight"; report: PreflightReport | null; vehicles?: readonly string[] | null }
-  | { kind: "shows"; shows: readonly StoredShow[] }
-  | { kind: "check"; check: ShowCheck | null }
-  | { kind: "marks"; marks: ReplayMarks | null }
-  | { kind: "certificate"; certificate: CertificateReport | null }
-  | { kind: "done" | "grave" | "refused"; text: string }
-  | { kind: "toast-gone"; id: number }
-  | { kind: "view"; change: Partial<Omit<View, keyof Selection>> }
-  | { kind: "select"; choice: Choice }
-  | { kind: "ghost"; ghost: Ghost | null }
-  | { kind: "kill-armed"; armed: KillArmed }
-  | { kind: "kill-over" }
-  | AttentionMessage
-  | DeskMessage;
+export type { Message } from "./messages";
 
 export function update(state: State, message: Message): State {
   return updateAttention(state, updateDesk(updateShared(state, message), message), message);

@@ -2,40 +2,9 @@
 
 import { fresh, type State } from "../state";
 import { alarmsOf, ordered, rank, raised, worst, type Alarm, type Overall, type Severity } from "./model";
+import type { Attention, AttentionMessage } from "./attentionState";
 
-/** A sound to be played: the page plays one whenever `count` goes up. */
-export interface Ring {
-  count: number;
-  severity: Severity;
-}
-
-export interface Attention {
-  /** The operator's setting; remembered by the browser. */
-  soundOn: boolean;
-  /** The browser plays no sound before the page was pressed once. */
-  soundBlocked: boolean;
-  /** The page's clock when it began to play. */
-  unblocked_ms: number;
-  /** Cautions and information are folded away. */
-  isFolded: boolean;
-  ring: Ring;
-  /** The page's clock at the newest ring. */
-  rang_ms: number;
-  /** What a screen reader says, once: `urgent` interrupts it. */
-  announced: { number: number; urgent: string; calm: string };
-}
-
-export function initialAttention(soundOn: boolean): Attention {
-  return {
-    soundOn,
-    soundBlocked: true,
-    unblocked_ms: -Infinity,
-    isFolded: false,
-    ring: { count: 0, severity: "information" },
-    rang_ms: -Infinity,
-    announced: { number: 0, urgent: "", calm: "" },
-  };
-}
+export { initialAttention, type Attention, type AttentionMessage, type Ring } from "./attentionState";
 
 /** An unacknowledged alarm sounds again after this time; other severities sound once, or never. */
 export const REPEATED_MS: Partial<Record<Severity, number>> = { emergency: 4_000, warning: 20_000 };
@@ -65,11 +34,6 @@ function rung(attention: Attention, severity: Overall, now_ms: number, isSilent:
   if (isSilent || !attention.soundOn || severity === "normal" || !SOUNDING.has(severity)) return attention;
   return { ...attention, ring: { count: attention.ring.count + 1, severity }, rang_ms: now_ms };
 }
-
-export type AttentionMessage =
-  | { kind: "sound"; on: boolean }
-  | { kind: "sound-blocked"; isBlocked: boolean }
-  | { kind: "fold-alarms"; isFolded: boolean };
 
 /** Behind the update of everything else; `message` is the same. */
 export function updateAttention(before: State, state: State, message: { kind: string }): State {

@@ -1,6 +1,6 @@
 // Alarms as the service lists them: in which order they are shown, and how severe the whole is. Pure.
 
-import type { Status } from "../state";
+import type { Status } from "../snapshot";
 import type { components } from "../wire/schema";
 
 export const SEVERITIES = ["emergency", "warning", "caution", "information"] as const satisfies readonly Severity[];

@@ -1,14 +1,8 @@
 /** Which of four layouts the page has, by the size of the window, and which panels it shows. Pure but for `watchLayout`. */
 
-import type { DeskState, LeftPanel, RightPanel } from "./state";
+import type { DeskState, Layout, LeftPanel, RightPanel } from "./state";
 
-/**
- * wide: a panel on either side of the scene. single: one panel beside the scene.
- * sheet: a panel is a sheet at the bottom, for phones and tablets held upright.
- * side: the flight commands stand on the right, for a window that is wide and low.
- */
-export type Layout = "wide" | "single" | "sheet" | "side";
-export type PanelSide = "left" | "right";
+export type { Layout, PanelSide } from "./state";
 
 /** In em of the browser's own letter size: larger letters need the smaller layouts earlier. The first that matches counts. */
 const QUERIES: readonly (readonly [Layout, string])[] = [

@@ -1,7 +1,7 @@
 /** The fleet as rows of a table: what is shown, in which order, and which of it is on the screen. Pure. */
 
-import type { Frame, Phase, Status } from "../state";
-import { MODES, PHASES, type Mode } from "../state";
+import type { Frame, Phase, Status } from "../snapshot";
+import { MODES, PHASES, type Mode } from "../snapshot";
 import { texts } from "../texts";
 
 export interface Row {

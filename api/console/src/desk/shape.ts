@@ -2,15 +2,16 @@
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { State } from "../state";
+import type { Group } from "./state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { button, choices, numberField, type NumberField } from "./controls";
 import { fixed, parsed, withUnit } from "./format";
 import { whyNot, whyNotShape } from "./rights";
 
-const t = texts.shape;
+export type { Group } from "./state";
 
-export type Group = "formation" | "orbit" | "target" | "yaw";
+const t = texts.shape;
 
 /** The numbers of a group as typed, those left alone left out; null when one of them is none. Pure. */
 export function typedNumbers(drafts: Readonly<Record<string, string>>, group: string): Record<string, number> | null {

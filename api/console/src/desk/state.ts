@@ -1,9 +1,17 @@
 /** What the desk alone remembers: what is open, what is typed, how the table is sorted. Plain data. */
 
-import type { ShowCheck, StoredShow } from "../state";
-import type { Layout, PanelSide } from "./layout";
+import type { ShowCheck, StoredShow } from "../snapshot";
 import type { Sort } from "./rows";
 
+/**
+ * wide: a panel on either side of the scene. single: one panel beside the scene.
+ * sheet: a panel is a sheet at the bottom, for phones and tablets held upright.
+ * side: the flight commands stand on the right, for a window that is wide and low.
+ */
+export type Layout = "wide" | "single" | "sheet" | "side";
+export type PanelSide = "left" | "right";
+/** What is changed together, by one button. */
+export type Group = "formation" | "orbit" | "target" | "yaw";
 export type LeftPanel = "preflight" | "shows" | "shape" | "obstacles";
 export type RightPanel = "fleet" | "vehicle" | "events" | "plots" | "certificate";
 export type Sheet = "start" | "kill" | "help";

@@ -2,21 +2,13 @@
 
 import { nearest_m } from "../formation";
 import { PHASES, type State } from "../state";
-import type { Message } from "../update";
-import { withLayout, type Layout } from "./layout";
+import type { Message } from "../messages";
+import { withLayout } from "./layout";
 import { reportKey } from "./preflight";
 import { parseQuery } from "./query";
 import { rowOf, sorted } from "./rows";
 import { REFUSALS_KEPT, type DeskState, type Table } from "./state";
 import { steppedBack, steppedForward } from "./stepping";
-
-export type DeskMessage =
-  | { kind: "desk"; change: Partial<DeskState> }
-  | { kind: "layout"; layout: Layout }
-  | { kind: "draft"; field: string; text: string }
-  | { kind: "undo"; prefix: string }
-  /** The service's answer to Select; `problem` is why it refused, empty when it did not. */
-  | { kind: "show-selected"; name: string; hash: string; problem: string };
 
 /** The table is put in order at most so often: rows that jump cannot be pressed. */
 const TABLE_MS = 1000;

@@ -2,19 +2,15 @@
 
 import { dot, minus, type Vec3 } from "./axes";
 import type { Basis, Pose } from "./rig";
+import type { Screen } from "./screen";
 import type { Rect } from "./selectionBox";
+
+export type { Screen } from "./screen";
 
 export interface Ray {
   from: Vec3;
   /** Of length 1. */
   along: Vec3;
-}
-
-/** The canvas, and the part of it that nothing lies over: there the camera's focus is in the middle. */
-export interface Screen {
-  width: number;
-  height: number;
-  free: { left: number; top: number; width: number; height: number };
 }
 
 /** The middle of what is free. */

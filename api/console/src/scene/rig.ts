@@ -3,7 +3,7 @@
 
 import type { Camera } from "../state";
 import type { Vec3 } from "./axes";
-import type { Screen } from "./picking";
+import type { Screen } from "./screen";
 import { dot, minus, shortest_rad } from "./axes";
 
 /** A camera around a point. Angles in radians, the rest in metres, three's axes. */

@@ -1,0 +1,228 @@
+/** What the desk's actions do: they change the page's own state, or call the service. */
+
+import type { Actions, Box } from "../actions";
+import type { Choice, Selection } from "../selection";
+import type { State, View } from "../state";
+import { texts } from "../texts";
+import type { Message } from "../messages";
+import { DEAD_IN_REPLAY, isSmall, shownPanels } from "./layout";
+import { NEW_OBSTACLE } from "./obstacles";
+import { typedNumbers, whyNotGroup, type Group } from "./shape";
+import { HOLD_MS, type DeskState, type LeftPanel, type RightPanel } from "./state";
+import { startOrder } from "./start";
+import type { DeskActions, PanelName } from "./actions";
+
+const LEFT: readonly PanelName[] = ["preflight", "shows", "shape", "obstacles"];
+const SHOW_MAX_BYTES = 64 * 1024;
+const SHOW_NAME = /^[A-Za-z0-9][A-Za-z0-9_-]{0,59}$/;
+
+/** Where the focus goes back to when a sheet is closed. */
+function focusOn(testId: string): void {
+  document.querySelector<HTMLElement>(`[data-testid="${testId}"]`)?.focus();
+}
+
+export function createDeskActions(
+  service: Actions,
+  dispatch: (message: Message) => void,
+  state: () => State,
+  login: (token: string) => void,
+): DeskActions {
+  const set = (change: Partial<DeskState>): void => dispatch({ kind: "desk", change });
+  const undo = (prefix: string): void => dispatch({ kind: "undo", prefix });
+  const view = (change: Partial<Omit<View, keyof Selection>>): void => dispatch({ kind: "view", change });
+  const choose = (choice: Choice): void => dispatch({ kind: "select", choice });
+  const refuse = (what: string, why: string): void => dispatch({ kind: "refused", text: texts.refused(what, why) });
+  let holding = 0;
+
+  function openPanel(name: PanelName): void {
+    const { desk, status } = state();
+    if (status?.replay && DEAD_IN_REPLAY.has(name)) return;
+    const sheet = isSmall(desk.layout) && desk.sheet === "start" ? null : desk.sheet; // it hides the panel
+    if (LEFT.includes(name)) set({ left: name as LeftPanel, front: "left", sheet });
+    else set({ right: name as RightPanel, front: "right", sheet });
+  }
+
+  function releaseKill(): void {
+    clearTimeout(holding);
+    if (state().desk.holding_ms !== null) set({ holding_ms: null });
+  }
+
+  async function confirmKill(code: string): Promise<void> {
+    if (await service.confirmKill(code.trim())) {
+      dispatch({ kind: "kill-over" });
+      set({ sheet: null, killNamed: new Set() });
+    }
+  }
+
+  /** What a group has on the screen, with what was typed into it. */
+  async function apply(group: Group): Promise<void> {
+    const { status, frame, desk } = state();
+    const numbers = typedNumbers(desk.drafts, group);
+    const why = whyNotGroup(state(), group) || (numbers === null ? texts.shape.badNumber : "");
+    if (why !== "") return refuse(texts.shape.groups[group], why);
+    if (numbers === null || !status || Object.keys(numbers).length === 0) return;
+    let accepted: boolean;
+    switch (group) {
+      case "formation":
+        accepted = await service.changeFormation(numbers);
+        break;
+      case "orbit":
+        accepted = await service.changeOrbit(numbers);
+        break;
+      case "yaw":
+        accepted = await service.changeYaw(numbers);
+        break;
+      case "target": {
+        const { velocity_x_m_s, velocity_y_m_s } = status.target;
+        const [x_m, y_m] = frame?.target_m ?? [status.target.x_m ?? 0, status.target.y_m ?? 0];
+        accepted = await service.setTarget({ x_m, y_m, velocity_x_m_s, velocity_y_m_s, ...numbers });
+      }
+    }
+    if (accepted) undo(`${group}:`);
+  }
+
+  async function saveObstacle(): Promise<void> {
+    const { editing, drafts } = state().desk;
+    const numbers = typedNumbers(drafts, "obstacle") as Partial<Box> | null;
+    if (editing === null) return;
+    if (numbers === null) return refuse(texts.obstacles.save, texts.shape.badNumber);
+    const id = drafts["obstacle-id"]?.trim() || null;
+    const accepted = editing
+      ? await service.changeObstacle(editing, numbers)
+      : await service.addObstacle(id, { ...NEW_OBSTACLE, ...numbers });
+    if (accepted) edit(null);
+  }
+
+  function edit(obstacle: string | null): void {
+    undo("obstacle");
+    set({ editing: obstacle, sure: "" });
+  }
+
+  async function upload(file: File): Promise<void> {
+    const name = file.name.replace(/\.ya?ml$/i, "");
+    const what = texts.orders.upload(name);
+    if (!SHOW_NAME.test(name)) return refuse(what, texts.shows.badName);
+    if (file.size > SHOW_MAX_BYTES) return refuse(what, texts.shows.tooLarge);
+    if (await service.uploadShow(name, await file.text())) {
+      await service.loadShows();
+      await service.checkShow(name);
+    }
+  }
+
+  async function excluded(id: string): Promise<void> {
+    if (await service.exclude(id, (state().desk.drafts["exclude-reason"] ?? "").trim())) {
+      undo("exclude-reason");
+      set({ excluding: null });
+      await service.loadPreflight();
+    }
+  }
+
+  async function readCertificate(): Promise<void> {
+    set({ certificateReading: true, certificateProblem: "" });
+    await service.loadCertificate();
+    set({ certificateReading: false });
+  }
+
+  return {
+    now: state,
+    dispatch,
+    view,
+    set,
+    draft: (field, text) => dispatch({ kind: "draft", field, text }),
+    undo,
+    filter: (filter) => set({ filter, scroll_px: 0 }),
+    sort: (sort) => set({ sort }),
+    select(id) {
+      choose({ how: "only", ids: [id] });
+      openPanel("vehicle");
+    },
+    choose,
+    chooseInScene(choice) {
+      choose(choice);
+      const { view: { selection }, desk: { right } } = state();
+      if (selection.length > 0 && right !== "fleet") openPanel("vehicle");
+    },
+    sheet(sheet) {
+      const open = state().desk.sheet;
+      set({ sheet: sheet === open ? null : sheet, sure: "" });
+      if (open !== null && (sheet === null || sheet === open)) focusOn(open);
+    },
+    openPanel,
+    togglePanel(name) {
+      const { left, right } = shownPanels(state().desk);
+      if (left === name) set({ left: null });
+      else if (right === name) set({ right: null });
+      else openPanel(name);
+    },
+    edit,
+    refuse,
+    acknowledge: (alarm) => void service.acknowledge(alarm),
+    acknowledgeAll: () => void service.acknowledge(null),
+    sound: (on) => dispatch({ kind: "sound", on }),
+
+    show: (command) => void service.show(command),
+    async start() {
+      const order = startOrder(state());
+      if (typeof order === "string") return refuse(texts.start.title, order);
+      if (await service.start(order.vehicles, order.at_unix_time_s)) {
+        set({ sheet: null, startAt: false, startNamed: false });
+        undo("start-");
+      }
+    },
+    vehicle: (id, command) => void service.vehicle(id, command),
+    fleet: (command) => void service.fleet(command, state().view.selection),
+    exclude: (id) => void excluded(id),
+    async include(id) {
+      if (await service.vehicle(id, "include")) await service.loadPreflight();
+    },
+    apply: (group) => void apply(group),
+    changeOrbit: service.changeOrbit,
+    changeYaw: service.changeYaw,
+    saveObstacle: () => void saveObstacle(),
+    async removeObstacle(id) {
+      set({ sure: "" });
+      return service.removeObstacle(id);
+    },
+    confirmGhost() {
+      const { ghost } = state();
+      dispatch({ kind: "ghost", ghost: null });
+      if (ghost !== null) void service.sendGhost(ghost);
+    },
+    cancelGhost: () => dispatch({ kind: "ghost", ghost: null }),
+    armKill: (vehicles) => void service.armKill(vehicles),
+    confirmTyped: () => void confirmKill(state().desk.drafts["kill-typed"] ?? ""),
+    holdKill() {
+      const { kill, page_ms } = state();
+      if (kill === null || state().desk.holding_ms !== null) return;
+      set({ holding_ms: page_ms });
+      clearTimeout(holding);
+      holding = window.setTimeout(() => {
+        const now = state();
+        if (now.desk.holding_ms !== null && now.kill !== null) void confirmKill(now.kill.armed.code);
+        releaseKill();
+      }, HOLD_MS);
+    },
+    releaseKill,
+    disarmKill() {
+      releaseKill();
+      dispatch({ kind: "kill-over" });
+    },
+    readPreflight: () => void service.loadPreflight(),
+    checkShow: service.checkShow,
+    selectShow: service.selectShow,
+    deselectShow: service.deselectShow,
+    async removeShow(name) {
+      set({ sure: "" });
+      return (await service.removeShow(name)) && service.loadShows();
+    },
+    seek: service.seek,
+    upload: (file) => void upload(file),
+    enter() {
+      const token = (state().desk.drafts["token"] ?? "").trim();
+      undo("token");
+      if (token !== "") login(token);
+    },
+    replay: (change) => void service.replay(change),
+    readCertificate: () => void readCertificate(),
+  };
+}

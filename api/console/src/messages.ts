@@ -1,0 +1,39 @@
+// Everything that changes the page's state.
+
+import type { AttentionMessage } from "./alarms/attentionState";
+import type { DeskState, Layout } from "./desk/state";
+import type { Choice, Selection } from "./selection";
+import type {
+  Access, CertificateReport, Connection, Frame, Ghost, KillArmed, Order, PreflightReport, ReplayMarks, ShowCheck, Status, StoredShow, View,
+} from "./state";
+
+export type Message =
+  | { kind: "tick"; now_ms: number }
+  | { kind: "connection"; connection: Connection }
+  | { kind: "access"; access: Access | null }
+  | { kind: "status"; status: Status }
+  | { kind: "frame"; frame: Frame }
+  | { kind: "order"; order: Order }
+  | { kind: "orders"; orders: readonly Order[] }
+  | { kind: "preflight"; report: PreflightReport | null; vehicles?: readonly string[] | null }
+  | { kind: "shows"; shows: readonly StoredShow[] }
+  | { kind: "check"; check: ShowCheck | null }
+  | { kind: "marks"; marks: ReplayMarks | null }
+  | { kind: "certificate"; certificate: CertificateReport | null }
+  | { kind: "done" | "grave" | "refused"; text: string }
+  | { kind: "toast-gone"; id: number }
+  | { kind: "view"; change: Partial<Omit<View, keyof Selection>> }
+  | { kind: "select"; choice: Choice }
+  | { kind: "ghost"; ghost: Ghost | null }
+  | { kind: "kill-armed"; armed: KillArmed }
+  | { kind: "kill-over" }
+  | AttentionMessage
+  | DeskMessage;
+
+export type DeskMessage =
+  | { kind: "desk"; change: Partial<DeskState> }
+  | { kind: "layout"; layout: Layout }
+  | { kind: "draft"; field: string; text: string }
+  | { kind: "undo"; prefix: string }
+  /** The service's answer to Select; `problem` is why it refused, empty when it did not. */
+  | { kind: "show-selected"; name: string; hash: string; problem: string };

@@ -1,0 +1,116 @@
+// What the service reports: its status, and one frame of the fleet. Types and their constants alone.
+
+import type { components } from "./wire/schema";
+
+type Schemas = components["schemas"];
+
+/** What the stream's text messages say: what changes seldom. */
+export type Status = Schemas["Status"];
+export type StatusVehicle = Schemas["StatusVehicle"];
+export type Happening = Schemas["Happening"];
+export type Order = Schemas["Order"];
+export type PreflightReport = Schemas["Preflight"];
+export type StoredShow = Schemas["StoredShow"];
+export type ShowCheck = Schemas["ShowCheck"];
+export type ReplayMarks = Schemas["ReplayMarks"];
+export type CertificateReport = Schemas["CertificateReport"];
+export type ShowAction = Schemas["ShowAction"];
+export type ShowPhase = Schemas["ShowPhase"];
+export type Obstacle = Schemas["Obstacle"];
+export type KillArmed = Schemas["KillArmed"];
+
+/** In the order of gcs/model/lifecycle.py: a frame's column `phase` counts here. */
+export const PHASES = [
+  "offline", "standby", "takeoff", "hold", "formation", "return", "landing", "lost", "pilot", "killed",
+] as const;
+export type Phase = (typeof PHASES)[number];
+
+/** In the order of gcs/model/state.py. */
+export const MODES = ["unknown", "ready", "takeoff", "hold", "offboard", "return", "land", "position", "other"] as const;
+export type Mode = (typeof MODES)[number];
+
+/** In the order of gcs/model/lifecycle.py: a frame's header counts here. */
+export const SHOW_PHASES = [
+  "idle", "countdown", "preflight", "arming", "assembling", "running", "paused", "returning", "aborting", "landed",
+  "uncontrolled",
+] as const satisfies readonly ShowPhase[];
+
+/** MAV_LANDED_STATE. */
+export const LANDED = ["unknown", "on ground", "in air", "takeoff", "landing"] as const;
+
+export const FLAG = { armed: 1, ready: 2, restrained: 4, commanded: 8, light: 16 } as const;
+
+export interface Tick {
+  rate_hz: number;
+  count: number;
+  missed: number;
+  p50_ms: number;
+  p99_ms: number;
+  lateness_p99_ms: number;
+}
+
+/** One instant of the fleet: columns over one buffer, n long; vehicle i is `status.vehicles[i]`. Unknown is NaN. */
+export interface Frame {
+  /** Of the status that it belongs to. */
+  revision: number;
+  /** The service's monotonic clock. */
+  time_s: number;
+  unix_time_s: number;
+  /** The page's clock when it arrived. */
+  received_ms: number;
+  n: number;
+  controlAlive: boolean;
+  showPhase: ShowPhase;
+  /** Show frame x, y and height, positive up. */
+  center_m: readonly [number, number, number] | null;
+  target_m: readonly [number, number];
+  /** As commanded now. */
+  radius_m: number;
+  minimumSeparation_m: number;
+  tick: Tick;
+  setpointsSent: number;
+  interventions: number;
+  /** The written show's own time. */
+  clock_s: number;
+  countdown_s: number;
+  /** 0 to 1. */
+  batteryLeast: number;
+  batteryMedian: number;
+  /** Until the formation stands. */
+  assembled_s: number;
+  /** Until all have landed at their pads, if the return began now. */
+  home_s: number;
+  /** Row of the vehicle with the least battery; beyond all rows: none. */
+  batteryLeastRow: number;
+  x_m: Float32Array;
+  y_m: Float32Array;
+  height_m: Float32Array;
+  vx_m_s: Float32Array;
+  vy_m_s: Float32Array;
+  vup_m_s: Float32Array;
+  heading_deg: Float32Array;
+  setpoint_x_m_s: Float32Array;
+  setpoint_y_m_s: Float32Array;
+  setpoint_up_m_s: Float32Array;
+  /** 0 to 1. */
+  battery: Float32Array;
+  position_age_s: Float32Array;
+  heartbeat_age_s: Float32Array;
+  uncertainty_m: Float32Array;
+  /** 0 to 1. */
+  link_quality: Float32Array;
+  /** Until the low-battery threshold, and until empty. */
+  low_s: Float32Array;
+  empty_s: Float32Array;
+  /** Index in `PHASES`. */
+  phase: Uint8Array;
+  /** Index in `MODES`. */
+  mode: Uint8Array;
+  /** Index in `LANDED`. */
+  landed: Uint8Array;
+  /** Bits of `FLAG`. */
+  flags: Uint8Array;
+  red: Uint8Array;
+  green: Uint8Array;
+  blue: Uint8Array;
+}
