@@ -101,10 +101,11 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Tracks
 
 def _reported(data: FlightData, on_progress: OnProgress) -> Iterator[Flown]:
     """Every tick; the share of the file's time that is read is reported on the way."""
-    starts_s = [start_s for start_s, _ in data.index.chunks]
+    first_s = data.index.chunks[0][0] if data.index.chunks else None
+    last_s = data.last_s()
     for number, tick in enumerate(data.ticks()):
-        if number % REPORTED_TICKS == 0 and starts_s and starts_s[-1] > starts_s[0]:
-            on_progress(min(1.0, (tick.unix_s - starts_s[0]) / (starts_s[-1] - starts_s[0])))
+        if number % REPORTED_TICKS == 0 and first_s is not None and last_s is not None and last_s > first_s:
+            on_progress(min(1.0, (tick.unix_s - first_s) / (last_s - first_s)))
         yield tick
 
 
