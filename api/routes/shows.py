@@ -34,7 +34,7 @@ selected = APIRouter(prefix="/show", tags=["show"], dependencies=TOKEN)
 @files.get("", summary="Every show file", responses=errors(409))
 async def list_shows(desk: DeskDep) -> list[wire_shows.StoredShow]:
     """All files that were uploaded, by name."""
-    return [convert.stored_show(each) for each in await desk.service.shows.listed()]
+    return [convert.stored_show(each) for each in await desk.service.shows.list_shows()]
 
 
 @files.get("/{name}", summary="One show file", responses=READ | errors(404, 409))

@@ -142,7 +142,7 @@ async def _fly(
 ) -> dict[str, object]:
     began_s = time.monotonic()
 
-    def told(text: str, **facts: object) -> None:
+    def describe(text: str, **facts: object) -> None:
         time_s = time.monotonic() - began_s
         line = text if arguments.json else f"[{time_s:6.1f} s] {text}"
         say("story", line, time_s=round(time_s, 3), **facts)
@@ -150,13 +150,15 @@ async def _fly(
     with fake_fleet(config, arguments, truth):
         async with running(config) as (orchestrator, port):
             url = f"http://{config.api.host}:{port}"
-            told(f"{arguments.vehicles} fake vehicles; look at them at {url}/ ; API at {url}/docs", url=url)
+            describe(
+                f"{arguments.vehicles} fake vehicles; look at them at {url}/ ; API at {url}/docs", url=url
+            )
             history = History()
             recorder = asyncio.create_task(history.follow(orchestrator), name="history")
             with Client(url) as client:
                 whole = arguments.seconds >= whole_s(arguments.vehicles, _top_m(config))
                 landing_s = home_s(_top_m(config))
-                story = Story(client, arguments.seconds, told, landing_s=landing_s, whole=whole)
+                story = Story(client, arguments.seconds, describe, landing_s=landing_s, whole=whole)
                 failure = await _tell(story)
             marks = story.marks
             recorder.cancel()

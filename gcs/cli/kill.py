@@ -4,7 +4,7 @@ import argparse
 import os
 from typing import Final
 
-from gcs.cli.kill_dialogue import asked, told
+from gcs.cli.kill_dialogue import asked, describe
 from gcs.cli.output import REFUSED, note
 from gcs.cli.remote import add_connection, connected
 from gcs.client import Client
@@ -61,7 +61,7 @@ def _through_service(client: Client, arguments: argparse.Namespace) -> int:
     except GcsError as error:  # it was given: how far it got is told below
         note(str(error), as_json=arguments.json)
         order = client.order(order.id)
-    return told({name: (part.outcome, part.reason) for name, part in order.vehicles.items()}, arguments)
+    return describe({name: (part.outcome, part.reason) for name, part in order.vehicles.items()}, arguments)
 
 
 def _without_service(arguments: argparse.Namespace) -> int:

@@ -38,7 +38,7 @@ def asked(names: Sequence[str], code: str, valid_s: float, arguments: argparse.N
     return False
 
 
-def told(outcomes: Mapping[str, tuple[str, str]], arguments: argparse.Namespace) -> int:
+def describe(outcomes: Mapping[str, tuple[str, str]], arguments: argparse.Namespace) -> int:
     """Print outcome and reason of each vehicle. Returns: the exit code."""
     if arguments.json:
         parts = {name: {"outcome": outcome, "reason": reason} for name, (outcome, reason) in outcomes.items()}

@@ -10,7 +10,7 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from gcs.cli.kill_dialogue import asked, told
+from gcs.cli.kill_dialogue import asked, describe
 from gcs.cli.kill_without_service import direct_kill
 from gcs.cli.output import REFUSED, note
 from gcs.config.schema import Config
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
                 record.killed(name)
     if record.problem:
         note(f"not recorded: {record.problem}", as_json=arguments.json)
-    return told({name: (part.outcome, part.reason) for name, part in outcomes.items()}, arguments)
+    return describe({name: (part.outcome, part.reason) for name, part in outcomes.items()}, arguments)
 
 
 def _config(known: LastKnown, record: str) -> Config:

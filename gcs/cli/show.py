@@ -44,7 +44,7 @@ def _check(arguments: argparse.Namespace) -> int:
         verdict = judge(*rehearse(loaded, arguments.seed, report))
     model = {"model": loaded.show.model_dump(mode="json")} if arguments.model else {}
     if arguments.json:
-        print_json(verdict.told() | model, indent=None)
+        print_json(verdict.describe() | model, indent=None)
     else:
         print(table(verdict))
     return 0 if verdict.good else 1

@@ -14,12 +14,12 @@ from gcs.flight.running_show import Performance
 from gcs.flight.show_player import Stage
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND
-from gcs.model.preflight_report import Check, PreflightReport, State, VehicleChecks, told
+from gcs.model.preflight_report import Check, PreflightReport, State, VehicleChecks, describe
 from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_formation, check_obstacle
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
 from gcs.planning.vertical_overlap import column_m, most_overlapping
-from gcs.planning.vertical_overlap import told as told_columns
+from gcs.planning.vertical_overlap import describe as describe_columns
 from gcs.preflight import Facts, Pattern, own_checks, room_to_wander, spacing, standing
 
 log = logging.getLogger(__name__)
@@ -157,7 +157,7 @@ class Clearance:
         chosen, left_out = self._lineup.choose(wanted)
         self._need_show(chosen, show_hash, wanted)
         looked = self._look(chosen)
-        text = told(
+        text = describe(
             chain(
                 ((name, check) for name in chosen for check in looked.alone[name]),
                 ((None, check) for check in looked.together),
@@ -180,7 +180,7 @@ class Clearance:
     def need_alone(self, vehicle_id: VehicleId) -> None:
         """At its turn to take off, while others fly. Raises: RefusedError with all that speaks against it."""
         checks = self._alone(self._facts(), [vehicle_id])[vehicle_id]
-        text = told((vehicle_id, check) for check in checks)
+        text = describe((vehicle_id, check) for check in checks)
         if text:
             raise RefusedError(text)
 
@@ -306,9 +306,9 @@ class Clearance:
         rehearsed, words = self._rehearsed_columns(chosen), ""
         if len(chosen) <= PREDICTED_MAX:
             formed_m = formation_m(tuple(chosen), home_m, plan, flight.control)
-            words = told_columns(most_overlapping(formed_m, width_m + SWAYS_M), rehearsed)
+            words = describe_columns(most_overlapping(formed_m, width_m + SWAYS_M), rehearsed)
         elif rehearsed:
-            words = told_columns(0, rehearsed)
+            words = describe_columns(0, rehearsed)
         if words and words != flight.columns:
             log.info("columns_overlap", extra={"reason": words})
         flight.columns = words

@@ -7,7 +7,7 @@ from gcs.flight.fleet import Flight
 from gcs.flight.vehicle import Vehicle
 from gcs.model.fleet_counts import Whereabouts
 from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
-from gcs.model.preflight_report import listed
+from gcs.model.preflight_report import joined
 
 NAMED: Final = 6
 """So many vehicles are named one by one; of more, how many there are."""
@@ -33,7 +33,7 @@ def reason(vehicles: Collection[Vehicle]) -> str:
 
 
 def _named(ids: list[str]) -> str:
-    return listed(ids) if len(ids) <= NAMED else f"{len(ids)} vehicles"
+    return joined(ids) if len(ids) <= NAMED else f"{len(ids)} vehicles"
 
 
 def follow(flight: Flight, *, busy: bool) -> None:
@@ -45,7 +45,7 @@ def follow(flight: Flight, *, busy: bool) -> None:
     """
     if flight.airborne:
         if flight.show in ON_THE_GROUND | {ShowPhase.UNCONTROLLED} and flight.show is not ShowPhase.COUNTDOWN:
-            names = listed([vehicle.id for vehicle in flight.airborne])
+            names = joined([vehicle.id for vehicle in flight.airborne])
             flight.move_show(ShowEvent.TAKEN_ON, f"under control, waiting for commands: {names}")
         return
     if busy or flight.show in {ShowPhase.PREFLIGHT, ShowPhase.COUNTDOWN}:
@@ -63,7 +63,7 @@ def follow(flight: Flight, *, busy: bool) -> None:
 def _land(flight: Flight) -> None:
     """Nothing is airborne: what is lost, or was killed, is named, and counts as airborne no more."""
     unknown = [one.id for one in flight.vehicles.values() if flight.whereabouts(one) is Whereabouts.UNKNOWN]
-    named = f"; not confirmed on the ground: {listed(unknown)}" if unknown else ""
+    named = f"; not confirmed on the ground: {joined(unknown)}" if unknown else ""
     if flight.show is ShowPhase.UNCONTROLLED and flight.show_before is ShowPhase.IDLE:
         flight.move_show(ShowEvent.NEVER_FLEW, f"nothing is airborne any more{named}")
     else:

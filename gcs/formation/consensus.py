@@ -26,7 +26,7 @@ class Belief:
     velocity_m_s: Array  # (n, 3)
 
     @staticmethod
-    def told(center_m: Array, velocity_m_s: Array, count: int) -> "Belief":
+    def describe(center_m: Array, velocity_m_s: Array, count: int) -> "Belief":
         """All know the same: (3,) and (3,)."""
         return Belief(np.tile(center_m, (count, 1)), np.tile(velocity_m_s, (count, 1)))
 

@@ -83,7 +83,7 @@ class Exclusion:
         return f"taken out of the show by {self.by}{why}"
 
 
-def told(found: Iterable[tuple[VehicleId | None, Check]]) -> str:
+def describe(found: Iterable[tuple[VehicleId | None, Check]]) -> str:
     """What is wrong and then what to do, in words; what several vehicles share is said once.
 
     None in place of a vehicle stands for the fleet. Checks that pass are left out.
@@ -100,9 +100,9 @@ def _grouped(lines: Iterable[tuple[VehicleId | None, str]]) -> list[str]:
         names = whose.setdefault(text, [])
         if vehicle_id is not None and vehicle_id not in names:
             names.append(vehicle_id)
-    return [f"{listed(names)}: {text}" if names else text for text, names in whose.items()]
+    return [f"{joined(names)}: {text}" if names else text for text, names in whose.items()]
 
 
-def listed(names: Sequence[VehicleId]) -> str:
+def joined(names: Sequence[VehicleId]) -> str:
     """With commas."""
     return ", ".join(names)

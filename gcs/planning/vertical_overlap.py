@@ -58,7 +58,7 @@ def _upward() -> Array:
     return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
 
 
-def told(pairs: int, rehearsed: Sequence[str] = ()) -> str:
+def describe(pairs: int, rehearsed: Sequence[str] = ()) -> str:
     """In words, empty where there are none.
 
     Args:

@@ -89,7 +89,7 @@ class Loss:
     from_s: float | None  # Unix time of the last tick before; None: there is none
     to_s: float | None  # of the first tick after; None: none follows
 
-    def told(self, began_s: float) -> str:
+    def describe(self, began_s: float) -> str:
         """In words, with times since the record began."""
         if self.damage.in_index:
             return f"{self.damage}; nothing that was recorded is lost"
@@ -137,7 +137,7 @@ class FlightData:
     @property
     def damages(self) -> tuple[str, ...]:
         """After `ticks`: one by one."""
-        return tuple(loss.told(self._began_s or loss.from_s or 0.0) for loss in self.losses)
+        return tuple(loss.describe(self._began_s or loss.from_s or 0.0) for loss in self.losses)
 
     def _metadata(self) -> Mapping[str, str] | None:
         """What our files begin with; None for a file of somebody else."""

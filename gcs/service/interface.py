@@ -28,7 +28,7 @@ class Shows(Protocol):
         """Why no file can be uploaded here; empty when one can."""
         ...
 
-    async def listed(self) -> list[StoredShow]:
+    async def list_shows(self) -> list[StoredShow]:
         """All of them, by name."""
         ...
 

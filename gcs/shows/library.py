@@ -83,7 +83,7 @@ class Repertoire:
         """Empty where a folder is configured."""
         return NOT_KEPT if self._folder is None else ""
 
-    async def listed(self) -> list[StoredShow]:
+    async def list_shows(self) -> list[StoredShow]:
         """All of them, by name."""
         return await asyncio.to_thread(self._listed)
 

@@ -203,7 +203,7 @@ def tell(row: Row) -> None:
         print(f"    must: {'; '.join(map(str, required))}")
 
 
-def told(row: Row) -> str:
+def describe(row: Row) -> str:
     """The same from a process of its own, whatever becomes of it."""
     command = [sys.executable, __file__, row.what, row.transport, str(row.count), str(row.rate_hz)]
     process = subprocess.Popen(
@@ -234,7 +234,7 @@ def main(wanted: list[str]) -> int:
     for row in ROWS:
         if wanted and wanted[0] not in (row.what, row.transport):
             continue
-        text = told(row).removeprefix(heads() + "\n")
+        text = describe(row).removeprefix(heads() + "\n")
         print(text, end="", flush=True)
         if row.what in OURS and "must:" not in text:
             failed.append(row)

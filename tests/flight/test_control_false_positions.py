@@ -70,7 +70,7 @@ class HeardFlight(Flight):
 
 
 @pytest.fixture(scope="module")
-def told() -> tuple[list[Moment], list[Moment], list[Moment]]:
+def describe() -> tuple[list[Moment], list[Moment], list[Moment]]:
     """Before, while and after the second of them is told to be 5 km away, for four seconds."""
     flight = HeardFlight()
     before = flight.run(15.0, flight.hear)
@@ -81,13 +81,13 @@ def told() -> tuple[list[Moment], list[Moment], list[Moment]]:
 
 
 def test_it_is_not_commanded_for_a_single_tick_while_its_position_is_wrong(
-    told: tuple[list[Moment], list[Moment], list[Moment]],
+    describe: tuple[list[Moment], list[Moment], list[Moment]],
 ) -> None:
-    assert {moment.tick.setpoints.ids for moment in told[1]} == {("d1", "d3", "d4")}
+    assert {moment.tick.setpoints.ids for moment in describe[1]} == {("d1", "d3", "d4")}
 
 
-def test_the_others_are_not_dragged_along(told: tuple[list[Moment], list[Moment], list[Moment]]) -> None:
-    before, wrong, _ = told
+def test_the_others_are_not_dragged_along(describe: tuple[list[Moment], list[Moment], list[Moment]]) -> None:
+    before, wrong, _ = describe
     assert np.linalg.norm(wrong[-1].center_m - before[-1].center_m) < 0.5
     for moment in wrong:
         off_m = np.linalg.norm(moment.position_m[[0, 2, 3]] - moment.center_m, axis=1)
@@ -96,9 +96,9 @@ def test_the_others_are_not_dragged_along(told: tuple[list[Moment], list[Moment]
 
 
 def test_back_where_it_was_it_is_commanded_again_at_once(
-    told: tuple[list[Moment], list[Moment], list[Moment]],
+    describe: tuple[list[Moment], list[Moment], list[Moment]],
 ) -> None:
-    after = told[2]
+    after = describe[2]
     assert all(moment.tick.setpoints.ids == IDS for moment in after)
     assert after[-1].time_s - after[0].time_s == pytest.approx(10.0 - TICK_S)
     radius_m = np.linalg.norm(after[-1].position_m - after[-1].center_m, axis=1)
@@ -106,6 +106,6 @@ def test_back_where_it_was_it_is_commanded_again_at_once(
 
 
 def test_nobody_comes_inside_the_floor_meanwhile(
-    told: tuple[list[Moment], list[Moment], list[Moment]],
+    describe: tuple[list[Moment], list[Moment], list[Moment]],
 ) -> None:
-    assert closest_m_and_violations([*told[1], *told[2]])[1] == 0
+    assert closest_m_and_violations([*describe[1], *describe[2]])[1] == 0

@@ -94,9 +94,9 @@ def test_a_show_that_would_not_fly_as_it_was_checked_cannot_be_selected(
         assert refusal.kind is RefusedError
         assert says in refusal.text
         assert show.view.selected is None
-        told = show.service.shows.checked(NAME)
-        assert (told.state, told.good, told.fits_service) == ("done", False, False)
-        (problem,) = told.problems
+        describe = show.service.shows.checked(NAME)
+        assert (describe.state, describe.good, describe.fits_service) == ("done", False, False)
+        (problem,) = describe.problems
         assert f"does not fit this service: {problem.text}" in refusal.text
         assert TEXT.splitlines()[problem.line - 1].startswith(
             LINES[problem.text.split(" =")[0].split(":")[0]]
@@ -115,16 +115,16 @@ def test_over_rest_a_check_says_all_that_select_would_refuse_and_is_good_once_th
         transport = httpx.ASGITransport(create_app(show.service))
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as api:
 
-            async def told() -> dict[str, Any]:
+            async def describe() -> dict[str, Any]:
                 found: dict[str, Any] = (await api.get(f"/api/v1/shows/{NAME}/check")).json()
                 return found
 
             async def select() -> httpx.Response:
                 return await api.post(f"/api/v1/shows/{NAME}/select", json={"hash": show_hash})
 
-            assert ((await told())["good"], (await told())["fits_service"]) == (True, True)
+            assert ((await describe())["good"], (await describe())["fits_service"]) == (True, True)
             show.service.add_obstacle(box("tower"))
-            found = await told()
+            found = await describe()
             assert (found["state"], found["good"], found["fits_service"]) == ("done", False, False)
             refusal = await select()
             assert refusal.status_code == 409
@@ -133,7 +133,7 @@ def test_over_rest_a_check_says_all_that_select_would_refuse_and_is_good_once_th
             ]
             assert found["problems"][0]["text"] in refusal.json()["detail"]
             show.service.remove_obstacle("tower")
-            assert (await told())["good"]
+            assert (await describe())["good"]
             assert (await select()).status_code == 200
 
     fly(story, config(tmp_path))

@@ -404,12 +404,12 @@ class FakeService:
         if formed[0]:
             restrained_by[0] = "separation from d9"
 
-        def told(value: float) -> Array:
+        def describe(value: float) -> Array:
             column = np.full(n, value)
             column[unheard] = np.nan
             return column
 
-        place_m = np.stack([told(0.0), 5.0 * np.arange(n), np.where(up, -20.0, 0.0)], axis=1)
+        place_m = np.stack([describe(0.0), 5.0 * np.arange(n), np.where(up, -20.0, 0.0)], axis=1)
         place_m[unheard] = np.nan
         return VehicleRows(
             ids=names,
@@ -422,18 +422,18 @@ class FakeService:
             landed=[Landed.IN_AIR if each else Landed.ON_GROUND for each in up],
             ready=heard,
             position_m=place_m,
-            velocity_m_s=np.stack([told(0.1), told(0.2), told(0.3)], axis=1),
+            velocity_m_s=np.stack([describe(0.1), describe(0.2), describe(0.3)], axis=1),
             setpoint_m_s=np.where(formed[:, None], [1.0, 0.0, -1.0], np.nan),
-            yaw_rad=told(0.0),
-            latitude_deg=told(47.3977),
-            longitude_deg=told(8.5456),
-            altitude_amsl_m=told(488.0),
+            yaw_rad=describe(0.0),
+            latitude_deg=describe(47.3977),
+            longitude_deg=describe(8.5456),
+            altitude_amsl_m=describe(488.0),
             battery_remaining=np.full(n, 0.9),
             position_age_s=np.full(n, 0.05),
             uncertainty_m=np.full(n, 0.35),
             heartbeat_age_s=np.append(np.full(n - 1, np.inf), 0.4),
             link_quality=np.full(n, 0.75),
-            fix_type=told(3.0),
+            fix_type=describe(3.0),
             restrained_by=restrained_by,
             colour=np.tile(np.array([[255, 128, 0]], np.uint8), (n, 1)),
             lit=formed,

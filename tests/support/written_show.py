@@ -60,7 +60,7 @@ def answer(text: str) -> dict[str, Any]:
     """What `gcs show check --json --model` says of a show."""
     loaded = parse(text, NAME)
     verdict = judge(*rehearse(loaded))
-    return verdict.told() | {"problems": [], "model": loaded.show.model_dump(mode="json")}
+    return verdict.describe() | {"problems": [], "model": loaded.show.model_dump(mode="json")}
 
 
 def config(folder: Path, **sections: Any) -> Config:

@@ -37,22 +37,22 @@ def fly_on_a_full_disk(client: Client, process: subprocess.Popen[str], folder: P
     (path,) = folder.glob("*/*.tlog")
     limit_files(process, path.stat().st_size)
 
-    def told() -> bool:
+    def describe() -> bool:
         """Whatever else of the record fails: the frames are named, with the cause."""
         said = f": recording to {path.parent} fails: [Errno 27] File too large"
         return any(said in alarm.text for alarm in client.alarms().alarms)
 
-    wait_until("told", SOON_S, told)
+    wait_until("told", SOON_S, describe)
     full_bytes = path.stat().st_size
 
     client.start()
     wait_until("flying", SOON_S, lambda: {vehicle.phase for vehicle in client.vehicles()} == {"formation"})
-    assert told()
+    assert describe()
     assert path.stat().st_size <= full_bytes
     assert setpoints(path) == set(), "what lies there was recorded before, and can be read"
 
     limit_files(process, resource.RLIM_INFINITY)
-    wait_until("it goes on", SOON_S, lambda: not told())  # that ticks were lost may be said for good
+    wait_until("it goes on", SOON_S, lambda: not describe())  # that ticks were lost may be said for good
     wait_until("setpoints are recorded", SOON_S, lambda: setpoints(path) == {1, 2})
 
 

@@ -35,7 +35,7 @@ class NoShows:
         """Always."""
         return self._why
 
-    async def listed(self) -> list[StoredShow]:
+    async def list_shows(self) -> list[StoredShow]:
         """None."""
         return []
 

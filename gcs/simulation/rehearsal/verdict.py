@@ -83,7 +83,7 @@ class Verdict:
     columns: tuple[ColumnPair, ...]  # the nearest of them
     cues: tuple[CueFigures, ...]
 
-    def told(self) -> dict[str, object]:
+    def describe(self) -> dict[str, object]:
         """One JSON object."""
         return asdict(self)
 

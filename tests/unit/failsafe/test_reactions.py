@@ -77,7 +77,7 @@ class Rules:
         return wishes
 
 
-def told(wishes: tuple[Wish, ...]) -> list[tuple[Cause, Action, tuple[int, ...]]]:
+def describe(wishes: tuple[Wish, ...]) -> list[tuple[Cause, Action, tuple[int, ...]]]:
     return [(wish.cause, wish.action, wish.rows) for wish in wishes]
 
 
@@ -102,8 +102,8 @@ def test_a_cause_begins_when_it_has_lasted_and_ends_when_it_is_gone_for_a_while(
 ) -> None:
     rules, bad = Rules(), calm(**changes)
     assert rules.see(bad, after_s - TICK_S) == ()
-    assert told(rules.see(bad, 3 * TICK_S)) == [(cause, action, (0,))]
-    assert told(rules.see(calm(), 4.9)) == [(cause, action, (0,))]
+    assert describe(rules.see(bad, 3 * TICK_S)) == [(cause, action, (0,))]
+    assert describe(rules.see(calm(), 4.9)) == [(cause, action, (0,))]
     assert rules.see(calm(), 0.2) == ()
 
 
@@ -126,11 +126,11 @@ def test_at_the_threshold_and_where_nothing_is_known_nothing_happens(changes: di
 def test_a_battery_about_its_limit_is_one_low_battery_until_it_is_clearly_above() -> None:
     rules = Rules()
     for _ in range(5):
-        assert told(rules.see(calm(battery=one(0.195, 0.8)), 8.0)) == [
+        assert describe(rules.see(calm(battery=one(0.195, 0.8)), 8.0)) == [
             (Cause.LOW_BATTERY, Action.RETURN, (0,))
         ]
         wishes = rules.see(calm(battery=one(0.215, 0.8)), 8.0)
-        assert told(wishes) == [(Cause.LOW_BATTERY, Action.RETURN, (0,))]
+        assert describe(wishes) == [(Cause.LOW_BATTERY, Action.RETURN, (0,))]
         assert wishes[0].since_s < 2.2, "the first, and no other"
     assert rules.see(calm(battery=one(0.24, 0.8)), 5.2) == ()
 
@@ -144,7 +144,7 @@ def test_what_comes_and_goes_faster_than_it_must_last_is_none() -> None:
 
 def test_a_critical_battery_is_more_severe_than_a_low_one() -> None:
     wishes = Rules().see(calm(battery=one(0.09, 0.8)), 2.2)
-    assert told(wishes) == [
+    assert describe(wishes) == [
         (Cause.CRITICAL_BATTERY, Action.LAND, (0,)),
         (Cause.LOW_BATTERY, Action.RETURN, (0,)),
     ]
@@ -155,7 +155,7 @@ def test_a_bad_position_that_lasts_is_landed_and_only_that_vehicle() -> None:
     rules, bad = Rules(), calm(horizontal_m=one(9.0, 0.9))
     rules.see(bad, 8.0)
     both = calm(horizontal_m=np.where(np.arange(N) < 2, 9.0, 0.9))
-    assert told(rules.see(both, 5.5)) == [
+    assert describe(rules.see(both, 5.5)) == [
         (Cause.BAD_POSITION, Action.LAND, (0,)),
         (Cause.BAD_POSITION, Action.HOLD, (1,)),
     ]
@@ -167,7 +167,7 @@ def test_three_jumps_within_half_a_minute_are_a_bad_position(apart_s: float, fou
     for _ in range(2):
         assert rules.see(calm(reset_time_s=one(rules.now_s + TICK_S, -np.inf)), apart_s) == ()
     wishes = rules.see(calm(reset_time_s=one(rules.now_s + TICK_S, -np.inf)), 0.5)
-    assert told(wishes) == ([(Cause.BAD_POSITION, Action.HOLD, (0,))] if found else [])
+    assert describe(wishes) == ([(Cause.BAD_POSITION, Action.HOLD, (0,))] if found else [])
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ def test_the_fence_is_ahead_where_the_way_leads_out_of_it(
     position_m, flown_m_s = calm().position_m.copy(), np.zeros((N, 3))
     position_m[0], flown_m_s[0] = (x_m, 0.0, -height_m), velocity_m_s
     wishes = Rules().see(calm(position_m=position_m, velocity_m_s=flown_m_s, wanted_m_s=flown_m_s), 0.5)
-    assert told(wishes) == ([(Cause.FENCE, Action.RETURN, (0,))] if crosses else [])
+    assert describe(wishes) == ([(Cause.FENCE, Action.RETURN, (0,))] if crosses else [])
 
 
 def test_whoever_brakes_for_the_fence_as_the_filter_allows_is_not_about_to_cross_it() -> None:
@@ -206,10 +206,10 @@ def test_wind_is_too_strong_when_half_of_them_cannot_fly_as_told(blown: int, fou
     flown_m_s = np.where((np.arange(N) < blown)[:, None], (1.8, 0.0, 0.0), 0.0)
     rules, windy = Rules(), calm(velocity_m_s=flown_m_s)
     assert rules.see(windy, 5.0) == ()
-    assert told(rules.see(windy, 3.0)) == ([(Cause.WIND, Action.PAUSE, ())] if found else [])
+    assert describe(rules.see(windy, 3.0)) == ([(Cause.WIND, Action.PAUSE, ())] if found else [])
     rules.paused_s = 11.0
-    assert told(rules.see(windy, 7.0)) == ([(Cause.WIND, Action.PAUSE, ())] if found else [])
-    assert told(rules.see(windy, 2.0)) == ([(Cause.WIND, Action.RETURN, ())] if found else [])
+    assert describe(rules.see(windy, 7.0)) == ([(Cause.WIND, Action.PAUSE, ())] if found else [])
+    assert describe(rules.see(windy, 2.0)) == ([(Cause.WIND, Action.RETURN, ())] if found else [])
 
 
 def test_whoever_swings_about_what_it_is_told_is_not_blown_away() -> None:
@@ -221,7 +221,7 @@ def test_whoever_swings_about_what_it_is_told_is_not_blown_away() -> None:
 
 def test_wind_that_lasts_after_an_operator_resumed_does_not_grow_into_a_way_home() -> None:
     rules, windy = Rules(), calm(velocity_m_s=np.full((N, 3), 2.0) * (1.0, 0.0, 0.0))
-    assert told(rules.see(windy, 40.0)) == [(Cause.WIND, Action.PAUSE, ())]
+    assert describe(rules.see(windy, 40.0)) == [(Cause.WIND, Action.PAUSE, ())]
 
 
 @pytest.mark.parametrize(("lost", "found"), [(1, False), (2, True)])
@@ -238,14 +238,14 @@ def test_too_many_are_lost_when_count_and_share_are_reached(lost: int, found: bo
 
 def test_a_target_is_stale_when_it_was_not_renewed() -> None:
     rules = Rules()
-    assert told(rules.see(calm(target_age_s=5.1))) == [(Cause.TARGET_STALE, Action.HOLD_TARGET, ())]
+    assert describe(rules.see(calm(target_age_s=5.1))) == [(Cause.TARGET_STALE, Action.HOLD_TARGET, ())]
     assert rules.see(calm(target_age_s=0.1), 5.2) == ()
 
 
 def test_a_service_is_late_when_it_is_so_for_a_while_and_not_after_one_long_stall() -> None:
     rules = Rules()
     assert rules.see(calm(late_s=0.1), 3.0) == ()
-    assert told(rules.see(calm(late_s=0.1), 1.0)) == [(Cause.SERVICE_LATE, Action.PAUSE, ())]
+    assert describe(rules.see(calm(late_s=0.1), 1.0)) == [(Cause.SERVICE_LATE, Action.PAUSE, ())]
     stalled = Rules()
     stalled.see(calm(late_s=20.0))
     assert stalled.see(calm(), 10.0) == ()
@@ -299,7 +299,7 @@ POOR = wish(Cause.BAD_POSITION, Action.HOLD, 0)
 def test_the_most_severe_wins() -> None:
     show, vehicles = due([CRITICAL, LOST_MANY, LOW, POOR, WINDY], standing(), {}, 0.5)
     assert show is LOST_MANY
-    assert told(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
+    assert describe(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
 
 
 def test_nothing_that_goes_on_is_replaced_by_something_weaker_or_as_strong() -> None:
@@ -307,7 +307,7 @@ def test_nothing_that_goes_on_is_replaced_by_something_weaker_or_as_strong() -> 
     assert due([LOST_MANY, LOW, POOR, WINDY], homeward, {}, 0.5) == (None, ())
     show, vehicles = due([CRITICAL, LOW], homeward, {}, 0.5)
     assert show is None
-    assert told(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
+    assert describe(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
 
 
 def test_a_vehicle_that_is_not_ours_is_left_alone() -> None:
@@ -321,9 +321,9 @@ def test_what_was_answered_is_not_ordered_again_unless_it_grows_more_severe() ->
     worse = wish(Cause.WIND, Action.RETURN, whole_show=True)
     show, vehicles = due([worse, CRITICAL, LOW], standing(), acted, 0.5)
     assert show is worse
-    assert told(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
+    assert describe(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
     both = wish(Cause.LOW_BATTERY, Action.RETURN, 0, 1)
-    assert told(due([both], standing(), acted, 0.5)[1]) == [(Cause.LOW_BATTERY, Action.RETURN, (1,))]
+    assert describe(due([both], standing(), acted, 0.5)[1]) == [(Cause.LOW_BATTERY, Action.RETURN, (1,))]
 
 
 def test_when_many_have_to_leave_everybody_comes_home() -> None:
@@ -382,7 +382,7 @@ ASTRAY = calm(velocity_m_s=np.full((N, 3), 2.0) * [1, 0, 0])
 
 
 def test_strays_over_links_on_time_are_blown_by_the_wind() -> None:
-    assert told(Rules().see(ASTRAY, 8.0)) == [(Cause.WIND, Action.PAUSE, ())]
+    assert describe(Rules().see(ASTRAY, 8.0)) == [(Cause.WIND, Action.PAUSE, ())]
 
 
 @pytest.mark.parametrize(
@@ -390,14 +390,14 @@ def test_strays_over_links_on_time_are_blown_by_the_wind() -> None:
 )
 def test_strays_over_poor_links_are_late_links_and_no_wind(poor: dict[str, Any]) -> None:
     wishes = Rules().see(replace(ASTRAY, **poor), 20.0)
-    assert told(wishes) == [(Cause.LINKS_LATE, Action.PAUSE, ())]
+    assert describe(wishes) == [(Cause.LINKS_LATE, Action.PAUSE, ())]
     assert "8 of 8" in wishes[0].reason
 
 
 def test_a_late_service_that_is_on_time_again_sends_no_vehicle_home() -> None:
     """As it was flown: "16 ms late on average, at most 50 ms; a pause of 10 s did not help"."""
     rules, late = Rules(), calm(late_s=0.09)
-    assert told(rules.see(late, 6.0)) == [(Cause.SERVICE_LATE, Action.PAUSE, ())]
+    assert describe(rules.see(late, 6.0)) == [(Cause.SERVICE_LATE, Action.PAUSE, ())]
     rules.paused_s = 30.0
     for _ in range(8):  # a hiccup now and then keeps the cause from ending, no more
         (wish,) = rules.see(calm(late_s=0.0), 4.0)
@@ -405,7 +405,7 @@ def test_a_late_service_that_is_on_time_again_sends_no_vehicle_home() -> None:
         assert "over for" in wish.reason
         rules.see(calm(late_s=0.2), 0.6)
     wishes = rules.see(late, 6.0)
-    assert told(wishes) == [(Cause.SERVICE_LATE, Action.RETURN, ())], (
+    assert describe(wishes) == [(Cause.SERVICE_LATE, Action.RETURN, ())], (
         "it is late now, and a pause did not help"
     )
 
@@ -416,12 +416,14 @@ def test_wind_that_dropped_sends_no_vehicle_home() -> None:
     rules.paused_s = 30.0
     (wish,) = rules.see(calm(), 3.0)
     assert wish.action is Action.PAUSE
-    assert told(rules.see(ASTRAY, 9.0)) == [(Cause.WIND, Action.RETURN, ())]
+    assert describe(rules.see(ASTRAY, 9.0)) == [(Cause.WIND, Action.RETURN, ())]
 
 
 def test_a_position_that_became_good_is_not_landed() -> None:
     rules, bad = Rules(), calm(horizontal_m=one(5.0, 0.9))
-    assert told(rules.see(bad, 9.0)) == [(Cause.BAD_POSITION, Action.HOLD, (0,))]
-    assert told(rules.see(calm(), 4.5)) == [(Cause.BAD_POSITION, Action.HOLD, (0,))]
-    assert told(rules.see(bad, 2.0)) == [(Cause.BAD_POSITION, Action.HOLD, (0,))], "not for long enough again"
-    assert told(rules.see(bad, 2.0)) == [(Cause.BAD_POSITION, Action.LAND, (0,))]
+    assert describe(rules.see(bad, 9.0)) == [(Cause.BAD_POSITION, Action.HOLD, (0,))]
+    assert describe(rules.see(calm(), 4.5)) == [(Cause.BAD_POSITION, Action.HOLD, (0,))]
+    assert describe(rules.see(bad, 2.0)) == [(Cause.BAD_POSITION, Action.HOLD, (0,))], (
+        "not for long enough again"
+    )
+    assert describe(rules.see(bad, 2.0)) == [(Cause.BAD_POSITION, Action.LAND, (0,))]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gcs.planning.vertical_overlap import column_m, most_overlapping, overlapping, told
+from gcs.planning.vertical_overlap import column_m, describe, most_overlapping, overlapping
 from gcs.safety.separation import Floor
 
 PLACES_M = np.array([(0.0, 0.0, -10.0), (1.0, 0.0, -20.0), (10.0, 0.0, -15.0), (10.0, 0.5, -8.0)])
@@ -37,10 +37,10 @@ def test_what_stands_as_it_may_is_no_more_than_what_was_told() -> None:
 
 
 def test_it_is_told_in_words_and_not_at_all_where_there_is_nothing_to_tell() -> None:
-    assert told(0) == ""
-    assert "up to 3 pairs in the formation are stacked:" in told(3)
-    assert "pairs in the formation are stacked (in the show's check a above b):" in told(3, ["a above b"])
-    many = told(3, [f"{n} above {n + 1}" for n in range(12)])
+    assert describe(0) == ""
+    assert "up to 3 pairs in the formation are stacked:" in describe(3)
+    assert "pairs in the formation are stacked (in the show's check a above b):" in describe(3, ["a above b"])
+    many = describe(3, [f"{n} above {n + 1}" for n in range(12)])
     assert "up to 12 pairs" in many
     assert "9 above 10, others)" in many
 

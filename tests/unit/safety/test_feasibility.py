@@ -36,7 +36,7 @@ CONTROL = ControlSettings(
 AVOIDANCE = AvoidanceSettings(margin_m=2.0, headroom_m=3.0, near_m=3.0)
 
 
-def told(check: Callable[[], None], field: str) -> float:
+def describe(check: Callable[[], None], field: str) -> float:
     """The number that the refusal says would work."""
     with pytest.raises(InvalidError) as refused:
         check()
@@ -54,7 +54,7 @@ def test_the_smallest_radius_follows_floor_margin_and_number() -> None:
 
 @pytest.mark.parametrize("count", [2, 3, 4, 8, 13, 50, 250])
 def test_a_sphere_too_small_is_refused_with_the_radius_that_is_then_accepted(count: int) -> None:
-    radius_m = told(lambda: check_formation(Formation(0.5, 50.0), count, SAFETY), "radius_m")
+    radius_m = describe(lambda: check_formation(Formation(0.5, 50.0), count, SAFETY), "radius_m")
     check_formation(Formation(radius_m, 50.0), count, SAFETY)
     with pytest.raises(InvalidError):
         check_formation(Formation(radius_m - 0.2, 50.0), count, SAFETY)
@@ -64,29 +64,29 @@ def test_a_sphere_too_small_is_refused_with_the_radius_that_is_then_accepted(cou
 def test_a_sphere_too_low_or_too_high_is_refused_with_the_height_that_is_then_accepted(
     radius_m: float,
 ) -> None:
-    lowest_m = told(lambda: check_formation(Formation(radius_m, 3.5), 1, SAFETY), "height_m")
+    lowest_m = describe(lambda: check_formation(Formation(radius_m, 3.5), 1, SAFETY), "height_m")
     check_formation(Formation(radius_m, lowest_m), 1, SAFETY)
     assert lowest_m - radius_m < 3.2
-    highest_m = told(lambda: check_formation(Formation(radius_m, 99.5), 1, SAFETY), "height_m")
+    highest_m = describe(lambda: check_formation(Formation(radius_m, 99.5), 1, SAFETY), "height_m")
     check_formation(Formation(radius_m, highest_m), 1, SAFETY)
 
 
 @pytest.mark.parametrize("speed_m_s", [2.5, 1.0, 3.3, 4.0])
 def test_an_orbit_too_tight_is_refused_with_the_radius_that_is_then_accepted(speed_m_s: float) -> None:
-    radius_m = told(lambda: check_orbit(Orbit(0.3, speed_m_s), CONTROL.law), "radius_m")
+    radius_m = describe(lambda: check_orbit(Orbit(0.3, speed_m_s), CONTROL.law), "radius_m")
     check_orbit(Orbit(radius_m, speed_m_s), CONTROL.law)
     check_orbit(Orbit(0.0, speed_m_s), CONTROL.law)
     assert radius_m == pytest.approx(speed_m_s**2, abs=0.1)
 
 
 def test_an_orbit_too_fast_is_refused_with_the_speed_that_is_then_accepted() -> None:
-    speed_m_s = told(lambda: check_orbit(Orbit(50.0, 4.1), CONTROL.law), "speed_m_s")
+    speed_m_s = describe(lambda: check_orbit(Orbit(50.0, 4.1), CONTROL.law), "speed_m_s")
     check_orbit(Orbit(50.0, speed_m_s), CONTROL.law)
 
 
 def test_a_target_too_fast_is_refused() -> None:
     target = Target(velocity_x_m_s=3.0, velocity_y_m_s=3.0)
-    assert told(lambda: check_target(target, Orbit(), Formation(5.0, 20.0), CONTROL), "velocity") == 4.0
+    assert describe(lambda: check_target(target, Orbit(), Formation(5.0, 20.0), CONTROL), "velocity") == 4.0
 
 
 @pytest.mark.parametrize("radius_m", [5.0, 7.77, 12.34])
@@ -94,13 +94,13 @@ def test_a_target_whose_orbit_would_cross_the_fence_is_refused_with_the_distance
     radius_m: float,
 ) -> None:
     formation, orbit = Formation(radius_m, 20.0), Orbit(15.0, 2.0)
-    within_m = told(lambda: check_target(Target(300.0, 0.0), orbit, formation, CONTROL), "position")
+    within_m = describe(lambda: check_target(Target(300.0, 0.0), orbit, formation, CONTROL), "position")
     check_target(Target(within_m, 0.0), orbit, formation, CONTROL)
 
 
 def test_an_orbit_too_wide_for_where_the_target_is_is_refused_by_its_own_radius() -> None:
     formation, target = Formation(10.0, 20.0), Target(100.0, 0.0)
-    radius_m = told(
+    radius_m = describe(
         lambda: check_target(target, Orbit(5000.0), formation, CONTROL, changed="orbit"), "radius_m"
     )
     assert radius_m == 300.0 - 2.0 - 10.0 - 100.0
@@ -109,7 +109,7 @@ def test_an_orbit_too_wide_for_where_the_target_is_is_refused_by_its_own_radius(
 
 def test_a_sphere_too_large_for_where_the_target_is_is_refused_by_its_own_radius() -> None:
     orbit, target = Orbit(30.0), Target(0.0, -100.0)
-    radius_m = told(
+    radius_m = describe(
         lambda: check_target(target, orbit, Formation(500.0, 20.0), CONTROL, changed="formation"), "radius_m"
     )
     assert radius_m == 300.0 - 2.0 - 30.0 - 100.0
@@ -120,7 +120,7 @@ def test_no_refusal_ever_names_a_limit_below_zero() -> None:
     far, wide, large = Target(900.0, 0.0), Orbit(400.0), Formation(400.0, 20.0)
     for changed, field in (("target", "position"), ("orbit", "radius_m"), ("formation", "radius_m")):
         check = partial(check_target, far, wide, large, CONTROL, changed=changed)  # type: ignore[arg-type]
-        assert told(check, field) == 0.0
+        assert describe(check, field) == 0.0
 
 
 def test_the_target_is_taken_where_it_is_by_now_and_no_farther_than_it_is_followed() -> None:
@@ -135,7 +135,7 @@ def test_a_plan_with_too_many_obstacles_is_refused_with_how_many_are_possible() 
     boxes = tuple(Obstacle(str(index), 10.0 * index, 0.0, 1.0, 1.0, 5.0) for index in range(40))
     plan = Plan(Formation(5.0, 20.0), obstacles=boxes[:MAX_OBSTACLES])
     assert len(plan.obstacles) == 32
-    assert told(lambda: replace_obstacles(plan, boxes), "obstacles") == MAX_OBSTACLES
+    assert describe(lambda: replace_obstacles(plan, boxes), "obstacles") == MAX_OBSTACLES
 
 
 def replace_obstacles(plan: Plan, boxes: tuple[Obstacle, ...]) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from gcs.config.preflight import PreflightSettings
 from gcs.estimation.position_uncertainty import Positioning, uncertainty_m
-from gcs.model.preflight_report import Check, State, told
+from gcs.model.preflight_report import Check, State, describe
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
 from gcs.preflight import PAD_HEIGHT_MAX_M, Facts, Pattern, own_checks, spacing, standing
 from gcs.safety.separation import Floor
@@ -380,4 +380,4 @@ def test_what_is_wrong_with_several_is_said_once_and_then_what_to_do() -> None:
     )
     fleet = Check("f", State.UNKNOWN, problem="nobody knows")
     found = [("a", red), ("b", blue), ("c", red), (None, fleet), ("d", Check("c", State.PASS))]
-    assert told(found) == "a, c: is red; b: is blue; nobody knows; a, b, c: paint it"
+    assert describe(found) == "a, c: is red; b: is blue; nobody knows; a, b, c: paint it"
