@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gcs.flight.fleet import Flight
-from gcs.flight.maneuvers import Errands
+from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import Phase
 from gcs.model.state import VehicleId
@@ -37,10 +37,10 @@ class _Command:
 class AwaitedVehicles:
     """Changed only on the event loop."""
 
-    def __init__(self, flight: Flight, errands: Errands, now_s: Callable[[], float]) -> None:
+    def __init__(self, flight: Flight, maneuvers: Maneuvers, now_s: Callable[[], float]) -> None:
         """`now_s` is the loop's clock: the newest tick may have been before a stall."""
         self._flight = flight
-        self._errands = errands
+        self._maneuvers = maneuvers
         self._now_s = now_s
         self._command: _Command | None = None
 
@@ -102,7 +102,7 @@ class AwaitedVehicles:
             if vehicle.phase is Phase.OFFLINE:
                 why = f"not received within {RECEIVED_WITHIN_S:g} s of the command"
                 command.missed(vehicle, Outcome.FAILED, why)
-            elif self._errands.running(vehicle):
+            elif self._maneuvers.running(vehicle):
                 command.missed(vehicle, Outcome.FAILED, REPLACED)
             elif vehicle.id in waiting:
                 command.reached(vehicle)

@@ -12,7 +12,7 @@ from gcs.flight.failsafe_monitor import Reacting
 from gcs.flight.fleet import Flight
 from gcs.flight.landing_assignment import landing_places_m
 from gcs.flight.maneuver_tasks import Done
-from gcs.flight.maneuvers import Errands
+from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import Inspection
 from gcs.flight.participants import Lineup
 from gcs.flight.preflight_gate import Clearance
@@ -49,7 +49,7 @@ class Director:
     def __init__(
         self,
         flight: Flight,
-        errands: Errands,
+        maneuvers: Maneuvers,
         book: OrderBook,
         inspection: Inspection,
         stage: Stage,
@@ -64,17 +64,17 @@ class Director:
         """
         self._flight = flight
         self._planning = planning
-        self._errands = errands
+        self._maneuvers = maneuvers
         self._book = book
         self._lineup = Lineup(flight, book, unix_s)
         self._clearance = Clearance(flight, inspection, stage, self._lineup, unix_s)
-        self._starting = Starting(flight, errands, book, self._clearance, stage, unix_s)
-        self._vehicle_orders = VehicleOrders(flight, errands, book)
+        self._starting = Starting(flight, maneuvers, book, self._clearance, stage, unix_s)
+        self._vehicle_orders = VehicleOrders(flight, maneuvers, book)
         self._homecoming: Homecoming | None = None
         self._commanded: ShowEvent | None = None  # the newest command to all, where vehicles may be awaited
-        self.takeover = Takeover(flight, errands, book, stage, found, self._bring_home, unix_s)
-        self._watch = Watch(flight, errands, inspection, self._come_back)
-        self._reacting = Reacting(flight, stage, clock, unix_s, self, errands.running)
+        self.takeover = Takeover(flight, maneuvers, book, stage, found, self._bring_home, unix_s)
+        self._watch = Watch(flight, maneuvers, inspection, self._come_back)
+        self._reacting = Reacting(flight, stage, clock, unix_s, self, maneuvers.running)
 
     def close(self) -> None:
         """Stop planning returns that no vehicle will fly."""
@@ -113,9 +113,9 @@ class Director:
         """
         flight, rejoins = self._flight, vehicle.rejoins
         if vehicle.phase is Phase.PILOT:
-            await self._errands.take_control(vehicle)
+            await self._maneuvers.take_control(vehicle)
         else:
-            await self._errands.hold(vehicle)
+            await self._maneuvers.hold(vehicle)
         if flight.show in OVER and flight.came_down_by is not None:
             reason = f"{vehicle.id}, which was lost, is received again and comes down as commanded"
             goes_on = ShowEvent.STOP if flight.came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
@@ -123,9 +123,9 @@ class Director:
             flight.move_show(goes_on, reason)
         show = flight.show
         if show is ShowPhase.RETURNING and vehicle.home_m is not None:
-            await self._errands.come_home(vehicle)
+            await self._maneuvers.come_home(vehicle)
         elif show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
-            await self._errands.descend(landing_places_m(flight, [vehicle])[vehicle.id])(vehicle)
+            await self._maneuvers.descend(landing_places_m(flight, [vehicle])[vehicle.id])(vehicle)
         elif rejoins and show in REJOINED:
             await self._rejoin(vehicle)
 
@@ -133,7 +133,7 @@ class Director:
         """Back into the formation that it was lost from, if that still has room for it."""
         try:
             self._vehicle_orders.check_room([vehicle])
-            await self._errands.join(vehicle)
+            await self._maneuvers.join(vehicle)
         except (OrderError, RefusedError) as error:
             vehicle.reason = f"back, and holds: {error}"
             raise
@@ -149,7 +149,7 @@ class Director:
             self._homecoming.advance()
         self.takeover.advance()
         led = (*flight.airborne, *self.waiting, *flight.in_phase(Phase.PILOT))
-        busy = [vehicle for vehicle in led if self._errands.running(vehicle)]
+        busy = [vehicle for vehicle in led if self._maneuvers.running(vehicle)]
         follow(flight, busy=bool(busy))
         if flight.show is ShowPhase.ARMING:
             # who comes down again does not keep the others waiting
@@ -282,7 +282,7 @@ class Director:
         return [
             one
             for one in flight.in_phase(Phase.PILOT)
-            if one in found or (self._errands.running(one) and not why_never(flight, one))
+            if one in found or (self._maneuvers.running(one) and not why_never(flight, one))
         ]
 
     def _stop(
@@ -308,7 +308,7 @@ class Director:
 
         self._expect(record, later, reached, ShowEvent.STOP, reclaim=reclaim)
         for vehicle in waiting:
-            self._errands.start(vehicle, self._errands.stay_down, self._book.closer(record, vehicle.id))
+            self._maneuvers.start(vehicle, self._maneuvers.stay_down, self._book.closer(record, vehicle.id))
         return record
 
     def _expected(self, *, reclaim: bool) -> list[Vehicle]:
@@ -388,13 +388,13 @@ class Director:
         places_m: Mapping[VehicleId, Array],
     ) -> None:
         """Above its own start and down; where that is not known, down on its place of `places_m`."""
-        errand = (
-            self._errands.descend(places_m[vehicle.id])
+        maneuver = (
+            self._maneuvers.descend(places_m[vehicle.id])
             if vehicle.home_m is None
-            else self._errands.come_home_together(homecoming, self._stops_m(vehicle))
+            else self._maneuvers.come_home_together(homecoming, self._stops_m(vehicle))
         )
-        errand = self._errands.take_control_first(errand)
-        self._errands.start(vehicle, errand, self._closer(record, vehicle))
+        maneuver = self._maneuvers.take_control_first(maneuver)
+        self._maneuvers.start(vehicle, maneuver, self._closer(record, vehicle))
 
     def _not_ours(self, reclaimed: Sequence[Vehicle] = ()) -> dict[VehicleId, str]:
         """Vehicles that no command to all reaches, and why."""
@@ -410,7 +410,7 @@ class Director:
 
     def _pause(self, reason: str = "all vehicles hold in place", *, reclaim: bool = True) -> OrderRecord:
         """All vehicles stop in place: also those on their way home or down, but for those touching down."""
-        flight, errands = self._flight, self._errands
+        flight, maneuvers = self._flight, self._maneuvers
         advance_show(flight.show, ShowEvent.PAUSE)
         taking_over = self.takeover.taking_over  # it ends paused: the pause goes along with it
         back = [one for one in self._reclaimed(reclaim=reclaim) if one not in taking_over]
@@ -428,7 +428,7 @@ class Director:
             self._book.close(record.id, vehicle.id, Outcome.DONE)
 
         def reached(vehicle: Vehicle) -> None:
-            errands.start(vehicle, errands.take_control, self._book.closer(record, vehicle.id))
+            maneuvers.start(vehicle, maneuvers.take_control, self._book.closer(record, vehicle.id))
 
         for vehicle in back:
             reached(vehicle)
@@ -437,18 +437,18 @@ class Director:
         else:
             self._expect(record, later, reached, ShowEvent.PAUSE, reclaim=reclaim)
         for vehicle in waiting:
-            errands.start(vehicle, errands.stay_down, self._book.closer(record, vehicle.id))
+            maneuvers.start(vehicle, maneuvers.stay_down, self._book.closer(record, vehicle.id))
         return self._book.get(record.id)
 
     def _stop_on_the_way(self) -> None:
         """Stop vehicles on their way home or down, but for those touching down, and those in formation."""
-        flight, errands = self._flight, self._errands
+        flight, maneuvers = self._flight, self._maneuvers
         if flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
             for vehicle in flight.in_phase(Phase.HOLD):  # about to come home, or down
-                errands.stop(vehicle, "paused by another command")
+                maneuvers.stop(vehicle, "paused by another command")
         for vehicle in flight.in_phase(Phase.RETURN, Phase.LANDING):
             if not vehicle.handed_over:
-                errands.stop(vehicle, "paused by another command")
+                maneuvers.stop(vehicle, "paused by another command")
                 vehicle.apply(Event.PAUSE, "paused on its way, holds in place")
         for vehicle in flight.in_phase(Phase.FORMATION):
             vehicle.hold_m = self._stops_m(vehicle)
@@ -502,9 +502,11 @@ class Director:
 
         def come_down(vehicle: Vehicle, places_m: Mapping[VehicleId, Array]) -> None:
             alone = vehicle.comes_down_alone
-            errand = self._errands.autopilot_land if alone else self._errands.descend(places_m[vehicle.id])
-            errand = self._errands.take_control_first(errand)
-            self._errands.start(vehicle, errand, self._closer(record, vehicle))
+            maneuver = (
+                self._maneuvers.autopilot_land if alone else self._maneuvers.descend(places_m[vehicle.id])
+            )
+            maneuver = self._maneuvers.take_control_first(maneuver)
+            self._maneuvers.start(vehicle, maneuver, self._closer(record, vehicle))
 
         def reached(vehicle: Vehicle) -> None:
             self._lead_again(ShowEvent.ABORT, reason)
@@ -514,11 +516,11 @@ class Director:
             come_down(vehicle, places_m)
         self._expect(record, later, reached, ShowEvent.ABORT, reclaim=reclaim)
         for vehicle in waiting:
-            self._errands.start(vehicle, self._errands.stay_down, self._book.closer(record, vehicle.id))
+            self._maneuvers.start(vehicle, self._maneuvers.stay_down, self._book.closer(record, vehicle.id))
         return record
 
     @property
     def waiting(self) -> list[Vehicle]:
         """On the ground, but about to take off."""
         on_ground = self._flight.in_phase(Phase.STANDBY) if self._flight.show is ShowPhase.ARMING else []
-        return [vehicle for vehicle in on_ground if self._errands.running(vehicle)]
+        return [vehicle for vehicle in on_ground if self._maneuvers.running(vehicle)]

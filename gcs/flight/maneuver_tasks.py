@@ -11,11 +11,11 @@ from gcs.service import Outcome
 
 log = logging.getLogger(__name__)
 
-Errand: TypeAlias = Callable[[Vehicle], Coroutine[None, None, None]]
+Maneuver: TypeAlias = Callable[[Vehicle], Coroutine[None, None, None]]
 Done: TypeAlias = Callable[[Outcome, str], None]
 
 
-class ErrandTasks:
+class ManeuverTasks:
     """Starts, replaces and ends errands."""
 
     def __init__(self, group: asyncio.TaskGroup) -> None:
@@ -37,10 +37,10 @@ class ErrandTasks:
             task.cancel()
             done(Outcome.FAILED, reason)  # here: a task cancelled before its first step says nothing
 
-    def start(self, vehicle: Vehicle, errand: Errand, done: Done) -> None:
-        """Send the vehicle on `errand` instead of any other; `done` is called once with the outcome."""
+    def start(self, vehicle: Vehicle, maneuver: Maneuver, done: Done) -> None:
+        """Send the vehicle on `maneuver` instead of any other; `done` is called once with the outcome."""
         self.stop(vehicle, "replaced by another order")
-        task = self._group.create_task(self._run(vehicle, errand, done), name=f"errand/{vehicle.id}")
+        task = self._group.create_task(self._run(vehicle, maneuver, done), name=f"maneuver/{vehicle.id}")
         self._running[vehicle.id] = task, done
         task.add_done_callback(lambda ended: self._forget(vehicle, ended))
 
@@ -49,10 +49,10 @@ class ErrandTasks:
         if running is not None and running[0] is ended:
             del self._running[vehicle.id]
 
-    async def _run(self, vehicle: Vehicle, errand: Errand, done: Done) -> None:
+    async def _run(self, vehicle: Vehicle, maneuver: Maneuver, done: Done) -> None:
         outcome, reason = Outcome.DONE, ""
         try:
-            await errand(vehicle)
+            await maneuver(vehicle)
         except (OrderError, RefusedError) as error:
             outcome, reason = Outcome.FAILED, str(error)
             log.warning("order_failed", extra={"vehicle": vehicle.id, "reason": reason})

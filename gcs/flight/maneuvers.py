@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from gcs.config.schema import OperationSettings
-from gcs.flight.maneuver_tasks import Errand, ErrandTasks
+from gcs.flight.maneuver_tasks import Maneuver, ManeuverTasks
 from gcs.flight.vehicle import Vehicle
 from gcs.links import Order, Verb
 from gcs.model.errors import OrderError, RefusedError
@@ -106,7 +106,7 @@ class Homecoming(Protocol):
         ...
 
 
-class Errands(ErrandTasks):
+class Maneuvers(ManeuverTasks):
     """The errands there are, and who is on which."""
 
     def __init__(self, group: asyncio.TaskGroup, around: Surroundings, settings: OperationSettings) -> None:
@@ -118,13 +118,13 @@ class Errands(ErrandTasks):
 
     # the errands
 
-    def take_off(self, delay_s: float, check: Callable[[Vehicle], None]) -> Errand:
+    def take_off(self, delay_s: float, check: Callable[[Vehicle], None]) -> Maneuver:
         """Wait for one's turn, arm, climb straight up, wait there for the others, join.
 
         `check` raises RefusedError when the vehicle may no longer fly: its turn may come late.
         """
 
-        async def errand(vehicle: Vehicle) -> None:
+        async def maneuver(vehicle: Vehicle) -> None:
             await asyncio.sleep(delay_s)
             check(vehicle)
             # after a landing PX4 reverts to OFFBOARD, and refuses to arm
@@ -144,7 +144,7 @@ class Errands(ErrandTasks):
                 vehicle.reason = f"up, but cannot join: {error}"
                 raise
 
-        return errand
+        return maneuver
 
     async def _turn(self) -> None:
         """Wait until the last take-off is long enough ago: after a stall many are due at once."""
@@ -198,10 +198,10 @@ class Errands(ErrandTasks):
         vehicle.apply(Event.DESCEND, "above its start, comes down")
         await self._sink(vehicle, home_m)
 
-    def come_home_together(self, homecoming: Homecoming, stops_m: Array) -> Errand:
+    def come_home_together(self, homecoming: Homecoming, stops_m: Array) -> Maneuver:
         """Stop at `stops_m` (3,), then fly the way that is found for everybody, and land."""
 
-        async def errand(vehicle: Vehicle) -> None:
+        async def maneuver(vehicle: Vehicle) -> None:
             home_m = vehicle.home_m
             if vehicle.comes_down_alone or home_m is None:
                 await self.autopilot_land(vehicle)
@@ -219,17 +219,17 @@ class Errands(ErrandTasks):
             vehicle.apply(Event.DESCEND, "above its start, comes down")
             await self._sink(vehicle, home_m)
 
-        return errand
+        return maneuver
 
     def _led(self, vehicle: Vehicle, homecoming: Homecoming, home_m: Array) -> bool:
         """Move its goal on. Returns: whether it is above its start, where its way led it."""
         vehicle.goal_m = homecoming.goal_m(vehicle)
         return homecoming.is_over(vehicle) and self._above(vehicle, home_m, WELL_IN_PLACE_M)
 
-    def descend(self, place_m: Array) -> Errand:
+    def descend(self, place_m: Array) -> Maneuver:
         """Come down on `place_m` (3,), the lowest of all first."""
 
-        async def errand(vehicle: Vehicle) -> None:
+        async def maneuver(vehicle: Vehicle) -> None:
             if vehicle.comes_down_alone:
                 await self.autopilot_land(vehicle)
                 return
@@ -243,7 +243,7 @@ class Errands(ErrandTasks):
             )
             await self._sink(vehicle, place_m)
 
-        return errand
+        return maneuver
 
     async def hold(self, vehicle: Vehicle) -> None:
         """Leave whatever it does; the autopilot holds position."""
@@ -264,15 +264,15 @@ class Errands(ErrandTasks):
         await self._order(vehicle, Verb.HOLD)
         vehicle.apply(Event.TAKE_CONTROL, "under this station's control again, holds")
 
-    def take_control_first(self, then: Errand) -> Errand:
+    def take_control_first(self, then: Maneuver) -> Maneuver:
         """For a vehicle that is airborne out of control: take control, then go on."""
 
-        async def errand(vehicle: Vehicle) -> None:
+        async def maneuver(vehicle: Vehicle) -> None:
             if vehicle.phase is Phase.PILOT:
                 await self.take_control(vehicle)
             await then(vehicle)
 
-        return errand
+        return maneuver
 
     async def autopilot_land(self, vehicle: Vehicle) -> None:
         """Straight down by the autopilot alone: from a climb, or as a last resort."""

@@ -23,7 +23,7 @@ from gcs.flight.command_log import OrderBook
 from gcs.flight.commander import Director
 from gcs.flight.estimate_inputs import Estimating
 from gcs.flight.fleet import Flight
-from gcs.flight.maneuvers import Errands
+from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import Inspection
 from gcs.flight.plan_editor import Wishes
 from gcs.flight.record_sample import moment_of
@@ -137,11 +137,11 @@ class Orchestrator:
         listening.enter_context(heard(self._happenings))
         try:
             async with asyncio.TaskGroup() as group:
-                errands = Errands(group, self._flight, self._config.operation)
+                maneuvers = Maneuvers(group, self._flight, self._config.operation)
                 inspection = Inspection(group, self._flight)
                 self._director = Director(
                     self._flight,
-                    errands,
+                    maneuvers,
                     self._book,
                     inspection,
                     self._stage,

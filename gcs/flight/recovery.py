@@ -18,7 +18,7 @@ from gcs.flight.awaited_vehicles import REPLACED, AwaitedVehicles, Missed, Reach
 from gcs.flight.command_log import OrderBook
 from gcs.flight.control_refusal import why_never, why_not_touching_down, why_not_without_heartbeat
 from gcs.flight.fleet import Flight
-from gcs.flight.maneuvers import Errands
+from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.restored_plan import RestoredPlan
 from gcs.flight.show_player import Stage
 from gcs.flight.stall_recovery import Stall, StallRecovery
@@ -61,7 +61,7 @@ class Takeover:
     def __init__(
         self,
         flight: Flight,
-        errands: Errands,
+        maneuvers: Maneuvers,
         book: OrderBook,
         stage: Stage,
         found: Interruption | None,
@@ -70,7 +70,7 @@ class Takeover:
     ) -> None:
         """Restores the pads, nothing else. `send_home` brings vehicles that hold home together."""
         self._flight = flight
-        self._errands = errands
+        self._maneuvers = maneuvers
         self._book = book
         self._found = found
         self._send_home = send_home
@@ -80,7 +80,7 @@ class Takeover:
         self._no_plan = ""  # why the formation cannot go on
         self._plans = RestoredPlan(flight, stage, unix_s)
         self._stalls = StallRecovery(flight, unix_s)
-        self._awaited = AwaitedVehicles(flight, errands, asyncio.get_running_loop().time)
+        self._awaited = AwaitedVehicles(flight, maneuvers, asyncio.get_running_loop().time)
         self._regained: set[VehicleId] = set()  # of what was found, those that were under control since
         if found is not None:
             self._restore_pads(found)
@@ -126,7 +126,7 @@ class Takeover:
         log.warning("interrupted", extra={**self._found.to_json(), "cause": self._found.cause})
         for name in fallen:
             vehicle = self._flight.vehicles[name]
-            if not self._errands.running(vehicle):
+            if not self._maneuvers.running(vehicle):
                 self._awaited.falls(vehicle, stall.since_s)
 
     def reaches_again(self, vehicle: Vehicle) -> bool:
@@ -317,7 +317,7 @@ class Takeover:
         return record
 
     def _take_one(self, batch: _Batch, vehicle: Vehicle) -> None:
-        self._errands.start(vehicle, self._errands.take_control, partial(self._note, batch, vehicle))
+        self._maneuvers.start(vehicle, self._maneuvers.take_control, partial(self._note, batch, vehicle))
 
     def _close(self, batch: _Batch) -> None:
         """Another take-over begins before all of this batch hold."""
@@ -362,13 +362,13 @@ class Takeover:
         self._sent_on |= {vehicle.id for vehicle in ours}
         for vehicle in ours:
             if self._rejoins(vehicle):
-                self._errands.start(vehicle, self._errands.join, partial(self._end_part, batch, vehicle))
+                self._maneuvers.start(vehicle, self._maneuvers.join, partial(self._end_part, batch, vehicle))
             else:
                 self._end_part(batch, vehicle, Outcome.DONE, "holds, as before")
 
     def _is_commanded(self, vehicle: Vehicle) -> bool:
         """Whether another command has come since it holds: that one counts."""
-        return self._errands.running(vehicle) or self._flight.show in COMES_DOWN
+        return self._maneuvers.running(vehicle) or self._flight.show in COMES_DOWN
 
     def _rejoins(self, vehicle: Vehicle) -> bool:
         found = self._found

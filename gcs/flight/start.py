@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gcs.flight.command_log import OrderBook
 from gcs.flight.fleet import Flight
-from gcs.flight.maneuvers import Errands
+from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.preflight_gate import Clearance, Cleared
 from gcs.flight.show_player import Stage
 from gcs.flight.uncontrolled import reason, uncontrolled
@@ -40,14 +40,14 @@ class Starting:
     def __init__(
         self,
         flight: Flight,
-        errands: Errands,
+        maneuvers: Maneuvers,
         book: OrderBook,
         clearance: Clearance,
         stage: Stage,
         unix_s: Callable[[], float],
     ) -> None:
         self._flight = flight
-        self._errands = errands
+        self._maneuvers = maneuvers
         self._book = book
         self._clearance = clearance
         self._stage = stage
@@ -94,8 +94,8 @@ class Starting:
             vehicle = flight.vehicles[name]
             vehicle.home_m = flight.position_m(vehicle).copy()
             delay_s = turn * flight.config.operation.takeoff_stagger_s
-            errand = self._errands.take_off(delay_s, lambda one: self._clearance.need_alone(one.id))
-            self._errands.start(vehicle, errand, self._closer(record, name))
+            maneuver = self._maneuvers.take_off(delay_s, lambda one: self._clearance.need_alone(one.id))
+            self._maneuvers.start(vehicle, maneuver, self._closer(record, name))
 
     def _closer(self, record: OrderRecord, name: VehicleId) -> Callable[[Outcome, str], None]:
         """Closes one vehicle's part; who did not get up is told with those who do not fly."""

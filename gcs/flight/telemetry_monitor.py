@@ -8,8 +8,8 @@ import numpy as np
 from gcs.estimation.signs_of_life import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking
 from gcs.failsafe.autopilot_failsafe import cause_of, described, lost_on_the_way
 from gcs.flight.fleet import Columns, Flight
-from gcs.flight.maneuver_tasks import Errand
-from gcs.flight.maneuvers import Errands
+from gcs.flight.maneuver_tasks import Maneuver
+from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import Inspection
 from gcs.flight.vehicle import Explanation, Heard, Vehicle
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase
@@ -24,10 +24,12 @@ TRY_AGAIN_S = 5.0
 class Watch:
     """Keeps the phases true to what the vehicles say."""
 
-    def __init__(self, flight: Flight, errands: Errands, inspection: Inspection, come_back: Errand) -> None:
+    def __init__(
+        self, flight: Flight, maneuvers: Maneuvers, inspection: Inspection, come_back: Maneuver
+    ) -> None:
         """`come_back` is for who was lost and is heard again."""
         self._flight = flight
-        self._errands = errands
+        self._maneuvers = maneuvers
         self._inspection = inspection
         self._come_back = come_back
         self._resumed_s = -np.inf  # after a stall; messages of that time may not be read yet
@@ -92,19 +94,19 @@ class Watch:
         lost_holds = flight.config.operation.setpoint_loss_action == "hold"
         if vehicle.observe(heard, silence_s, lost_holds=lost_holds):
             if vehicle.phase in {Phase.LOST, Phase.PILOT}:
-                self._errands.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
+                self._maneuvers.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
             return
         self._note_heartbeats(vehicle, lacks)
         if vehicle.phase is Phase.PILOT:
             self._mind_failsafe(vehicle, beat_is_fresh=now_s - beat_s <= silence_s)
-        elif self._errands.running(vehicle):
+        elif self._maneuvers.running(vehicle):
             return
         elif vehicle.phase is Phase.OFFLINE and now_s - beat_s <= silence_s:
             vehicle.reason = "heard, but it has no position yet"
         elif vehicle.phase is Phase.LOST and age_s <= silence_s and heard.mode is not Mode.LAND:
             self._by_itself(vehicle, self._come_back)
         elif vehicle.phase is Phase.STANDBY and heard.mode is Mode.OFFBOARD and not heard.armed:
-            self._by_itself(vehicle, self._errands.rest)
+            self._by_itself(vehicle, self._maneuvers.rest)
         elif vehicle.phase in FLOWN and not vehicle.handed_over and heard.mode is Mode.HOLD:
             vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
 
@@ -125,7 +127,7 @@ class Watch:
         vehicle.explain(
             (cause, described(vehicle.id, cause, facts)), facts.mode, in_failsafe=facts.in_failsafe
         )
-        idle = beat_is_fresh and not self._errands.running(vehicle)
+        idle = beat_is_fresh and not self._maneuvers.running(vehicle)
         if idle and lost_on_the_way(vehicle.cause, facts):
             self._by_itself(vehicle, self._come_back)
 
@@ -157,11 +159,11 @@ class Watch:
         )
         vehicle.freeze(flight.position_m(vehicle), flight.fleet.time_s + positioning.freeze_s, reason)
 
-    def _by_itself(self, vehicle: Vehicle, errand: Errand) -> None:
+    def _by_itself(self, vehicle: Vehicle, maneuver: Maneuver) -> None:
         """Do what nobody ordered: not recorded as an order, and not again at once when it fails."""
         if self._flight.fleet.time_s >= vehicle.try_again_s:
             vehicle.try_again_s = self._flight.fleet.time_s + TRY_AGAIN_S
-            self._errands.start(vehicle, errand, lambda _outcome, _reason: None)
+            self._maneuvers.start(vehicle, maneuver, lambda _outcome, _reason: None)
 
 
 def _beats_may_lack_s(phase: Phase) -> float:

@@ -8,8 +8,8 @@ from gcs.flight.command_log import OrderBook
 from gcs.flight.control_refusal import why_never, why_not_unasked
 from gcs.flight.fleet import Flight
 from gcs.flight.landing_assignment import landing_places_m
-from gcs.flight.maneuver_tasks import Errand
-from gcs.flight.maneuvers import Errands
+from gcs.flight.maneuver_tasks import Maneuver
+from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.vehicle import Vehicle, require_phase
 from gcs.links import Order, Verb
 from gcs.model.errors import InvalidError, OrderError, RefusedError
@@ -33,9 +33,9 @@ EVENT_OF = {
 class VehicleOrders:
     """Turns orders to one vehicle into errands."""
 
-    def __init__(self, flight: Flight, errands: Errands, book: OrderBook) -> None:
+    def __init__(self, flight: Flight, maneuvers: Maneuvers, book: OrderBook) -> None:
         self._flight = flight
-        self._errands = errands
+        self._maneuvers = maneuvers
         self._book = book
 
     def command(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
@@ -50,16 +50,16 @@ class VehicleOrders:
             return self._book.get(record.id)
         if action is VehicleAction.JOIN:
             self.check_room([vehicle])
-        errands: dict[VehicleAction, Errand] = {
-            VehicleAction.HOLD: self._errands.hold,
-            VehicleAction.JOIN: self._errands.join,
-            VehicleAction.RETURN: self._errands.come_home,
-            VehicleAction.TAKE_CONTROL: self._errands.take_control,
+        maneuvers: dict[VehicleAction, Maneuver] = {
+            VehicleAction.HOLD: self._maneuvers.hold,
+            VehicleAction.JOIN: self._maneuvers.join,
+            VehicleAction.RETURN: self._maneuvers.come_home,
+            VehicleAction.TAKE_CONTROL: self._maneuvers.take_control,
         }
         if action is VehicleAction.LAND:
             place_m = landing_places_m(self._flight, [vehicle])[vehicle.id]
-            return self._send(vehicle, self._errands.descend(place_m), action)
-        return self._send(vehicle, errands[action], action)
+            return self._send(vehicle, self._maneuvers.descend(place_m), action)
+        return self._send(vehicle, maneuvers[action], action)
 
     def _require(self, vehicle: Vehicle, action: VehicleAction) -> None:
         """Raises: RefusedError naming the vehicle when it cannot be given the command now."""
@@ -97,10 +97,10 @@ class VehicleOrders:
         if action is VehicleAction.JOIN:
             self.check_room(chosen)
         if action in {VehicleAction.JOIN, VehicleAction.TAKE_CONTROL}:
-            errand = self._errands.join if action is VehicleAction.JOIN else self._errands.take_control
+            maneuver = self._maneuvers.join if action is VehicleAction.JOIN else self._maneuvers.take_control
             record = self._book.open(action, [vehicle.id for vehicle in chosen], left_out)
             for vehicle in chosen:
-                self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
+                self._maneuvers.start(vehicle, maneuver, self._book.closer(record, vehicle.id))
             return record
         return self.command_some(chosen, action, left_out)
 
@@ -138,14 +138,14 @@ class VehicleOrders:
         places_m = landing_places_m(self._flight, [v for v in vehicles if not homeless or v.home_m is None])
         record = self._book.open(action, [vehicle.id for vehicle in vehicles], left_out)
         for vehicle in vehicles:
-            errand: Errand = self._errands.hold
+            maneuver: Maneuver = self._maneuvers.hold
             if vehicle.comes_down_alone and action is not VehicleAction.HOLD:
-                errand = self._errands.autopilot_land
+                maneuver = self._maneuvers.autopilot_land
             elif action is VehicleAction.RETURN and vehicle.home_m is not None:
-                errand = self._errands.come_home
+                maneuver = self._maneuvers.come_home
             elif action is not VehicleAction.HOLD:
-                errand = self._errands.descend(places_m[vehicle.id])
-            self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
+                maneuver = self._maneuvers.descend(places_m[vehicle.id])
+            self._maneuvers.start(vehicle, maneuver, self._book.closer(record, vehicle.id))
         return record
 
     def check_room(self, joining: Sequence[Vehicle]) -> None:
@@ -175,7 +175,7 @@ class VehicleOrders:
             flown = vehicle.phase in FLOWN
             vehicle.apply(Event.KILL, "motors stopped on order")
             log.warning("kill", extra={"vehicle": vehicle.id, "was_flown": flown})
-            self._errands.start(vehicle, self._stop_motors, self._book.closer(record, vehicle.id))
+            self._maneuvers.start(vehicle, self._stop_motors, self._book.closer(record, vehicle.id))
         return record
 
     async def _stop_motors(self, vehicle: Vehicle) -> None:
@@ -184,7 +184,7 @@ class VehicleOrders:
         except OrderError as error:
             raise RefusedError(f"the kill was sent, but not seen to work: {error}") from None
 
-    def _send(self, vehicle: Vehicle, errand: Errand, action: str) -> OrderRecord:
+    def _send(self, vehicle: Vehicle, maneuver: Maneuver, action: str) -> OrderRecord:
         record = self._book.open(action, [vehicle.id], {})
-        self._errands.start(vehicle, errand, self._book.closer(record, vehicle.id))
+        self._maneuvers.start(vehicle, maneuver, self._book.closer(record, vehicle.id))
         return record
