@@ -43,7 +43,7 @@ STOPS_WITHIN_S = 0.8
 """On pause, each vehicle's goal is where its velocity takes it in this time."""
 
 
-class Director:
+class Commander:
     """Turns orders into errands, and lets the show go on by itself where it can."""
 
     def __init__(

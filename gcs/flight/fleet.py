@@ -1,6 +1,6 @@
 """The runtime state of a flight: who is where, in which phase, and what the operator wants.
 
-Plain data and questions about it; `director` changes it on orders and events, `orchestrator` once a tick.
+Plain data and questions about it; `commander` changes it on orders and events, `orchestrator` once a tick.
 """
 
 import asyncio

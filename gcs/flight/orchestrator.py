@@ -20,7 +20,7 @@ from gcs.control import Tick, tick, warm_up
 from gcs.flight.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.alternatives import instead
 from gcs.flight.command_log import OrderBook
-from gcs.flight.commander import Director
+from gcs.flight.commander import Commander
 from gcs.flight.estimate_inputs import Estimating
 from gcs.flight.fleet import Flight
 from gcs.flight.maneuvers import Maneuvers
@@ -122,7 +122,7 @@ class Orchestrator:
         self._interventions = 0
         self._standing = tuple(problems)
         self._happenings = Happenings()
-        self._director: Director | None = None
+        self._commander: Commander | None = None
         self._shares = Shares(links)
         self._failed_links: dict[str, str] = {}
         self._alarms = AlarmMonitor(self._flight, unix_s, self._book.newest)
@@ -139,7 +139,7 @@ class Orchestrator:
             async with asyncio.TaskGroup() as group:
                 maneuvers = Maneuvers(group, self._flight, self._config.operation)
                 inspection = Inspection(group, self._flight)
-                self._director = Director(
+                self._commander = Commander(
                     self._flight,
                     maneuvers,
                     self._book,
@@ -152,35 +152,35 @@ class Orchestrator:
                 )
                 for link in self._flight.links:
                     group.create_task(keep_open(link, self._failed_links), name=f"link/{link.name}")
-                group.create_task(self._control(self._director), name="control")
+                group.create_task(self._control(self._commander), name="control")
         finally:
             listening.close()
-            if self._director is not None:
-                self._director.close()
+            if self._commander is not None:
+                self._commander.close()
             self._planning.shutdown(wait=False, cancel_futures=True)
             await self.shows.close()
 
-    async def _control(self, director: Director) -> None:
+    async def _control(self, commander: Commander) -> None:
         loop = asyncio.get_running_loop()
         async for now_s, due_s, missed in ticks(1.0 / self._config.tick_rate_hz):
             began_s = loop.time()
-            result = self._tick(now_s, director)
+            result = self._tick(now_s, commander)
             self._clock.note(began_s, loop.time() - began_s, began_s - due_s, missed)
             if self._heart is not None and self._control_alive:
                 self._heart.beat()
-            self._estimating.refresh(len(director.waiting), director.home_left_s)
+            self._estimating.refresh(len(commander.waiting), commander.home_left_s)
             self._view.promise(self._promised_view(result))
             self._note(result)
             self._flight.wake()
 
-    def _tick(self, now_s: float, director: Director) -> Tick:
+    def _tick(self, now_s: float, commander: Commander) -> Tick:
         """Hear, decide, send: one tick, without waiting for any vehicle."""
         flight = self._flight
         flight.hear(now_s)
         gap_s = self._clock.gap_before(now_s)
         if gap_s > self._config.deadman_s:
-            director.stalled(gap_s)
-        director.watch()
+            commander.stalled(gap_s)
+        commander.watch()
         self._stage.lead()
         result = self._decide()
         flight.memory = result.memory
@@ -189,22 +189,22 @@ class Orchestrator:
             link.send(share)
         # What follows can wait for the next tick: setpoints cannot.
         self._interventions += sum(reason != "" for reason in result.restrained_by)
-        director.advance()
+        commander.advance()
         if self._alarms.is_due(now_s):
-            self._alarms.look(result, self._findings(director))
+            self._alarms.look(result, self._findings(commander))
         return result
 
-    def _findings(self, director: Director) -> Findings:
+    def _findings(self, commander: Commander) -> Findings:
         """What the alarms are made of, beside the flight's own state."""
         links = self._flight.links
         recorded = () if self._record is None else self._record.problems
         return Findings(
-            reactions=director.reactions,
+            reactions=commander.reactions,
             obstacles_wait=self._stage.waits,
             not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
             failed_links=self._failed_links,
-            interrupted=director.takeover.view(),
-            return_problem=director.return_problem,
+            interrupted=commander.takeover.view(),
+            return_problem=commander.return_problem,
             supervisor="" if self._heart is None else self._heart.problem,
             notes=self._standing,
         )
@@ -221,7 +221,7 @@ class Orchestrator:
     @property
     def _start_unix_s(self) -> float | None:
         """Of a start that is ordered for a clock time."""
-        countdown = None if self._director is None else self._director.countdown
+        countdown = None if self._commander is None else self._commander.countdown
         return None if countdown is None else countdown.at_unix_s
 
     def _note(self, result: Tick) -> None:
@@ -262,8 +262,8 @@ class Orchestrator:
             unix_time_s=self._unix_s(),
             performance=flight.performance,
             start_unix_s=self._start_unix_s,
-            reactions=() if self._director is None else self._director.reactions,
-            interrupted=None if self._director is None else self._director.takeover.view(),
+            reactions=() if self._commander is None else self._commander.reactions,
+            interrupted=None if self._commander is None else self._commander.takeover.view(),
             alarms=self._alarms.alarms,
         )
 
@@ -382,10 +382,10 @@ class Orchestrator:
         with instead(self._flight):
             return self._running().takeover.settle(offer)
 
-    def _running(self) -> Director:
-        if self._director is None:
+    def _running(self) -> Commander:
+        if self._commander is None:
             raise RefusedError("the service does not run yet")
-        return self._director
+        return self._commander
 
     def set_formation(self, formation: Formation) -> None:
         """Change radius and height; refused with what would work."""
@@ -417,5 +417,5 @@ class Orchestrator:
 
     def _taking_part(self) -> list[Vehicle]:
         """In the air, or about to be."""
-        waiting = [] if self._director is None else self._director.waiting
+        waiting = [] if self._commander is None else self._commander.waiting
         return [*self._flight.airborne, *waiting]
