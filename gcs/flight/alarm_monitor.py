@@ -14,7 +14,7 @@ from gcs.control import Tick
 from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, FailsafeCause
 from gcs.failsafe.policy import Action, Cause
 from gcs.flight.close_pairs import ClosePairs
-from gcs.flight.fleet import FLIES, Flight
+from gcs.flight.fleet import FLIES, Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.model.interrupted_flight import Interrupted
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -118,7 +118,7 @@ class AlarmMonitor:
     """The alarms of one flight. Used on the event loop alone."""
 
     def __init__(
-        self, flight: Flight, unix_s: Callable[[], float], orders: Callable[[], Sequence[OrderRecord]]
+        self, flight: Fleet, unix_s: Callable[[], float], orders: Callable[[], Sequence[OrderRecord]]
     ) -> None:
         """`orders` are the newest commands, the newest first."""
         self._flight = flight

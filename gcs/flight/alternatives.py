@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from typing import Final
 
 from gcs.flight.control_refusal import why_never
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.model.errors import RefusedError
 from gcs.model.fleet_counts import Whereabouts
 from gcs.model.lifecycle import NEXT, Event, Phase
@@ -23,7 +23,7 @@ AIRBORNE: Final = frozenset({Whereabouts.CONTROLLED, Whereabouts.UNCONTROLLED})
 
 
 @contextmanager
-def instead(flight: Flight, vehicle_id: VehicleId | None = None) -> Iterator[None]:
+def instead(flight: Fleet, vehicle_id: VehicleId | None = None) -> Iterator[None]:
     """A refusal in here names a safer command that is accepted now; with nothing airborne it needs none.
 
     Raises: RefusedError, as raised inside, with that command in its text.
@@ -37,7 +37,7 @@ def instead(flight: Flight, vehicle_id: VehicleId | None = None) -> Iterator[Non
         raise RefusedError(f"{error}; accepted instead: {named}") from None
 
 
-def _accepted(flight: Flight, vehicle_id: VehicleId | None) -> str:
+def _accepted(flight: Fleet, vehicle_id: VehicleId | None) -> str:
     """The command, as `gcs` takes it; empty when nothing is airborne."""
     vehicles = flight.vehicles
     if not any(flight.whereabouts(vehicle) in AIRBORNE for vehicle in vehicles.values()):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import Phase
@@ -37,7 +37,7 @@ class _Command:
 class AwaitedVehicles:
     """Changed only on the event loop."""
 
-    def __init__(self, flight: Flight, maneuvers: Maneuvers, now_s: Callable[[], float]) -> None:
+    def __init__(self, flight: Fleet, maneuvers: Maneuvers, now_s: Callable[[], float]) -> None:
         """`now_s` is the loop's clock: the newest tick may have been before a stall."""
         self._flight = flight
         self._maneuvers = maneuvers

@@ -7,7 +7,7 @@ from concurrent.futures import Executor, Future
 import numpy as np
 
 from gcs.control import ControlSettings, ellipses_of
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import ShapeError
 from gcs.model.lifecycle import Phase
@@ -37,7 +37,7 @@ FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
 class Homecoming:
     """One collective return. Changed only on the event loop."""
 
-    def __init__(self, flight: Flight, vehicles: Iterable[Vehicle], planning: Executor) -> None:
+    def __init__(self, flight: Fleet, vehicles: Iterable[Vehicle], planning: Executor) -> None:
         """`vehicles` know where they started; the plan is found in `planning`: a tick has no time for it."""
         self._flight = flight
         self._planning = planning

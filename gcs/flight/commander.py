@@ -9,7 +9,7 @@ from gcs.flight.collective_return import Homecoming
 from gcs.flight.command_log import OrderBook
 from gcs.flight.control_refusal import why_never
 from gcs.flight.failsafe_monitor import Reacting
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.landing_assignment import landing_places_m
 from gcs.flight.maneuver_tasks import Done
 from gcs.flight.maneuvers import Maneuvers
@@ -48,7 +48,7 @@ class Commander:
 
     def __init__(
         self,
-        flight: Flight,
+        flight: Fleet,
         maneuvers: Maneuvers,
         book: OrderBook,
         inspection: Inspection,

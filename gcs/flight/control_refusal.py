@@ -2,7 +2,7 @@
 
 from gcs.estimation.signs_of_life import BEATS_MAY_LACK_S
 from gcs.failsafe.autopilot_failsafe import comes_down, control_refusal
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.model.state import Mode
 
@@ -10,12 +10,12 @@ A_PERSON_FLIES = frozenset({Mode.POSITION, Mode.OTHER})
 """Modes that no autopilot chooses for itself while it has a position: a person is at the sticks."""
 
 
-def why_never(flight: Flight, vehicle: Vehicle) -> str:
+def why_never(flight: Fleet, vehicle: Vehicle) -> str:
     """Why not even a command that names the vehicle takes control of it; empty when one may."""
     return control_refusal(vehicle.id, flight.facts(vehicle))
 
 
-def why_not_unasked(flight: Flight, vehicle: Vehicle) -> str:
+def why_not_unasked(flight: Fleet, vehicle: Vehicle) -> str:
     """Why a command to all vehicles leaves this one out, which a command that names it may reach."""
     facts = flight.facts(vehicle)
     if facts.mode in A_PERSON_FLIES and not facts.in_failsafe:
@@ -24,7 +24,7 @@ def why_not_unasked(flight: Flight, vehicle: Vehicle) -> str:
     return why_never(flight, vehicle) or why_not_without_heartbeat(flight, vehicle)
 
 
-def why_not_without_heartbeat(flight: Flight, vehicle: Vehicle) -> str:
+def why_not_without_heartbeat(flight: Fleet, vehicle: Vehicle) -> str:
     """Why a command to all vehicles leaves out one whose mode is not known any more; empty while it is.
 
     Its positions may still arrive, while a pilot has taken it.
@@ -37,7 +37,7 @@ def why_not_without_heartbeat(flight: Flight, vehicle: Vehicle) -> str:
     return f"no heartbeat for {age_s:.1f} s, a pilot may have it: {agreed}"
 
 
-def why_not_touching_down(flight: Flight, vehicle: Vehicle) -> str:
+def why_not_touching_down(flight: Fleet, vehicle: Vehicle) -> str:
     """Why a command to all leaves out a vehicle that its autopilot has nearly landed; empty for others."""
     facts = flight.facts(vehicle)
     ground_z_m = 0.0 if vehicle.home_m is None else float(vehicle.home_m[2])

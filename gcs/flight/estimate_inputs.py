@@ -18,7 +18,7 @@ from gcs.estimation.time_estimates import (
     to_slots_s,
     to_sphere_s,
 )
-from gcs.flight.fleet import ASSEMBLED_M, ASSEMBLED_SHARE, Flight
+from gcs.flight.fleet import ASSEMBLED_M, ASSEMBLED_SHARE, Fleet
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask
 
@@ -37,7 +37,7 @@ SPEED_SHARE: Final = 0.95
 class Estimating:
     """Keeps the newest estimates of one flight. Used on the event loop alone."""
 
-    def __init__(self, flight: Flight) -> None:
+    def __init__(self, flight: Fleet) -> None:
         """Nothing is known yet."""
         self._flight = flight
         self._history = BatteryHistory(len(flight.vehicles))

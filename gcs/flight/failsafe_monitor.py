@@ -10,7 +10,7 @@ import numpy as np
 from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
 from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, Cause
 from gcs.failsafe.triggers import Known, Roles, Seen, Wish, advance, is_calm, look
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.show_player import Stage
 from gcs.flight.ticker import TickClock
 from gcs.flight.vehicle import Vehicle
@@ -78,7 +78,7 @@ class Reacting:
 
     def __init__(
         self,
-        flight: Flight,
+        flight: Fleet,
         stage: Stage,
         clock: TickClock,
         unix_s: Callable[[], float],

@@ -101,7 +101,7 @@ class Columns:
     boots: Sequence[int]
 
 
-class Flight:
+class Fleet:
     """One fleet, and what is going on with it. Changed only on the event loop."""
 
     def __init__(self, config: Config, links: Sequence[Link], now_s: float) -> None:

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from gcs.control import ellipses_of
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Array, VehicleId
 from gcs.planning.landing_sites import distinct_places_m
 
 
-def landing_places_m(flight: Flight, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
+def landing_places_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
     """(3,) for each: where it comes down, clear of obstacles, of everybody's pads, and of the others."""
     if not vehicles:
         return {}

@@ -22,7 +22,7 @@ from gcs.flight.alternatives import instead
 from gcs.flight.command_log import OrderBook
 from gcs.flight.commander import Commander
 from gcs.flight.estimate_inputs import Estimating
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import Inspection
 from gcs.flight.plan_editor import Wishes
@@ -104,7 +104,7 @@ class Orchestrator:
         warm_up_ways()
         now_s = asyncio.get_running_loop().time()
         self._config = config
-        self._flight = Flight(config, links, now_s)
+        self._flight = Fleet(config, links, now_s)
         self._record = record
         self._found = None if record is None else record.found
         if record is not None:

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.flight.fleet import Columns, Flight
+from gcs.flight.fleet import Columns, Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.links import ParameterValue
 from gcs.model.errors import OrderError
@@ -30,9 +30,9 @@ AT_ONCE_MAX: Final = 50
 
 
 class Inspection:
-    """Keeps `Flight.parameters` true: read when a vehicle is met, after a reboot, and after every flight."""
+    """Keeps `Fleet.parameters` true: read when a vehicle is met, after a reboot, and after every flight."""
 
-    def __init__(self, group: asyncio.TaskGroup, flight: Flight) -> None:
+    def __init__(self, group: asyncio.TaskGroup, flight: Fleet) -> None:
         n = len(flight.vehicles)
         self._group = group
         self._flight = flight

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 
 from gcs.flight.command_log import OrderBook
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
 from gcs.model.preflight_report import Exclusion
@@ -19,7 +19,7 @@ REASON_MAX = 200
 class Lineup:
     """Says who would fly, and lets an operator take vehicles out."""
 
-    def __init__(self, flight: Flight, book: OrderBook, unix_s: Callable[[], float]) -> None:
+    def __init__(self, flight: Fleet, book: OrderBook, unix_s: Callable[[], float]) -> None:
         self._flight = flight
         self._book = book
         self._unix_s = unix_s

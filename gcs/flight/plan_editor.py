@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.show_player import Stage
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import RefusedError, UnknownError
@@ -24,7 +24,7 @@ class Wishes:
 
     def __init__(
         self,
-        flight: Flight,
+        flight: Fleet,
         stage: Stage,
         taking_part: Callable[[], Sequence[Vehicle]],
         now_s: Callable[[], float],

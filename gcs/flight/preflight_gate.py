@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.parameter_reader import Inspection
 from gcs.flight.participants import Lineup
 from gcs.flight.running_show import Performance
@@ -65,7 +65,7 @@ class _Kept(NamedTuple):
     out: frozenset[VehicleId]
     report: PreflightReport
 
-    def answers(self, asked: tuple[VehicleId, ...] | None, flight: Flight) -> bool:
+    def answers(self, asked: tuple[VehicleId, ...] | None, flight: Fleet) -> bool:
         """Whether it will do for that question, now."""
         same = self.show is flight.performance and self.out == frozenset(flight.excluded)
         return same and self.asked == asked and flight.fleet.time_s - self.time_s < AGAIN_S
@@ -76,7 +76,7 @@ class Clearance:
 
     def __init__(
         self,
-        flight: Flight,
+        flight: Fleet,
         inspection: Inspection,
         stage: Stage,
         lineup: Lineup,

@@ -6,7 +6,7 @@ import numpy as np
 
 from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.running_show import lights
 from gcs.recording.sample import Moment
 from gcs.service import TickView
@@ -14,7 +14,7 @@ from gcs.service.alarms import Alarm
 
 
 def moment_of(
-    flight: Flight,
+    flight: Fleet,
     tick: Tick,
     *,
     timing: TickView,

@@ -17,7 +17,7 @@ import numpy as np
 from gcs.flight.awaited_vehicles import REPLACED, AwaitedVehicles, Missed, Reached
 from gcs.flight.command_log import OrderBook
 from gcs.flight.control_refusal import why_never, why_not_touching_down, why_not_without_heartbeat
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.restored_plan import RestoredPlan
 from gcs.flight.show_player import Stage
@@ -60,7 +60,7 @@ class Takeover:
 
     def __init__(
         self,
-        flight: Flight,
+        flight: Fleet,
         maneuvers: Maneuvers,
         book: OrderBook,
         stage: Stage,

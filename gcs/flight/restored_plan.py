@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.show_player import Stage
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.interrupted_flight import TAKEN_OVER_FROM, Interruption, Offer
@@ -34,7 +34,7 @@ def merged_obstacles(
 class RestoredPlan:
     """Restores the plan of an interrupted flight, once for each offer. Changed only on the event loop."""
 
-    def __init__(self, flight: Flight, stage: Stage, unix_s: Callable[[], float]) -> None:
+    def __init__(self, flight: Fleet, stage: Stage, unix_s: Callable[[], float]) -> None:
         self._flight = flight
         self._stage = stage
         self._unix_s = unix_s

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import nan
 
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.running_show import Performance
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 class Stage:
     """Selects shows, and lets the one that is selected decide the plan."""
 
-    def __init__(self, flight: Flight, repertoire: Repertoire) -> None:
+    def __init__(self, flight: Fleet, repertoire: Repertoire) -> None:
         self._flight = flight
         self._repertoire = repertoire
         repertoire.judge_by(self.misfits)

@@ -7,7 +7,7 @@ import numpy as np
 from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
 from gcs.estimation.time_estimates import Estimates
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.running_show import Performance
 from gcs.model.interrupted_flight import Interrupted
 from gcs.model.lifecycle import ShowPhase
@@ -26,7 +26,7 @@ def finite(value: float) -> float | None:
 
 
 def fleet_view(
-    flight: Flight,
+    flight: Fleet,
     *,
     fleet: FleetState,
     tick: Tick,
@@ -87,7 +87,7 @@ def fleet_view(
 
 
 def _rows(
-    flight: Flight,
+    flight: Fleet,
     fleet: FleetState,
     tick: Tick,
     telemetry: Sequence[Telemetry],

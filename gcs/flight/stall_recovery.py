@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.model.interrupted_flight import Before, Interruption, Triple, Written, is_left_alone, left_by, triple
 from gcs.model.lifecycle import FLOWN, Phase, ShowPhase
@@ -51,7 +51,7 @@ class Stall:
 class StallRecovery:
     """Remembers what is flown, and explains modes by the newest stall. Changed only on the event loop."""
 
-    def __init__(self, flight: Flight, unix_s: Callable[[], float]) -> None:
+    def __init__(self, flight: Fleet, unix_s: Callable[[], float]) -> None:
         self._flight = flight
         self._unix_s = unix_s
         self._flown = _Flown(flight.show, flight.reason, {})

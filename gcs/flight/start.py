@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from gcs.flight.command_log import OrderBook
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.preflight_gate import Clearance, Cleared
 from gcs.flight.show_player import Stage
@@ -39,7 +39,7 @@ class Starting:
 
     def __init__(
         self,
-        flight: Flight,
+        flight: Fleet,
         maneuvers: Maneuvers,
         book: OrderBook,
         clearance: Clearance,

@@ -7,7 +7,7 @@ import numpy as np
 
 from gcs.estimation.signs_of_life import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking
 from gcs.failsafe.autopilot_failsafe import cause_of, described, lost_on_the_way
-from gcs.flight.fleet import Columns, Flight
+from gcs.flight.fleet import Columns, Fleet
 from gcs.flight.maneuver_tasks import Maneuver
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import Inspection
@@ -25,7 +25,7 @@ class Watch:
     """Keeps the phases true to what the vehicles say."""
 
     def __init__(
-        self, flight: Flight, maneuvers: Maneuvers, inspection: Inspection, come_back: Maneuver
+        self, flight: Fleet, maneuvers: Maneuvers, inspection: Inspection, come_back: Maneuver
     ) -> None:
         """`come_back` is for who was lost and is heard again."""
         self._flight = flight

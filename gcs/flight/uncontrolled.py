@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from typing import Final
 
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.model.fleet_counts import Whereabouts
 from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
@@ -13,7 +13,7 @@ NAMED: Final = 6
 """So many vehicles are named one by one; of more, how many there are."""
 
 
-def uncontrolled(flight: Flight) -> list[Vehicle]:
+def uncontrolled(flight: Fleet) -> list[Vehicle]:
     """Airborne under a pilot's or their own autopilot's control."""
     vehicles = flight.in_phase(Phase.PILOT, Phase.KILLED)
     return [one for one in vehicles if flight.whereabouts(one) is Whereabouts.UNCONTROLLED]
@@ -36,7 +36,7 @@ def _named(ids: list[str]) -> str:
     return joined(ids) if len(ids) <= NAMED else f"{len(ids)} vehicles"
 
 
-def follow(flight: Flight, *, busy: bool) -> None:
+def follow(flight: Fleet, *, busy: bool) -> None:
     """Once a tick: keep the show's phase true to what is airborne.
 
     Args:
@@ -60,7 +60,7 @@ def follow(flight: Flight, *, busy: bool) -> None:
         _land(flight)
 
 
-def _land(flight: Flight) -> None:
+def _land(flight: Fleet) -> None:
     """Nothing is airborne: what is lost, or was killed, is named, and counts as airborne no more."""
     unknown = [one.id for one in flight.vehicles.values() if flight.whereabouts(one) is Whereabouts.UNKNOWN]
     named = f"; not confirmed on the ground: {joined(unknown)}" if unknown else ""

@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 from gcs.flight.command_log import OrderBook
 from gcs.flight.control_refusal import why_never, why_not_unasked
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.flight.landing_assignment import landing_places_m
 from gcs.flight.maneuver_tasks import Maneuver
 from gcs.flight.maneuvers import Maneuvers
@@ -33,7 +33,7 @@ EVENT_OF = {
 class VehicleOrders:
     """Turns orders to one vehicle into errands."""
 
-    def __init__(self, flight: Flight, maneuvers: Maneuvers, book: OrderBook) -> None:
+    def __init__(self, flight: Fleet, maneuvers: Maneuvers, book: OrderBook) -> None:
         self._flight = flight
         self._maneuvers = maneuvers
         self._book = book

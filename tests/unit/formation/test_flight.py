@@ -8,7 +8,7 @@ from core_silent_link import SilentLink
 
 from gcs.config.schema import Config
 from gcs.control import Memory, Task
-from gcs.flight.fleet import Flight
+from gcs.flight.fleet import Fleet
 from gcs.formation.orbit import Center
 from gcs.formation.thomson import best_configuration
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -37,7 +37,7 @@ class Climbing(SilentLink):
 
 def flight(
     count: int, charges: tuple[float, ...] | None = None, link: type[SilentLink] = SilentLink
-) -> Flight:
+) -> Fleet:
     vehicles = [
         {"id": f"d{row}", "system_id": row + 1, "charge": 1.0 if charges is None else charges[row]}
         for row in range(count)
@@ -50,10 +50,10 @@ def flight(
             "operation": {"takeoff_height_m": 5.0},
         }
     )
-    return Flight(config, [link(config.ids)], 0.0)
+    return Fleet(config, [link(config.ids)], 0.0)
 
 
-def at(subject: Flight, position_m: Array) -> Flight:
+def at(subject: Fleet, position_m: Array) -> Fleet:
     n = len(position_m)
     subject.fleet = FleetState(0.0, subject.fleet.ids, position_m, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
     subject.memory = replace(Memory.fresh(n, 0.0), center=Center.at_rest(CENTER_M), radius_m=RADIUS_M)
