@@ -33,7 +33,7 @@ def answer(now: Moment, allowed_m_s: Array, center: Center | None, memory: Memor
     """Inner loop, lead and trim over the velocities (n, 3) that safety allows."""
     settings, limits = now.settings, now.settings.safety.limits
     base_m_s, lead_m_s2 = _known_beforehand(now, center)
-    wished_m_s = compensate(
+    requested_m_s = compensate(
         allowed_m_s,
         now.velocity_m_s,
         lead_m_s2,
@@ -41,8 +41,8 @@ def answer(now: Moment, allowed_m_s: Array, center: Center | None, memory: Memor
         settings.vertical_loop_gain,
         settings.lead_s,
     )
-    wished_m_s += memory.trim_m_s
-    setpoint_m_s = cap(wished_m_s, limits, now.traits.speed_max_m_s)
+    requested_m_s += memory.trim_m_s
+    setpoint_m_s = cap(requested_m_s, limits, now.traits.speed_max_m_s)
     trim_m_s, expected_m_s = correct_trim(
         memory.trim_m_s,
         memory.expected_m_s,
@@ -50,7 +50,7 @@ def answer(now: Moment, allowed_m_s: Array, center: Center | None, memory: Memor
         now.velocity_m_s,
         base_m_s,
         now.commanded,
-        wished_m_s,
+        requested_m_s,
         setpoint_m_s,
         now.dt_s,
         settings.response_s,
@@ -59,7 +59,10 @@ def answer(now: Moment, allowed_m_s: Array, center: Center | None, memory: Memor
         settings.trim_max_m_s,
     )
     return Answer(
-        setpoint_m_s, trim_m_s, expected_m_s, _pace(now, center, base_m_s, expected_m_s, wished_m_s, memory)
+        setpoint_m_s,
+        trim_m_s,
+        expected_m_s,
+        _pace(now, center, base_m_s, expected_m_s, requested_m_s, memory),
     )
 
 
@@ -76,7 +79,7 @@ def _pace(
     center: Center | None,
     base_m_s: Array,
     expected_m_s: Array,
-    wished_m_s: Array,
+    requested_m_s: Array,
     memory: Memory,
 ) -> float:
     """Share of the orbit's speed that all can keep up with; a centre that stands waits for nobody."""
@@ -90,7 +93,7 @@ def _pace(
             expected_m_s,
             now.velocity_m_s,
             now.formed,
-            wished_m_s,
+            requested_m_s,
             np.array(now.traits.speed_max_m_s),
             now.settings.safety.limits.horizontal_m_s,
             PRESSED,

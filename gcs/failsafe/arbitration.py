@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from gcs.failsafe.policy import SEVERITY, Action, Cause
-from gcs.failsafe.triggers import Wish
+from gcs.failsafe.triggers import FailsafeRequest
 from gcs.model.state import Array
 
 Acted = Mapping[tuple[Cause, int], int]
@@ -29,58 +29,60 @@ class Standing:
     possible: frozenset[Action]  # that the show can be ordered now
 
 
-def keys(wish: Wish) -> list[tuple[Cause, int]]:
+def keys(request: FailsafeRequest) -> list[tuple[Cause, int]]:
     """Under which a wish is remembered once it was answered."""
-    return [(wish.cause, row) for row in wish.rows or (SHOW_ROW,)]
+    return [(request.cause, row) for row in request.rows or (SHOW_ROW,)]
 
 
 def due(
-    wishes: Sequence[Wish], standing: Standing, acted: Acted, together_share: float
-) -> tuple[Wish | None, tuple[Wish, ...]]:
+    requests: Sequence[FailsafeRequest], standing: Standing, acted: Acted, together_share: float
+) -> tuple[FailsafeRequest | None, tuple[FailsafeRequest, ...]]:
     """What is ordered now: of the show, and of vehicles; nothing twice, nothing weaker than what goes on.
 
     Args:
-        wishes: all that are wanted, the most severe first.
+        requests: all that are wanted, the most severe first.
         standing: what goes on.
         acted: what was answered already.
         together_share: where this share of the vehicles in the air has to come home, all return.
     """
-    fresh = [wish for wish in wishes if any(acted.get(key, 0) < wish.severity for key in keys(wish))]
-    own: dict[int, Wish] = {}
-    for wish in fresh:
-        for row in () if wish.whole_show else wish.rows:
-            unanswered = acted.get((wish.cause, row), 0) < wish.severity
-            if unanswered and wish.severity > standing.vehicles[row]:
-                own.setdefault(row, wish)
-    grouped = [
-        replace(wish, rows=rows)
-        for wish in fresh
-        if (rows := tuple(row for row, best in own.items() if best is wish))
+    fresh = [
+        request for request in requests if any(acted.get(key, 0) < request.severity for key in keys(request))
     ]
-    shows = [wish for wish in fresh if wish.whole_show]
-    everybody = _together(wishes, grouped, standing, together_share)
+    own: dict[int, FailsafeRequest] = {}
+    for request in fresh:
+        for row in () if request.whole_show else request.rows:
+            unanswered = acted.get((request.cause, row), 0) < request.severity
+            if unanswered and request.severity > standing.vehicles[row]:
+                own.setdefault(row, request)
+    grouped = [
+        replace(request, rows=rows)
+        for request in fresh
+        if (rows := tuple(row for row, best in own.items() if best is request))
+    ]
+    shows = [request for request in fresh if request.whole_show]
+    everybody = _together(requests, grouped, standing, together_share)
     if everybody is not None:
         shows.append(everybody)
     able = [w for w in shows if w.severity > standing.show and w.action in standing.possible]
-    chosen = max(able, key=lambda wish: wish.severity, default=None)
+    chosen = max(able, key=lambda request: request.severity, default=None)
     if chosen is not None:  # what the show does is not ordered once more for one vehicle
-        grouped = [wish for wish in grouped if wish.severity > chosen.severity]
+        grouped = [request for request in grouped if request.severity > chosen.severity]
     return chosen, tuple(grouped)
 
 
 def _together(
-    wishes: Sequence[Wish], grouped: Sequence[Wish], standing: Standing, share: float
-) -> Wish | None:
+    requests: Sequence[FailsafeRequest], grouped: Sequence[FailsafeRequest], standing: Standing, share: float
+) -> FailsafeRequest | None:
     """A common way home, where many have to leave."""
-    homeward = [wish for wish in grouped if wish.action is Action.RETURN]
+    homeward = [request for request in grouped if request.action is Action.RETURN]
     if not homeward:
         return None
     leaving = {
         row
-        for wish in wishes
-        if not wish.whole_show
-        for row in wish.rows
-        if wish.severity >= SEVERITY[Action.RETURN]
+        for request in requests
+        if not request.whole_show
+        for row in request.rows
+        if request.severity >= SEVERITY[Action.RETURN]
     }
     in_air = int(np.isfinite(standing.vehicles).sum())
     if len(leaving) < 2 or len(leaving) < share * in_air:

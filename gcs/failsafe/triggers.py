@@ -143,7 +143,7 @@ class Weather:
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class FailsafeRequest:
     """One reaction that is wanted, for as long as its cause lasts."""
 
     cause: Cause
@@ -231,7 +231,7 @@ def is_calm(on: Mask, known: Known, seen: Seen, settings: ReactionSettings, weat
 
 def advance(
     on: Mask, roles: Roles, seen: Seen, known: Known, settings: ReactionSettings, weather: Weather
-) -> tuple[Known, tuple[Wish, ...]]:
+) -> tuple[Known, tuple[FailsafeRequest, ...]]:
     """Which reactions are wanted now.
 
     Args:
@@ -276,17 +276,17 @@ def advance(
     if not (vehicles.active.any() or show.active.any()):
         return after, ()
     losses = f"{lost} of {all_count} are lost"
-    wishes = [
+    requests = [
         *_of_vehicles(vehicles, vehicles.holds(now_s, for_s[:, None]), seen, after, settings),
         *_of_the_show(show, show.holds(now_s, show_for_s), seen, after, roles, settings, losses),
     ]
-    wanted = [wish for wish in wishes if wish.action is not Action.IGNORE]
-    return after, tuple(sorted(wanted, key=lambda wish: -wish.severity))
+    wanted = [request for request in requests if request.action is not Action.IGNORE]
+    return after, tuple(sorted(wanted, key=lambda request: -request.severity))
 
 
 def _of_vehicles(
     latch: Latch, holds: Mask, seen: Seen, known: Known, settings: ReactionSettings
-) -> list[Wish]:
+) -> list[FailsafeRequest]:
     """One for each cause and action, with the vehicles concerned."""
     battery, position = settings.low_battery, settings.bad_position
     critical = latch.active[CRITICAL]
@@ -299,7 +299,7 @@ def _of_vehicles(
         OUT: f"outside the fence within {settings.fence.within_s:g} s as it flies now",
         BELOW: f"below the fence within {settings.fence.within_s:g} s as it flies now",
     }
-    wishes = []
+    requests = []
     for kind in np.flatnonzero(latch.active.any(axis=1)).tolist():
         active = latch.active[kind]
         first, later = active, np.zeros_like(active)
@@ -312,8 +312,10 @@ def _of_vehicles(
             if rows.any():
                 since_s = float(latch.since_s[kind][rows].min())
                 named = tuple(np.flatnonzero(rows).tolist())
-                wishes.append(Wish(OF_VEHICLES[kind], does, since_s, named, kind == LOST, told[kind]))
-    return wishes
+                requests.append(
+                    FailsafeRequest(OF_VEHICLES[kind], does, since_s, named, kind == LOST, told[kind])
+                )
+    return requests
 
 
 _ACTION_OF: Final = {
@@ -350,7 +352,7 @@ def _poor(seen: Seen, rows: Mask, settings: ReactionSettings) -> str:
 
 def _of_the_show(
     latch: Latch, holds: Mask, seen: Seen, known: Known, roles: Roles, settings: ReactionSettings, losses: str
-) -> list[Wish]:
+) -> list[FailsafeRequest]:
     """One for each cause."""
     wind, late = settings.wind, settings.service_late
     error_m_s = np.hypot(known.error_m_s[:, 0], known.error_m_s[:, 1])
@@ -379,7 +381,7 @@ def _of_the_show(
             f"ticks are {known.late_s * 1e3:.0f} ms late on average, {late.late_s * 1e3:.0f} ms is allowed",
         ),
     }
-    wishes = []
+    requests = []
     for kind in np.flatnonzero(latch.active[:, 0]).tolist():
         cause, since_s = OF_THE_SHOW[kind], float(latch.since_s[kind, 0])
         name, then_after_s, reason = cases[cause]
@@ -392,8 +394,8 @@ def _of_the_show(
         did_not_help = then_after_s is not None and waited_s >= then_after_s and now_holds
         if action is Action.PAUSE and did_not_help:
             action, reason = Action.RETURN, f"{reason}; a pause of {then_after_s:g} s did not help"
-        wishes.append(Wish(cause, action, since_s, rows.get(cause, ()), True, reason, now_holds))
-    return wishes
+        requests.append(FailsafeRequest(cause, action, since_s, rows.get(cause, ()), True, reason, now_holds))
+    return requests
 
 
 def _late_links(seen: Seen, roles: Roles, settings: LinksLate) -> str:

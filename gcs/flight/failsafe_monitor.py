@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
 from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, Cause
-from gcs.failsafe.triggers import Known, Roles, Seen, Wish, advance, is_calm, look
+from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen, advance, is_calm, look
 from gcs.flight.fleet import Fleet
 from gcs.flight.show_player import Stage
 from gcs.flight.ticker import TickClock
@@ -115,11 +115,11 @@ class Reacting:
             return
         self._looked_s = now_s
         roles = self._roles(now_s)
-        self._known, wishes = advance(on, roles, seen, known, self._settings, weather)
-        if not wishes and not self.active:
+        self._known, requests = advance(on, roles, seen, known, self._settings, weather)
+        if not requests and not self.active:
             return
-        self._react(wishes)
-        self._show(wishes)
+        self._react(requests)
+        self._show(requests)
 
     def _seen(self) -> Seen:
         flight = self._flight
@@ -169,25 +169,25 @@ class Reacting:
         elif self._paused_since_s is None:
             self._paused_since_s = now_s
 
-    def _react(self, wishes: Sequence[Wish]) -> None:
+    def _react(self, requests: Sequence[FailsafeRequest]) -> None:
         """Order what is due, and remember what needs no order any more."""
         self._sent = {
             row: sent for row, sent in self._sent.items() if self._is_busy(self._flight.at_row(row))
         }
-        show, vehicles = due(wishes, self._standing(), self._acted, self._settings.together_share)
+        show, vehicles = due(requests, self._standing(), self._acted, self._settings.together_share)
         if show is not None:
             self._note(show, self._of_show(show))
-        for wish in vehicles:
-            self._act(wish)
+        for request in vehicles:
+            self._act(request)
         standing = self._standing()
-        lasting = {key for wish in wishes for key in keys(wish)}
+        lasting = {key for request in requests for key in keys(request)}
         self._acted = {key: severity for key, severity in self._acted.items() if key in lasting}
-        for wish in wishes:
-            for cause, row in keys(wish):
-                of_show = wish.whole_show or row == SHOW_ROW
+        for request in requests:
+            for cause, row in keys(request):
+                of_show = request.whole_show or row == SHOW_ROW
                 goes_on = standing.show if of_show else standing.vehicles[row]
-                if goes_on >= wish.severity:
-                    self._acted[cause, row] = max(self._acted.get((cause, row), 0), wish.severity)
+                if goes_on >= request.severity:
+                    self._acted[cause, row] = max(self._acted.get((cause, row), 0), request.severity)
 
     def _standing(self) -> Standing:
         """What goes on; who is on an errand is on its way to what was ordered."""
@@ -205,42 +205,42 @@ class Reacting:
         able = frozenset() if not led else frozenset(possible)
         return Standing(of_show, severities, able)
 
-    def _of_show(self, wish: Wish) -> OrderRecord:
-        if wish.action is Action.RE_FORM:
+    def _of_show(self, request: FailsafeRequest) -> OrderRecord:
+        if request.action is Action.RE_FORM:
             return self._orders.note_re_formed()
-        if wish.action is Action.HOLD_TARGET:
+        if request.action is Action.HOLD_TARGET:
             self._stage.hold_target()
             return self._orders.note_target_held()
-        return self._orders.react_show(SHOW_ORDER[wish.action], f"{wish.cause}: {wish.reason}")
+        return self._orders.react_show(SHOW_ORDER[request.action], f"{request.cause}: {request.reason}")
 
-    def _act(self, wish: Wish) -> None:
+    def _act(self, request: FailsafeRequest) -> None:
         """Order those vehicles; who still climbs is not stopped half-way, but may be landed."""
         able = []
-        for row in wish.rows:
+        for row in request.rows:
             vehicle = self._flight.at_row(row)
-            if vehicle.phase is not Phase.TAKEOFF or wish.action is not Action.HOLD:
+            if vehicle.phase is not Phase.TAKEOFF or request.action is not Action.HOLD:
                 able.append(row)
         if able:
-            wish = replace(wish, rows=tuple(able))
+            request = replace(request, rows=tuple(able))
             vehicles = [self._flight.at_row(row) for row in able]
-            self._note(wish, self._orders.react(vehicles, VEHICLE_ORDER[wish.action]))
+            self._note(request, self._orders.react(vehicles, VEHICLE_ORDER[request.action]))
 
-    def _note(self, wish: Wish, record: OrderRecord) -> None:
+    def _note(self, request: FailsafeRequest, record: OrderRecord) -> None:
         """Remember that it was ordered, and say so."""
-        for key in keys(wish):
-            self._acted[key] = max(self._acted.get(key, 0), wish.severity)
-        rows = [v.row for v in self._flight.airborne] if wish.whole_show else wish.rows
-        self._sent |= dict.fromkeys(rows, wish.severity)
-        self._ordered[wish.cause, wish.action] = record.id
-        told = {"cause": wish.cause.value, "action": wish.action.value, "order": record.id}
-        log.warning("reaction", extra={**told, "vehicles": self._named(wish), "reason": wish.reason})
+        for key in keys(request):
+            self._acted[key] = max(self._acted.get(key, 0), request.severity)
+        rows = [v.row for v in self._flight.airborne] if request.whole_show else request.rows
+        self._sent |= dict.fromkeys(rows, request.severity)
+        self._ordered[request.cause, request.action] = record.id
+        told = {"cause": request.cause.value, "action": request.action.value, "order": record.id}
+        log.warning("reaction", extra={**told, "vehicles": self._named(request), "reason": request.reason})
 
-    def _named(self, wish: Wish) -> tuple[str, ...]:
-        return tuple(self._flight.fleet.ids[row] for row in wish.rows)
+    def _named(self, request: FailsafeRequest) -> tuple[str, ...]:
+        return tuple(self._flight.fleet.ids[row] for row in request.rows)
 
-    def _show(self, wishes: Sequence[Wish]) -> None:
+    def _show(self, requests: Sequence[FailsafeRequest]) -> None:
         """Keep what people see, and say what is over."""
-        lasting = {(wish.cause, wish.action) for wish in wishes}
+        lasting = {(request.cause, request.action) for request in requests}
         self._ordered = {key: order for key, order in self._ordered.items() if key in lasting}
         for reaction in self.active:
             if not any(cause == reaction.cause for cause, _ in lasting):
@@ -248,22 +248,26 @@ class Reacting:
         began = {(each.cause, each.action): each for each in self.active}
         now_s, unix_s = self._flight.fleet.time_s, self._unix_s()
         active = []
-        for wish in wishes:
-            before, named = began.get((wish.cause.value, wish.action.value)), self._named(wish)
-            reason = wish.reason
+        for request in requests:
+            before, named = began.get((request.cause.value, request.action.value)), self._named(request)
+            reason = request.reason
             same = before is not None and before.vehicles == named
-            if before is not None and same and self._held.get((wish.cause, wish.action)) == wish.holds:
+            if (
+                before is not None
+                and same
+                and self._held.get((request.cause, request.action)) == request.holds
+            ):
                 reason = before.reason  # its numbers may change in every tick
             active.append(
                 Reaction(
-                    wish.cause.value,
-                    wish.action.value,
+                    request.cause.value,
+                    request.action.value,
                     reason,
                     named,
-                    wish.since_s,
-                    unix_s - (now_s - wish.since_s) if before is None else before.since_unix_s,
-                    self._ordered.get((wish.cause, wish.action)),
+                    request.since_s,
+                    unix_s - (now_s - request.since_s) if before is None else before.since_unix_s,
+                    self._ordered.get((request.cause, request.action)),
                 )
             )
-        self._held = {(wish.cause, wish.action): wish.holds for wish in wishes}
+        self._held = {(request.cause, request.action): request.holds for request in requests}
         self.active = tuple(active)

@@ -25,7 +25,7 @@ from gcs.flight.estimate_inputs import Estimating
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import Inspection
-from gcs.flight.plan_editor import Wishes
+from gcs.flight.plan_editor import PlanEditor
 from gcs.flight.record_sample import moment_of
 from gcs.flight.show_player import Stage
 from gcs.flight.snapshots import fleet_view
@@ -117,7 +117,9 @@ class Orchestrator:
         self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
         self.shows = Repertoire(None if config.shows is None else config.shows.folder)
         self._stage = Stage(self._flight, self.shows)
-        self._wishes = Wishes(self._flight, self._stage, self._taking_part, asyncio.get_running_loop().time)
+        self._plan_editor = PlanEditor(
+            self._flight, self._stage, self._taking_part, asyncio.get_running_loop().time
+        )
         self._clock = TickClock(config.tick_rate_hz)
         self._interventions = 0
         self._standing = tuple(problems)
@@ -389,31 +391,31 @@ class Orchestrator:
 
     def set_formation(self, formation: Formation) -> None:
         """Change radius and height; refused with what would work."""
-        self._wishes.set_formation(formation)
+        self._plan_editor.set_formation(formation)
 
     def set_orbit(self, orbit: Orbit) -> None:
         """Change how the centre circles the target."""
-        self._wishes.set_orbit(orbit)
+        self._plan_editor.set_orbit(orbit)
 
     def set_target(self, target: Target) -> None:
         """Tell where the target is now and how it moves."""
-        self._wishes.set_target(target)
+        self._plan_editor.set_target(target)
 
     def set_yaw(self, yaw: Yaw) -> None:
         """Change where the vehicles look."""
-        self._wishes.set_yaw(yaw)
+        self._plan_editor.set_yaw(yaw)
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
         """Add a box."""
-        self._wishes.add_obstacle(obstacle)
+        self._plan_editor.add_obstacle(obstacle)
 
     def change_obstacle(self, obstacle: Obstacle) -> None:
         """Replace the box of the same id."""
-        self._wishes.change_obstacle(obstacle)
+        self._plan_editor.change_obstacle(obstacle)
 
     def remove_obstacle(self, obstacle_id: str) -> None:
         """Forget a box."""
-        self._wishes.remove_obstacle(obstacle_id)
+        self._plan_editor.remove_obstacle(obstacle_id)
 
     def _taking_part(self) -> list[Vehicle]:
         """In the air, or about to be."""

@@ -19,7 +19,7 @@ from gcs.planning.feasibility import (
 )
 
 
-class Wishes:
+class PlanEditor:
     """Changes the plan of a flight, or refuses to. As `gcs.service.Service` says of each."""
 
     def __init__(

@@ -161,7 +161,7 @@ def correct_trim(
     measured_m_s: Array,
     base_m_s: Array,
     commanded: Mask,
-    wished_m_s: Array,
+    requested_m_s: Array,
     setpoint_m_s: Array,
     dt_s: float,
     response_s: float,
@@ -179,7 +179,7 @@ def correct_trim(
         measured_m_s: (n, 3).
         base_m_s: (n, 3) part of what was told that is led for, and so expected without lag.
         commanded: (n,) the others forget.
-        wished_m_s: (n, 3) setpoints before limits.
+        requested_m_s: (n, 3) setpoints before limits.
         setpoint_m_s: (n, 3) and after: where they differ, the trim does not grow.
         dt_s: since the last tick.
         response_s: time constant of the answer.
@@ -202,7 +202,7 @@ def correct_trim(
             expected[i, k] = was + blend * (allowed_m_s[i, k] - base_m_s[i, k] - was)
             rate = vertical_rate_per_s if k == 2 else rate_per_s
             trim[i, k] = trim_m_s[i, k] + dt_s * rate * (base_m_s[i, k] + expected[i, k] - measured_m_s[i, k])
-            held = held or abs(wished_m_s[i, k] - setpoint_m_s[i, k]) > TINY
+            held = held or abs(requested_m_s[i, k] - setpoint_m_s[i, k]) > TINY
             before += trim_m_s[i, k] ** 2
             after += trim[i, k] ** 2
         if held and after > before:
@@ -231,7 +231,7 @@ def most_lacking_m_s(
     expected_m_s: Array,
     measured_m_s: Array,
     formed: Mask,
-    wished_m_s: Array,
+    requested_m_s: Array,
     speed_max_m_s: Array,
     horizontal_max_m_s: float,
     pressed: float,
@@ -244,7 +244,7 @@ def most_lacking_m_s(
         expected_m_s: (n, 3) velocity relative to that which each should have.
         measured_m_s: (n, 3).
         formed: (n,) who counts.
-        wished_m_s: (n, 3) setpoints before limits.
+        requested_m_s: (n, 3) setpoints before limits.
         speed_max_m_s: (n,) of each vehicle.
         horizontal_max_m_s: of all.
         pressed: share of its limit from which a setpoint has little left to give.
@@ -255,7 +255,7 @@ def most_lacking_m_s(
     most_m_s = 0.0
     for i in range(len(formed)):
         limit_m_s = min(horizontal_max_m_s, speed_max_m_s[i])
-        if not (formed[i] and np.hypot(wished_m_s[i, 0], wished_m_s[i, 1]) > pressed * limit_m_s):
+        if not (formed[i] and np.hypot(requested_m_s[i, 0], requested_m_s[i, 1]) > pressed * limit_m_s):
             continue
         lack = 0.0
         for k in range(3):

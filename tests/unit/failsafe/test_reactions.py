@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from gcs.config.schema import Config
 from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
 from gcs.failsafe.policy import SEVERITY, Action, Cause, ReactionSettings
-from gcs.failsafe.triggers import Known, Roles, Seen, Wish, advance, is_calm, look
+from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen, advance, is_calm, look
 from gcs.safety.walls import Fence
 
 N = 8
@@ -61,24 +61,24 @@ class Rules:
         self.paused_s = 0.0
         self.was_calm = True
 
-    def see(self, seen: Seen, for_s: float = TICK_S) -> tuple[Wish, ...]:
+    def see(self, seen: Seen, for_s: float = TICK_S) -> tuple[FailsafeRequest, ...]:
         """The same for a while. Returns: what is wanted at the end."""
-        wishes: tuple[Wish, ...] = ()
+        requests: tuple[FailsafeRequest, ...] = ()
         for _ in range(round(for_s / TICK_S)):
             self.now_s += TICK_S
             now = replace(seen, time_s=self.now_s, silent=self.lost.copy())
             known, on, weather = look(now, self.known, self.settings)
             self.was_calm = is_calm(on, known, now, self.settings, weather)
             if self.was_calm:
-                self.known, wishes = known, ()
+                self.known, requests = known, ()
                 continue
             roles = Roles(self.flying & ~self.lost, self.flying & ~self.lost, self.lost, self.paused_s)
-            self.known, wishes = advance(on, roles, now, known, self.settings, weather)
-        return wishes
+            self.known, requests = advance(on, roles, now, known, self.settings, weather)
+        return requests
 
 
-def describe(wishes: tuple[Wish, ...]) -> list[tuple[Cause, Action, tuple[int, ...]]]:
-    return [(wish.cause, wish.action, wish.rows) for wish in wishes]
+def describe(requests: tuple[FailsafeRequest, ...]) -> list[tuple[Cause, Action, tuple[int, ...]]]:
+    return [(request.cause, request.action, request.rows) for request in requests]
 
 
 def test_nothing_happens_and_nothing_is_wanted() -> None:
@@ -129,9 +129,9 @@ def test_a_battery_about_its_limit_is_one_low_battery_until_it_is_clearly_above(
         assert describe(rules.see(calm(battery=one(0.195, 0.8)), 8.0)) == [
             (Cause.LOW_BATTERY, Action.RETURN, (0,))
         ]
-        wishes = rules.see(calm(battery=one(0.215, 0.8)), 8.0)
-        assert describe(wishes) == [(Cause.LOW_BATTERY, Action.RETURN, (0,))]
-        assert wishes[0].since_s < 2.2, "the first, and no other"
+        requests = rules.see(calm(battery=one(0.215, 0.8)), 8.0)
+        assert describe(requests) == [(Cause.LOW_BATTERY, Action.RETURN, (0,))]
+        assert requests[0].since_s < 2.2, "the first, and no other"
     assert rules.see(calm(battery=one(0.24, 0.8)), 5.2) == ()
 
 
@@ -143,12 +143,12 @@ def test_what_comes_and_goes_faster_than_it_must_last_is_none() -> None:
 
 
 def test_a_critical_battery_is_more_severe_than_a_low_one() -> None:
-    wishes = Rules().see(calm(battery=one(0.09, 0.8)), 2.2)
-    assert describe(wishes) == [
+    requests = Rules().see(calm(battery=one(0.09, 0.8)), 2.2)
+    assert describe(requests) == [
         (Cause.CRITICAL_BATTERY, Action.LAND, (0,)),
         (Cause.LOW_BATTERY, Action.RETURN, (0,)),
     ]
-    assert "9%" in wishes[0].reason
+    assert "9%" in requests[0].reason
 
 
 def test_a_bad_position_that_lasts_is_landed_and_only_that_vehicle() -> None:
@@ -166,8 +166,8 @@ def test_three_jumps_within_half_a_minute_are_a_bad_position(apart_s: float, fou
     rules = Rules()
     for _ in range(2):
         assert rules.see(calm(reset_time_s=one(rules.now_s + TICK_S, -np.inf)), apart_s) == ()
-    wishes = rules.see(calm(reset_time_s=one(rules.now_s + TICK_S, -np.inf)), 0.5)
-    assert describe(wishes) == ([(Cause.BAD_POSITION, Action.HOLD, (0,))] if found else [])
+    requests = rules.see(calm(reset_time_s=one(rules.now_s + TICK_S, -np.inf)), 0.5)
+    assert describe(requests) == ([(Cause.BAD_POSITION, Action.HOLD, (0,))] if found else [])
 
 
 @pytest.mark.parametrize(
@@ -187,8 +187,8 @@ def test_the_fence_is_ahead_where_the_way_leads_out_of_it(
 ) -> None:
     position_m, flown_m_s = calm().position_m.copy(), np.zeros((N, 3))
     position_m[0], flown_m_s[0] = (x_m, 0.0, -height_m), velocity_m_s
-    wishes = Rules().see(calm(position_m=position_m, velocity_m_s=flown_m_s, wanted_m_s=flown_m_s), 0.5)
-    assert describe(wishes) == ([(Cause.FENCE, Action.RETURN, (0,))] if crosses else [])
+    requests = Rules().see(calm(position_m=position_m, velocity_m_s=flown_m_s, wanted_m_s=flown_m_s), 0.5)
+    assert describe(requests) == ([(Cause.FENCE, Action.RETURN, (0,))] if crosses else [])
 
 
 def test_whoever_brakes_for_the_fence_as_the_filter_allows_is_not_about_to_cross_it() -> None:
@@ -228,12 +228,12 @@ def test_wind_that_lasts_after_an_operator_resumed_does_not_grow_into_a_way_home
 def test_too_many_are_lost_when_count_and_share_are_reached(lost: int, found: bool) -> None:
     rules = Rules()
     rules.lost[:lost] = True
-    causes = [wish.cause for wish in rules.see(calm())]
+    causes = [request.cause for request in rules.see(calm())]
     assert (Cause.VEHICLES_LOST in causes) is found
     assert Cause.VEHICLE_LOST in causes
     few = Rules(vehicles_lost={"share": 0.3})
     few.lost[:lost] = True
-    assert Cause.VEHICLES_LOST not in [wish.cause for wish in few.see(calm())]
+    assert Cause.VEHICLES_LOST not in [request.cause for request in few.see(calm())]
 
 
 def test_a_target_is_stale_when_it_was_not_renewed() -> None:
@@ -272,14 +272,14 @@ def test_what_is_ignored_is_not_wanted() -> None:
     rules.lost[5:] = True
     blown = np.full((N, 3), 3.0) * (1.0, 0.0, 0.0)
     bad = calm(battery=np.full(N, 0.15), velocity_m_s=blown, target_age_s=99.0, late_s=0.5)
-    assert [wish.cause for wish in rules.see(bad, 20.0)] == [Cause.VEHICLE_LOST]
+    assert [request.cause for request in rules.see(bad, 20.0)] == [Cause.VEHICLE_LOST]
 
 
 # what comes first
 
 
-def wish(cause: Cause, action: Action, *rows: int, whole_show: bool = False) -> Wish:
-    return Wish(cause, action, 0.0, rows, whole_show, "because")
+def request(cause: Cause, action: Action, *rows: int, whole_show: bool = False) -> FailsafeRequest:
+    return FailsafeRequest(cause, action, 0.0, rows, whole_show, "because")
 
 
 def standing(show: int = 0, **vehicles: int) -> Standing:
@@ -289,11 +289,11 @@ def standing(show: int = 0, **vehicles: int) -> Standing:
     return Standing(show, severities, ALL_SHOW)
 
 
-WINDY = wish(Cause.WIND, Action.PAUSE, whole_show=True)
-LOST_MANY = wish(Cause.VEHICLES_LOST, Action.RETURN, 6, 7, whole_show=True)
-LOW = wish(Cause.LOW_BATTERY, Action.RETURN, 0)
-CRITICAL = wish(Cause.CRITICAL_BATTERY, Action.LAND, 0)
-POOR = wish(Cause.BAD_POSITION, Action.HOLD, 0)
+WINDY = request(Cause.WIND, Action.PAUSE, whole_show=True)
+LOST_MANY = request(Cause.VEHICLES_LOST, Action.RETURN, 6, 7, whole_show=True)
+LOW = request(Cause.LOW_BATTERY, Action.RETURN, 0)
+CRITICAL = request(Cause.CRITICAL_BATTERY, Action.LAND, 0)
+POOR = request(Cause.BAD_POSITION, Action.HOLD, 0)
 
 
 def test_the_most_severe_wins() -> None:
@@ -318,16 +318,16 @@ def test_a_vehicle_that_is_not_ours_is_left_alone() -> None:
 def test_what_was_answered_is_not_ordered_again_unless_it_grows_more_severe() -> None:
     acted = {(Cause.LOW_BATTERY, 0): LOW.severity, (Cause.WIND, SHOW_ROW): WINDY.severity}
     assert due([LOW, WINDY], standing(), acted, 0.5) == (None, ())
-    worse = wish(Cause.WIND, Action.RETURN, whole_show=True)
+    worse = request(Cause.WIND, Action.RETURN, whole_show=True)
     show, vehicles = due([worse, CRITICAL, LOW], standing(), acted, 0.5)
     assert show is worse
     assert describe(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
-    both = wish(Cause.LOW_BATTERY, Action.RETURN, 0, 1)
+    both = request(Cause.LOW_BATTERY, Action.RETURN, 0, 1)
     assert describe(due([both], standing(), acted, 0.5)[1]) == [(Cause.LOW_BATTERY, Action.RETURN, (1,))]
 
 
 def test_when_many_have_to_leave_everybody_comes_home() -> None:
-    half = wish(Cause.LOW_BATTERY, Action.RETURN, 0, 1, 2, 3)
+    half = request(Cause.LOW_BATTERY, Action.RETURN, 0, 1, 2, 3)
     show, vehicles = due([half], standing(), {}, 0.5)
     assert show is not None
     assert (show.action, show.whole_show, show.rows) == (Action.RETURN, True, (0, 1, 2, 3))
@@ -389,9 +389,9 @@ def test_strays_over_links_on_time_are_blown_by_the_wind() -> None:
     "poor", [{"link_late_s": np.full(N, 0.35)}, {"link_share": np.full(N, 0.4)}], ids=["late", "lossy"]
 )
 def test_strays_over_poor_links_are_late_links_and_no_wind(poor: dict[str, Any]) -> None:
-    wishes = Rules().see(replace(ASTRAY, **poor), 20.0)
-    assert describe(wishes) == [(Cause.LINKS_LATE, Action.PAUSE, ())]
-    assert "8 of 8" in wishes[0].reason
+    requests = Rules().see(replace(ASTRAY, **poor), 20.0)
+    assert describe(requests) == [(Cause.LINKS_LATE, Action.PAUSE, ())]
+    assert "8 of 8" in requests[0].reason
 
 
 def test_a_late_service_that_is_on_time_again_sends_no_vehicle_home() -> None:
@@ -400,12 +400,12 @@ def test_a_late_service_that_is_on_time_again_sends_no_vehicle_home() -> None:
     assert describe(rules.see(late, 6.0)) == [(Cause.SERVICE_LATE, Action.PAUSE, ())]
     rules.paused_s = 30.0
     for _ in range(8):  # a hiccup now and then keeps the cause from ending, no more
-        (wish,) = rules.see(calm(late_s=0.0), 4.0)
-        assert wish.action is Action.PAUSE
-        assert "over for" in wish.reason
+        (request,) = rules.see(calm(late_s=0.0), 4.0)
+        assert request.action is Action.PAUSE
+        assert "over for" in request.reason
         rules.see(calm(late_s=0.2), 0.6)
-    wishes = rules.see(late, 6.0)
-    assert describe(wishes) == [(Cause.SERVICE_LATE, Action.RETURN, ())], (
+    requests = rules.see(late, 6.0)
+    assert describe(requests) == [(Cause.SERVICE_LATE, Action.RETURN, ())], (
         "it is late now, and a pause did not help"
     )
 
@@ -414,8 +414,8 @@ def test_wind_that_dropped_sends_no_vehicle_home() -> None:
     rules = Rules()
     rules.see(ASTRAY, 8.0)
     rules.paused_s = 30.0
-    (wish,) = rules.see(calm(), 3.0)
-    assert wish.action is Action.PAUSE
+    (request,) = rules.see(calm(), 3.0)
+    assert request.action is Action.PAUSE
     assert describe(rules.see(ASTRAY, 9.0)) == [(Cause.WIND, Action.RETURN, ())]
 
 

@@ -23,7 +23,7 @@ CONFIG = Config.model_validate(
 )
 
 
-def wish(story: Callable[[Orchestrator], Awaitable[None]]) -> None:
+def request(story: Callable[[Orchestrator], Awaitable[None]]) -> None:
     """Play `story` with a service that does not run, on a clock that jumps."""
 
     async def main() -> None:
@@ -53,7 +53,7 @@ def test_a_change_is_refused_by_the_field_that_was_changed_with_what_fits() -> N
         assert "at most 38.0 m" in sphere.allowed
         service.set_formation(Formation(38.0, 50.0))
 
-    wish(story)
+    request(story)
 
 
 def test_a_radius_that_is_too_large_is_refused_with_the_greatest_and_the_height_is_not_blamed() -> None:
@@ -68,7 +68,7 @@ def test_a_radius_that_is_too_large_is_refused_with_the_greatest_and_the_height_
         both = refusal(lambda: service.set_formation(Formation(40.0, 25.0)))
         assert both.field == "height_m"
 
-    wish(story)
+    request(story)
 
 
 def test_orbit_and_sphere_are_checked_against_where_the_target_is_by_then() -> None:
@@ -80,7 +80,7 @@ def test_orbit_and_sphere_are_checked_against_where_the_target_is_by_then() -> N
         assert "at most 48.0 m" in refusal(lambda: service.set_orbit(Orbit(100.0))).allowed
         assert "at most 43.0 m" in refusal(lambda: service.set_formation(Formation(44.0, 50.0))).allowed
 
-    wish(story)
+    request(story)
 
 
 def test_once_the_target_is_beyond_reach_whatever_is_no_larger_can_still_be_wished_for() -> None:
@@ -92,7 +92,7 @@ def test_once_the_target_is_beyond_reach_whatever_is_no_larger_can_still_be_wish
         service.set_orbit(Orbit(14.0))
         assert refusal(lambda: service.set_orbit(Orbit(16.0))).field == "radius_m"
 
-    wish(story)
+    request(story)
 
 
 def test_more_obstacles_than_can_be_looked_at_every_tick_are_refused_with_their_number() -> None:
@@ -105,4 +105,4 @@ def test_more_obstacles_than_can_be_looked_at_every_tick_are_refused_with_their_
         service.remove_obstacle("0")
         service.add_obstacle(Obstacle("one more", 0.0, 90.0, 1.0, 1.0, 5.0))
 
-    wish(story)
+    request(story)

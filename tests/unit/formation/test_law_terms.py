@@ -216,7 +216,7 @@ def test_a_formation_faster_than_the_limit_leaves_nothing_for_the_relative_part(
     )
 
 
-def trimmed(measured: Array, *, wished: float = 0.0, trim: float = 0.0, ticks: int = 1) -> Array:
+def trimmed(measured: Array, *, requested: float = 0.0, trim: float = 0.0, ticks: int = 1) -> Array:
     """After being told to fly at (2, 0, 0), of which 1 is the formation's."""
     one = np.array([[1.0, 0.0, 0.0]])
     trim_m_s, expected = trim * one, np.full((1, 3), np.nan)
@@ -228,7 +228,7 @@ def trimmed(measured: Array, *, wished: float = 0.0, trim: float = 0.0, ticks: i
             measured,
             one,
             np.ones(1, dtype=bool),
-            wished * one,
+            requested * one,
             0.0 * one,
             0.05,
             0.4,
@@ -246,8 +246,8 @@ def test_a_vehicle_that_stays_too_slow_is_told_to_fly_faster_and_no_more_than_so
 
 
 def test_at_a_limit_the_trim_does_not_grow_but_may_shrink() -> None:
-    assert trimmed(np.array([[0.5, 0.0, 0.0]]), wished=12.0, trim=1.0, ticks=50)[0, 0] == 1.0
-    assert trimmed(np.array([[3.5, 0.0, 0.0]]), wished=12.0, trim=1.0, ticks=50)[0, 0] < 1.0
+    assert trimmed(np.array([[0.5, 0.0, 0.0]]), requested=12.0, trim=1.0, ticks=50)[0, 0] == 1.0
+    assert trimmed(np.array([[3.5, 0.0, 0.0]]), requested=12.0, trim=1.0, ticks=50)[0, 0] < 1.0
 
 
 def test_a_vehicle_that_answers_as_expected_is_not_trimmed() -> None:
