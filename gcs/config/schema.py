@@ -25,7 +25,7 @@ from gcs.config.setting_errors import explained, located
 from gcs.config.yaml_source import Source
 from gcs.control import ControlSettings
 from gcs.estimation.position_uncertainty import Positioning
-from gcs.failsafe.policy import ReactionSettings
+from gcs.failsafe.policy import FailsafePolicy
 from gcs.links.endpoints.urls import Listen, Place, occupied
 from gcs.links.endpoints.urls import parse as place_at
 from gcs.links.settings import Forward, RecordSettings, SigningSettings, StreamSettings
@@ -276,7 +276,7 @@ class Config(Settings):
     operation: OperationSettings = OperationSettings()
     control: ControlSettings = ControlSettings()
     positioning: Positioning = Positioning()
-    reactions: ReactionSettings = ReactionSettings()
+    failsafes: FailsafePolicy = FailsafePolicy()
     preflight: PreflightSettings = PreflightSettings()
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
     deadman_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2

@@ -49,7 +49,7 @@ class VehicleFacts:
     mode: Mode
     in_failsafe: bool  # its heartbeat's system_status is CRITICAL or EMERGENCY
     battery_remaining: float  # 0 to 1
-    battery_critical_below: float  # `reactions.low_battery.critical_below`
+    battery_critical_below: float  # `failsafes.low_battery.critical_below`
     texts: Sequence[str]  # its status texts of the last TEXTS_COUNT_S, the oldest first
     setpoint_gap_s: float  # the longest time without a setpoint to it in the last seconds
     setpoint_loss_s: float  # COM_OF_LOSS_T as configured

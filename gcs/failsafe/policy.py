@@ -143,7 +143,7 @@ class ServiceLate(Settings):
     for_s: NotNegative = 3.0
 
 
-class ReactionSettings(Settings):
+class FailsafePolicy(Settings):
     """Every reaction, and what they share."""
 
     vehicle_lost: VehicleLost = VehicleLost()

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.failsafe.policy import SEVERITY, Action, Cause, LinksLate, ReactionSettings
+from gcs.failsafe.policy import SEVERITY, Action, Cause, FailsafePolicy, LinksLate
 from gcs.model.state import Array, Mask
 from gcs.safety.walls import Fence
 
@@ -127,7 +127,7 @@ class Known:
     show: Latch  # (5, 1)
 
     @staticmethod
-    def nothing(count: int, now_s: float, settings: ReactionSettings) -> "Known":
+    def nothing(count: int, now_s: float, settings: FailsafePolicy) -> "Known":
         """At the beginning."""
         jumps_s = np.full((settings.bad_position.jumps, count), -np.inf)
         vehicles, show = Latch.idle(len(OF_VEHICLES), count), Latch.idle(len(OF_THE_SHOW), 1)
@@ -160,7 +160,7 @@ class FailsafeRequest:
         return SEVERITY[self.action]
 
 
-def look(seen: Seen, known: Known, settings: ReactionSettings) -> tuple[Known, Mask, Weather]:
+def look(seen: Seen, known: Known, settings: FailsafePolicy) -> tuple[Known, Mask, Weather]:
     """What happens to whom, as far as telemetry alone tells it; cheap, once a tick.
 
     Returns: averages brought up to date; (7, n) what would befall whoever flies (see OF_VEHICLES); and
@@ -197,9 +197,7 @@ def _poor_links(seen: Seen, settings: LinksLate) -> Mask:
     return poor
 
 
-def _conditions(
-    seen: Seen, jumps_s: Array, commanded: Mask, active: Mask, settings: ReactionSettings
-) -> Mask:
+def _conditions(seen: Seen, jumps_s: Array, commanded: Mask, active: Mask, settings: FailsafePolicy) -> Mask:
     """(7, n), see OF_VEHICLES, of which `active` are; whoever is not in the air is not left out yet."""
     position, battery = settings.bad_position, settings.low_battery
     on = np.zeros((len(OF_VEHICLES), len(seen.battery)), dtype=np.bool_)
@@ -222,7 +220,7 @@ def _beyond_m(seen: Seen, within_s: float) -> tuple[Array, Array]:
     return np.maximum(away_m, -soon_m[:, 2] - seen.fence.height_max_m), seen.fence.height_min_m + soon_m[:, 2]
 
 
-def is_calm(on: Mask, known: Known, seen: Seen, settings: ReactionSettings, weather: Weather) -> bool:
+def is_calm(on: Mask, known: Known, seen: Seen, settings: FailsafePolicy, weather: Weather) -> bool:
     """Whether nothing happens, nor did: then `advance` would say so, too."""
     happens = bool(on.any()) or weather.windy or weather.late or known.late_s > settings.service_late.late_s
     stale = seen.target_age_s > settings.target_stale.after_s  # False for NaN
@@ -230,7 +228,7 @@ def is_calm(on: Mask, known: Known, seen: Seen, settings: ReactionSettings, weat
 
 
 def advance(
-    on: Mask, roles: Roles, seen: Seen, known: Known, settings: ReactionSettings, weather: Weather
+    on: Mask, roles: Roles, seen: Seen, known: Known, settings: FailsafePolicy, weather: Weather
 ) -> tuple[Known, tuple[FailsafeRequest, ...]]:
     """Which reactions are wanted now.
 
@@ -285,7 +283,7 @@ def advance(
 
 
 def _of_vehicles(
-    latch: Latch, holds: Mask, seen: Seen, known: Known, settings: ReactionSettings
+    latch: Latch, holds: Mask, seen: Seen, known: Known, settings: FailsafePolicy
 ) -> list[FailsafeRequest]:
     """One for each cause and action, with the vehicles concerned."""
     battery, position = settings.low_battery, settings.bad_position
@@ -333,7 +331,7 @@ def _least(values: Array, rows: Mask) -> float:
     return float(np.nanmin(values[rows], initial=1.0))
 
 
-def _sudden(seen: Seen, known: Known, rows: Mask, settings: ReactionSettings) -> str:
+def _sudden(seen: Seen, known: Known, rows: Mask, settings: FailsafePolicy) -> str:
     """Why these positions are bad at once."""
     position = settings.bad_position
     if (seen.time_s - known.jumps_s[0][rows] <= position.jumps_within_s).any():
@@ -341,7 +339,7 @@ def _sudden(seen: Seen, known: Known, rows: Mask, settings: ReactionSettings) ->
     return "its position jumped to where it cannot be"
 
 
-def _poor(seen: Seen, rows: Mask, settings: ReactionSettings) -> str:
+def _poor(seen: Seen, rows: Mask, settings: FailsafePolicy) -> str:
     """Why these positions are bad."""
     position = settings.bad_position
     worst_m = float(np.nanmax(seen.horizontal_m[rows], initial=0.0))
@@ -351,7 +349,7 @@ def _poor(seen: Seen, rows: Mask, settings: ReactionSettings) -> str:
 
 
 def _of_the_show(
-    latch: Latch, holds: Mask, seen: Seen, known: Known, roles: Roles, settings: ReactionSettings, losses: str
+    latch: Latch, holds: Mask, seen: Seen, known: Known, roles: Roles, settings: FailsafePolicy, losses: str
 ) -> list[FailsafeRequest]:
     """One for each cause."""
     wind, late = settings.wind, settings.service_late

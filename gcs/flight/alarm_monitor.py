@@ -19,7 +19,7 @@ from gcs.flight.vehicle import Vehicle
 from gcs.model.interrupted_flight import Interrupted
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import VehicleId
-from gcs.service import WHO, OrderRecord, Outcome, Reaction
+from gcs.service import WHO, ActiveFailsafe, OrderRecord, Outcome
 from gcs.service.alarms import (
     Alarm,
     AlarmBook,
@@ -49,7 +49,7 @@ LEVEL: Final = {
     AlarmSeverity.INFORMATION: logging.INFO,
 }
 
-OF_REACTION: Final = {
+OF_FAILSAFE: Final = {
     Cause.LOW_BATTERY: AlarmCause.LOW_BATTERY,
     Cause.CRITICAL_BATTERY: AlarmCause.CRITICAL_BATTERY,
     Cause.BAD_POSITION: AlarmCause.BAD_POSITION,
@@ -104,7 +104,7 @@ VEHICLES_FOLLOW: Final = {
 class Findings:
     """What others than the flight know of at this tick."""
 
-    reactions: Sequence[Reaction] = ()
+    failsafes: Sequence[ActiveFailsafe] = ()
     obstacles_wait: Sequence[str] = ()  # why obstacles of the show do not stand yet
     not_recorded: Sequence[str] = ()
     failed_links: Mapping[str, str] = field(default_factory=dict)  # why, by name
@@ -143,9 +143,9 @@ class AlarmMonitor:
         now_s = self._flight.fleet.time_s
         self._due_s = now_s + PERIOD_S
         conditions = [
-            *self._of_vehicles(findings.reactions),
+            *self._of_vehicles(findings.failsafes),
             *self._of_distances(tick),
-            *_of_reactions(findings.reactions),
+            *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
             *self._of_the_ground(),
             *_of_the_service(findings),
@@ -168,13 +168,13 @@ class AlarmMonitor:
             _tell_acknowledged(alarm)
         return acknowledged
 
-    def _of_vehicles(self, reactions: Sequence[Reaction]) -> Iterator[Condition]:
+    def _of_vehicles(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
         """By phase."""
         vehicles = self._flight.vehicles.values()
         phases = [vehicle.phase for vehicle in vehicles]
         if not {Phase.LOST, Phase.PILOT, Phase.KILLED}.intersection(phases):
             return
-        lost = next((each for each in reactions if each.cause == Cause.VEHICLE_LOST), None)
+        lost = next((each for each in failsafes if each.cause == Cause.VEHICLE_LOST), None)
         follows = "" if lost is None else SHOW_FOLLOWS[Action(lost.action)]
         named = () if lost is None else lost.vehicles
         for vehicle in vehicles:
@@ -276,15 +276,15 @@ class AlarmMonitor:
             yield Condition(AlarmCause.STACKED, flight.columns)
 
 
-def _of_reactions(reactions: Sequence[Reaction]) -> Iterator[Condition]:
-    for each in reactions:
+def _of_failsafes(failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
+    for each in failsafes:
         cause, action = Cause(each.cause), Action(each.action)
-        if cause not in OF_REACTION:
+        if cause not in OF_FAILSAFE:
             continue
         of_vehicles = VEHICLES_FOLLOW if len(each.vehicles) > 1 else VEHICLE_FOLLOWS
         follows = SHOW_FOLLOWS if cause in OF_THE_SHOW else of_vehicles
         yield Condition(
-            OF_REACTION[cause],
+            OF_FAILSAFE[cause],
             each.reason,
             each.vehicles,
             follows.get(action, ""),

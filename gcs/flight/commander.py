@@ -8,7 +8,7 @@ from typing import Final
 from gcs.flight.collective_return import Homecoming
 from gcs.flight.command_log import OrderBook
 from gcs.flight.control_refusal import why_never
-from gcs.flight.failsafe_monitor import Reacting
+from gcs.flight.failsafe_monitor import FailsafeMonitor
 from gcs.flight.fleet import Fleet
 from gcs.flight.landing_assignment import landing_places_m
 from gcs.flight.maneuver_tasks import Done
@@ -29,7 +29,7 @@ from gcs.model.interrupted_flight import Interruption, Offer
 from gcs.model.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import Array, VehicleId
-from gcs.service import OrderRecord, Outcome, Reaction, ShowAction, VehicleAction
+from gcs.service import ActiveFailsafe, OrderRecord, Outcome, ShowAction, VehicleAction
 
 log = logging.getLogger(__name__)
 
@@ -74,7 +74,7 @@ class Commander:
         self._commanded: ShowEvent | None = None  # the newest command to all, where vehicles may be awaited
         self.takeover = Takeover(flight, maneuvers, book, stage, found, self._bring_home, unix_s)
         self._watch = Watch(flight, maneuvers, inspection, self._come_back)
-        self._reacting = Reacting(flight, stage, clock, unix_s, self, maneuvers.running)
+        self._failsafe_monitor = FailsafeMonitor(flight, stage, clock, unix_s, self, maneuvers.running)
 
     def close(self) -> None:
         """Stop planning returns that no vehicle will fly."""
@@ -143,7 +143,7 @@ class Commander:
         """Let the show go on: all up, assembled, all down."""
         flight = self._flight
         self._watch.inspect()
-        self._reacting.look()
+        self._failsafe_monitor.look()
         self._starting.count_down()
         if self._homecoming is not None:
             self._homecoming.advance()
@@ -176,15 +176,15 @@ class Commander:
     # by itself
 
     @property
-    def reactions(self) -> tuple[Reaction, ...]:
+    def failsafes(self) -> tuple[ActiveFailsafe, ...]:
         """Those whose causes last, the most severe first."""
-        return self._reacting.active
+        return self._failsafe_monitor.active
 
-    def react(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> OrderRecord:
+    def execute_failsafe(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> OrderRecord:
         """One order to several vehicles: hold, return or land."""
         return self._vehicle_orders.command_some(vehicles, action)
 
-    def react_show(self, action: ShowAction, reason: str) -> OrderRecord:
+    def execute_show_failsafe(self, action: ShowAction, reason: str) -> OrderRecord:
         """Pause, stop or abort, by the service itself: vehicles that come down already go on doing so.
 
         Control of what is out of control is not taken without an operator's command.

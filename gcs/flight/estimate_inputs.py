@@ -63,7 +63,7 @@ class Estimating:
         heard = now_s - beat_s < flight.config.operation.silence_s
         flying = self._in(IN_THE_AIR) & heard
         self._history.note(remaining, flying, now_s)
-        below = flight.config.reactions.low_battery.below
+        below = flight.config.failsafes.low_battery.below
         known = batteries(self._history, remaining, flying, heard, below, now_s)
         self.newest = replace(known, assembled_s=self._assembled_s(waiting), home_s=self._home_s(left_s))
 

@@ -15,20 +15,20 @@ from gcs.flight.show_player import Stage
 from gcs.flight.ticker import TickClock
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
-from gcs.service import OrderRecord, Reaction, ShowAction, VehicleAction
+from gcs.service import ActiveFailsafe, OrderRecord, ShowAction, VehicleAction
 
 log = logging.getLogger(__name__)
 
 EVERYBODY_LOOKED_AT_S = 1.0
 """So often phases are looked at although the telemetry is calm: a killed vehicle may go on talking."""
 
-SHOW_ORDER: Final = {
+SHOW_COMMAND: Final = {
     Action.PAUSE: ShowAction.PAUSE,
     Action.RETURN: ShowAction.STOP,
     Action.LAND: ShowAction.ABORT,
 }
 
-VEHICLE_ORDER: Final = {
+VEHICLE_COMMAND: Final = {
     Action.HOLD: VehicleAction.HOLD,
     Action.RETURN: VehicleAction.RETURN,
     Action.LAND: VehicleAction.LAND,
@@ -53,14 +53,14 @@ FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 """Phases in which a show can be paused, and closes its gaps."""
 
 
-class Orders(Protocol):
+class FailsafeCommands(Protocol):
     """What can be ordered, see `gcs.flight.commander`."""
 
-    def react(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> OrderRecord:
+    def execute_failsafe(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> OrderRecord:
         """One order to several vehicles."""
         ...
 
-    def react_show(self, action: ShowAction, reason: str) -> OrderRecord:
+    def execute_show_failsafe(self, action: ShowAction, reason: str) -> OrderRecord:
         """Pause, stop or abort."""
         ...
 
@@ -73,7 +73,7 @@ class Orders(Protocol):
         ...
 
 
-class Reacting:
+class FailsafeMonitor:
     """The reactions of one flight. Changed only on the event loop."""
 
     def __init__(
@@ -82,7 +82,7 @@ class Reacting:
         stage: Stage,
         clock: TickClock,
         unix_s: Callable[[], float],
-        orders: Orders,
+        commands: FailsafeCommands,
         is_busy: Callable[[Vehicle], bool],
     ) -> None:
         """`is_busy` tells who is on an errand."""
@@ -90,18 +90,18 @@ class Reacting:
         self._stage = stage
         self._clock = clock
         self._unix_s = unix_s
-        self._orders = orders
+        self._commands = commands
         self._is_busy = is_busy
-        self._settings = flight.config.reactions
+        self._settings = flight.config.failsafes
         self._known = Known.nothing(len(flight.vehicles), flight.fleet.time_s, self._settings)
         self._acted: dict[tuple[Cause, int], int] = {}
-        self._ordered: dict[tuple[Cause, Action], str] = {}
+        self._commanded: dict[tuple[Cause, Action], str] = {}
         self._sent: dict[int, int] = {}  # severity of what was ordered of a vehicle that is on its errand
         self._held: dict[tuple[Cause, Action], bool] = {}
         self._lost_before: set[str] = set()
         self._looked_s = -np.inf
         self._paused_since_s: float | None = None
-        self.active: tuple[Reaction, ...] = ()
+        self.active: tuple[ActiveFailsafe, ...] = ()
 
     def look(self) -> None:
         """Once a tick."""
@@ -118,7 +118,7 @@ class Reacting:
         self._known, requests = advance(on, roles, seen, known, self._settings, weather)
         if not requests and not self.active:
             return
-        self._react(requests)
+        self._execute(requests)
         self._show(requests)
 
     def _seen(self) -> Seen:
@@ -169,7 +169,7 @@ class Reacting:
         elif self._paused_since_s is None:
             self._paused_since_s = now_s
 
-    def _react(self, requests: Sequence[FailsafeRequest]) -> None:
+    def _execute(self, requests: Sequence[FailsafeRequest]) -> None:
         """Order what is due, and remember what needs no order any more."""
         self._sent = {
             row: sent for row, sent in self._sent.items() if self._is_busy(self._flight.at_row(row))
@@ -207,11 +207,13 @@ class Reacting:
 
     def _of_show(self, request: FailsafeRequest) -> OrderRecord:
         if request.action is Action.RE_FORM:
-            return self._orders.note_re_formed()
+            return self._commands.note_re_formed()
         if request.action is Action.HOLD_TARGET:
             self._stage.hold_target()
-            return self._orders.note_target_held()
-        return self._orders.react_show(SHOW_ORDER[request.action], f"{request.cause}: {request.reason}")
+            return self._commands.note_target_held()
+        return self._commands.execute_show_failsafe(
+            SHOW_COMMAND[request.action], f"{request.cause}: {request.reason}"
+        )
 
     def _act(self, request: FailsafeRequest) -> None:
         """Order those vehicles; who still climbs is not stopped half-way, but may be landed."""
@@ -223,7 +225,7 @@ class Reacting:
         if able:
             request = replace(request, rows=tuple(able))
             vehicles = [self._flight.at_row(row) for row in able]
-            self._note(request, self._orders.react(vehicles, VEHICLE_ORDER[request.action]))
+            self._note(request, self._commands.execute_failsafe(vehicles, VEHICLE_COMMAND[request.action]))
 
     def _note(self, request: FailsafeRequest, record: OrderRecord) -> None:
         """Remember that it was ordered, and say so."""
@@ -231,9 +233,9 @@ class Reacting:
             self._acted[key] = max(self._acted.get(key, 0), request.severity)
         rows = [v.row for v in self._flight.airborne] if request.whole_show else request.rows
         self._sent |= dict.fromkeys(rows, request.severity)
-        self._ordered[request.cause, request.action] = record.id
-        told = {"cause": request.cause.value, "action": request.action.value, "order": record.id}
-        log.warning("reaction", extra={**told, "vehicles": self._named(request), "reason": request.reason})
+        self._commanded[request.cause, request.action] = record.id
+        told = {"cause": request.cause.value, "action": request.action.value, "command": record.id}
+        log.warning("failsafe", extra={**told, "vehicles": self._named(request), "reason": request.reason})
 
     def _named(self, request: FailsafeRequest) -> tuple[str, ...]:
         return tuple(self._flight.fleet.ids[row] for row in request.rows)
@@ -241,10 +243,10 @@ class Reacting:
     def _show(self, requests: Sequence[FailsafeRequest]) -> None:
         """Keep what people see, and say what is over."""
         lasting = {(request.cause, request.action) for request in requests}
-        self._ordered = {key: order for key, order in self._ordered.items() if key in lasting}
-        for reaction in self.active:
-            if not any(cause == reaction.cause for cause, _ in lasting):
-                log.info("reaction_over", extra={"cause": reaction.cause})
+        self._commanded = {key: command for key, command in self._commanded.items() if key in lasting}
+        for failsafe in self.active:
+            if not any(cause == failsafe.cause for cause, _ in lasting):
+                log.info("failsafe_over", extra={"cause": failsafe.cause})
         began = {(each.cause, each.action): each for each in self.active}
         now_s, unix_s = self._flight.fleet.time_s, self._unix_s()
         active = []
@@ -259,14 +261,14 @@ class Reacting:
             ):
                 reason = before.reason  # its numbers may change in every tick
             active.append(
-                Reaction(
+                ActiveFailsafe(
                     request.cause.value,
                     request.action.value,
                     reason,
                     named,
                     request.since_s,
                     unix_s - (now_s - request.since_s) if before is None else before.since_unix_s,
-                    self._ordered.get((request.cause, request.action)),
+                    self._commanded.get((request.cause, request.action)),
                 )
             )
         self._held = {(request.cause, request.action): request.holds for request in requests}

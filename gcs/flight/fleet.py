@@ -265,7 +265,7 @@ class Fleet:
             mode=telemetry.mode[at],
             in_failsafe=telemetry.in_failsafe[at],
             battery_remaining=float(telemetry.battery_remaining[at]),
-            battery_critical_below=self.config.reactions.low_battery.critical_below,
+            battery_critical_below=self.config.failsafes.low_battery.critical_below,
             texts=[said.text for said in telemetry.texts[at] if now_s - said.time_s <= TEXTS_COUNT_S],
             setpoint_gap_s=self.setpoint_gaps.longest_s(vehicle.row, now_s),
             setpoint_loss_s=self.config.operation.setpoint_loss_s,

@@ -201,7 +201,7 @@ class Orchestrator:
         links = self._flight.links
         recorded = () if self._record is None else self._record.problems
         return Findings(
-            reactions=commander.reactions,
+            failsafes=commander.failsafes,
             obstacles_wait=self._stage.waits,
             not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
             failed_links=self._failed_links,
@@ -264,7 +264,7 @@ class Orchestrator:
             unix_time_s=self._unix_s(),
             performance=flight.performance,
             start_unix_s=self._start_unix_s,
-            reactions=() if self._commander is None else self._commander.reactions,
+            failsafes=() if self._commander is None else self._commander.failsafes,
             interrupted=None if self._commander is None else self._commander.takeover.view(),
             alarms=self._alarms.alarms,
         )

@@ -14,7 +14,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.state import Array, FleetState, Telemetry, Traits, VehicleId
 from gcs.safety.filter import SafetySettings
-from gcs.service import FleetView, Reaction, TickView
+from gcs.service import ActiveFailsafe, FleetView, TickView
 from gcs.service.alarms import Alarm
 from gcs.service.flight_envelope import bounds
 from gcs.service.vehicle_table import VehicleRows
@@ -45,7 +45,7 @@ def fleet_view(
     unix_time_s: float,
     performance: Performance | None = None,
     start_unix_s: float | None = None,
-    reactions: Sequence[Reaction] = (),
+    failsafes: Sequence[ActiveFailsafe] = (),
     interrupted: Interrupted | None = None,
     alarms: Sequence[Alarm] = (),
     estimates: Estimates | None = None,
@@ -81,7 +81,7 @@ def fleet_view(
         interrupted=interrupted,
         estimates=estimates,
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
-        reactions=tuple(reactions),
+        failsafes=tuple(failsafes),
         alarms=tuple(alarms),
     )
 

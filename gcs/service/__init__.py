@@ -10,13 +10,13 @@ from gcs.service.interface import Audit, Call, NoAudit, Replaying, Service, Show
 from gcs.service.latest import Latest
 from gcs.service.replay_marks import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
 from gcs.service.snapshots import (
+    ActiveFailsafe,
     Bounds,
     Certification,
     CheckState,
     FleetView,
     Histogram,
     Playback,
-    Reaction,
     SelectedShow,
     ShowCheck,
     StoredShow,
@@ -25,6 +25,7 @@ from gcs.service.snapshots import (
 
 __all__ = [
     "WHO",
+    "ActiveFailsafe",
     "Audit",
     "Bounds",
     "Call",
@@ -42,7 +43,6 @@ __all__ = [
     "Outcome",
     "PhaseSpan",
     "Playback",
-    "Reaction",
     "ReplayMarks",
     "Replaying",
     "SelectedShow",

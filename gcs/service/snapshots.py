@@ -87,7 +87,7 @@ class TickView:
 
 
 @dataclass(frozen=True, slots=True)
-class Reaction:
+class ActiveFailsafe:
     """What the service does by itself, for as long as its cause lasts; see `gcs.failsafe.policy`."""
 
     cause: str
@@ -158,7 +158,7 @@ class FleetView:
     selected: SelectedShow | None = None  # None: formation, target and orbit are as told
     start_unix_time_s: float | None = None  # ordered, and not reached yet
     countdown_s: float | None = None
-    reactions: tuple[Reaction, ...] = ()  # those whose causes last, the most severe first
+    failsafes: tuple[ActiveFailsafe, ...] = ()  # those whose causes last, the most severe first
     interrupted: Interrupted | None = None  # a flight that was cut off, and is not settled
     playback: Playback | None = None  # None: this is no replay
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay

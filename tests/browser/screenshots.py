@@ -195,8 +195,8 @@ def main() -> None:
     raw = flying_config(COUNT, port, silence_s=5.0).model_dump()
     raw["api"]["port"] = free_ports()
     raw["formation"] |= {"radius_m": 10.0, "height_m": 18.0}
-    raw["reactions"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
-    raw["reactions"]["links_late"] |= {"late_s": 5.0, "arrive_min": 0.2}  # and takes time from the vehicles
+    raw["failsafes"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
+    raw["failsafes"]["links_late"] |= {"late_s": 5.0, "arrive_min": 0.2}  # and takes time from the vehicles
     config = configuration.Config.model_validate(raw)
     url = f"http://127.0.0.1:{config.api.port}"
     with tempfile.TemporaryDirectory() as temporary, browser() as chrome:

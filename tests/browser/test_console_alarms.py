@@ -86,8 +86,8 @@ def broken_fleet(folder: Path, count: int = COUNT) -> Iterator[Field]:
     raw["api"]["port"] = free_ports()
     raw["formation"] |= {"radius_m": 9.0, "height_m": 15.0}
     raw["map"] = {"tiles": str(folder / "none.mbtiles")}
-    raw["reactions"]["service_late"]["action"] = "ignore"
-    raw["reactions"]["vehicles_lost"] |= {"action": "pause", "count": 2, "share": 0.01}
+    raw["failsafes"]["service_late"]["action"] = "ignore"
+    raw["failsafes"]["vehicles_lost"] |= {"action": "pause", "count": 2, "share": 0.01}
     wind = {
         "action": "pause",
         "then_return_after_s": None,
@@ -95,8 +95,8 @@ def broken_fleet(folder: Path, count: int = COUNT) -> Iterator[Field]:
         "for_s": 1.5,  # a machine that stands still for a moment is no wind
         "share": 0.05,
     }
-    raw["reactions"]["wind"] |= wind  # also of a fleet that is paused, and steers against it
-    raw["reactions"]["links_late"] |= {"late_s": 5.0, "arrive_min": 0.2}  # a busy machine is no late link
+    raw["failsafes"]["wind"] |= wind  # also of a fleet that is paused, and steers against it
+    raw["failsafes"]["links_late"] |= {"late_s": 5.0, "arrive_min": 0.2}  # a busy machine is no late link
     config = configuration.Config.model_validate(raw)
     command = [sys.executable, "-m", "gcs.sim", "--count", str(count), "--port-base", str(port)]
     command += ["--origin", ORIGIN, "--grid-columns", "4", "--quirk", "late-ready=off"]

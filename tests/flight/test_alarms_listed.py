@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import pytest
-from reaction_stories import reaction
+from reaction_stories import failsafe
 from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 from gcs.api.console_feed import Feed
@@ -18,7 +18,7 @@ from gcs.service import ShowAction, VehicleAction
 from gcs.service.alarms import RANK, Alarm, AlarmCause, AlarmSeverity
 
 WITHIN_S: Final = 1.0
-REACTIONS: Final = {
+FAILSAFES: Final = {
     "low_battery": {"for_s": 0.0, "action": "hold"},
     "bad_position": {"for_s": 0.0, "then_land_after_s": None},
     "vehicles_lost": {"action": "ignore"},
@@ -49,7 +49,7 @@ class Trouble:
 
 
 def reacts_to(cause: Cause) -> Callable[[Show], bool]:
-    return lambda show: reaction(show, cause) is not None
+    return lambda show: failsafe(show, cause) is not None
 
 
 def near_each_other(show: Show) -> None:
@@ -164,7 +164,7 @@ def test_twelve_causes_in_any_order_are_each_listed_within_a_second_the_most_sev
             assert not hidden, "what is new pushed out what lasts"
 
     config = show_config(
-        12, operation=HOLDS_WHEN_LOST, reactions=REACTIONS, formation={"radius_m": 9.0, "height_m": 16.0}
+        12, operation=HOLDS_WHEN_LOST, failsafes=FAILSAFES, formation={"radius_m": 9.0, "height_m": 16.0}
     )
     fly(story, config, heart=supervisor, grid_columns=4, spacing_m=6.0)
 

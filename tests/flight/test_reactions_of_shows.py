@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import written_show
-from reaction_stories import by_itself, carried_out, off_pad_m, off_sphere_m, reaction, reacts
+from reaction_stories import by_itself, carried_out, failsafe, off_pad_m, off_sphere_m, reacts
 from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 from gcs.failsafe.policy import Cause
@@ -38,7 +38,7 @@ def test_too_much_wind_pauses_the_show_and_an_operator_resumes_it() -> None:
         assert show.view.show is ShowPhase.PAUSED
         assert "too much wind" in show.view.reason
         storm(show, 0.0)
-        await show.until(lambda: reaction(show, Cause.WIND) is None)
+        await show.until(lambda: failsafe(show, Cause.WIND) is None)
         await show.wait(10.0)
         assert show.view.show is ShowPhase.PAUSED, "no vehicle flies on by itself"
         assert [order.action for order in by_itself(show)[1:]] == ["pause"]
@@ -75,7 +75,7 @@ def test_wind_that_can_be_flown_in_is_none_of_its_business() -> None:
         storm(show, 6.0)
         await show.start()
         await show.wait(30.0)
-        assert show.view.reactions == ()
+        assert show.view.failsafes == ()
         assert show.view.show is ShowPhase.RUNNING
         show.service.command_show(ShowAction.STOP)
         await home(show)
@@ -113,17 +113,17 @@ def test_whom_an_earlier_show_lost_is_no_loss_of_this_one() -> None:
         assert show.view.reason.startswith("too many vehicles lost")
         await show.reach(ShowPhase.LANDED, 120.0)
         await show.wait(7.0)
-        assert show.view.reactions == (), "it is over; an alarm names the lost vehicles"
+        assert show.view.failsafes == (), "it is over; an alarm names the lost vehicles"
         show.service.command_show(ShowAction.START, ("d1", "d3"))
         await show.reach(ShowPhase.RUNNING)
         await show.wait(5.0)
         assert show.view.show is ShowPhase.RUNNING
-        assert show.view.reactions == ()
+        assert show.view.failsafes == ()
         show.link.silence("d3")
         await show.reach(ShowPhase.RETURNING)
 
-    reactions = {"vehicles_lost": {"count": 1, "share": 0.3}}
-    fly(story, show_config(3, operation=HOLDS_WHEN_LOST, reactions=reactions))
+    failsafes = {"vehicles_lost": {"count": 1, "share": 0.3}}
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST, failsafes=failsafes))
 
 
 def test_target_stale_is_held_where_it_is_until_it_is_told_again(tmp_path: Path) -> None:
@@ -147,13 +147,13 @@ def test_target_stale_is_held_where_it_is_until_it_is_told_again(tmp_path: Path)
         await show.wait(2.0)
         assert show.view.target_m == stands_m
         show.service.set_target(Target(*stands_m, -0.5, 0.0))
-        await show.until(lambda: reaction(show, Cause.TARGET_STALE) is None, 8.0)
+        await show.until(lambda: failsafe(show, Cause.TARGET_STALE) is None, 8.0)
         assert show.view.target_m[0] < stands_m[0]
         assert show.track.between(told_s).hardest_change_m_s() < 1.5, "without a jump"
         show.service.command_show(ShowAction.STOP)
         await home(show)
 
-    written_show.fly(story, written_show.config(tmp_path, reactions={"clear_s": 1.0}))
+    written_show.fly(story, written_show.config(tmp_path, failsafes={"clear_s": 1.0}))
 
 
 def test_target_told_once_without_a_show_goes_on_as_it_was_told() -> None:
@@ -161,7 +161,7 @@ def test_target_told_once_without_a_show_goes_on_as_it_was_told() -> None:
         await show.start()
         show.service.set_target(Target(3.0, 1.0, 0.3, 0.0))
         await show.wait(20.0)
-        assert show.view.reactions == ()
+        assert show.view.failsafes == ()
         assert show.view.plan.target.speed_m_s == 0.3
 
     fly(story, show_config(2))
@@ -193,7 +193,7 @@ def test_service_late_once_changes_nothing() -> None:
         await show.wait(0.1)
         show.link.takes_s = 0.0
         await show.wait(8.0)
-        assert Cause.SERVICE_LATE.value not in {each.cause for each in show.view.reactions}
+        assert Cause.SERVICE_LATE.value not in {each.cause for each in show.view.failsafes}
         assert ShowPhase.PAUSED not in show.track.show_phases()
 
     fly(story, show_config(3, operation=HOLDS_WHEN_LOST))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reaction_stories import by_itself, carried_out, nearest_m, off_pad_m, off_sphere_m, reaction, reacts
+from reaction_stories import by_itself, carried_out, failsafe, nearest_m, off_pad_m, off_sphere_m, reacts
 from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 from gcs.failsafe.policy import Cause
@@ -37,7 +37,7 @@ def test_vehicle_lost_the_rest_re_form() -> None:
         assert any(text.startswith("Vehicle d3 lost: ") for text in alarm_texts(show))
         assert len(by_itself(show)) == 2, "the start, and this once"
         show.link.restore("d3")
-        await show.until(lambda: reaction(show, Cause.VEHICLE_LOST) is None)
+        await show.until(lambda: failsafe(show, Cause.VEHICLE_LOST) is None)
         await lands_all(show)
 
     fly(story, show_config(5, operation=HOLDS_WHEN_LOST))
@@ -53,11 +53,11 @@ def test_vehicle_lost_pauses_the_show_where_that_is_set() -> None:
         await show.reach(ShowPhase.RUNNING)
         await show.wait(10.0)
         assert show.view.show is ShowPhase.RUNNING, "the operator's later order counts"
-        assert reaction(show, Cause.VEHICLE_LOST) is not None
+        assert failsafe(show, Cause.VEHICLE_LOST) is not None
         await lands_all(show)
 
     config = show_config(
-        4, operation=HOLDS_WHEN_LOST, reactions={"vehicle_lost": {"action": "pause"}, "clear_s": 2.0}
+        4, operation=HOLDS_WHEN_LOST, failsafes={"vehicle_lost": {"action": "pause"}, "clear_s": 2.0}
     )
     fly(story, config)
 
@@ -80,7 +80,7 @@ def test_low_battery_leaves_the_formation_and_goes_home_while_the_rest_re_form()
         assert show.view.show is ShowPhase.RUNNING
         assert {show.vehicle(name).phase for name in OTHERS} == {Phase.FORMATION}
         assert off_sphere_m(show, *OTHERS) < 1.2
-        assert reaction(show, Cause.LOW_BATTERY) is None, "it is down"
+        assert failsafe(show, Cause.LOW_BATTERY) is None, "it is down"
         await lands_all(show)
 
     fly(story, show_config(5))
@@ -116,7 +116,7 @@ def test_low_battery_overruled_by_an_operator_acts_again_only_when_it_is_critica
         assert (await show.order("d2", VehicleAction.JOIN)).outcome is Outcome.DONE
         await show.wait(12.0)
         assert show.vehicle("d2").phase is Phase.FORMATION
-        assert reaction(show, Cause.LOW_BATTERY) is not None, "and it is still told"
+        assert failsafe(show, Cause.LOW_BATTERY) is not None, "and it is still told"
         assert show.service.order(str(told.order_id)).outcome is Outcome.FAILED
         show.befall("d2", "battery", remaining=0.08)
         await show.phase("d2", Phase.LANDING)
@@ -153,7 +153,7 @@ def test_low_battery_of_a_pilots_vehicle_is_the_pilots_business() -> None:
         show.befall("d2", "battery", remaining=0.05)
         await show.wait(10.0)
         assert len(show.link.orders["d2"]) == orders
-        assert show.view.reactions == ()
+        assert show.view.failsafes == ()
         assert show.view.show is ShowPhase.RUNNING
 
     fly(story)
@@ -173,7 +173,7 @@ def test_low_battery_on_the_way_up_is_landed_straight_down_and_the_others_go_on(
         assert {show.vehicle(name).phase for name in ("d1", "d3")} == {Phase.FORMATION}
         await lands_all(show)
 
-    fly(story, show_config(3, reactions={"low_battery": {"for_s": 0.5}}))
+    fly(story, show_config(3, failsafes={"low_battery": {"for_s": 0.5}}))
 
 
 def test_low_battery_is_left_to_the_autopilot_where_it_is_ignored() -> None:
@@ -181,10 +181,10 @@ def test_low_battery_is_left_to_the_autopilot_where_it_is_ignored() -> None:
         await show.start()
         show.befall("d2", "battery", remaining=0.15)
         await show.wait(10.0)
-        assert show.view.reactions == ()
+        assert show.view.failsafes == ()
         assert show.vehicle("d2").phase is Phase.FORMATION
 
-    fly(story, show_config(3, reactions={"low_battery": {"action": "ignore"}}))
+    fly(story, show_config(3, failsafes={"low_battery": {"action": "ignore"}}))
 
 
 def test_bad_position_holds_then_lands() -> None:
@@ -214,7 +214,7 @@ def test_bad_position_that_gets_better_leaves_it_holding_until_it_is_told_to_joi
         show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
         await show.phase("d2", Phase.HOLD)
         show.befall("d2", "accuracy", eph_m=0.9, epv_m=1.8)
-        await show.until(lambda: reaction(show, Cause.BAD_POSITION) is None)
+        await show.until(lambda: failsafe(show, Cause.BAD_POSITION) is None)
         await show.wait(10.0)
         assert show.vehicle("d2").phase is Phase.HOLD
         assert (await show.order("d2", VehicleAction.JOIN)).outcome is Outcome.DONE
@@ -229,7 +229,7 @@ def test_bad_position_by_jumping_again_and_again() -> None:
         for east_m in (0.4, -0.4):
             show.befall("d2", "position-reset", east_m=east_m)
             await show.wait(5.0)
-        assert show.view.reactions == ()
+        assert show.view.failsafes == ()
         assert show.vehicle("d2").phase is Phase.FORMATION
         show.befall("d2", "position-reset", east_m=0.4)
         told = await reacts(show, Cause.BAD_POSITION)
@@ -281,7 +281,7 @@ def test_fence_about_to_be_crossed_brings_it_back(action: str) -> None:
         4,
         control={"safety": {"fence": {"distance_max_m": FENCE_M}}},
         operation={"pads_within_m": 30.0},
-        reactions={"fence": {"action": action}},
+        failsafes={"fence": {"action": action}},
     )
     fly(story, config)
 

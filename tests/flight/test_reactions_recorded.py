@@ -27,11 +27,11 @@ def test_a_reaction_is_in_the_audit_as_an_order_of_the_services_with_its_cause(t
         fly(low_battery, config, record=record)
     (order,) = [each for each in orders(tmp_path) if each.action == "return"]
     assert (order.who, dict(order.outcomes)) == ("service", {"d2": ("done", "")})
-    (told,) = [event["detail"] for event in events(tmp_path) if event["event"] == "reaction"]
+    (told,) = [event["detail"] for event in events(tmp_path) if event["event"] == "failsafe"]
     assert told["cause"] == "low battery"
     assert told["order"] == order.id
     assert told["vehicles"] == ["d2"]
     assert told["reason"] == "battery at 17%, below 20%"
-    assert [event["detail"]["cause"] for event in events(tmp_path) if event["event"] == "reaction_over"] == [
+    assert [event["detail"]["cause"] for event in events(tmp_path) if event["event"] == "failsafe_over"] == [
         "low battery"
     ]

@@ -21,6 +21,7 @@ from gcs.model.state import Array, Landed, Mode
 from gcs.recording.replay.playhead import Playhead
 from gcs.service import (
     WHO,
+    ActiveFailsafe,
     Audit,
     Bounds,
     Certification,
@@ -32,7 +33,6 @@ from gcs.service import (
     OrderRecord,
     Outcome,
     Playback,
-    Reaction,
     Replaying,
     ReplayMarks,
     SelectedShow,
@@ -140,7 +140,7 @@ class FakeService:
         self.selected: SelectedShow | None = None
         self.interrupted: Interrupted | None = None
         self.start_unix_s: float | None = None
-        self.reactions: tuple[Reaction, ...] = ()
+        self.failsafes: tuple[ActiveFailsafe, ...] = ()
         self.conditions: tuple[Condition, ...] = ()
         self.book = AlarmBook()
         self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
@@ -389,7 +389,7 @@ class FakeService:
             playback=None if self.record is None else self.record.playback,
             start_unix_time_s=self.start_unix_s,
             countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
-            reactions=self.reactions,
+            failsafes=self.failsafes,
             alarms=self.book.alarms,
         )
 

@@ -294,8 +294,8 @@ def station(
     raw["map"] = ground
     raw["show_frame"]["heading_deg"] = heading_deg
     raw["shows"] = {"folder": folder / "shows"}
-    raw["reactions"]["links_late"]["action"] = "ignore"
-    raw["reactions"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
+    raw["failsafes"]["links_late"]["action"] = "ignore"
+    raw["failsafes"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
     config = configuration.Config.model_validate(raw)
     faults = () if control is None else ("--control", str(control))
     with (

@@ -54,7 +54,7 @@ def flying_config(
     raw["operation"]["takeoff_stagger_s"] = 0.2
     raw["operation"] |= {"silence_s": silence_s, "setpoint_loss_s": PATIENT_S, **operation}
     for cause in ("service_late", "links_late", "wind"):  # a busy machine is late, and ends no flight here
-        raw["reactions"][cause]["action"] = "ignore"
+        raw["failsafes"][cause]["action"] = "ignore"
     return configuration.Config.model_validate(raw)
 
 
@@ -121,7 +121,7 @@ def session_of(name: str, folder: Path, *sim_options: str) -> Iterator[tuple[str
     text = configuration.find(name).read_text(encoding="utf-8").replace("14540", str(base))
     text = text.replace("operation:\n", f"operation:\n  setpoint_loss_s: {PATIENT_S}\n")
     text = text.replace("takeoff_stagger_s: 2.0", "takeoff_stagger_s: 0.5")
-    assert "reactions:" not in text
+    assert "failsafes:" not in text
     ignored = ", ".join(f"{cause}: {{action: ignore}}" for cause in ("service_late", "links_late", "wind"))
     text += f"\nreactions: {{{ignored}}}\n"
     config = folder / f"{name}.yaml"

@@ -4,18 +4,18 @@ import numpy as np
 from virtual_show import Show
 
 from gcs.failsafe.policy import Cause
-from gcs.service import OrderRecord, Reaction
+from gcs.service import ActiveFailsafe, OrderRecord
 
 
-def reaction(show: Show, cause: Cause) -> Reaction | None:
+def failsafe(show: Show, cause: Cause) -> ActiveFailsafe | None:
     """The reaction to a cause that lasts, as people see it; None: there is none."""
-    return next((each for each in show.view.reactions if each.cause == cause.value), None)
+    return next((each for each in show.view.failsafes if each.cause == cause.value), None)
 
 
-async def reacts(show: Show, cause: Cause, limit_s: float = 30.0) -> Reaction:
+async def reacts(show: Show, cause: Cause, limit_s: float = 30.0) -> ActiveFailsafe:
     """Wait until it is shown."""
-    await show.until(lambda: reaction(show, cause) is not None, limit_s)
-    found = reaction(show, cause)
+    await show.until(lambda: failsafe(show, cause) is not None, limit_s)
+    found = failsafe(show, cause)
     assert found is not None
     return found
 
@@ -25,7 +25,7 @@ def by_itself(show: Show) -> list[OrderRecord]:
     return [record for record in reversed(show.service.orders()) if record.by == "service"]
 
 
-async def carried_out(show: Show, told: Reaction) -> OrderRecord:
+async def carried_out(show: Show, told: ActiveFailsafe) -> OrderRecord:
     """The order of a reaction, once it has ended for everybody."""
     assert told.order_id is not None
     return await show.settled(show.service.order(told.order_id), 150.0)

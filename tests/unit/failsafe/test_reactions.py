@@ -1,4 +1,4 @@
-"""The rules of reactions: thresholds, how long a cause must last, what comes first, and bad settings."""
+"""The rules of failsafes: thresholds, how long a cause must last, what comes first, and bad settings."""
 
 from dataclasses import replace
 from typing import Any
@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from gcs.config.schema import Config
 from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
-from gcs.failsafe.policy import SEVERITY, Action, Cause, ReactionSettings
+from gcs.failsafe.policy import SEVERITY, Action, Cause, FailsafePolicy
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen, advance, is_calm, look
 from gcs.safety.walls import Fence
 
@@ -53,7 +53,7 @@ class Rules:
     """Rules that are asked tick by tick, as in flight: nothing more than telemetry while it is calm."""
 
     def __init__(self, **settings: Any) -> None:
-        self.settings = ReactionSettings(**settings)
+        self.settings = FailsafePolicy(**settings)
         self.known = Known.nothing(N, 0.0, self.settings)
         self.now_s = 0.0
         self.lost = np.zeros(N, dtype=np.bool_)
@@ -251,7 +251,7 @@ def test_a_service_is_late_when_it_is_so_for_a_while_and_not_after_one_long_stal
     assert stalled.see(calm(), 10.0) == ()
 
 
-def test_nobody_in_the_air_reacts_to_nothing() -> None:
+def test_without_vehicles_in_the_air_there_is_no_failsafe() -> None:
     rules = Rules()
     rules.flying[:] = False
     bad = calm(
@@ -348,7 +348,7 @@ def test_what_cannot_be_ordered_now_waits() -> None:
 
 
 @pytest.mark.parametrize(
-    ("reactions", "words"),
+    ("failsafes", "words"),
     [
         ({"low_battery": {"action": "pause"}}, "low_battery.action"),
         ({"low_battery": {"below": 1.5}}, "low_battery.below"),
@@ -366,15 +366,15 @@ def test_what_cannot_be_ordered_now_waits() -> None:
         ({"clear_s": 0}, "clear_s"),
     ],
 )
-def test_settings_that_make_no_sense_are_refused_by_name(reactions: dict[str, Any], words: str) -> None:
+def test_settings_that_make_no_sense_are_refused_by_name(failsafes: dict[str, Any], words: str) -> None:
     raw = {
         "show_frame": {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_amsl_m": 400.0},
         "links": [{"name": "one", "listen": "udpin://127.0.0.1:14540", "vehicles": {"count": 1}}],
         "formation": {"radius_m": 6.0, "height_m": 14.0},
     }
-    assert Config.model_validate(raw).reactions == ReactionSettings()
+    assert Config.model_validate(raw).failsafes == FailsafePolicy()
     with pytest.raises(ValidationError, match=words.replace(".", r"\.")):
-        Config.model_validate({**raw, "reactions": reactions})
+        Config.model_validate({**raw, "failsafes": failsafes})
 
 
 ASTRAY = calm(velocity_m_s=np.full((N, 3), 2.0) * [1, 0, 0])

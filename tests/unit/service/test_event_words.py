@@ -70,7 +70,7 @@ def test_every_event_with_words_of_its_own_says_them(line: Logged) -> None:
 
 
 def test_the_scan_finds_what_the_service_logs() -> None:
-    assert {"vehicle_phase", "reaction", "alarm", "kill", "access_denied"} <= {line.event for line in LINES}
+    assert {"vehicle_phase", "failsafe", "alarm", "kill", "access_denied"} <= {line.event for line in LINES}
 
 
 def test_a_reaction_names_its_vehicles_as_a_person_would() -> None:
@@ -81,8 +81,8 @@ def test_a_reaction_names_its_vehicles_as_a_person_would() -> None:
         "vehicles": ("d3",),
         "reason": "wind",
     }
-    assert words("reaction", details) == "return of d3 by the service: fence ahead (wind)"
-    assert words("reaction", {**details, "vehicles": ()}) == "return by the service: fence ahead (wind)"
+    assert words("failsafe", details) == "return of d3 by the service: fence ahead (wind)"
+    assert words("failsafe", {**details, "vehicles": ()}) == "return by the service: fence ahead (wind)"
 
 
 def test_phases_have_their_reason() -> None:
