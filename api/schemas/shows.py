@@ -75,7 +75,7 @@ class CueFigures(Outward):
     held_back: int
 
 
-class ColumnPair(Outward):
+class VerticalOverlap(Outward):
     """Two vehicles, one above the other in the check: they cannot both come straight down."""
 
     upper: int = Field(description="Vehicle of the show, from 1.")
@@ -101,8 +101,8 @@ class ShowFigures(Outward):
     fence_distance_margin_m: float
     fence_height_margin_m: float
     battery_need: float = Field(description="Share of a full battery, reserve included.")
-    column_pairs: int = Field(description="Pairs whose columns overlap at some time of the show.")
-    columns: list[ColumnPair] = Field(description="The nearest of them.")
+    vertical_overlaps: int = Field(description="Pairs whose columns overlap at some time of the show.")
+    columns: list[VerticalOverlap] = Field(description="The nearest of them.")
     cues: list[CueFigures]
 
 

@@ -43,7 +43,7 @@ BATTERY: Final = frozenset({FailsafeCause.LOW_BATTERY, FailsafeCause.CRITICAL_BA
 
 
 @dataclass(frozen=True, slots=True)
-class VehicleFacts:
+class FailsafeInputs:
     """What is known of one vehicle at one moment. NaN: not known."""
 
     mode: Mode
@@ -96,32 +96,32 @@ _SETPOINT_LOSS_MODES: Final = {
 }
 
 
-def cause_of(facts: VehicleFacts) -> FailsafeCause:
+def cause_of(inputs: FailsafeInputs) -> FailsafeCause:
     """Which failsafe has a vehicle in a mode that this station did not command."""
     announced = {
         cause
-        for text in facts.texts
+        for text in inputs.texts
         if not _REFUSALS.search(text.lower())
         for cause, words in _TEXTS
         if words.search(text.lower())
     }
-    lands = facts.mode in {Mode.LAND, Mode.RETURN}
-    battery = _battery(facts, announced)
-    if battery is not None and (facts.in_failsafe or (lands and announced & BATTERY)):
+    lands = inputs.mode in {Mode.LAND, Mode.RETURN}
+    battery = _battery(inputs, announced)
+    if battery is not None and (inputs.in_failsafe or (lands and announced & BATTERY)):
         return battery
-    if not facts.in_failsafe:
+    if not inputs.in_failsafe:
         return FailsafeCause.UNKNOWN
     for cause, _ in _TEXTS:
         if cause in announced and cause not in BATTERY:
             return cause
-    if not facts.position_age_s <= facts.setpoint_loss_s + 1.0 and facts.mode in {Mode.LAND, Mode.OTHER}:
+    if not inputs.position_age_s <= inputs.setpoint_loss_s + 1.0 and inputs.mode in {Mode.LAND, Mode.OTHER}:
         return FailsafeCause.POSITION_LOSS
-    return FailsafeCause.SETPOINT_LOSS if _fits(facts) else FailsafeCause.OTHER
+    return FailsafeCause.SETPOINT_LOSS if _fits(inputs) else FailsafeCause.OTHER
 
 
-def _battery(facts: VehicleFacts, announced: set[FailsafeCause]) -> FailsafeCause | None:
+def _battery(inputs: FailsafeInputs, announced: set[FailsafeCause]) -> FailsafeCause | None:
     """What the battery is in a state for."""
-    left = facts.battery_remaining
+    left = inputs.battery_remaining
     if FailsafeCause.CRITICAL_BATTERY in announced or left <= CRITICAL_BELOW + ROUNDING:  # False for NaN
         return FailsafeCause.CRITICAL_BATTERY
     if FailsafeCause.LOW_BATTERY in announced or left <= LOW_BELOW + ROUNDING:
@@ -129,8 +129,8 @@ def _battery(facts: VehicleFacts, announced: set[FailsafeCause]) -> FailsafeCaus
     return None
 
 
-def _fits(facts: VehicleFacts) -> bool:
-    return facts.mode in _SETPOINT_LOSS_MODES.get(facts.setpoint_loss_action, frozenset())
+def _fits(inputs: FailsafeInputs) -> bool:
+    return inputs.mode in _SETPOINT_LOSS_MODES.get(inputs.setpoint_loss_action, frozenset())
 
 
 _DOES: Final = {Mode.HOLD: "holds", Mode.LAND: "lands", Mode.RETURN: "returns", Mode.POSITION: "descends"}
@@ -151,62 +151,62 @@ ADVICE_TO_MANY: Final = {
 """What `described` advises, for several vehicles."""
 
 
-def described(vehicle_id: VehicleId, cause: FailsafeCause, facts: VehicleFacts) -> str:
+def described(vehicle_id: VehicleId, cause: FailsafeCause, inputs: FailsafeInputs) -> str:
     """What an operator reads: what the vehicle does, why, and what to do about it."""
     if cause is FailsafeCause.UNKNOWN:
         return (
-            f"{vehicle_id} is in mode {facts.mode}, which this station did not command: a pilot,"
+            f"{vehicle_id} is in mode {inputs.mode}, which this station did not command: a pilot,"
             " another station, or its autopilot. Take control when the pilot agrees."
         )
-    does = _DOES.get(facts.mode, f"is in mode {facts.mode}")
+    does = _DOES.get(inputs.mode, f"is in mode {inputs.mode}")
     whose = "a failsafe of its own" if cause is FailsafeCause.OTHER else f"its own {cause} failsafe"
-    level = f", battery {facts.battery_remaining:.0%}" if cause in BATTERY and _is_known(facts) else ""
+    level = f", battery {inputs.battery_remaining:.0%}" if cause in BATTERY and _is_known(inputs) else ""
     advice = _ADVICE.get(cause, _TAKE_CONTROL)
     if cause in BATTERY:
-        advice = _LEAVE if comes_down(facts) else _LAND
+        advice = _LEAVE if comes_down(inputs) else _LAND
     if cause is FailsafeCause.SETPOINT_LOSS:
-        level = f": {_setpoints(facts)}"
+        level = f": {_setpoints(inputs)}"
     return f"{vehicle_id} {does} by {whose}{level}. {advice}"
 
 
-def _setpoints(facts: VehicleFacts) -> str:
+def _setpoints(inputs: FailsafeInputs) -> str:
     """Where setpoints were lost: at this station or on the link."""
-    if isnan(facts.setpoint_gap_s):
+    if isnan(inputs.setpoint_gap_s):
         return "this station has sent none since it started"
-    if facts.setpoint_gap_s >= facts.setpoint_loss_s:  # False for NaN
-        return f"this station sent none for {facts.setpoint_gap_s:.1f} s"
+    if inputs.setpoint_gap_s >= inputs.setpoint_loss_s:  # False for NaN
+        return f"this station sent none for {inputs.setpoint_gap_s:.1f} s"
     return "they left, and did not reach it"
 
 
-def lost_on_the_way(cause: FailsafeCause | None, facts: VehicleFacts) -> bool:
+def lost_on_the_way(cause: FailsafeCause | None, inputs: FailsafeInputs) -> bool:
     """Whether it holds because its link lost setpoints, so that nothing speaks against flying it on.
 
     Not where this station sent none: after a stall the operator decides for the whole fleet.
     """
-    sent = facts.setpoint_gap_s < facts.setpoint_loss_s  # False for NaN
-    return cause is FailsafeCause.SETPOINT_LOSS and facts.in_failsafe and facts.mode is Mode.HOLD and sent
+    sent = inputs.setpoint_gap_s < inputs.setpoint_loss_s  # False for NaN
+    return cause is FailsafeCause.SETPOINT_LOSS and inputs.in_failsafe and inputs.mode is Mode.HOLD and sent
 
 
-def _is_known(facts: VehicleFacts) -> bool:
-    return not isnan(facts.battery_remaining)
+def _is_known(inputs: FailsafeInputs) -> bool:
+    return not isnan(inputs.battery_remaining)
 
 
-def control_refusal(vehicle_id: VehicleId, facts: VehicleFacts) -> str:
+def control_refusal(vehicle_id: VehicleId, inputs: FailsafeInputs) -> str:
     """Why control of a vehicle in the air may not be taken (into HOLD), and what is safe; empty: it may.
 
     Only what comes down by itself is left alone. One that hovers on a critical battery may be taken: nothing
     else brings it down.
     """
-    if facts.battery_remaining < facts.battery_critical_below and comes_down(facts):  # False for NaN
+    if inputs.battery_remaining < inputs.battery_critical_below and comes_down(inputs):  # False for NaN
         return (
-            f"{vehicle_id}: battery {facts.battery_remaining:.0%}, critical below"
-            f" {facts.battery_critical_below:.0%}: taking control would stop its landing. Safe instead:"
+            f"{vehicle_id}: battery {inputs.battery_remaining:.0%}, critical below"
+            f" {inputs.battery_critical_below:.0%}: taking control would stop its landing. Safe instead:"
             f" leave it to its autopilot, which brings it down; `gcs kill {vehicle_id}` is the last resort"
         )
     return ""
 
 
-def comes_down(facts: VehicleFacts) -> bool:
+def comes_down(inputs: FailsafeInputs) -> bool:
     """Whether its mode brings it to the ground: a landing, a return, or the descent of a failsafe."""
-    descends = facts.in_failsafe and facts.mode in {Mode.POSITION, Mode.OTHER}
-    return descends or facts.mode in {Mode.LAND, Mode.RETURN}
+    descends = inputs.in_failsafe and inputs.mode in {Mode.POSITION, Mode.OTHER}
+    return descends or inputs.mode in {Mode.LAND, Mode.RETURN}

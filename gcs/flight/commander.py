@@ -13,9 +13,9 @@ from gcs.flight.fleet import Fleet
 from gcs.flight.landing_assignment import landing_places_m
 from gcs.flight.maneuver_tasks import Done
 from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.parameter_reader import Inspection
-from gcs.flight.participants import Lineup
-from gcs.flight.preflight_gate import Clearance
+from gcs.flight.parameter_reader import ParameterReader
+from gcs.flight.participants import Participants
+from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.recovery import Takeover
 from gcs.flight.show_player import Stage
 from gcs.flight.start import Countdown, Starting
@@ -51,7 +51,7 @@ class Commander:
         flight: Fleet,
         maneuvers: Maneuvers,
         book: OrderBook,
-        inspection: Inspection,
+        parameter_reader: ParameterReader,
         stage: Stage,
         unix_s: Callable[[], float],
         clock: TickClock,
@@ -66,14 +66,14 @@ class Commander:
         self._planning = planning
         self._maneuvers = maneuvers
         self._book = book
-        self._lineup = Lineup(flight, book, unix_s)
-        self._clearance = Clearance(flight, inspection, stage, self._lineup, unix_s)
-        self._starting = Starting(flight, maneuvers, book, self._clearance, stage, unix_s)
+        self._participants = Participants(flight, book, unix_s)
+        self._preflight_gate = PreflightGate(flight, parameter_reader, stage, self._participants, unix_s)
+        self._starting = Starting(flight, maneuvers, book, self._preflight_gate, stage, unix_s)
         self._vehicle_orders = VehicleOrders(flight, maneuvers, book)
         self._homecoming: Homecoming | None = None
         self._commanded: ShowEvent | None = None  # the newest command to all, where vehicles may be awaited
         self.takeover = Takeover(flight, maneuvers, book, stage, found, self._bring_home, unix_s)
-        self._watch = Watch(flight, maneuvers, inspection, self._come_back)
+        self._watch = Watch(flight, maneuvers, parameter_reader, self._come_back)
         self._failsafe_monitor = FailsafeMonitor(flight, stage, clock, unix_s, self, maneuvers.running)
 
     def close(self) -> None:
@@ -208,17 +208,17 @@ class Commander:
 
     def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
         """What a start would find. Raises: UnknownError, RefusedError."""
-        return self._clearance.report(vehicles)
+        return self._preflight_gate.report(vehicles)
 
     def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
         """Take a vehicle out of the show. Raises: UnknownError, RefusedError, InvalidError."""
         self._need_no_countdown()
-        return self._lineup.exclude(vehicle_id, reason)
+        return self._participants.exclude(vehicle_id, reason)
 
     def include(self, vehicle_id: VehicleId) -> OrderRecord:
         """Take it into the show again. Raises: UnknownError, RefusedError."""
         self._need_no_countdown()
-        return self._lineup.include(vehicle_id)
+        return self._participants.include(vehicle_id)
 
     def _need_no_countdown(self) -> None:
         if self.countdown is not None:

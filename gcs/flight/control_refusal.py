@@ -12,15 +12,15 @@ A_PERSON_FLIES = frozenset({Mode.POSITION, Mode.OTHER})
 
 def why_never(flight: Fleet, vehicle: Vehicle) -> str:
     """Why not even a command that names the vehicle takes control of it; empty when one may."""
-    return control_refusal(vehicle.id, flight.facts(vehicle))
+    return control_refusal(vehicle.id, flight.inputs(vehicle))
 
 
 def why_not_unasked(flight: Fleet, vehicle: Vehicle) -> str:
     """Why a command to all vehicles leaves this one out, which a command that names it may reach."""
-    facts = flight.facts(vehicle)
-    if facts.mode in A_PERSON_FLIES and not facts.in_failsafe:
+    inputs = flight.inputs(vehicle)
+    if inputs.mode in A_PERSON_FLIES and not inputs.in_failsafe:
         agreed = f"take-control {vehicle.id} names it, when the pilot agrees"
-        return f"a pilot flies it, in mode {facts.mode}: {agreed}"
+        return f"a pilot flies it, in mode {inputs.mode}: {agreed}"
     return why_never(flight, vehicle) or why_not_without_heartbeat(flight, vehicle)
 
 
@@ -39,9 +39,9 @@ def why_not_without_heartbeat(flight: Fleet, vehicle: Vehicle) -> str:
 
 def why_not_touching_down(flight: Fleet, vehicle: Vehicle) -> str:
     """Why a command to all leaves out a vehicle that its autopilot has nearly landed; empty for others."""
-    facts = flight.facts(vehicle)
+    inputs = flight.inputs(vehicle)
     ground_z_m = 0.0 if vehicle.home_m is None else float(vehicle.home_m[2])
     height_m = ground_z_m - float(flight.position_m(vehicle)[2])
-    if not comes_down(facts) or not height_m < flight.config.operation.handover_height_m:
+    if not comes_down(inputs) or not height_m < flight.config.operation.handover_height_m:
         return ""
     return f"its autopilot lands it, {max(height_m, 0.0):.1f} m above the ground: it is left to touch down"

@@ -21,7 +21,7 @@ from gcs.estimation.link_delay import LinkDelay
 from gcs.estimation.link_quality import LinkQuality
 from gcs.estimation.position_uncertainty import uncertainty_m
 from gcs.estimation.setpoint_gaps import SetpointGaps
-from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, VehicleFacts
+from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.running_show import Performance
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
@@ -258,10 +258,10 @@ class Fleet:
         telemetry, at = self.telemetry[vehicle.id]
         return telemetry.mode[at]
 
-    def facts(self, vehicle: Vehicle) -> VehicleFacts:
+    def inputs(self, vehicle: Vehicle) -> FailsafeInputs:
         """All that tells why it flies as it does: see `gcs.failsafe.autopilot_failsafe`."""
         (telemetry, at), now_s = self.telemetry[vehicle.id], self.fleet.time_s
-        return VehicleFacts(
+        return FailsafeInputs(
             mode=telemetry.mode[at],
             in_failsafe=telemetry.in_failsafe[at],
             battery_remaining=float(telemetry.battery_remaining[at]),

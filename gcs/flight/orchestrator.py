@@ -24,7 +24,7 @@ from gcs.flight.commander import Commander
 from gcs.flight.estimate_inputs import Estimating
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.parameter_reader import Inspection
+from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.plan_editor import PlanEditor
 from gcs.flight.record_sample import moment_of
 from gcs.flight.show_player import Stage
@@ -140,12 +140,12 @@ class Orchestrator:
         try:
             async with asyncio.TaskGroup() as group:
                 maneuvers = Maneuvers(group, self._flight, self._config.operation)
-                inspection = Inspection(group, self._flight)
+                parameter_reader = ParameterReader(group, self._flight)
                 self._commander = Commander(
                     self._flight,
                     maneuvers,
                     self._book,
-                    inspection,
+                    parameter_reader,
                     self._stage,
                     self._unix_s,
                     self._clock,

@@ -29,7 +29,7 @@ AT_ONCE_MAX: Final = 50
 """Vehicles that are read at the same time: a thousand together would keep the tick waiting."""
 
 
-class Inspection:
+class ParameterReader:
     """Keeps `Fleet.parameters` true: read when a vehicle is met, after a reboot, and after every flight."""
 
     def __init__(self, group: asyncio.TaskGroup, flight: Fleet) -> None:

@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 REASON_MAX = 200
 
 
-class Lineup:
+class Participants:
     """Says who would fly, and lets an operator take vehicles out."""
 
     def __init__(self, flight: Fleet, book: OrderBook, unix_s: Callable[[], float]) -> None:

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from gcs.flight.fleet import Fleet
-from gcs.flight.parameter_reader import Inspection
-from gcs.flight.participants import Lineup
+from gcs.flight.parameter_reader import ParameterReader
+from gcs.flight.participants import Participants
 from gcs.flight.running_show import Performance
 from gcs.flight.show_player import Stage
 from gcs.model.errors import GcsError, RefusedError
@@ -20,7 +20,7 @@ from gcs.planning.feasibility import check_formation, check_obstacle
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
 from gcs.planning.vertical_overlap import column_m, most_overlapping
 from gcs.planning.vertical_overlap import describe as describe_columns
-from gcs.preflight import Facts, Pattern, own_checks, room_to_wander, spacing, standing
+from gcs.preflight import Pattern, PreflightInputs, own_checks, room_to_wander, spacing, standing
 
 log = logging.getLogger(__name__)
 
@@ -71,21 +71,21 @@ class _Kept(NamedTuple):
         return same and self.asked == asked and flight.fleet.time_s - self.time_s < AGAIN_S
 
 
-class Clearance:
+class PreflightGate:
     """Looks at everything before a start."""
 
     def __init__(
         self,
         flight: Fleet,
-        inspection: Inspection,
+        parameter_reader: ParameterReader,
         stage: Stage,
-        lineup: Lineup,
+        participants: Participants,
         unix_s: Callable[[], float],
     ) -> None:
         self._flight = flight
-        self._inspection = inspection
+        self._parameter_reader = parameter_reader
         self._stage = stage
-        self._lineup = lineup
+        self._participants = participants
         self._unix_s = unix_s
         self._last: _Kept | None = None
         self._roomy: frozenset[VehicleId] = frozenset()  # see `gcs.preflight.room_to_wander`
@@ -116,17 +116,17 @@ class Clearance:
         flight, show = self._flight, self._flight.performance
         fleet: list[Check] = []
         try:
-            chosen, left_out = self._lineup.choose(wanted)
+            chosen, left_out = self._participants.choose(wanted)
             fleet.append(_everybody(chosen))
         except GcsError as error:
-            chosen, left_out = self._lineup.could(wanted)
+            chosen, left_out = self._participants.could(wanted)
             fleet.append(_refused("vehicles", error, ON_GROUND))
         if show is not None:
             fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(chosen, show.hash, wanted)))
         looked = self._look(chosen)
         foreseen: list[Check] = []
         if chosen and all(np.isfinite(flight.position_m(flight.vehicles[name])).all() for name in chosen):
-            foreseen = [_tried(name, limit, look) for name, limit, look in self._foresights(chosen)]
+            foreseen = [_tried(name, limit, look) for name, limit, look in self._setpoint_loss_checks(chosen)]
         return self._reported(chosen, left_out, [*fleet, *looked.together, *foreseen], looked)
 
     def _reported(
@@ -154,7 +154,7 @@ class Clearance:
 
         Raises: RefusedError, InvalidError, UnknownError with all that speaks against it.
         """
-        chosen, left_out = self._lineup.choose(wanted)
+        chosen, left_out = self._participants.choose(wanted)
         self._need_show(chosen, show_hash, wanted)
         looked = self._look(chosen)
         text = describe(
@@ -169,17 +169,17 @@ class Clearance:
         if show_hash is not None:
             fleet.append(Check("show", State.PASS, limit=AS_CHECKED))
         fleet += looked.together
-        for name, limit, look in self._foresights(chosen):
+        for name, limit, look in self._setpoint_loss_checks(chosen):
             look()
             fleet.append(Check(name, State.PASS, limit=limit))
-        self._look_at_columns(chosen)
+        self._check_vertical_overlap(chosen)
         report = self._reported(chosen, left_out, fleet, looked)
         self._last = self._kept(None if wanted is None else tuple(wanted), report)
         return Cleared(chosen, left_out)
 
     def need_alone(self, vehicle_id: VehicleId) -> None:
         """At its turn to take off, while others fly. Raises: RefusedError with all that speaks against it."""
-        checks = self._alone(self._facts(), [vehicle_id])[vehicle_id]
+        checks = self._alone(self._inputs(), [vehicle_id])[vehicle_id]
         text = describe((vehicle_id, check) for check in checks)
         if text:
             raise RefusedError(text)
@@ -192,11 +192,11 @@ class Clearance:
         )
 
     def _look(self, chosen: Sequence[VehicleId]) -> "_Looked":
-        facts = self._facts()
-        alone = self._alone(facts, list(self._flight.vehicles))
+        inputs = self._inputs()
+        alone = self._alone(inputs, list(self._flight.vehicles))
         pattern = self._pattern()
-        stand = standing(facts, chosen, pattern)
-        room = room_to_wander(facts, chosen, pattern)
+        stand = standing(inputs, chosen, pattern)
+        room = room_to_wander(inputs, chosen, pattern)
         self._roomy = frozenset(name for name, check in room.items() if check.passes)
         for name, check in room.items():
             alone[name].append(check)
@@ -217,23 +217,23 @@ class Clearance:
         if config.preflight.clock_max_s is None:
             yield "clock: preflight.clock_max_s is null"
 
-    def _alone(self, facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
-        near = spacing(facts, vehicles)
+    def _alone(self, inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
+        near = spacing(inputs, vehicles)
         asked = self._flight.config.operation.require_parameters
         return {
             name: [
-                *own_checks(facts, name),
+                *own_checks(inputs, name),
                 *near[name],
-                *(self._inspection.checks(name) if asked else ()),
+                *(self._parameter_reader.checks(name) if asked else ()),
             ]
             for name in vehicles
         }
 
-    def _facts(self) -> Facts:
+    def _inputs(self) -> PreflightInputs:
         flight, operation = self._flight, self._flight.config.operation
         show = flight.performance
         needs = None if show is None else show.figures.get("battery_need")
-        return Facts(
+        return PreflightInputs(
             fleet=flight.fleet,
             rows={name: vehicle.row for name, vehicle in flight.vehicles.items()},
             telemetry=flight.telemetry,
@@ -266,7 +266,9 @@ class Clearance:
         places_m = np.array([[place.x_m, place.y_m] for place in places.values()])
         return Pattern(places_m, {name: row for row, name in enumerate(places)}, heading_deg)
 
-    def _foresights(self, chosen: Sequence[VehicleId]) -> Iterator[tuple[str, str, Callable[[], None]]]:
+    def _setpoint_loss_checks(
+        self, chosen: Sequence[VehicleId]
+    ) -> Iterator[tuple[str, str, Callable[[], None]]]:
         """What would go wrong in the air, as far as it can be known: each raises what it finds."""
         flight, operation = self._flight, self._flight.config.operation
         yield (
@@ -297,13 +299,13 @@ class Clearance:
         for obstacle in self._stage.obstacles():
             check_obstacle(obstacle, flight.control.law.avoidance, {}, pads_m)
 
-    def _look_at_columns(self, chosen: Sequence[VehicleId]) -> None:
+    def _check_vertical_overlap(self, chosen: Sequence[VehicleId]) -> None:
         """Note how many pairs will be stacked, as far as that can be known."""
         flight = self._flight
         home_m = np.array([flight.position_m(flight.vehicles[name]) for name in chosen])
         width_m = column_m(flight.control.safety.floor)
         plan = min((plan for _, plan in self._stage.plans()), key=lambda each: each.formation.radius_m)
-        rehearsed, words = self._rehearsed_columns(chosen), ""
+        rehearsed, words = self._rehearsed_overlaps(chosen), ""
         if len(chosen) <= PREDICTED_MAX:
             formed_m = formation_m(tuple(chosen), home_m, plan, flight.control)
             words = describe_columns(most_overlapping(formed_m, width_m + SWAYS_M), rehearsed)
@@ -313,7 +315,7 @@ class Clearance:
             log.info("columns_overlap", extra={"reason": words})
         flight.columns = words
 
-    def _rehearsed_columns(self, chosen: Sequence[VehicleId]) -> list[str]:
+    def _rehearsed_overlaps(self, chosen: Sequence[VehicleId]) -> list[str]:
         """Stacked pairs in the check of the selected show, by the names of the vehicles that fly now."""
         performance = self._flight.performance
         pairs = () if performance is None else performance.figures.get("columns", ())

@@ -267,7 +267,7 @@ class Takeover:
         vehicle = self._flight.vehicles.get(name)
         if vehicle is None:
             return Remaining(name, before.phase, before.pad_m is not None, waits=False, text="not configured")
-        facts, action = self._flight.facts(vehicle), self._flight.config.operation.setpoint_loss_action
+        facts, action = self._flight.inputs(vehicle), self._flight.config.operation.setpoint_loss_action
         return remaining(
             name,
             before,

@@ -119,7 +119,7 @@ class StallRecovery:
             vehicle = flight.vehicles[name]
             if vehicle.phase is not Phase.PILOT or name in known or vehicle.cause in OTHER_FAILSAFES:
                 continue
-            facts = flight.facts(vehicle)
+            facts = flight.inputs(vehicle)
             explained = is_left_alone(Phase.FORMATION, facts.mode, action, in_failsafe=facts.in_failsafe)
             if facts.mode is not Mode.OFFBOARD and explained:
                 vehicle.reason = left_by(stall.flown.cause, facts.mode)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from gcs.flight.command_log import OrderBook
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.preflight_gate import Clearance, Cleared
+from gcs.flight.preflight_gate import Cleared, PreflightGate
 from gcs.flight.show_player import Stage
 from gcs.flight.uncontrolled import reason, uncontrolled
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
@@ -42,14 +42,14 @@ class Starting:
         flight: Fleet,
         maneuvers: Maneuvers,
         book: OrderBook,
-        clearance: Clearance,
+        preflight_gate: PreflightGate,
         stage: Stage,
         unix_s: Callable[[], float],
     ) -> None:
         self._flight = flight
         self._maneuvers = maneuvers
         self._book = book
-        self._clearance = clearance
+        self._preflight_gate = preflight_gate
         self._stage = stage
         self._unix_s = unix_s
         self.countdown: Countdown | None = None
@@ -70,7 +70,7 @@ class Starting:
             if not 0.0 < ahead_s <= AHEAD_MAX_S:
                 allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self._unix_s():.1f} now"
                 raise InvalidError("at_unix_time_s", at_unix_s, allowed)
-        chosen, left_out = self._clearance.need(show_hash, wanted)
+        chosen, left_out = self._preflight_gate.need(show_hash, wanted)
         if at_unix_s is not None:
             record = self._book.open("start", chosen, left_out)
             self.countdown = Countdown(at_unix_s, record, tuple(chosen), show_hash)
@@ -94,7 +94,7 @@ class Starting:
             vehicle = flight.vehicles[name]
             vehicle.home_m = flight.position_m(vehicle).copy()
             delay_s = turn * flight.config.operation.takeoff_stagger_s
-            maneuver = self._maneuvers.take_off(delay_s, lambda one: self._clearance.need_alone(one.id))
+            maneuver = self._maneuvers.take_off(delay_s, lambda one: self._preflight_gate.need_alone(one.id))
             self._maneuvers.start(vehicle, maneuver, self._closer(record, name))
 
     def _closer(self, record: OrderRecord, name: VehicleId) -> Callable[[Outcome, str], None]:
@@ -133,7 +133,7 @@ class Starting:
             raise RefusedError(reason(others))
         if late_s > LATE_MAX_S:
             raise RefusedError(f"its time was missed by {late_s:.1f} s: this machine, or its clock, stood")
-        return self._clearance.need(countdown.show_hash, countdown.chosen)
+        return self._preflight_gate.need(countdown.show_hash, countdown.chosen)
 
     def _end_countdown(self, countdown: Countdown, reason: str) -> None:
         self.countdown = None

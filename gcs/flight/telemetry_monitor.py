@@ -10,7 +10,7 @@ from gcs.failsafe.autopilot_failsafe import cause_of, described, lost_on_the_way
 from gcs.flight.fleet import Columns, Fleet
 from gcs.flight.maneuver_tasks import Maneuver
 from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.parameter_reader import Inspection
+from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.vehicle import Explanation, Heard, Vehicle
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase
 from gcs.model.state import Array, Mask, Mode
@@ -25,12 +25,12 @@ class Watch:
     """Keeps the phases true to what the vehicles say."""
 
     def __init__(
-        self, flight: Fleet, maneuvers: Maneuvers, inspection: Inspection, come_back: Maneuver
+        self, flight: Fleet, maneuvers: Maneuvers, parameter_reader: ParameterReader, come_back: Maneuver
     ) -> None:
         """`come_back` is for who was lost and is heard again."""
         self._flight = flight
         self._maneuvers = maneuvers
-        self._inspection = inspection
+        self._parameter_reader = parameter_reader
         self._come_back = come_back
         self._resumed_s = -np.inf  # after a stall; messages of that time may not be read yet
         self._calm: tuple[object, ...] | None = None  # in which nobody had to be looked at
@@ -67,7 +67,7 @@ class Watch:
 
     def inspect(self) -> None:
         """Once a tick, later: begin to read the parameters that are to be read now."""
-        self._inspection.watch(self._flight.newest())
+        self._parameter_reader.watch(self._flight.newest())
 
     def _look_at(self, vehicle: Vehicle, heard_of: Columns, *, is_known: bool) -> None:
         """Let the telemetry of one vehicle change its phase."""
@@ -81,7 +81,7 @@ class Watch:
             flight.note_seen(row)
         age_s = min(age_s, self._not_judged_s(vehicle.phase))
         lacks = lacking(now_s, life_s, beat_s, position_s, silence_s)
-        in_failsafe = flight.facts(vehicle).in_failsafe if vehicle.phase is Phase.PILOT else False
+        in_failsafe = flight.inputs(vehicle).in_failsafe if vehicle.phase is Phase.PILOT else False
         heard = Heard(
             age_s,
             heard_of.mode[row],
@@ -116,19 +116,19 @@ class Watch:
 
     def _explained(self, vehicle: Vehicle) -> Explanation:
         """Why it is in a mode that this station did not command."""
-        facts = self._flight.facts(vehicle)
-        cause = cause_of(facts)
-        return cause, described(vehicle.id, cause, facts)
+        inputs = self._flight.inputs(vehicle)
+        cause = cause_of(inputs)
+        return cause, described(vehicle.id, cause, inputs)
 
     def _mind_failsafe(self, vehicle: Vehicle, *, beat_is_fresh: bool) -> None:
         """Keep the explanation true, and fly on one that holds only because its link lost setpoints."""
-        facts = self._flight.facts(vehicle)
-        cause = cause_of(facts)
+        inputs = self._flight.inputs(vehicle)
+        cause = cause_of(inputs)
         vehicle.explain(
-            (cause, described(vehicle.id, cause, facts)), facts.mode, in_failsafe=facts.in_failsafe
+            (cause, described(vehicle.id, cause, inputs)), inputs.mode, in_failsafe=inputs.in_failsafe
         )
         idle = beat_is_fresh and not self._maneuvers.running(vehicle)
-        if idle and lost_on_the_way(vehicle.cause, facts):
+        if idle and lost_on_the_way(vehicle.cause, inputs):
             self._by_itself(vehicle, self._come_back)
 
     def _note_heartbeats(self, vehicle: Vehicle, lacks: str) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, VehicleId
-from gcs.preflight.inputs import Facts
+from gcs.preflight.inputs import PreflightInputs
 from gcs.preflight.start_pattern import Fit, assigned, fit
 from gcs.preflight.vehicles import judged
 
@@ -42,27 +42,29 @@ class Stand:
     not_checked: list[str] = field(default_factory=list)
 
 
-def standing(facts: Facts, flying: Sequence[VehicleId], pattern: Pattern | None) -> Stand:
+def standing(inputs: PreflightInputs, flying: Sequence[VehicleId], pattern: Pattern | None) -> Stand:
     """Heights of the pads against each other, and the start pattern. Only who has a position is judged."""
     found = Stand(of={name: [] for name in flying})
-    rows = facts.rows
-    placed = [name for name in flying if facts.is_placed(rows[name])]
+    rows = inputs.rows
+    placed = [name for name in flying if inputs.is_placed(rows[name])]
     at = np.array([rows[name] for name in placed], dtype=np.intp)
     if len(placed) > 1:
-        _heights(facts, placed, at, found)
+        _heights(inputs, placed, at, found)
     if pattern is None:
         found.not_checked.append(
             "start pattern: no show is selected, and preflight.start_places names no places"
         )
     elif placed:
-        _pattern(facts, placed, at, pattern, found)
+        _pattern(inputs, placed, at, pattern, found)
     return found
 
 
-def _heights(facts: Facts, placed: Sequence[VehicleId], at: NDArray[np.intp], found: Stand) -> None:
+def _heights(
+    inputs: PreflightInputs, placed: Sequence[VehicleId], at: NDArray[np.intp], found: Stand
+) -> None:
     """Pads stand on one field: who is far above or below the others has a wrong altitude."""
-    height_m = -facts.fleet.position_m[at, 2]
-    above_m, most_m = height_m - float(np.median(height_m)), facts.settings.height_spread_max_m
+    height_m = -inputs.fleet.position_m[at, 2]
+    above_m, most_m = height_m - float(np.median(height_m)), inputs.settings.height_spread_max_m
     for name, off_m in zip(placed, above_m.tolist(), strict=True):
         beside = f"{abs(off_m):.1f} m {'above' if off_m > 0.0 else 'below'} the middle one of all pads"
         found.of[name].append(
@@ -79,9 +81,9 @@ def _heights(facts: Facts, placed: Sequence[VehicleId], at: NDArray[np.intp], fo
 
 
 def _pattern(
-    facts: Facts, placed: Sequence[VehicleId], at: NDArray[np.intp], pattern: Pattern, found: Stand
+    inputs: PreflightInputs, placed: Sequence[VehicleId], at: NDArray[np.intp], pattern: Pattern, found: Stand
 ) -> None:
-    measured_m, within_m = facts.fleet.position_m[at, :2], facts.settings.place_max_m
+    measured_m, within_m = inputs.fleet.position_m[at, :2], inputs.settings.place_max_m
     own = np.array([pattern.place_of.get(name, -1) for name in placed], dtype=np.intp)
     place = assigned(pattern.places_m, measured_m, own, within_m)
     housed = np.flatnonzero(place >= 0)
@@ -98,13 +100,13 @@ def _pattern(
     if not len(housed):
         return
     names, places_m = [placed[index] for index in housed.tolist()], pattern.places_m[place[housed]]
-    fitted = fit(places_m, measured_m[housed], facts.uncertainty_m[at[housed]], within_m)
-    _places(facts, names, at[housed], fitted, place[housed], pattern, found)
-    _lies(facts, len(names), fitted, pattern, found)
+    fitted = fit(places_m, measured_m[housed], inputs.uncertainty_m[at[housed]], within_m)
+    _places(inputs, names, at[housed], fitted, place[housed], pattern, found)
+    _lies(inputs, len(names), fitted, pattern, found)
 
 
 def _places(
-    facts: Facts,
+    inputs: PreflightInputs,
     names: Sequence[VehicleId],
     at: NDArray[np.intp],
     fitted: Fit,
@@ -116,14 +118,14 @@ def _places(
     whose = {row: name for name, row in pattern.place_of.items()}
     whose |= {int(row): name for name, row in zip(names, place, strict=True)}
     lies_m = fitted.placed_m(pattern.places_m)
-    most_m = facts.settings.place_max_m
+    most_m = inputs.settings.place_max_m
     for index, name in enumerate(names):
         off_m = float(fitted.off_m[index])
         problem = f"stands {off_m:.1f} m off its start place"
         if not fitted.stands[index]:
-            away_m = np.linalg.norm(lies_m - facts.fleet.position_m[at[index], :2], axis=1)
+            away_m = np.linalg.norm(lies_m - inputs.fleet.position_m[at[index], :2], axis=1)
             nearest = int(away_m.argmin())
-            if away_m[nearest] <= most_m + facts.uncertainty_m[at[index]] and nearest != place[index]:
+            if away_m[nearest] <= most_m + inputs.uncertainty_m[at[index]] and nearest != place[index]:
                 owner = f"that of {whose[nearest]}" if nearest in whose else "another"
                 problem += f", on {owner}"
         found.of[name].append(
@@ -139,9 +141,9 @@ def _places(
         )
 
 
-def _lies(facts: Facts, count: int, fitted: Fit, pattern: Pattern, found: Stand) -> None:
+def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, found: Stand) -> None:
     """The pattern as a whole."""
-    settings, stand = facts.settings, int(fitted.stands.sum())
+    settings, stand = inputs.settings, int(fitted.stands.sum())
     if 2 * stand <= count and count > 1:
         found.fleet.append(
             Check(
@@ -198,21 +200,21 @@ def _lies(facts: Facts, count: int, fitted: Fit, pattern: Pattern, found: Stand)
 
 
 def room_to_wander(
-    facts: Facts, vehicles: Sequence[VehicleId], pattern: Pattern | None
+    inputs: PreflightInputs, vehicles: Sequence[VehicleId], pattern: Pattern | None
 ) -> dict[VehicleId, Check]:
     """Whether neighbours keep the floor while their own autopilots climb and hold them.
 
     All of them hold at one height until the last is up: the order and the pause between take-offs do not keep
     neighbours from holding side by side, so that only the pads' distance counts.
     """
-    wander_m, least_m = facts.settings.wander_m, facts.floor.horizontal_m
+    wander_m, least_m = inputs.settings.wander_m, inputs.floor.horizontal_m
     if wander_m == 0.0 or len(vehicles) < 2:
         return {}
-    at = np.array([facts.rows[name] for name in vehicles], dtype=np.intp)
-    measured_m, planned_m = facts.fleet.position_m[at, :2], _planned_m(vehicles, pattern)
+    at = np.array([inputs.rows[name] for name in vehicles], dtype=np.intp)
+    measured_m, planned_m = inputs.fleet.position_m[at, :2], _planned_m(vehicles, pattern)
     needed_m, found = least_m + 2.0 * wander_m, {}
     for index, name in enumerate(vehicles):
-        slack_m = ROOM_TOLERANCE_M + (ROOM_HYSTERESIS_M if name in facts.roomy else 0.0)
+        slack_m = ROOM_TOLERANCE_M + (ROOM_HYSTERESIS_M if name in inputs.roomy else 0.0)
         nearest, apart_m = _nearest(measured_m, index)
         beside = f"stands {apart_m:.1f} m from {vehicles[nearest]}"
         good, (next_m, pads_m) = apart_m >= needed_m - slack_m, _nearest(planned_m, index)
@@ -252,23 +254,23 @@ def _nearest(place_m: Array, index: int) -> tuple[int, float]:
     return nearest, float(away_m[nearest])
 
 
-def spacing(facts: Facts, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
+def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
     """Vehicles too close to another one, flying or not, to climb beside it.
 
     A pair that both fly is reported once, with the first of them: the second has no such check then.
     """
-    floor, ids = facts.floor, facts.fleet.ids
-    place_m, kept_m = facts.fleet.position_m[:, :2], floor.horizontal_m + floor.margin_m
+    floor, ids = inputs.floor, inputs.fleet.ids
+    place_m, kept_m = inputs.fleet.position_m[:, :2], floor.horizontal_m + floor.margin_m
     found: dict[VehicleId, list[Check]] = {}
     told: set[tuple[int, int]] = set()
     for name in vehicles:
-        row, found[name] = facts.rows[name], []
+        row, found[name] = inputs.rows[name], []
         if not np.isfinite(place_m[row]).all():
             continue
         away_m = np.linalg.norm(place_m - place_m[row], axis=1)
         away_m[row] = np.inf
         near_m = np.where(np.isfinite(away_m), away_m, np.inf)
-        least_m = kept_m + facts.uncertainty_m + facts.uncertainty_m[row]
+        least_m = kept_m + inputs.uncertainty_m + inputs.uncertainty_m[row]
         too_close = np.flatnonzero(near_m < least_m).tolist()
         for other in too_close:
             if (other, row) in told:

@@ -13,7 +13,7 @@ from gcs.safety.walls import Fence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Facts:
+class PreflightInputs:
     """Of the whole fleet. Rows as in FleetState."""
 
     fleet: FleetState

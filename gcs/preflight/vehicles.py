@@ -8,7 +8,7 @@ import numpy as np
 from gcs.estimation.position_uncertainty import excess_m
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import VehicleId
-from gcs.preflight.inputs import Facts
+from gcs.preflight.inputs import PreflightInputs
 
 PAD_HEIGHT_MAX_M = 3.0
 """A pad may lie this much above or below the show's origin: obstacles, heights and landing places count from
@@ -51,23 +51,23 @@ def finite(value: float) -> float | None:
     return float(value) if isfinite(value) else None
 
 
-def own_checks(facts: Facts, vehicle_id: VehicleId) -> list[Check]:
+def own_checks(inputs: PreflightInputs, vehicle_id: VehicleId) -> list[Check]:
     """Everything about one vehicle but its parameters, and how it stands to the others."""
-    row = facts.rows[vehicle_id]
+    row = inputs.rows[vehicle_id]
     checks = [
-        _address(facts, vehicle_id),
-        _position(facts, vehicle_id, row),
-        *_receiver(facts, vehicle_id, row),
-        _estimator(facts, vehicle_id),
-        _battery(facts, vehicle_id),
-        *_origin(facts, row),
+        _address(inputs, vehicle_id),
+        _position(inputs, vehicle_id, row),
+        *_receiver(inputs, vehicle_id, row),
+        _estimator(inputs, vehicle_id),
+        _battery(inputs, vehicle_id),
+        *_origin(inputs, row),
     ]
-    checks += [check for check in (_speed(facts, row), _clock(facts, vehicle_id)) if check is not None]
+    checks += [check for check in (_speed(inputs, row), _clock(inputs, vehicle_id)) if check is not None]
     return checks
 
 
-def _address(facts: Facts, vehicle_id: VehicleId) -> Check:
-    conflict = facts.conflicts.get(vehicle_id)
+def _address(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
+    conflict = inputs.conflicts.get(vehicle_id)
     if conflict is None:
         return Check("address", State.PASS, limit="one address for each system id")
     return Check(
@@ -79,15 +79,15 @@ def _address(facts: Facts, vehicle_id: VehicleId) -> Check:
     )
 
 
-def _position(facts: Facts, vehicle_id: VehicleId, row: int) -> Check:
+def _position(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Check:
     """Fresh; or never heard, heard too long ago, or heard and not believed (`gcs.estimation.fleet_state`)."""
-    age_s, (heard, at) = float(facts.fleet.age_s[row]), facts.telemetry[vehicle_id]
-    limit = f"at most {facts.age_max_s:g} s old"
-    if facts.is_placed(row):
+    age_s, (heard, at) = float(inputs.fleet.age_s[row]), inputs.telemetry[vehicle_id]
+    limit = f"at most {inputs.age_max_s:g} s old"
+    if inputs.is_placed(row):
         return Check("position", State.PASS, age_s, "s", limit)
     if isfinite(age_s):
         problem, to_do = f"no position for {age_s:.1f} s", "wait, or look after its link"
-    elif facts.fleet.time_s - heard.position_time_s[at] <= facts.age_max_s:
+    elif inputs.fleet.time_s - heard.position_time_s[at] <= inputs.age_max_s:
         problem = "no position to believe: it jumped, or is kilometres away"
         to_do = "check its GPS and show_frame"
     else:
@@ -103,12 +103,12 @@ def _position(facts: Facts, vehicle_id: VehicleId, row: int) -> Check:
     )
 
 
-def _receiver(facts: Facts, vehicle_id: VehicleId, row: int) -> Iterator[Check]:
+def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Iterator[Check]:
     """Its fix, and whether it is good enough: at the cap the margin is not as wide as it should be."""
-    if not facts.settings.require_fix:
+    if not inputs.settings.require_fix:
         return
-    heard, at = facts.telemetry[vehicle_id]
-    kind, positioning = float(heard.fix_type[at]), facts.positioning
+    heard, at = inputs.telemetry[vehicle_id]
+    kind, positioning = float(heard.fix_type[at]), inputs.positioning
     named = "not told yet" if isnan(kind) else FIXES.get(int(kind), f"of type {kind:g}")
     yield judged(
         "fix",
@@ -120,8 +120,8 @@ def _receiver(facts: Facts, vehicle_id: VehicleId, row: int) -> Iterator[Check]:
     )
     accuracy_m = float(heard.horizontal_accuracy_m[at]), float(heard.vertical_accuracy_m[at])
     excess = float(excess_m(np.array(accuracy_m[:1]), np.array(accuracy_m[1:]), positioning)[0])
-    capped = facts.uncertainty_m[row] >= positioning.uncertainty_max_m and excess > 0.0
-    worse_m = (positioning.uncertainty_max_m - facts.floor.uncertainty_m) / max(positioning.share, 1e-9)
+    capped = inputs.uncertainty_m[row] >= positioning.uncertainty_max_m and excess > 0.0
+    worse_m = (positioning.uncertainty_max_m - inputs.floor.uncertainty_m) / max(positioning.share, 1e-9)
     usual_m = positioning.usual_horizontal_m, positioning.usual_vertical_m
     for axis, name, most_m in (
         (0, "accuracy sideways", usual_m[0] + worse_m),
@@ -145,9 +145,9 @@ def _receiver(facts: Facts, vehicle_id: VehicleId, row: int) -> Iterator[Check]:
         )
 
 
-def _estimator(facts: Facts, vehicle_id: VehicleId) -> Check:
+def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
     """What the autopilot says of its own sensors, estimator, and checks before arming."""
-    heard, at = facts.telemetry[vehicle_id]
+    heard, at = inputs.telemetry[vehicle_id]
     sick, limit = int(heard.sick_sensors[at]), "its own checks before arming pass"
     if sick < 0:
         problem = "its autopilot has not told its health yet"
@@ -163,9 +163,9 @@ def _estimator(facts: Facts, vehicle_id: VehicleId) -> Check:
     return Check("autopilot", State.FAIL, None, "", limit, problem, "wait, and read what it says")
 
 
-def _battery(facts: Facts, vehicle_id: VehicleId) -> Check:
-    heard, at = facts.telemetry[vehicle_id]
-    left, need, flat = float(heard.battery_remaining[at]), facts.battery_need, facts.settings.battery_min
+def _battery(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
+    heard, at = inputs.telemetry[vehicle_id]
+    left, need, flat = float(heard.battery_remaining[at]), inputs.battery_need, inputs.settings.battery_min
     if need is None:
         problem = "what the selected show needs of a battery is not known"
         to_do = "check and select it again"
@@ -185,11 +185,11 @@ def _battery(facts: Facts, vehicle_id: VehicleId) -> Check:
     )
 
 
-def _origin(facts: Facts, row: int) -> Iterator[Check]:
+def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     """Whether its pad lies where the show's origin says that pads are."""
-    if not facts.is_placed(row):
+    if not inputs.is_placed(row):
         return  # nothing is known of it, and that is told
-    place_m, fence = facts.fleet.position_m[row], facts.fence
+    place_m, fence = inputs.fleet.position_m[row], inputs.fence
     height_m, distance_m = -float(place_m[2]), float(np.hypot(place_m[0], place_m[1]))
     beside = f"{abs(height_m):.1f} m {'above' if height_m > 0.0 else 'below'} the show's origin"
     yield judged(
@@ -201,13 +201,13 @@ def _origin(facts: Facts, row: int) -> Iterator[Check]:
         to_do="check show_frame.altitude_amsl_m",
         unit="m",
     )
-    least_m = min(fence.distance_max_m, facts.pads_within_m)
+    least_m = min(fence.distance_max_m, inputs.pads_within_m)
     away = f"stands {distance_m:.0f} m from the show's origin"
     if distance_m > fence.distance_max_m:
         problem = f"{away}, beyond the fence at {fence.distance_max_m:g} m"
         to_do = "check show_frame"
     else:
-        problem = f"{away}, its autopilot's fence allows for {facts.pads_within_m:g} m"
+        problem = f"{away}, its autopilot's fence allows for {inputs.pads_within_m:g} m"
         to_do = "check show_frame, or raise operation.pads_within_m and apply the parameters again"
     yield judged(
         "distance of the origin",
@@ -220,11 +220,11 @@ def _origin(facts: Facts, row: int) -> Iterator[Check]:
     )
 
 
-def _speed(facts: Facts, row: int) -> Check | None:
+def _speed(inputs: PreflightInputs, row: int) -> Check | None:
     """Whether it may fly as fast as the show needs. None: it has no limit of its own, or there is no show."""
-    if facts.speed_max_m_s is None or not facts.speed_need_m_s or not isfinite(facts.speed_max_m_s[row]):
+    if inputs.speed_max_m_s is None or not inputs.speed_need_m_s or not isfinite(inputs.speed_max_m_s[row]):
         return None
-    able_m_s, need_m_s = float(facts.speed_max_m_s[row]), facts.speed_need_m_s
+    able_m_s, need_m_s = float(inputs.speed_max_m_s[row]), inputs.speed_need_m_s
     return judged(
         "speed",
         able_m_s,
@@ -236,13 +236,13 @@ def _speed(facts: Facts, row: int) -> Check | None:
     )
 
 
-def _clock(facts: Facts, vehicle_id: VehicleId) -> Check | None:
+def _clock(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check | None:
     """The vehicles know the time from their satellites: who differs from us shows that somebody is wrong."""
-    most_s = facts.settings.clock_max_s
+    most_s = inputs.settings.clock_max_s
     if most_s is None:
         return None
-    heard, at = facts.telemetry[vehicle_id]
-    ahead_s = float(heard.clock_base_s[at]) - facts.ahead_s
+    heard, at = inputs.telemetry[vehicle_id]
+    ahead_s = float(heard.clock_base_s[at]) - inputs.ahead_s
     if isnan(ahead_s):
         problem, to_do = "its clock has not told the time yet", "wait for its fix"
     else:

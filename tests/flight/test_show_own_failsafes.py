@@ -26,7 +26,7 @@ async def three_flat(show: Show) -> dict[str, Any]:
     alarms, reasons = show.view.alarms, [show.vehicle(name).reason for name in ("d1", "d2", "d3")]
     flight = show.service._flight
     refusals = [
-        control_refusal(name, flight.facts(flight.vehicles[name])) for name in ("d1", "d2", "d3", "d4")
+        control_refusal(name, flight.inputs(flight.vehicles[name])) for name in ("d1", "d2", "d3", "d4")
     ]
     await show.until(lambda: all(show.vehicle(name).phase is Phase.STANDBY for name in ("d1", "d2", "d3")))
     landed_s = {name: show.track.between(began_s).since(name, Phase.STANDBY) for name in ("d1", "d2", "d3")}

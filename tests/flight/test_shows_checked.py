@@ -38,7 +38,7 @@ def test_a_shipped_show_is_good_to_fly(path: Path, capsys: pytest.CaptureFixture
     assert max(cue["radius_error_m"] for cue in verdict["cues"]) < 2.0
     assert verdict["hash"] == load(path).show.digest
     sideways_m = [pair["sideways_m"] for pair in verdict["columns"]]
-    assert len(sideways_m) == min(verdict["column_pairs"], 50)
+    assert len(sideways_m) == min(verdict["vertical_overlaps"], 50)
     assert sideways_m == sorted(sideways_m)
     cues = {cue["cue"].split(" (")[0] for cue in verdict["cues"]}
     assert all(pair["upper"] != pair["lower"] and pair["cue"] in cues for pair in verdict["columns"])

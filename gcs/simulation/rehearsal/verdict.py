@@ -44,7 +44,7 @@ class CueFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class ColumnPair:
+class VerticalOverlap:
     """Two vehicles that were stacked in the rehearsal: they cannot both come straight down.
 
     In flight it may be others: the law gives nobody a certain place.
@@ -79,8 +79,8 @@ class Verdict:
     fence_distance_margin_m: float
     fence_height_margin_m: float  # of the nearer one of least and greatest height, in the show
     battery_need: float  # share of a full battery, reserve included
-    column_pairs: int  # whose columns overlap at some time of the show
-    columns: tuple[ColumnPair, ...]  # the nearest of them
+    vertical_overlaps: int  # whose columns overlap at some time of the show
+    columns: tuple[VerticalOverlap, ...]  # the nearest of them
     cues: tuple[CueFigures, ...]
 
     def describe(self) -> dict[str, object]:
@@ -138,7 +138,7 @@ class _Judge:
             fence_distance_margin_m=_short(away_m),
             fence_height_margin_m=_short(margin_m),
             battery_need=_short(need),
-            column_pairs=len(columns),
+            vertical_overlaps=len(columns),
             columns=tuple(columns[:COLUMNS_TOLD]),
             cues=cues,
         )
@@ -226,7 +226,7 @@ class _Judge:
             )
         return need
 
-    def _columns(self) -> list[ColumnPair]:
+    def _columns(self) -> list[VerticalOverlap]:
         """Pairs that are stacked while the show runs, the nearest first."""
         width_m = column_m(self._flight.settings.safety.floor)
         nearest: dict[tuple[int, int], tuple[float, int]] = {}
@@ -236,7 +236,7 @@ class _Judge:
                 if sideways_m < nearest.get((upper, lower), (width_m, 0))[0]:
                     nearest[upper, lower] = sideways_m, tick
         return [
-            ColumnPair(upper + 1, lower + 1, _short(sideways_m), self._where(tick))
+            VerticalOverlap(upper + 1, lower + 1, _short(sideways_m), self._where(tick))
             for (upper, lower), (sideways_m, tick) in sorted(nearest.items(), key=lambda found: found[1])
         ]
 
@@ -294,7 +294,7 @@ def _short(value: float) -> float:
     return round(float(value), 2)
 
 
-def _named(columns: Sequence[ColumnPair]) -> str:
+def _named(columns: Sequence[VerticalOverlap]) -> str:
     """The nearest of them, in words."""
     words = [f"{pair.upper} above {pair.lower} at '{pair.cue}'" for pair in columns[:COLUMNS_NAMED]]
     return f": {', '.join(words)}{', ...' if len(columns) > COLUMNS_NAMED else ''}" if words else ""
@@ -322,7 +322,7 @@ def table(verdict: Verdict) -> str:
             f" {verdict.fence_height_margin_m:.1f} m in height"
         ),
         f"  battery {verdict.battery_need:.0%} needed, reserve included",
-        f"  columns of {verdict.column_pairs} pairs overlap{_named(verdict.columns)}",
+        f"  columns of {verdict.vertical_overlaps} pairs overlap{_named(verdict.columns)}",
         "",
     ]
     cells = [("cue", "line", "at s", "radius", "height", "closest", "speed", "shape", "centre", "held")]

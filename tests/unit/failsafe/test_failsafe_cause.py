@@ -5,10 +5,16 @@ from math import nan
 
 import pytest
 
-from gcs.failsafe.autopilot_failsafe import FailsafeCause, VehicleFacts, cause_of, control_refusal, described
+from gcs.failsafe.autopilot_failsafe import (
+    FailsafeCause,
+    FailsafeInputs,
+    cause_of,
+    control_refusal,
+    described,
+)
 from gcs.model.state import Mode
 
-FACTS = VehicleFacts(
+INPUTS = FailsafeInputs(
     mode=Mode.HOLD,
     in_failsafe=True,
     battery_remaining=0.8,
@@ -19,51 +25,51 @@ FACTS = VehicleFacts(
     setpoint_loss_action="hold",
     position_age_s=0.1,
 )
-LANDS = replace(FACTS, mode=Mode.LAND)
+LANDS = replace(INPUTS, mode=Mode.LAND)
 
 
 @pytest.mark.parametrize(
-    ("facts", "cause"),
+    ("inputs", "cause"),
     [
         (replace(LANDS, battery_remaining=0.05), FailsafeCause.CRITICAL_BATTERY),
         (replace(LANDS, battery_remaining=nan, texts=("Critical battery",)), FailsafeCause.CRITICAL_BATTERY),
         (replace(LANDS, texts=("Battery 1 disconnected",)), FailsafeCause.CRITICAL_BATTERY),
-        (replace(FACTS, mode=Mode.RETURN, battery_remaining=0.14), FailsafeCause.LOW_BATTERY),
+        (replace(INPUTS, mode=Mode.RETURN, battery_remaining=0.14), FailsafeCause.LOW_BATTERY),
         (
             replace(LANDS, in_failsafe=False, texts=("Critical battery, landing",)),
             FailsafeCause.CRITICAL_BATTERY,
         ),
-        (FACTS, FailsafeCause.SETPOINT_LOSS),
-        (replace(FACTS, mode=Mode.POSITION, setpoint_loss_action="descend"), FailsafeCause.SETPOINT_LOSS),
-        (replace(FACTS, mode=Mode.RETURN, texts=("GCS connection lost",)), FailsafeCause.DATA_LINK_LOSS),
+        (INPUTS, FailsafeCause.SETPOINT_LOSS),
+        (replace(INPUTS, mode=Mode.POSITION, setpoint_loss_action="descend"), FailsafeCause.SETPOINT_LOSS),
+        (replace(INPUTS, mode=Mode.RETURN, texts=("GCS connection lost",)), FailsafeCause.DATA_LINK_LOSS),
         (
-            replace(FACTS, texts=("Geofence: exceeding maximum distance to Home", "Failsafe activated")),
+            replace(INPUTS, texts=("Geofence: exceeding maximum distance to Home", "Failsafe activated")),
             FailsafeCause.GEOFENCE,
         ),
         (replace(LANDS, texts=("No valid local position estimate",)), FailsafeCause.POSITION_LOSS),
         (replace(LANDS, position_age_s=9.0), FailsafeCause.POSITION_LOSS),
-        (replace(FACTS, mode=Mode.RETURN, texts=("Manual control lost",)), FailsafeCause.RC_LOSS),
-        (replace(FACTS, mode=Mode.RETURN), FailsafeCause.OTHER),
-        (replace(FACTS, in_failsafe=False), FailsafeCause.UNKNOWN),
+        (replace(INPUTS, mode=Mode.RETURN, texts=("Manual control lost",)), FailsafeCause.RC_LOSS),
+        (replace(INPUTS, mode=Mode.RETURN), FailsafeCause.OTHER),
+        (replace(INPUTS, in_failsafe=False), FailsafeCause.UNKNOWN),
         (replace(LANDS, in_failsafe=False, texts=("Landing at current position",)), FailsafeCause.UNKNOWN),
         (
-            replace(FACTS, mode=Mode.POSITION, in_failsafe=False, battery_remaining=0.05),
+            replace(INPUTS, mode=Mode.POSITION, in_failsafe=False, battery_remaining=0.05),
             FailsafeCause.UNKNOWN,  # a pilot flies on a flat battery
         ),
     ],
 )
-def test_each_failsafe_is_distinguished_from_the_others(facts: VehicleFacts, cause: FailsafeCause) -> None:
-    assert cause_of(facts) is cause
+def test_each_failsafe_is_distinguished_from_the_others(inputs: FailsafeInputs, cause: FailsafeCause) -> None:
+    assert cause_of(inputs) is cause
 
 
 def test_the_operator_reads_what_it_does_why_and_what_to_do() -> None:
     flat = replace(LANDS, battery_remaining=0.05)
     text = described("d1", cause_of(flat), flat)
     assert text == "d1 lands by its own critical-battery failsafe, battery 5%. Leave it."
-    stalled = replace(FACTS, setpoint_gap_s=4.0)
+    stalled = replace(INPUTS, setpoint_gap_s=4.0)
     assert "this station sent none for 4.0 s" in described("d1", cause_of(stalled), stalled)
-    assert "did not reach it" in described("d1", cause_of(FACTS), FACTS)
-    taken = replace(FACTS, in_failsafe=False)
+    assert "did not reach it" in described("d1", cause_of(INPUTS), INPUTS)
+    taken = replace(INPUTS, in_failsafe=False)
     assert "when the pilot agrees" in described("d1", cause_of(taken), taken)
 
 
@@ -73,13 +79,13 @@ def test_control_is_refused_only_where_it_would_stop_a_landing() -> None:
     assert "leave it to its autopilot" in refusal
     assert "`gcs kill d1` is the last resort" in refusal
     assert control_refusal("d1", LANDS) == ""
-    hovers = replace(FACTS, battery_remaining=0.05)
+    hovers = replace(INPUTS, battery_remaining=0.05)
     assert control_refusal("d1", hovers) == "", "nothing else brings it down"
     assert described("d1", cause_of(hovers), hovers).endswith("Take control, and land it.")
 
 
 def test_a_station_that_has_just_started_does_not_blame_the_link() -> None:
-    facts = replace(FACTS, setpoint_gap_s=nan)
-    text = described("d1", cause_of(facts), facts)
+    inputs = replace(INPUTS, setpoint_gap_s=nan)
+    text = described("d1", cause_of(inputs), inputs)
     assert "this station has sent none since it started" in text
     assert "did not reach it" not in text

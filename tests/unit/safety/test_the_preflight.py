@@ -10,7 +10,7 @@ from gcs.config.preflight import PreflightSettings
 from gcs.estimation.position_uncertainty import Positioning, uncertainty_m
 from gcs.model.preflight_report import Check, State, describe
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
-from gcs.preflight import PAD_HEIGHT_MAX_M, Facts, Pattern, own_checks, spacing, standing
+from gcs.preflight import PAD_HEIGHT_MAX_M, Pattern, PreflightInputs, own_checks, spacing, standing
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 
@@ -56,7 +56,7 @@ def known(
     height_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     settings: PreflightSettings | None = None,
     **more: Any,
-) -> Facts:
+) -> PreflightInputs:
     position = np.stack([np.zeros(3), np.array(east_m), -np.array(height_m)], axis=1)
     reported_m = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m
     given: dict[str, Any] = {
@@ -71,10 +71,10 @@ def known(
         "positioning": P,
         "settings": settings or PreflightSettings(),
     }
-    return Facts(**{**given, **more})
+    return PreflightInputs(**{**given, **more})
 
 
-def failed(facts: Facts) -> list[tuple[str, Check]]:
+def failed(facts: PreflightInputs) -> list[tuple[str, Check]]:
     """Whatever does not pass, of one vehicle by itself and of how it stands to its neighbours."""
     near = spacing(facts, IDS)
     found = [(name, check) for name in IDS for check in (*own_checks(facts, name), *near[name])]
@@ -84,7 +84,7 @@ def failed(facts: Facts) -> list[tuple[str, Check]]:
     return [(name, check) for name, check in found if not check.passes]
 
 
-def only(facts: Facts) -> tuple[str, Check]:
+def only(facts: PreflightInputs) -> tuple[str, Check]:
     (one,) = failed(facts)
     return one
 
@@ -113,7 +113,7 @@ def of_b(column: str, value: float) -> Telemetry:
     return changed
 
 
-FAILING: dict[str, tuple[Facts, State, str, str]] = {
+FAILING: dict[str, tuple[PreflightInputs, State, str, str]] = {
     "address": (known(conflicts={"b": "system id 2 is heard twice"}), State.FAIL, "heard twice", "its own"),
     "position": (known(age_s=(0.1, 0.7, 0.1)), State.FAIL, "no position for 0.7 s", "link"),
     "fix": (known(of_b("fix_type", 2.0)), State.FAIL, "fix is 2D, 3D is needed", "open sky"),
@@ -249,7 +249,9 @@ def turned(place_m: Array, by_deg: float) -> Array:
     return round_m
 
 
-def nine(place_m: Array, height_m: Array | None = None, settings: PreflightSettings | None = None) -> Facts:
+def nine(
+    place_m: Array, height_m: Array | None = None, settings: PreflightSettings | None = None
+) -> PreflightInputs:
     position = np.column_stack([place_m, np.zeros(9) if height_m is None else -height_m])
     fleet = FleetState(0.0, NINE, position, np.zeros((9, 3)), np.zeros(9), np.full(9, 0.1))
     rows = {name: row for row, name in enumerate(NINE)}
@@ -263,7 +265,9 @@ def pattern(
     return Pattern(expected_m, {name: row for row, name in enumerate(names)}, heading_deg)
 
 
-def wrong(facts: Facts, flying: tuple[str, ...] = NINE, expected: Pattern | None = None) -> dict[str, str]:
+def wrong(
+    facts: PreflightInputs, flying: tuple[str, ...] = NINE, expected: Pattern | None = None
+) -> dict[str, str]:
     """Problems by the vehicle's name or the fleet's check."""
     found = standing(facts, flying, expected or pattern())
     checks = [(check.name, check) for check in found.fleet]

@@ -22,7 +22,7 @@ function figures(found: Figures): TemplateResult {
       ${pair(f.separation, `${withUnit(found.separation_min_m, "m", 2)} (${texts.bar.floor} ${withUnit(found.floor_m, "m")}), ${found.separation_min_at}`)}
       ${pair(f.belowFloor, String(found.pairs_below_floor))} ${pair(f.speed, withUnit(found.speed_max_m_s, "m/s"))}
       ${pair(f.fence, f.margins(withUnit(found.fence_distance_margin_m, "m"), withUnit(found.fence_height_margin_m, "m")))}
-      ${pair(f.battery, percent(found.battery_need))} ${pair(f.columns, String(found.column_pairs))}
+      ${pair(f.battery, percent(found.battery_need))} ${pair(f.columns, String(found.vertical_overlaps))}
     </dl>
     <table class="plain-table">
       <thead>
