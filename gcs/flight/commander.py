@@ -17,7 +17,7 @@ from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.participants import Participants
 from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.recovery import Takeover
-from gcs.flight.show_player import Stage
+from gcs.flight.show_player import ShowPlayer
 from gcs.flight.start import Countdown, Starting
 from gcs.flight.telemetry_monitor import Watch
 from gcs.flight.ticker import TickClock
@@ -52,7 +52,7 @@ class Commander:
         maneuvers: Maneuvers,
         book: OrderBook,
         parameter_reader: ParameterReader,
-        stage: Stage,
+        show_player: ShowPlayer,
         unix_s: Callable[[], float],
         clock: TickClock,
         planning: Executor,
@@ -67,14 +67,16 @@ class Commander:
         self._maneuvers = maneuvers
         self._book = book
         self._participants = Participants(flight, book, unix_s)
-        self._preflight_gate = PreflightGate(flight, parameter_reader, stage, self._participants, unix_s)
-        self._starting = Starting(flight, maneuvers, book, self._preflight_gate, stage, unix_s)
+        self._preflight_gate = PreflightGate(
+            flight, parameter_reader, show_player, self._participants, unix_s
+        )
+        self._starting = Starting(flight, maneuvers, book, self._preflight_gate, show_player, unix_s)
         self._vehicle_orders = VehicleOrders(flight, maneuvers, book)
         self._homecoming: Homecoming | None = None
         self._commanded: ShowEvent | None = None  # the newest command to all, where vehicles may be awaited
-        self.takeover = Takeover(flight, maneuvers, book, stage, found, self._bring_home, unix_s)
+        self.takeover = Takeover(flight, maneuvers, book, show_player, found, self._bring_home, unix_s)
         self._watch = Watch(flight, maneuvers, parameter_reader, self._come_back)
-        self._failsafe_monitor = FailsafeMonitor(flight, stage, clock, unix_s, self, maneuvers.running)
+        self._failsafe_monitor = FailsafeMonitor(flight, show_player, clock, unix_s, self, maneuvers.running)
 
     def close(self) -> None:
         """Stop planning returns that no vehicle will fly."""
@@ -157,8 +159,8 @@ class Commander:
                 self._all_have_taken_off()
         elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
             flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
-        elif flight.performance is not None and flight.performance.is_over(flight.fleet.time_s):
-            reason = f"show {flight.performance.name!r} is over: all vehicles return home"
+        elif flight.show_run is not None and flight.show_run.is_over(flight.fleet.time_s):
+            reason = f"show {flight.show_run.name!r} is over: all vehicles return home"
             self._stop(reason, reclaim=False)
         self.takeover.note_setpoints()
 
@@ -461,9 +463,9 @@ class Commander:
         return place_m
 
     def _resume(self) -> OrderRecord:
-        performance = self._flight.performance
-        if performance is not None and not performance.started:
-            raise RefusedError(f"show {performance.name!r} was never started: stop brings home all vehicles")
+        show_run = self._flight.show_run
+        if show_run is not None and not show_run.started:
+            raise RefusedError(f"show {show_run.name!r} was never started: stop brings home all vehicles")
         flight = self._flight
         advance_show(flight.show, ShowEvent.RESUME)
         joining = self.takeover.taking_over or any(vehicle.engaging for vehicle in flight.airborne)

@@ -11,7 +11,7 @@ from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
 from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, Cause
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen, advance, is_calm, look
 from gcs.flight.fleet import Fleet
-from gcs.flight.show_player import Stage
+from gcs.flight.show_player import ShowPlayer
 from gcs.flight.ticker import TickClock
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
@@ -79,7 +79,7 @@ class FailsafeMonitor:
     def __init__(
         self,
         flight: Fleet,
-        stage: Stage,
+        show_player: ShowPlayer,
         clock: TickClock,
         unix_s: Callable[[], float],
         commands: FailsafeCommands,
@@ -87,7 +87,7 @@ class FailsafeMonitor:
     ) -> None:
         """`is_busy` tells who is on an errand."""
         self._flight = flight
-        self._stage = stage
+        self._show_player = show_player
         self._clock = clock
         self._unix_s = unix_s
         self._commands = commands
@@ -138,7 +138,7 @@ class FailsafeMonitor:
             fleet.time_s - np.minimum(position_s, life_s) > flight.config.operation.silence_s,
             flight.reset_time_s,
             flight.control.safety.fence,
-            self._stage.target_age_s,
+            self._show_player.target_age_s,
             self._clock.late_s,
             flight.link_delay.late_s,
             flight.link_quality.share,
@@ -209,7 +209,7 @@ class FailsafeMonitor:
         if request.action is Action.RE_FORM:
             return self._commands.note_re_formed()
         if request.action is Action.HOLD_TARGET:
-            self._stage.hold_target()
+            self._show_player.hold_target()
             return self._commands.note_target_held()
         return self._commands.execute_show_failsafe(
             SHOW_COMMAND[request.action], f"{request.cause}: {request.reason}"

@@ -22,7 +22,7 @@ from gcs.estimation.link_quality import LinkQuality
 from gcs.estimation.position_uncertainty import uncertainty_m
 from gcs.estimation.setpoint_gaps import SetpointGaps
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
-from gcs.flight.running_show import Performance
+from gcs.flight.running_show import ShowRun
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.links import Link, Order, ParameterValue
@@ -122,7 +122,7 @@ class Fleet:
         )
         self.plan: Plan = replace(config.plan, target=replace(config.plan.target, time_s=now_s))
         self.control = config.control  # narrower while a show is selected
-        self.performance: Performance | None = None
+        self.show_run: ShowRun | None = None
         self.show = ShowPhase.IDLE
         self.reason = "nothing has been started"
         self.columns = ""  # how many pairs will be stacked, in words; as of the last start
@@ -353,8 +353,8 @@ class Fleet:
             self.show_before = before
         if event in {ShowEvent.ALL_DOWN, ShowEvent.CONTROL_LOST} and before is not ShowPhase.UNCONTROLLED:
             self.came_down_by = before if before in {ShowPhase.RETURNING, ShowPhase.ABORTING} else None
-        if self.performance is not None:
-            self.performance.follow(self.show, self.fleet.time_s)
+        if self.show_run is not None:
+            self.show_run.follow(self.show, self.fleet.time_s)
         log.info("show_phase", extra={"was": before.value, "phase": self.show.value, "reason": reason})
 
     def tasks(self) -> Tasks:

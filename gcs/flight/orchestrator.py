@@ -27,7 +27,7 @@ from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.plan_editor import PlanEditor
 from gcs.flight.record_sample import moment_of
-from gcs.flight.show_player import Stage
+from gcs.flight.show_player import ShowPlayer
 from gcs.flight.snapshots import fleet_view
 from gcs.flight.ticker import TickClock, ticks
 from gcs.flight.vehicle import Vehicle
@@ -55,7 +55,7 @@ from gcs.service import (
 )
 from gcs.service.alarms import Alarm
 from gcs.service.event_log import Happening, Happenings, heard
-from gcs.shows.library import Repertoire
+from gcs.shows.library import ShowLibrary
 
 log = logging.getLogger(__name__)
 
@@ -115,10 +115,10 @@ class Orchestrator:
         self._unix_s = unix_s
         self._heart = heart
         self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
-        self.shows = Repertoire(None if config.shows is None else config.shows.folder)
-        self._stage = Stage(self._flight, self.shows)
+        self.shows = ShowLibrary(None if config.shows is None else config.shows.folder)
+        self._show_player = ShowPlayer(self._flight, self.shows)
         self._plan_editor = PlanEditor(
-            self._flight, self._stage, self._taking_part, asyncio.get_running_loop().time
+            self._flight, self._show_player, self._taking_part, asyncio.get_running_loop().time
         )
         self._clock = TickClock(config.tick_rate_hz)
         self._interventions = 0
@@ -146,7 +146,7 @@ class Orchestrator:
                     maneuvers,
                     self._book,
                     parameter_reader,
-                    self._stage,
+                    self._show_player,
                     self._unix_s,
                     self._clock,
                     self._planning,
@@ -183,7 +183,7 @@ class Orchestrator:
         if gap_s > self._config.deadman_s:
             commander.stalled(gap_s)
         commander.watch()
-        self._stage.lead()
+        self._show_player.lead()
         result = self._decide()
         flight.memory = result.memory
         flight.setpoint_gaps.note(~np.isnan(result.memory.wanted_m_s[:, 0]), now_s)
@@ -202,7 +202,7 @@ class Orchestrator:
         recorded = () if self._record is None else self._record.problems
         return Findings(
             failsafes=commander.failsafes,
-            obstacles_wait=self._stage.waits,
+            obstacles_wait=self._show_player.waits,
             not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
             failed_links=self._failed_links,
             interrupted=commander.takeover.view(),
@@ -262,7 +262,7 @@ class Orchestrator:
             setpoints_sent=sum(link.setpoints_sent for link in flight.links),
             estimates=self._estimating.newest,
             unix_time_s=self._unix_s(),
-            performance=flight.performance,
+            show_run=flight.show_run,
             start_unix_s=self._start_unix_s,
             failsafes=() if self._commander is None else self._commander.failsafes,
             interrupted=None if self._commander is None else self._commander.takeover.view(),
@@ -321,19 +321,19 @@ class Orchestrator:
         """Have a checked show fly next."""
         with instead(self._flight):
             self._need_no_countdown()
-            return self._stage.select(name, show_hash)
+            return self._show_player.select(name, show_hash)
 
     def deselect_show(self) -> None:
         """Fly what is told instead."""
         with instead(self._flight):
             self._need_no_countdown()
-            self._stage.deselect()
+            self._show_player.deselect()
 
     def seek_show(self, cue: str) -> SelectedShow:
         """Have the selected show begin at a cue."""
         with instead(self._flight):
             self._need_no_countdown()
-            return self._stage.seek(cue)
+            return self._show_player.seek(cue)
 
     def _need_no_countdown(self) -> None:
         if self._running().countdown is not None:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from gcs.flight.fleet import Fleet
-from gcs.flight.show_player import Stage
+from gcs.flight.show_player import ShowPlayer
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import ON_THE_GROUND, Phase
@@ -25,20 +25,20 @@ class PlanEditor:
     def __init__(
         self,
         flight: Fleet,
-        stage: Stage,
+        show_player: ShowPlayer,
         taking_part: Callable[[], Sequence[Vehicle]],
         now_s: Callable[[], float],
     ) -> None:
         """`taking_part` tells who is in the air, or about to be; `now_s` is the loop's clock."""
         self._flight = flight
-        self._stage = stage
+        self._show_player = show_player
         self._taking_part = taking_part
         self._now_s = now_s
 
     def set_formation(self, formation: Formation) -> None:
         """Change radius and height; refused with what would work."""
         flight = self._flight
-        self._stage.need_free("formation")
+        self._show_player.need_free("formation")
         count = 1 if flight.show in ON_THE_GROUND else max(1, len(self._taking_part()))
         target, control, was = self._followed(), flight.control, flight.plan.formation
         if formation.height_m == was.height_m and formation.radius_m > was.radius_m:
@@ -50,7 +50,7 @@ class PlanEditor:
     def set_orbit(self, orbit: Orbit) -> None:
         """Change how the centre circles the target."""
         flight = self._flight
-        self._stage.need_free("orbit")
+        self._show_player.need_free("orbit")
         control = flight.control
         check_orbit(orbit, control.law)
         check_target(self._followed(), orbit, flight.plan.formation, control, changed="orbit")
@@ -58,7 +58,7 @@ class PlanEditor:
 
     def set_target(self, target: Target) -> None:
         """Tell where the target is now and how it moves."""
-        self._stage.tell_target(replace(target, time_s=self._now_s()))
+        self._show_player.tell_target(replace(target, time_s=self._now_s()))
 
     def _followed(self) -> Target:
         """The target where it is followed now."""
@@ -71,10 +71,10 @@ class PlanEditor:
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
         """Add a box."""
-        self._stage.need_own_obstacle(obstacle.id)
+        self._show_player.need_own_obstacle(obstacle.id)
         if any(known.id == obstacle.id for known in self._flight.plan.obstacles):
             raise RefusedError(f"there is an obstacle {obstacle.id} already; change or remove it")
-        if len(self._flight.plan.obstacles) + self._stage.reserved >= MAX_OBSTACLES:
+        if len(self._flight.plan.obstacles) + self._show_player.reserved >= MAX_OBSTACLES:
             raise RefusedError(f"there are {MAX_OBSTACLES} obstacles already, the most possible; remove one")
         self._place_obstacle(obstacle)
 
@@ -89,7 +89,7 @@ class PlanEditor:
         self._set_obstacles([known for known in self._flight.plan.obstacles if known.id != obstacle_id])
 
     def _need_obstacle(self, obstacle_id: str) -> None:
-        self._stage.need_own_obstacle(obstacle_id)
+        self._show_player.need_own_obstacle(obstacle_id)
         known = [obstacle.id for obstacle in self._flight.plan.obstacles]
         if obstacle_id not in known:
             raise UnknownError(f"there is no obstacle {obstacle_id}; there are {', '.join(known) or 'none'}")

@@ -10,8 +10,8 @@ import numpy as np
 from gcs.flight.fleet import Fleet
 from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.participants import Participants
-from gcs.flight.running_show import Performance
-from gcs.flight.show_player import Stage
+from gcs.flight.running_show import ShowRun
+from gcs.flight.show_player import ShowPlayer
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.preflight_report import Check, PreflightReport, State, VehicleChecks, describe
@@ -61,13 +61,13 @@ class _Kept(NamedTuple):
 
     time_s: float
     asked: tuple[VehicleId, ...] | None
-    show: Performance | None
+    show: ShowRun | None
     out: frozenset[VehicleId]
     report: PreflightReport
 
     def answers(self, asked: tuple[VehicleId, ...] | None, flight: Fleet) -> bool:
         """Whether it will do for that question, now."""
-        same = self.show is flight.performance and self.out == frozenset(flight.excluded)
+        same = self.show is flight.show_run and self.out == frozenset(flight.excluded)
         return same and self.asked == asked and flight.fleet.time_s - self.time_s < AGAIN_S
 
 
@@ -78,13 +78,13 @@ class PreflightGate:
         self,
         flight: Fleet,
         parameter_reader: ParameterReader,
-        stage: Stage,
+        show_player: ShowPlayer,
         participants: Participants,
         unix_s: Callable[[], float],
     ) -> None:
         self._flight = flight
         self._parameter_reader = parameter_reader
-        self._stage = stage
+        self._show_player = show_player
         self._participants = participants
         self._unix_s = unix_s
         self._last: _Kept | None = None
@@ -110,10 +110,10 @@ class PreflightGate:
 
     def _kept(self, asked: tuple[VehicleId, ...] | None, report: PreflightReport) -> "_Kept":
         flight = self._flight
-        return _Kept(flight.fleet.time_s, asked, flight.performance, frozenset(flight.excluded), report)
+        return _Kept(flight.fleet.time_s, asked, flight.show_run, frozenset(flight.excluded), report)
 
     def _made(self, wanted: tuple[VehicleId, ...] | None) -> PreflightReport:
-        flight, show = self._flight, self._flight.performance
+        flight, show = self._flight, self._flight.show_run
         fleet: list[Check] = []
         try:
             chosen, left_out = self._participants.choose(wanted)
@@ -136,7 +136,7 @@ class PreflightGate:
         fleet: Sequence[Check],
         looked: "_Looked",
     ) -> PreflightReport:
-        show, flying = self._flight.performance, set(chosen)
+        show, flying = self._flight.show_run, set(chosen)
         return PreflightReport(
             unix_time_s=self._unix_s(),
             show=None if show is None else show.name,
@@ -187,7 +187,7 @@ class PreflightGate:
     def _need_show(
         self, chosen: Sequence[VehicleId], show_hash: str | None, wanted: Sequence[VehicleId] | None
     ) -> None:
-        self._stage.check_start(
+        self._show_player.check_start(
             chosen, show_hash, named=wanted is not None, taken_out=len(self._flight.excluded)
         )
 
@@ -231,7 +231,7 @@ class PreflightGate:
 
     def _inputs(self) -> PreflightInputs:
         flight, operation = self._flight, self._flight.config.operation
-        show = flight.performance
+        show = flight.show_run
         needs = None if show is None else show.figures.get("battery_need")
         return PreflightInputs(
             fleet=flight.fleet,
@@ -256,8 +256,8 @@ class PreflightGate:
         """The selected show's pads, each a vehicle's by its number; else what the configuration says."""
         flight, config = self._flight, self._flight.config
         heading_deg = config.show_frame.heading_deg
-        if flight.performance is not None:
-            pads_m = flight.performance.timeline.show.pads_m[:, :2]
+        if flight.show_run is not None:
+            pads_m = flight.show_run.timeline.show.pads_m[:, :2]
             numbered = list(flight.vehicles)[: len(pads_m)]
             return Pattern(pads_m, {name: row for row, name in enumerate(numbered)}, heading_deg)
         places = config.preflight.start_places
@@ -284,7 +284,7 @@ class PreflightGate:
                 lambda: check_setpoint_loss(
                     tuple(chosen),
                     flight.fleet.position_m[rows],
-                    self._stage.plans(),
+                    self._show_player.plans(),
                     flight.control,
                     flight.traits.uncertainty_m[rows],
                     operation.setpoint_loss_action,
@@ -296,7 +296,7 @@ class PreflightGate:
     def _check_obstacles(self, chosen: Sequence[VehicleId]) -> None:
         flight = self._flight
         pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
-        for obstacle in self._stage.obstacles():
+        for obstacle in self._show_player.obstacles():
             check_obstacle(obstacle, flight.control.law.avoidance, {}, pads_m)
 
     def _check_vertical_overlap(self, chosen: Sequence[VehicleId]) -> None:
@@ -304,7 +304,7 @@ class PreflightGate:
         flight = self._flight
         home_m = np.array([flight.position_m(flight.vehicles[name]) for name in chosen])
         width_m = column_m(flight.control.safety.floor)
-        plan = min((plan for _, plan in self._stage.plans()), key=lambda each: each.formation.radius_m)
+        plan = min((plan for _, plan in self._show_player.plans()), key=lambda each: each.formation.radius_m)
         rehearsed, words = self._rehearsed_overlaps(chosen), ""
         if len(chosen) <= PREDICTED_MAX:
             formed_m = formation_m(tuple(chosen), home_m, plan, flight.control)
@@ -317,8 +317,8 @@ class PreflightGate:
 
     def _rehearsed_overlaps(self, chosen: Sequence[VehicleId]) -> list[str]:
         """Stacked pairs in the check of the selected show, by the names of the vehicles that fly now."""
-        performance = self._flight.performance
-        pairs = () if performance is None else performance.figures.get("columns", ())
+        show_run = self._flight.show_run
+        pairs = () if show_run is None else show_run.figures.get("columns", ())
         return [
             f"{chosen[pair['upper'] - 1]} above {chosen[pair['lower'] - 1]} at '{pair['cue']}'"
             for pair in pairs

@@ -28,12 +28,12 @@ def moment_of(
     parts = flight.telemetry.parts
     center = tick.memory.center
     separation_m = tick.minimum_separation_m
-    performance = flight.performance
-    selected = None if performance is None else performance.view(fleet.time_s)
+    show_run = flight.show_run
+    selected = None if show_run is None else show_run.view(fleet.time_s)
     colours = None
-    if performance is not None and selected is not None:
+    if show_run is not None and selected is not None:
         # the parts are replaced, never changed
-        colours = partial(lights, performance.timeline, performance.parts, fleet.ids, selected.clock_s)
+        colours = partial(lights, show_run.timeline, show_run.parts, fleet.ids, selected.clock_s)
     return Moment(
         unix_time_s=unix_time_s,
         fleet=fleet,
@@ -62,7 +62,7 @@ def moment_of(
         control_alive=control_alive,
         setpoints_sent=sum(link.setpoints_sent for link in flight.links),
         alarms=alarms,
-        parts={} if performance is None else performance.parts,
+        parts={} if show_run is None else show_run.parts,
         control=flight.control,
         colours=colours,
     )

@@ -20,7 +20,7 @@ from gcs.flight.control_refusal import why_never, why_not_touching_down, why_not
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.restored_plan import RestoredPlan
-from gcs.flight.show_player import Stage
+from gcs.flight.show_player import ShowPlayer
 from gcs.flight.stall_recovery import Stall, StallRecovery
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import RefusedError
@@ -63,7 +63,7 @@ class Takeover:
         flight: Fleet,
         maneuvers: Maneuvers,
         book: OrderBook,
-        stage: Stage,
+        show_player: ShowPlayer,
         found: Interruption | None,
         send_home: Callable[[str], OrderRecord],
         unix_s: Callable[[], float],
@@ -78,7 +78,7 @@ class Takeover:
         self._wrong: tuple[str, ...] = ()  # with the whole record
         self._sent_on: set[VehicleId] = set()
         self._no_plan = ""  # why the formation cannot go on
-        self._plans = RestoredPlan(flight, stage, unix_s)
+        self._plans = RestoredPlan(flight, show_player, unix_s)
         self._stalls = StallRecovery(flight, unix_s)
         self._awaited = AwaitedVehicles(flight, maneuvers, asyncio.get_running_loop().time)
         self._regained: set[VehicleId] = set()  # of what was found, those that were under control since

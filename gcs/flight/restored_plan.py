@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from gcs.flight.fleet import Fleet
-from gcs.flight.show_player import Stage
+from gcs.flight.show_player import ShowPlayer
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.interrupted_flight import TAKEN_OVER_FROM, Interruption, Offer
 from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan
@@ -34,9 +34,9 @@ def merged_obstacles(
 class RestoredPlan:
     """Restores the plan of an interrupted flight, once for each offer. Changed only on the event loop."""
 
-    def __init__(self, flight: Fleet, stage: Stage, unix_s: Callable[[], float]) -> None:
+    def __init__(self, flight: Fleet, show_player: ShowPlayer, unix_s: Callable[[], float]) -> None:
         self._flight = flight
-        self._stage = stage
+        self._show_player = show_player
         self._unix_s = unix_s
         self._configured = flight.plan
         self._restored: set[Offer] = set()
@@ -58,7 +58,7 @@ class RestoredPlan:
             if found.stalled_s is not None and found.plan is None:
                 return ""  # the plan that was flown still stands
             if found.written is not None:
-                self._stage.find(found.written.name, found.written.hash)
+                self._show_player.find(found.written.name, found.written.hash)
             else:
                 self._checked(found)
         except GcsError as error:
@@ -80,14 +80,14 @@ class RestoredPlan:
             plan = self._checked(found)
             if found.written is None:
                 self._flight.plan = plan
-            elif self._flight.performance is None:
-                self._stage.resume(found.written, plan)
+            elif self._flight.show_run is None:
+                self._show_player.resume(found.written, plan)
         self._restored.add(offer)
 
     def _restore_obstacles(self, found: Interruption) -> None:
         """As many as there may be; a record that cannot be read has none."""
         flight = self._flight
-        if found.plan is None or flight.performance is not None:
+        if found.plan is None or flight.show_run is not None:
             return
         try:
             recorded = self._recorded(found).obstacles

@@ -18,7 +18,7 @@ OVER = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
 
 
 @dataclass(slots=True, eq=False)
-class Performance:
+class ShowRun:
     """Runtime state of one show. Changed only on the event loop; every `now_s` is the tick's own time."""
 
     name: str
@@ -104,7 +104,7 @@ class Performance:
 def lights(
     timeline: Timeline, parts: Mapping[VehicleId, int], vehicle_ids: Sequence[VehicleId], show_s: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """As `Performance.colours`, at a time of the show."""
+    """As `ShowRun.colours`, at a time of the show."""
     part = np.array([parts.get(name, -1) for name in vehicle_ids], dtype=np.intp)
     lit = part >= 0
     colour = np.zeros((len(vehicle_ids), 3), np.uint8)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from math import nan
 
 from gcs.flight.fleet import Fleet
-from gcs.flight.running_show import Performance
+from gcs.flight.running_show import ShowRun
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
 from gcs.model.lifecycle import ON_THE_GROUND
@@ -17,18 +17,18 @@ from gcs.service import SelectedShow
 from gcs.shows import Flaw, Show, ShowClock, Timeline
 from gcs.shows.compatibility import misfits
 from gcs.shows.format import control_of
-from gcs.shows.library import Repertoire
+from gcs.shows.library import ShowLibrary
 
 log = logging.getLogger(__name__)
 
 
-class Stage:
+class ShowPlayer:
     """Selects shows, and lets the one that is selected decide the plan."""
 
-    def __init__(self, flight: Fleet, repertoire: Repertoire) -> None:
+    def __init__(self, flight: Fleet, show_library: ShowLibrary) -> None:
         self._flight = flight
-        self._repertoire = repertoire
-        repertoire.judge_by(self.misfits)
+        self._show_library = show_library
+        show_library.judge_by(self.misfits)
         self._told: Plan = flight.plan  # what is flown without a show
         self.waits: tuple[str, ...] = ()  # why obstacles of the show do not stand yet
         self._held: Target | None = None  # in place of a live one that was not renewed since `_told_s`
@@ -42,15 +42,15 @@ class Stage:
         Raises: UnknownError; RefusedError when it is not cleared to fly, or does not fit this service.
         """
         self._need_ground("select a show")
-        timeline = self._fitting(name, self._repertoire.cleared(name, show_hash))
-        return self._take(Performance(name, timeline, figures=self._repertoire.checked(name).figures or {}))
+        timeline = self._fitting(name, self._show_library.cleared(name, show_hash))
+        return self._take(ShowRun(name, timeline, figures=self._show_library.checked(name).figures or {}))
 
     def find(self, name: str, show_hash: str) -> Timeline:
         """A show that was flown before: by its hash, which says that it was checked. Reads the file.
 
         Raises: UnknownError; RefusedError when it has changed since, or does not fit this service.
         """
-        return self._fitting(name, self._repertoire.recorded(name, show_hash))
+        return self._fitting(name, self._show_library.recorded(name, show_hash))
 
     def resume(self, written: Written, plan: Plan) -> None:
         """Have a show that was cut off go on from where it was, once it is resumed.
@@ -61,10 +61,10 @@ class Stage:
         """
         timeline = self.find(written.name, written.hash)
         clock = ShowClock(min(max(written.clock_s, 0.0), timeline.duration_s))
-        performance = Performance(written.name, timeline, clock, started=True, parts=dict(written.parts))
-        own = tuple(box for box in plan.obstacles if box.id not in performance.obstacle_ids)
+        show_run = ShowRun(written.name, timeline, clock, started=True, parts=dict(written.parts))
+        own = tuple(box for box in plan.obstacles if box.id not in show_run.obstacle_ids)
         self._flight.plan = replace(self._flight.plan, obstacles=own, yaw=plan.yaw)
-        self._take(performance)
+        self._take(show_run)
 
     def _fitting(self, name: str, timeline: Timeline) -> Timeline:
         """Raises: RefusedError when it does not fit this service."""
@@ -90,39 +90,39 @@ class Stage:
             text = f"{len(own)} obstacles stand, and its {len(its)}: at most {MAX_OBSTACLES} together"
             yield Flaw(("timeline",), text)
 
-    def _take(self, performance: Performance) -> SelectedShow:
+    def _take(self, show_run: ShowRun) -> SelectedShow:
         """Let it lead. Raises: RefusedError when its obstacles and those that were told clash."""
-        flight, name = self._flight, performance.name
-        show, own = performance.timeline.show, self._told_obstacles
+        flight, name = self._flight, show_run.name
+        show, own = show_run.timeline.show, self._told_obstacles
         _refuse(name, [*self._clashes(show)])
-        if flight.performance is None:
+        if flight.show_run is None:
             self._told = flight.plan
-        flight.performance = performance
+        flight.show_run = show_run
         flight.control = control_of(show.limits, show.fence, flight.config.control)
         flight.plan = replace(flight.plan, obstacles=own)
         self.lead()
-        log.info("show_selected", extra={"show": name, "hash": performance.hash})
-        return performance.view(flight.fleet.time_s)
+        log.info("show_selected", extra={"show": name, "hash": show_run.hash})
+        return show_run.view(flight.fleet.time_s)
 
     def deselect(self) -> None:
         """Fly what is told instead. Raises: RefusedError in the air."""
         flight = self._flight
         self._need_ground("deselect the show")
-        if flight.performance is None:
+        if flight.show_run is None:
             return
-        own, yaw = self._own_obstacles(flight.performance), flight.plan.yaw
-        flight.performance, flight.control, self.waits = None, flight.config.control, ()
+        own, yaw = self._own_obstacles(flight.show_run), flight.plan.yaw
+        flight.show_run, flight.control, self.waits = None, flight.config.control, ()
         target = replace(self._told.target, time_s=flight.fleet.time_s)
         flight.plan = replace(self._told, target=target, obstacles=own, yaw=yaw)
 
     def seek(self, cue: str) -> SelectedShow:
         """Have the show begin at a cue. Raises: UnknownError; RefusedError in the air, or without a show."""
         flight = self._flight
-        performance = self._selected("seek")
+        show_run = self._selected("seek")
         grounded = flight.show in ON_THE_GROUND and not flight.airborne
-        performance.clock = performance.clock.seek(performance.timeline, cue, grounded=grounded)
+        show_run.clock = show_run.clock.seek(show_run.timeline, cue, grounded=grounded)
         self.lead()
-        return performance.view(flight.fleet.time_s)
+        return show_run.view(flight.fleet.time_s)
 
     def check_start(
         self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool, taken_out: int = 0
@@ -137,68 +137,66 @@ class Stage:
 
         Raises: RefusedError.
         """
-        performance = self._flight.performance
-        if performance is None:
+        show_run = self._flight.show_run
+        if show_run is None:
             if show_hash is not None:
                 raise RefusedError("no show is selected: select one, or start without a show's hash")
             return
         if show_hash is None:
             raise RefusedError(
-                f"show {performance.name!r} is selected: start with its hash {performance.hash},"
-                " or deselect it"
+                f"show {show_run.name!r} is selected: start with its hash {show_run.hash}, or deselect it"
             )
-        if show_hash != performance.hash:
+        if show_hash != show_run.hash:
             raise RefusedError(
-                f"show {performance.name!r} is selected with the hash {performance.hash}, not"
-                f" {show_hash[:64]!r}"
+                f"show {show_run.name!r} is selected with the hash {show_run.hash}, not {show_hash[:64]!r}"
             )
-        self._repertoire.cleared(performance.name, show_hash)
-        needed, count = performance.timeline.show.fleet.vehicles, len(chosen)
+        self._show_library.cleared(show_run.name, show_hash)
+        needed, count = show_run.timeline.show.fleet.vehicles, len(chosen)
         if count > needed or (count + taken_out < needed and not named):
             mend = "name those who fly" + (", to take the others out" if count < needed else "")
             raise RefusedError(
-                f"show {performance.name!r} is for {needed} vehicles, {count} would start: {mend}"
+                f"show {show_run.name!r} is for {needed} vehicles, {count} would start: {mend}"
             )
 
     def begin(self, chosen: Sequence[VehicleId]) -> None:
         """The selected show is started by these."""
-        performance = self._flight.performance
-        if performance is not None:
-            performance.started = True
-            performance.parts = {name: part for part, name in enumerate(chosen)}
+        show_run = self._flight.show_run
+        if show_run is not None:
+            show_run.started = True
+            show_run.parts = {name: part for part, name in enumerate(chosen)}
 
     def plans(self) -> Sequence[tuple[str, Plan]]:
         """What is to be flown, from first to last, by cue."""
-        performance = self._flight.performance
-        return [("", self._flight.plan)] if performance is None else performance.timeline.stages()
+        show_run = self._flight.show_run
+        return [("", self._flight.plan)] if show_run is None else show_run.timeline.stages()
 
     def obstacles(self) -> tuple[Obstacle, ...]:
         """Everything that stands at some time."""
-        performance, plan = self._flight.performance, self._flight.plan
-        if performance is None:
+        show_run, plan = self._flight.show_run, self._flight.plan
+        if show_run is None:
             return plan.obstacles
-        return (*self._own_obstacles(performance), *performance.obstacles)
+        return (*self._own_obstacles(show_run), *show_run.obstacles)
 
     def _need_ground(self, what: str) -> None:
         flight = self._flight
         if flight.show not in ON_THE_GROUND or flight.airborne:
             raise RefusedError(f"cannot {what} while the show is {flight.show}: stop it, and wait for landed")
 
-    def _selected(self, what: str) -> Performance:
-        if self._flight.performance is None:
+    def _selected(self, what: str) -> ShowRun:
+        if self._flight.show_run is None:
             raise RefusedError(f"no show is selected: {what} is for one that is")
-        return self._flight.performance
+        return self._flight.show_run
 
     # in the air
 
     def lead(self) -> None:
         """Let the show decide formation, orbit, target and its own obstacles; once a tick."""
-        flight, performance = self._flight, self._flight.performance
-        if performance is None:
+        flight, show_run = self._flight, self._flight.show_run
+        if show_run is None:
             return
-        wanted = performance.wanted(flight.fleet.time_s)
+        wanted = show_run.wanted(flight.fleet.time_s)
         standing = {box.id for box in flight.plan.obstacles}
-        own = self._own_obstacles(performance)
+        own = self._own_obstacles(show_run)
         admitted, waits = [], []
         for box in wanted.obstacles:
             why = "" if box.id in standing else self._in_the_way(box)
@@ -230,65 +228,65 @@ class Stage:
     @property
     def _told_obstacles(self) -> tuple[Obstacle, ...]:
         """Those that are not the selected show's."""
-        performance = self._flight.performance
-        return self._flight.plan.obstacles if performance is None else self._own_obstacles(performance)
+        show_run = self._flight.show_run
+        return self._flight.plan.obstacles if show_run is None else self._own_obstacles(show_run)
 
-    def _own_obstacles(self, performance: Performance) -> tuple[Obstacle, ...]:
+    def _own_obstacles(self, show_run: ShowRun) -> tuple[Obstacle, ...]:
         """Those that were told, and are not the show's."""
-        ids = performance.obstacle_ids
+        ids = show_run.obstacle_ids
         return tuple(box for box in self._flight.plan.obstacles if box.id not in ids)
 
     # what may be told meanwhile
 
     def need_free(self, what: str) -> None:
         """Raises: RefusedError while a show decides it."""
-        performance = self._flight.performance
-        if performance is not None:
+        show_run = self._flight.show_run
+        if show_run is not None:
             raise RefusedError(
-                f"show {performance.name!r} decides the {what}: it can be paused or stopped, and deselected"
+                f"show {show_run.name!r} decides the {what}: it can be paused or stopped, and deselected"
                 " once all vehicles are down"
             )
 
     def need_own_obstacle(self, obstacle_id: str) -> None:
         """Raises: RefusedError when it is one of the show's."""
-        performance = self._flight.performance
-        if performance is not None and obstacle_id in performance.obstacle_ids:
+        show_run = self._flight.show_run
+        if show_run is not None and obstacle_id in show_run.obstacle_ids:
             self.need_free(f"obstacle {obstacle_id}")
 
     @property
     def reserved(self) -> int:
         """Obstacles that the show will want, and that do not stand."""
-        performance = self._flight.performance
-        if performance is None:
+        show_run = self._flight.show_run
+        if show_run is None:
             return 0
-        return len(performance.obstacle_ids - {box.id for box in self._flight.plan.obstacles})
+        return len(show_run.obstacle_ids - {box.id for box in self._flight.plan.obstacles})
 
     @property
     def target_age_s(self) -> float:
         """Since the target of a live cue was told; NaN where none is awaited, or none was ever told."""
-        flight, performance = self._flight, self._flight.performance
-        if performance is None or performance.live is None or not performance.clock.runs:
+        flight, show_run = self._flight, self._flight.show_run
+        if show_run is None or show_run.live is None or not show_run.clock.runs:
             return nan
-        told_s = self._told_s if performance.live is self._held else performance.live.time_s
+        told_s = self._told_s if show_run.live is self._held else show_run.live.time_s
         return flight.fleet.time_s - told_s
 
     def hold_target(self) -> None:
         """Have a live target that nobody renews stay where it is now, until it is told again."""
-        flight, performance = self._flight, self._flight.performance
-        if performance is None or performance.live is None or performance.live is self._held:
+        flight, show_run = self._flight, self._flight.show_run
+        if show_run is None or show_run.live is None or show_run.live is self._held:
             return
-        now_s, live = flight.fleet.time_s, performance.live
+        now_s, live = flight.fleet.time_s, show_run.live
         self._told_s = live.time_s
-        self._held = performance.live = Target(*live.position_m(now_s), time_s=now_s)
+        self._held = show_run.live = Target(*live.position_m(now_s), time_s=now_s)
 
     def tell_target(self, target: Target) -> None:
         """Take a target, where nothing or a live cue asks for it. Raises: RefusedError, InvalidError."""
-        flight, performance = self._flight, self._flight.performance
-        if performance is not None and not performance.is_live(target.time_s):
-            self.need_free(f"target at cue {performance.cue(target.time_s)!r}")
+        flight, show_run = self._flight, self._flight.show_run
+        if show_run is not None and not show_run.is_live(target.time_s):
+            self.need_free(f"target at cue {show_run.cue(target.time_s)!r}")
         check_target(target, flight.plan.orbit, flight.plan.formation, flight.control)
-        if performance is not None:
-            performance.live = target
+        if show_run is not None:
+            show_run.live = target
         flight.plan = replace(flight.plan, target=target)
 
 

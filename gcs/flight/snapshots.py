@@ -8,7 +8,7 @@ from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
 from gcs.estimation.time_estimates import Estimates
 from gcs.flight.fleet import Fleet
-from gcs.flight.running_show import Performance
+from gcs.flight.running_show import ShowRun
 from gcs.model.interrupted_flight import Interrupted
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
@@ -43,7 +43,7 @@ def fleet_view(
     interventions: int,
     link_quality: Array,
     unix_time_s: float,
-    performance: Performance | None = None,
+    show_run: ShowRun | None = None,
     start_unix_s: float | None = None,
     failsafes: Sequence[ActiveFailsafe] = (),
     interrupted: Interrupted | None = None,
@@ -64,7 +64,7 @@ def fleet_view(
         unix_time_s=unix_time_s,
         show=show,
         reason=reason,
-        rows=_rows(flight, fleet, tick, telemetry, known, traits, performance, link_quality),
+        rows=_rows(flight, fleet, tick, telemetry, known, traits, show_run, link_quality),
         plan=plan,
         bounds=bounds(safety),
         center_m=None if center is None else tuple3(center.position_m),
@@ -76,7 +76,7 @@ def fleet_view(
         control_alive=control_alive,
         setpoints_sent=setpoints_sent,
         interventions=interventions,
-        selected=None if performance is None else performance.view(fleet.time_s),
+        selected=None if show_run is None else show_run.view(fleet.time_s),
         start_unix_time_s=start_unix_s,
         interrupted=interrupted,
         estimates=estimates,
@@ -93,7 +93,7 @@ def _rows(
     telemetry: Sequence[Telemetry],
     known: Collection[VehicleId],
     traits: Traits,
-    performance: Performance | None,
+    show_run: ShowRun | None,
     link_quality: Array,
 ) -> VehicleRows:
     vehicles = flight.vehicles.values()
@@ -104,8 +104,8 @@ def _rows(
         row_of = {name: row for row, name in enumerate(fleet.ids)}
         setpoint_m_s[[row_of[name] for name in tick.setpoints.ids]] = tick.setpoints.velocity_m_s
     colour, lit = np.zeros((len(fleet.ids), 3), np.uint8), np.zeros(len(fleet.ids), np.bool_)
-    if performance is not None:
-        colour, lit = performance.colours(fleet.ids, fleet.time_s)
+    if show_run is not None:
+        colour, lit = show_run.colours(fleet.ids, fleet.time_s)
     return VehicleRows(
         ids=fleet.ids,
         system_ids=[vehicle.system_id for vehicle in vehicles],

@@ -98,11 +98,11 @@ class StallRecovery:
         self._stall = Stall(interruption, now_s - gap_s / 2.0, now_s + STALL_EXPLAINS_S)
 
     def _written(self) -> Written | None:
-        performance = self._flight.performance
-        if performance is None:
+        show_run = self._flight.show_run
+        if show_run is None:
             return None
-        shown = performance.view(self._flight.fleet.time_s)
-        return Written(shown.name, shown.hash, shown.cue, shown.clock_s, dict(performance.parts))
+        shown = show_run.view(self._flight.fleet.time_s)
+        return Written(shown.name, shown.hash, shown.cue, shown.clock_s, dict(show_run.parts))
 
     def expire(self) -> None:
         """Once a tick: a stall long ago explains nothing."""

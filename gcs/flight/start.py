@@ -8,7 +8,7 @@ from gcs.flight.command_log import OrderBook
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.preflight_gate import Cleared, PreflightGate
-from gcs.flight.show_player import Stage
+from gcs.flight.show_player import ShowPlayer
 from gcs.flight.uncontrolled import reason, uncontrolled
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import ShowEvent, advance_show
@@ -43,14 +43,14 @@ class Starting:
         maneuvers: Maneuvers,
         book: OrderBook,
         preflight_gate: PreflightGate,
-        stage: Stage,
+        show_player: ShowPlayer,
         unix_s: Callable[[], float],
     ) -> None:
         self._flight = flight
         self._maneuvers = maneuvers
         self._book = book
         self._preflight_gate = preflight_gate
-        self._stage = stage
+        self._show_player = show_player
         self._unix_s = unix_s
         self.countdown: Countdown | None = None
 
@@ -86,7 +86,7 @@ class Starting:
         self, record: OrderRecord, chosen: Sequence[VehicleId], left_out: dict[VehicleId, str]
     ) -> None:
         flight = self._flight
-        self._stage.begin(chosen)
+        self._show_player.begin(chosen)
         flight.left_behind = left_out
         flight.move_show(ShowEvent.START, "checks every vehicle")
         flight.move_show(ShowEvent.CHECKED, f"{len(chosen)} vehicles take off one after the other")

@@ -51,7 +51,7 @@ class _Checked:
 NOT_KEPT: Final = "this service keeps no shows: name a folder in its configuration, shows.folder"
 
 
-class Repertoire:
+class ShowLibrary:
     """The shows of one folder. A `gcs.service.Shows`."""
 
     def __init__(self, folder: Path | None) -> None:
@@ -204,7 +204,7 @@ class Repertoire:
             self._checks[name] = _Checked(ShowCheck(name, CheckState.RUNNING))
             try:
                 text = await asyncio.to_thread(self._read, name)
-                answer = await _checked_apart(name, text)
+                answer = await _checked_in_process(name, text)
                 self._checks[name] = await asyncio.to_thread(_told, name, text, answer)
             except TimeoutError:
                 self._failed(name, f"not done within {CHECK_WITHIN_S:g} s")
@@ -290,7 +290,7 @@ def _told(name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
     return _Checked(told, sha256(text).hexdigest(), show, source)
 
 
-async def _checked_apart(name: str, text: bytes) -> dict[str, Any]:
+async def _checked_in_process(name: str, text: bytes) -> dict[str, Any]:
     """What `gcs show check` says of a text. Raises: RefusedError, OSError, TimeoutError, ValueError."""
     with tempfile.TemporaryDirectory(prefix="gcs-check-") as folder:
         path = Path(folder) / f"{name}.yaml"

@@ -44,7 +44,7 @@ from gcs.service import (
 from gcs.service.alarms import Alarm, AlarmBook, Condition
 from gcs.service.event_log import Happening, Severity
 from gcs.service.vehicle_table import VehicleRows
-from gcs.shows.library import Repertoire
+from gcs.shows.library import ShowLibrary
 
 FRAME = ShowFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_amsl_m=488.0, heading_deg=90.0)
 HEIGHT_MIN_M = 2.0
@@ -107,7 +107,7 @@ class FakeService:
         self, count: int = 3, clock_s: Callable[[], float] = time.monotonic, folder: Path | None = None
     ) -> None:
         self._clock_s = clock_s
-        self.shows = Repertoire(folder)
+        self.shows = ShowLibrary(folder)
         self.phases: dict[str, Phase] = {}
         self.orders_by_id: dict[str, OrderRecord] = {}
         self.ticks = 0
