@@ -74,8 +74,8 @@ def _together(
     requests: Sequence[FailsafeRequest], grouped: Sequence[FailsafeRequest], standing: Standing, share: float
 ) -> FailsafeRequest | None:
     """A common way home, where many have to leave."""
-    homeward = [request for request in grouped if request.action is Action.RETURN]
-    if not homeward:
+    return_settings = [request for request in grouped if request.action is Action.RETURN]
+    if not return_settings:
         return None
     leaving = {
         row
@@ -87,6 +87,6 @@ def _together(
     in_air = int(np.isfinite(standing.vehicles).sum())
     if len(leaving) < 2 or len(leaving) < share * in_air:
         return None
-    first = homeward[0]
+    first = return_settings[0]
     reason = f"{first.reason}; {len(leaving)} of {in_air} have to leave: all vehicles return home"
     return replace(first, rows=tuple(sorted(leaving)), whole_show=True, reason=reason)

@@ -15,7 +15,7 @@ from gcs.model.plan import Plan
 from gcs.model.quoting import cut
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.landing_sites import CLEAR_M
-from gcs.planning.return_paths import AreFree, Pace, Planner, Ways, plan_ways
+from gcs.planning.return_paths import AreFree, PathProgress, Planner, ReturnPaths, plan_return_paths
 
 log = logging.getLogger(__name__)
 
@@ -34,7 +34,7 @@ TOGETHER_MAX = 300
 FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
 
 
-class Homecoming:
+class CollectiveReturn:
     """One collective return. Changed only on the event loop."""
 
     def __init__(self, flight: Fleet, vehicles: Iterable[Vehicle], planning: Executor) -> None:
@@ -47,16 +47,16 @@ class Homecoming:
         self._places: list[int] = []  # rows of FleetState, in the plan's order
         self._is_off = False  # nothing is planned: they come home one by one
         self._problem = ""
-        self._planned: Future[Ways] | None = None
+        self._planned: Future[ReturnPaths] | None = None
         self._enough = False  # read by the thread that plans
-        self._pace: Pace | None = None
+        self._progress: PathProgress | None = None
         self._led: set[VehicleId] = set()  # who asked for its goal since the last tick
         self._since_s = flight.fleet.time_s  # the order, then the planning, then the last tick
 
     @property
     def is_planned(self) -> bool:
         """Whether they have set out."""
-        return self._pace is not None
+        return self._progress is not None
 
     @property
     def problem(self) -> str:
@@ -66,9 +66,9 @@ class Homecoming:
     @property
     def left_s(self) -> float | None:
         """Until the plan has the last of them down, if nothing holds them back; None: no plan yet."""
-        if self._pace is None:
+        if self._progress is None:
             return None
-        return max(float(self._pace.ways.down_s.max()) - self._pace.time_s, 0.0)
+        return max(float(self._progress.return_paths.down_s.max()) - self._progress.time_s, 0.0)
 
     def give_up(self) -> None:
         """Look for no better plan."""
@@ -88,9 +88,9 @@ class Homecoming:
         """Go on; once a tick."""
         now_s = self._flight.fleet.time_s
         since_s = now_s - self._since_s
-        if self._pace is not None:
+        if self._progress is not None:
             self._since_s = now_s
-            self._pace.advance(since_s, self._flight.fleet.position_m[self._places], self._flown())
+            self._progress.advance(since_s, self._flight.fleet.position_m[self._places], self._flown())
         elif self._is_off:
             return
         elif self._planned is None:
@@ -103,7 +103,7 @@ class Homecoming:
         elif since_s > PLANNED_WITHIN_S:
             self.give_up()
 
-    def _set_out(self, planned: Future[Ways]) -> None:
+    def _set_out(self, planned: Future[ReturnPaths]) -> None:
         """Fly the plan. Where the planner has failed, by any error, the fleet flies home without a plan.
 
         The planner runs beside control, and control survives it: the error is read from the future, logged
@@ -111,7 +111,7 @@ class Homecoming:
         """
         error = planned.exception()
         if error is None:
-            self._pace = Pace(planned.result())
+            self._progress = PathProgress(planned.result())
         else:
             self._fail(error)
 
@@ -128,18 +128,20 @@ class Homecoming:
 
     def goal_m(self, vehicle: Vehicle) -> Array | None:
         """(3,) where it shall be now; None: it waits for the plan."""
-        if self._pace is None:
+        if self._progress is None:
             return None
         self._led.add(vehicle.id)
-        return self._pace.goal_m(self._rows[vehicle.id])
+        return self._progress.goal_m(self._rows[vehicle.id])
 
-    def has_way(self, vehicle: Vehicle) -> bool:
+    def has_path(self, vehicle: Vehicle) -> bool:
         """Whether a way was found for it that meets nobody."""
-        return self._pace is not None and self._rows[vehicle.id] not in self._pace.ways.unplanned
+        return (
+            self._progress is not None and self._rows[vehicle.id] not in self._progress.return_paths.unplanned
+        )
 
     def is_over(self, vehicle: Vehicle) -> bool:
         """Whether its way has led it above its start."""
-        return self._pace is not None and self._pace.is_over(self._rows[vehicle.id])
+        return self._progress is not None and self._progress.is_over(self._rows[vehicle.id])
 
     def _all_stand(self) -> bool:
         """Every vehicle that is still ours, or about to be, is under control, and hardly moves."""
@@ -170,7 +172,7 @@ class Homecoming:
                 flight.fleet.time_s,
                 flight.traits.uncertainty_m[rows],
             )
-            self._planned = self._planning.submit(plan_ways, planner, lambda: self._enough)
+            self._planned = self._planning.submit(plan_return_paths, planner, lambda: self._enough)
         except (ShapeError, RuntimeError) as error:  # RuntimeError: no thread can be started
             self._fail(error)
 

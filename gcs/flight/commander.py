@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Final
 
-from gcs.flight.collective_return import Homecoming
+from gcs.flight.collective_return import CollectiveReturn
 from gcs.flight.command_log import OrderBook
 from gcs.flight.control_refusal import why_never
 from gcs.flight.failsafe_monitor import FailsafeMonitor
@@ -72,7 +72,7 @@ class Commander:
         )
         self._starting = Starting(flight, maneuvers, book, self._preflight_gate, show_player, unix_s)
         self._vehicle_orders = VehicleOrders(flight, maneuvers, book)
-        self._homecoming: Homecoming | None = None
+        self._collective_return: CollectiveReturn | None = None
         self._commanded: ShowEvent | None = None  # the newest command to all, where vehicles may be awaited
         self.takeover = Takeover(flight, maneuvers, book, show_player, found, self._bring_home, unix_s)
         self._watch = Watch(flight, maneuvers, parameter_reader, self._come_back)
@@ -80,20 +80,20 @@ class Commander:
 
     def close(self) -> None:
         """Stop planning returns that no vehicle will fly."""
-        if self._homecoming is not None:
-            self._homecoming.give_up()
+        if self._collective_return is not None:
+            self._collective_return.give_up()
 
     @property
     def home_left_s(self) -> float | None:
         """Until the last collective return is over, by its plan; None: there is none."""
-        return None if self._homecoming is None else self._homecoming.left_s
+        return None if self._collective_return is None else self._collective_return.left_s
 
     @property
     def return_problem(self) -> str:
         """Why the vehicles return without a common plan; empty where no planner has failed."""
-        if self._homecoming is None or self._flight.show is not ShowPhase.RETURNING:
+        if self._collective_return is None or self._flight.show is not ShowPhase.RETURNING:
             return ""
-        return self._homecoming.problem
+        return self._collective_return.problem
 
     # once a tick
 
@@ -147,8 +147,8 @@ class Commander:
         self._watch.inspect()
         self._failsafe_monitor.look()
         self._starting.count_down()
-        if self._homecoming is not None:
-            self._homecoming.advance()
+        if self._collective_return is not None:
+            self._collective_return.advance()
         self.takeover.advance()
         led = (*flight.airborne, *self.waiting, *flight.in_phase(Phase.PILOT))
         busy = [vehicle for vehicle in led if self._maneuvers.running(vehicle)]
@@ -302,11 +302,11 @@ class Commander:
         self._lead(ShowEvent.STOP, reason, [*flying, *waiting])
         left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
         record = self._book.open(action, [v.id for v in (*flying, *waiting, *later)], left_out)
-        homecoming = self._send_home(record, flying, later)
+        collective_return = self._send_home(record, flying, later)
 
         def reached(vehicle: Vehicle) -> None:
             self._lead_again(ShowEvent.STOP, reason)
-            self._send_one_home(record, vehicle, homecoming, landing_places_m(self._flight, [vehicle]))
+            self._send_one_home(record, vehicle, collective_return, landing_places_m(self._flight, [vehicle]))
 
         self._expect(record, later, reached, ShowEvent.STOP, reclaim=reclaim)
         for vehicle in waiting:
@@ -369,7 +369,7 @@ class Commander:
 
     def _send_home(
         self, record: OrderRecord, flying: Sequence[Vehicle], later: Sequence[Vehicle]
-    ) -> Homecoming:
+    ) -> CollectiveReturn:
         """These together above their own starts and down; down where they are when those are not known.
 
         `later` are not received yet: part of the plan if they are until it is made.
@@ -377,23 +377,23 @@ class Commander:
         homeless_m = landing_places_m(self._flight, [vehicle for vehicle in flying if vehicle.home_m is None])
         together = [v for v in (*flying, *later) if v.home_m is not None and not v.comes_down_alone]
         self.close()
-        self._homecoming = homecoming = Homecoming(self._flight, together, self._planning)
+        self._collective_return = collective_return = CollectiveReturn(self._flight, together, self._planning)
         for vehicle in flying:
-            self._send_one_home(record, vehicle, homecoming, homeless_m)
-        return homecoming
+            self._send_one_home(record, vehicle, collective_return, homeless_m)
+        return collective_return
 
     def _send_one_home(
         self,
         record: OrderRecord,
         vehicle: Vehicle,
-        homecoming: Homecoming,
+        collective_return: CollectiveReturn,
         places_m: Mapping[VehicleId, Array],
     ) -> None:
         """Above its own start and down; where that is not known, down on its place of `places_m`."""
         maneuver = (
             self._maneuvers.descend(places_m[vehicle.id])
             if vehicle.home_m is None
-            else self._maneuvers.come_home_together(homecoming, self._stops_m(vehicle))
+            else self._maneuvers.come_home_together(collective_return, self._stops_m(vehicle))
         )
         maneuver = self._maneuvers.take_control_first(maneuver)
         self._maneuvers.start(vehicle, maneuver, self._closer(record, vehicle))

@@ -77,7 +77,7 @@ class Surroundings(Protocol):
         ...
 
 
-class Homecoming(Protocol):
+class CollectiveReturn(Protocol):
     """What errands need of a collective return, see `gcs.flight.collective_return`."""
 
     @property
@@ -97,7 +97,7 @@ class Homecoming(Protocol):
         """(3,) where it shall be now."""
         ...
 
-    def has_way(self, vehicle: Vehicle) -> bool:
+    def has_path(self, vehicle: Vehicle) -> bool:
         """Whether a way was found for it that meets nobody."""
         ...
 
@@ -198,7 +198,7 @@ class Maneuvers(ManeuverTasks):
         vehicle.apply(Event.DESCEND, "above its start, comes down")
         await self._sink(vehicle, home_m)
 
-    def come_home_together(self, homecoming: Homecoming, stops_m: Array) -> Maneuver:
+    def come_home_together(self, collective_return: CollectiveReturn, stops_m: Array) -> Maneuver:
         """Stop at `stops_m` (3,), then fly the way that is found for everybody, and land."""
 
         async def maneuver(vehicle: Vehicle) -> None:
@@ -209,22 +209,26 @@ class Maneuvers(ManeuverTasks):
             if not await self._under_control(vehicle, Event.COME_HOME, "stops, before all come home"):
                 return
             vehicle.goal_m = stops_m
-            homecoming.stopping(vehicle)
-            await self._until(vehicle, lambda: homecoming.is_planned or not homecoming.takes_part(vehicle))
-            if not homecoming.takes_part(vehicle):
+            collective_return.stopping(vehicle)
+            await self._until(
+                vehicle, lambda: collective_return.is_planned or not collective_return.takes_part(vehicle)
+            )
+            if not collective_return.takes_part(vehicle):
                 await self.come_home(vehicle)
                 return
-            vehicle.on_a_way, vehicle.reason = homecoming.has_way(vehicle), "on its way home"
-            await self._until(vehicle, lambda: self._led(vehicle, homecoming, home_m), patience_s=WAY_S)
+            vehicle.on_a_way, vehicle.reason = collective_return.has_path(vehicle), "on its way home"
+            await self._until(
+                vehicle, lambda: self._led(vehicle, collective_return, home_m), patience_s=WAY_S
+            )
             vehicle.apply(Event.DESCEND, "above its start, comes down")
             await self._sink(vehicle, home_m)
 
         return maneuver
 
-    def _led(self, vehicle: Vehicle, homecoming: Homecoming, home_m: Array) -> bool:
+    def _led(self, vehicle: Vehicle, collective_return: CollectiveReturn, home_m: Array) -> bool:
         """Move its goal on. Returns: whether it is above its start, where its way led it."""
-        vehicle.goal_m = homecoming.goal_m(vehicle)
-        return homecoming.is_over(vehicle) and self._above(vehicle, home_m, WELL_IN_PLACE_M)
+        vehicle.goal_m = collective_return.goal_m(vehicle)
+        return collective_return.is_over(vehicle) and self._above(vehicle, home_m, WELL_IN_PLACE_M)
 
     def descend(self, place_m: Array) -> Maneuver:
         """Come down on `place_m` (3,), the lowest of all first."""

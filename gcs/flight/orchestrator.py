@@ -41,7 +41,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
-from gcs.planning.return_paths import warm_up as warm_up_ways
+from gcs.planning.return_paths import warm_up as warm_up_paths
 from gcs.recording.session import Record
 from gcs.service import (
     Audit,
@@ -101,7 +101,7 @@ class Orchestrator:
             problems: what an operator should know as long as this service runs.
         """
         warm_up()
-        warm_up_ways()
+        warm_up_paths()
         now_s = asyncio.get_running_loop().time()
         self._config = config
         self._flight = Fleet(config, links, now_s)

@@ -15,7 +15,14 @@ from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
-from gcs.planning.return_paths import WELL_IN_PLACE_M, Pace, Ways, is_above, may_hand_over, plan_ways
+from gcs.planning.return_paths import (
+    WELL_IN_PLACE_M,
+    PathProgress,
+    ReturnPaths,
+    is_above,
+    may_hand_over,
+    plan_return_paths,
+)
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
 from gcs.simulation.neighbour_links import Neighbourhood
@@ -50,7 +57,7 @@ class SimulatedFlight:
         self.present = np.ones(n, dtype=bool)
         self.center_moves = False
         self.pads_m: Array | None = None  # (n, 3) where everybody comes down; None: below where it began
-        self._pace: Pace | None = None
+        self._pace: PathProgress | None = None
         self.memory = Memory.fresh(n, 0.0)
         uncertainty_m = self.floor.uncertainty_m * min(1.0, scenario.world.noise)
         self.traits = Traits.alike(n, uncertainty_m)
@@ -153,7 +160,7 @@ class SimulatedFlight:
             self.task[self.present] = Task.GOAL
             pads_m = self.record.start_m * (1.0, 1.0, 0.0) if self.pads_m is None else self.pads_m
             self.record.goal_m = pads_m
-            self._pace = Pace(self._ways_home(here_m, pads_m, takeoff_height_m))
+            self._pace = PathProgress(self._return_paths(here_m, pads_m, takeoff_height_m))
         flown = (self.task == Task.GOAL) & self.present
         pads_m, pace = self.record.goal_m, self._pace
         if pace is None:
@@ -163,7 +170,7 @@ class SimulatedFlight:
             pace.advance(self.world.tick_s, here_m, led)
         for row in np.flatnonzero(led).tolist():
             self.goal_m[row] = pace.goal_m(row)
-        arrived = led & is_above(here_m, pads_m, WELL_IN_PLACE_M) & (pace.time_s >= pace.ways.over_s)
+        arrived = led & is_above(here_m, pads_m, WELL_IN_PLACE_M) & (pace.time_s >= pace.return_paths.over_s)
         self.descending = self.descending | arrived
         self.goal_m[arrived] = pads_m[arrived]
         low = flown & self.descending & may_hand_over(here_m, pads_m, HANDOVER_HEIGHT_M)
@@ -175,10 +182,10 @@ class SimulatedFlight:
         if self._pace is None:
             return None
         near = np.linalg.norm(self.goal_m - self.world.heard_m, axis=1) < BEHIND_M
-        near[list(self._pace.ways.unplanned)] = False
+        near[list(self._pace.return_paths.unplanned)] = False
         return np.asarray(near & ~self.descending)
 
-    def _ways_home(self, here_m: Array, pads_m: Array, takeoff_height_m: float) -> Ways:
+    def _return_paths(self, here_m: Array, pads_m: Array, takeoff_height_m: float) -> ReturnPaths:
         """The flight's own plan."""
         planner = return_planner(
             here_m.copy(),
@@ -189,7 +196,7 @@ class SimulatedFlight:
             self.time_s,
             np.array(self.traits.uncertainty_m),
         )
-        return plan_ways(planner)
+        return plan_return_paths(planner)
 
     def vanish(self, rows: Mask) -> None:
         """Gone, from one moment to the next."""

@@ -38,7 +38,7 @@ AreFree = Callable[[Array], Mask]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Choices:
+class Candidates:
     """All ways of all vehicles, one behind the other: way w of vehicle i is row ``i * EACH + w``."""
 
     goal_m: Array  # (m, 3) what the vehicle is drawn to, every STEP_S; each way begins at the start
@@ -62,7 +62,7 @@ def lay(
     speeds_m_s: Array,
     goal_rate_per_s: float,
     are_free: AreFree | None = None,
-) -> Choices:
+) -> Candidates:
     """Every way of everybody.
 
     Args:
@@ -83,7 +83,7 @@ def lay(
     if are_free is not None and len(path_m):
         free = np.logical_and.reduceat(are_free(path_m), first[:-1])
         free |= np.repeat(~free.reshape(-1, EACH).any(axis=1), EACH)
-    return Choices(goal_m, path_m, first, over, free)
+    return Candidates(goal_m, path_m, first, over, free)
 
 
 def _corners_m(start_m: Array, pad_m: Array, over_m: float, handover_m: float) -> Array:
@@ -129,18 +129,18 @@ def _laid(
     corners_m: Array, speeds_m_s: Array, touch_down_m_s: float, limits_m_s: Array, rate_per_s: float
 ) -> tuple[Array, Array, Rows, Rows]:
     """Goals and paths (m, 3) of ways (k, 5, 3); where each begins (k + 1,); steps until over the pad (k,)."""
-    ways, corners = corners_m.shape[:2]
+    return_paths, corners = corners_m.shape[:2]
     sideways_m_s, up_m_s, down_m_s = speeds_m_s
-    steps = np.empty((ways, corners - 1), np.intp)
-    first, over = np.zeros(ways + 1, np.intp), np.empty(ways, np.intp)
-    for k in range(ways):
+    steps = np.empty((return_paths, corners - 1), np.intp)
+    first, over = np.zeros(return_paths + 1, np.intp), np.empty(return_paths, np.intp)
+    for k in range(return_paths):
         for leg in range(corners - 1):
             sinks_m_s = touch_down_m_s if leg == corners - 2 else down_m_s
             steps[k, leg] = _steps(corners_m[k, leg], corners_m[k, leg + 1], sideways_m_s, up_m_s, sinks_m_s)
         over[k] = steps[k, 0] + steps[k, 1]
         first[k + 1] = first[k] + 1 + steps[k].sum() + TAIL
     goal_m, path_m = np.empty((first[-1], 3)), np.empty((first[-1], 3))
-    for k in range(ways):
+    for k in range(return_paths):
         at = first[k]
         goal_m[at] = corners_m[k, 0]
         for leg in range(corners - 1):

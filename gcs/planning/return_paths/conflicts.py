@@ -18,7 +18,7 @@ STEP_MAX_M = 2.5
 
 
 @kernel_apart
-def chosen_ways(
+def chosen_paths(
     order: Rows,
     place_m: Array,
     first: Rows,

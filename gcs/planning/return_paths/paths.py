@@ -9,7 +9,7 @@ STEP_S = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ways:
+class ReturnPaths:
     """A plan for the whole fleet. Rows as it was asked for."""
 
     drawn_m: Array  # (n, t, 3) every STEP_S, show frame: what each is drawn to

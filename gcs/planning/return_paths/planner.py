@@ -8,9 +8,9 @@ import numpy as np
 from gcs.model.errors import ShapeError
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
-from gcs.planning.return_paths.candidates import EACH, SPEED_SHARE, AreFree, Choices, lay
-from gcs.planning.return_paths.conflicts import chosen_ways
-from gcs.planning.return_paths.paths import STEP_S, Ways
+from gcs.planning.return_paths.candidates import EACH, SPEED_SHARE, AreFree, Candidates, lay
+from gcs.planning.return_paths.conflicts import chosen_paths
+from gcs.planning.return_paths.paths import STEP_S, ReturnPaths
 from gcs.safety.filter import Limits
 from gcs.safety.neighbours import Rows
 from gcs.safety.separation import Floor
@@ -38,7 +38,7 @@ LATER_SHARE, LATER_ROUNDS = 1.4, 15
 """Or later, after so many rounds of an attempt."""
 
 
-class Homeward(Settings):
+class ReturnSettings(Settings):
     """How ways home are planned."""
 
     spare_m: NotNegative = 0.1  # on top of the floor's margin, for what the plan does not know
@@ -62,7 +62,7 @@ class Planner:
         limits: Limits,
         floor: Floor,
         uncertainty_m: float,
-        settings: Homeward | None = None,
+        settings: ReturnSettings | None = None,
         are_free: AreFree | None = None,
     ) -> None:
         """Nothing is planned yet.
@@ -88,7 +88,7 @@ class Planner:
             unknown = np.flatnonzero(~np.isfinite(place_m).all(axis=1))
             if len(unknown):
                 raise ShapeError(f"{name} must be finite in every row, and is not in rows {unknown.tolist()}")
-        settings = settings or Homeward()
+        settings = settings or ReturnSettings()
         wide_m, tall_m = (kept_m + settings.spare_m for kept_m in floor.kept_m(uncertainty_m))
         self._start_m, self._pad_m, self._heights_m = start_m, pad_m, (over_m, handover_m)
         self._scale = np.array([1.0, 1.0, wide_m / tall_m])
@@ -102,22 +102,22 @@ class Planner:
         self._quickest_s = np.maximum(level_s, way_m[:, 2] / (SPEED_SHARE * limits.down_m_s))
         self._fails = np.zeros(len(start_m))
         self._rounds = 0
-        self._choices: Choices | None = None
+        self._candidates: Candidates | None = None
         self._place_m = self._kept_m = start_m  # both follow with the first round
-        self._best: tuple[Rows, Rows] | None = None  # as `chosen_ways` gives them
+        self._best: tuple[Rows, Rows] | None = None  # as `chosen_paths` gives them
 
     @property
-    def ways(self) -> Ways:
+    def return_paths(self) -> ReturnPaths:
         """The best plan so far. Raises: ShapeError before the first round."""
-        if self._best is None or self._choices is None:
+        if self._best is None or self._candidates is None:
             raise ShapeError("no round has been planned")
-        return self._laid(self._choices, *self._best)
+        return self._laid(self._candidates, *self._best)
 
     def round(self) -> bool:
         """Plan for everybody once more. Returns: whether there is nothing left to find."""
-        choices = self._choices
-        if choices is None:
-            choices = self._choices = self._prepared()
+        candidates = self._candidates
+        if candidates is None:
+            candidates = self._candidates = self._prepared()
         self._rounds += 1
         settings, last = self._settings, self._rounds >= ROUNDS
         attempt, before = divmod(self._rounds - 1, ATTEMPT_ROUNDS)
@@ -126,12 +126,12 @@ class Planner:
         longest_s = float(self._quickest_s.max(initial=STEP_S))
         share = LONGEST_SHARE if before < LATER_ROUNDS else LATER_SHARE
         down_s = share * longest_s + settings.spare_s + (MORE_S if last else 0.0)
-        quickest = int(choices.length.reshape(-1, EACH).min(axis=1).max())
-        way, wait = chosen_ways(
+        quickest = int(candidates.length.reshape(-1, EACH).min(axis=1).max())
+        way, wait = chosen_paths(
             np.lexsort((-self._quickest_s, -self._fails)),
             self._place_m,
-            choices.first,
-            choices.free,
+            candidates.first,
+            candidates.free,
             self._fails >= SPARED_FAILS[attempt],
             self._kept_m,
             settings.reaction_s * (HASTY_SHARE if attempt == len(SPARED_FAILS) - 1 else 1.0),
@@ -145,9 +145,9 @@ class Planner:
         self._fails[left] += 1  # who found no way chooses earlier in the next round
         return last or not left.any()
 
-    def _prepared(self) -> Choices:
+    def _prepared(self) -> Candidates:
         """What all rounds need."""
-        choices = lay(
+        candidates = lay(
             self._start_m,
             self._pad_m,
             *self._heights_m,
@@ -155,44 +155,49 @@ class Planner:
             goal_rate_per_s=self._goal_rate_per_s,
             are_free=self._are_free,
         )
-        self._place_m = choices.path_m * self._scale
+        self._place_m = candidates.path_m * self._scale
         least_m, wide_m = self._kept_range_m
         apart_m = np.linalg.norm((self._start_m[:, None] - self._start_m[None]) * self._scale, axis=2)
         # a pair that is closer than that already only may come no closer
         self._kept_m = np.minimum(wide_m, np.maximum(0.98 * apart_m, least_m))
-        return choices
+        return candidates
 
-    def _laid(self, choices: Choices, way: Rows, wait: Rows) -> Ways:
+    def _laid(self, candidates: Candidates, way: Rows, wait: Rows) -> ReturnPaths:
         """The plan in places. Who found no way follows when all the others are down."""
         unplanned = np.flatnonzero(way < 0)
-        way, wait, length = way.copy(), wait.copy(), choices.length
+        way, wait, length = way.copy(), wait.copy(), candidates.length
         planned = np.flatnonzero(way >= 0)
         last = int((wait[planned] + length[way[planned]]).max(initial=0))
         for row in unplanned.tolist():
             own = slice(row * EACH, (row + 1) * EACH)
-            way[row] = row * EACH + int(np.argmin(np.where(choices.free[own], length[own], length.max() + 1)))
+            way[row] = row * EACH + int(
+                np.argmin(np.where(candidates.free[own], length[own], length.max() + 1))
+            )
             wait[row] = last
         count = int((wait + length[way]).max(initial=1))
         drawn_m, path_m = (np.repeat(self._start_m[:, None], count, axis=1) for _ in range(2))
         for row, (taken, begins) in enumerate(zip(way.tolist(), wait.tolist(), strict=True)):
-            whole = slice(choices.first[taken], choices.first[taken + 1])
-            for moments_m, places_m in ((drawn_m, choices.goal_m[whole]), (path_m, choices.path_m[whole])):
+            whole = slice(candidates.first[taken], candidates.first[taken + 1])
+            for moments_m, places_m in (
+                (drawn_m, candidates.goal_m[whole]),
+                (path_m, candidates.path_m[whole]),
+            ):
                 moments_m[row, begins : begins + len(places_m)] = places_m
                 moments_m[row, begins + len(places_m) :] = places_m[-1]
-        return Ways(
+        return ReturnPaths(
             drawn_m,
             path_m,
-            np.multiply(wait + choices.over[way], STEP_S, dtype=np.float64),
+            np.multiply(wait + candidates.over[way], STEP_S, dtype=np.float64),
             np.multiply(wait + length[way] - 1, STEP_S, dtype=np.float64),
             tuple(unplanned.tolist()),
         )
 
 
-def plan_ways(planner: Planner, enough: Callable[[], bool] = lambda: False) -> Ways:
+def plan_return_paths(planner: Planner, enough: Callable[[], bool] = lambda: False) -> ReturnPaths:
     """Round after round until nothing is left to find, or it is `enough`; the first is always finished."""
     while not planner.round() and not enough():
         pass
-    return planner.ways
+    return planner.return_paths
 
 
 @cache
@@ -211,4 +216,4 @@ def warm_up() -> None:
         floor=Floor(),
         uncertainty_m=0.7,
     )
-    plan_ways(planner)
+    plan_return_paths(planner)

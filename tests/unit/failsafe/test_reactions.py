@@ -303,9 +303,9 @@ def test_the_most_severe_wins() -> None:
 
 
 def test_nothing_that_goes_on_is_replaced_by_something_weaker_or_as_strong() -> None:
-    homeward = standing(SEVERITY[Action.RETURN], v0=SEVERITY[Action.RETURN])
-    assert due([LOST_MANY, LOW, POOR, WINDY], homeward, {}, 0.5) == (None, ())
-    show, vehicles = due([CRITICAL, LOW], homeward, {}, 0.5)
+    return_settings = standing(SEVERITY[Action.RETURN], v0=SEVERITY[Action.RETURN])
+    assert due([LOST_MANY, LOW, POOR, WINDY], return_settings, {}, 0.5) == (None, ())
+    show, vehicles = due([CRITICAL, LOW], return_settings, {}, 0.5)
     assert show is None
     assert describe(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
 

@@ -4,37 +4,37 @@ import numpy as np
 import pytest
 
 from gcs.model.state import Array
-from gcs.planning.return_paths import STEP_S, Pace, Ways
+from gcs.planning.return_paths import STEP_S, PathProgress, ReturnPaths
 from gcs.planning.return_paths.progress import PATIENCE_S
 
 TICK_S = 0.05
 BOTH = np.ones(2, dtype=np.bool_)
 
 
-def abreast() -> Ways:
+def abreast() -> ReturnPaths:
     """Two fly 40 m side by side, in 10 s."""
     x_m = np.minimum(np.arange(60) * STEP_S * 4.0, 40.0)
     path_m = np.zeros((2, 60, 3))
     path_m[:, :, 0], path_m[1, :, 1] = x_m, 10.0
-    return Ways(path_m, path_m, np.full(2, 8.0), np.full(2, 10.0), ())
+    return ReturnPaths(path_m, path_m, np.full(2, 8.0), np.full(2, 10.0), ())
 
 
 def flown(
-    pace: Pace, seconds: float, behind_m: Array, who: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    pace: PathProgress, seconds: float, behind_m: Array, who: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> float:
     """Fly it with everybody so far (n, 3) from where it should be. Returns: how far the plan went on."""
     before_s = pace.time_s
     for _ in range(round(seconds / TICK_S)):
-        pace.advance(TICK_S, pace.ways.expected_m(pace.time_s) + behind_m, who)
+        pace.advance(TICK_S, pace.return_paths.expected_m(pace.time_s) + behind_m, who)
     return pace.time_s - before_s
 
 
 def test_a_plan_that_everybody_keeps_up_with_goes_by_the_clock() -> None:
-    assert flown(Pace(abreast()), 5.0, np.full((2, 3), 0.5), BOTH) == pytest.approx(5.0)
+    assert flown(PathProgress(abreast()), 5.0, np.full((2, 3), 0.5), BOTH) == pytest.approx(5.0)
 
 
 def test_it_stands_still_for_one_that_is_held_back_and_goes_on_when_it_is_free_again() -> None:
-    pace = Pace(abreast())
+    pace = PathProgress(abreast())
     held_m = np.array([[0.0, 0.0, 0.0], [-6.0, 0.0, 0.0]])
     assert flown(pace, 2.0, held_m, BOTH) == pytest.approx(0.0)
     assert flown(pace, 2.0, 0.2 * held_m, BOTH) == pytest.approx(2.0)
@@ -42,30 +42,33 @@ def test_it_stands_still_for_one_that_is_held_back_and_goes_on_when_it_is_free_a
 
 def test_the_farther_behind_somebody_is_the_slower_it_goes() -> None:
     went_s = [
-        flown(Pace(abreast()), 2.0, np.array([[0.0] * 3, [-m, 0.0, 0.0]]), BOTH) for m in (3.0, 3.8, 4.6)
+        flown(PathProgress(abreast()), 2.0, np.array([[0.0] * 3, [-m, 0.0, 0.0]]), BOTH)
+        for m in (3.0, 3.8, 4.6)
     ]
     assert 2.0 > went_s[0] > went_s[1] > went_s[2] > 0.0
 
 
 def test_it_waits_so_long_in_all_and_no_longer() -> None:
-    pace = Pace(abreast())
+    pace = PathProgress(abreast())
     assert flown(pace, 60.0, np.full((2, 3), 3.5), BOTH) == pytest.approx(60.0 - PATIENCE_S)
 
 
 @pytest.mark.parametrize("away_m", [20.0, np.nan])
 def test_nobody_waits_for_one_that_has_gone_elsewhere_or_is_not_heard(away_m: float) -> None:
-    assert flown(Pace(abreast()), 2.0, np.array([[0.0] * 3, [away_m, 0.0, 0.0]]), BOTH) == pytest.approx(2.0)
+    assert flown(
+        PathProgress(abreast()), 2.0, np.array([[0.0] * 3, [away_m, 0.0, 0.0]]), BOTH
+    ) == pytest.approx(2.0)
 
 
 def test_nobody_waits_for_one_that_was_ordered_to_do_something_else() -> None:
     only_first = np.array([True, False])
-    assert flown(Pace(abreast()), 2.0, np.array([[0.0] * 3, [-6.0, 0.0, 0.0]]), only_first) == pytest.approx(
-        2.0
-    )
+    assert flown(
+        PathProgress(abreast()), 2.0, np.array([[0.0] * 3, [-6.0, 0.0, 0.0]]), only_first
+    ) == pytest.approx(2.0)
 
 
 def test_goals_follow_the_plans_clock_and_its_end_is_the_pad() -> None:
-    pace = Pace(abreast())
+    pace = PathProgress(abreast())
     flown(pace, 5.0, np.zeros((2, 3)), BOTH)
     assert pace.goal_m(1) == pytest.approx([20.0, 10.0, 0.0])
     assert not pace.is_over(1)

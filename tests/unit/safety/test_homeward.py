@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from gcs.model.errors import ShapeError
 from gcs.model.state import Array, Mask
-from gcs.planning.return_paths import STEP_S, Planner, Ways, plan_ways
+from gcs.planning.return_paths import STEP_S, Planner, ReturnPaths, plan_return_paths
 from gcs.safety.filter import Limits
 from gcs.safety.separation import Floor
 
@@ -27,8 +27,8 @@ def planner_of(start_m: Array, pad_m: Array, **changes: object) -> Planner:
     return Planner(start_m, pad_m, OVER_M, HANDOVER_M, **{**usual, **changes})  # type: ignore[arg-type]
 
 
-def planned(start_m: Array, pad_m: Array, **changes: object) -> Ways:
-    return plan_ways(planner_of(start_m, pad_m, **changes))
+def planned(start_m: Array, pad_m: Array, **changes: object) -> ReturnPaths:
+    return plan_return_paths(planner_of(start_m, pad_m, **changes))
 
 
 def fleet(count: int, seed: int) -> tuple[Array, Array]:
@@ -42,11 +42,11 @@ def fleet(count: int, seed: int) -> tuple[Array, Array]:
     return start_m, pad_m
 
 
-def flown(ways: Ways, start_m: Array) -> Array:
+def flown(return_paths: ReturnPaths, start_m: Array) -> Array:
     """(t, n, 3) of points that are drawn to their goals at the law's rate."""
     here_m, found = start_m.copy(), []
-    for step in range(int(ways.down_s.max() / STEP_S) + 1):
-        goal_m = np.array([ways.goal_m(row, step * STEP_S) for row in range(len(start_m))])
+    for step in range(int(return_paths.down_s.max() / STEP_S) + 1):
+        goal_m = np.array([return_paths.goal_m(row, step * STEP_S) for row in range(len(start_m))])
         wanted = 0.8 * (goal_m - here_m)
         size = np.linalg.norm(wanted, axis=1, keepdims=True)
         here_m = here_m + STEP_S * wanted * np.minimum(1.0, 4.0 / np.maximum(size, 1e-9))
@@ -57,9 +57,9 @@ def flown(ways: Ways, start_m: Array) -> Array:
 @pytest.mark.parametrize("seed", range(6))
 def test_a_fleet_whose_ways_cross_comes_down_without_anybody_inside_the_floor(seed: int) -> None:
     start_m, pad_m = fleet(25, seed)
-    ways = planned(start_m, pad_m)
-    assert ways.unplanned == ()
-    path_m = flown(ways, start_m)
+    return_paths = planned(start_m, pad_m)
+    assert return_paths.unplanned == ()
+    path_m = flown(return_paths, start_m)
     scaled = path_m * FLOOR.scale
     for t, here in enumerate(scaled):
         apart_m = np.linalg.norm(here[:, None] - here[None], axis=2) + 1e9 * np.eye(len(here))
@@ -74,18 +74,18 @@ def test_a_fleet_whose_ways_cross_comes_down_without_anybody_inside_the_floor(se
 @settings(max_examples=25, deadline=None)
 def test_no_two_expected_paths_meet_and_all_end_on_their_pads_in_time(count: int, seed: int) -> None:
     start_m, pad_m = fleet(count, seed)
-    ways = planned(start_m, pad_m)
-    assert ways.unplanned == ()
-    assert ways.path_m[:, 0] == pytest.approx(start_m)
+    return_paths = planned(start_m, pad_m)
+    assert return_paths.unplanned == ()
+    assert return_paths.path_m[:, 0] == pytest.approx(start_m)
     first, second = np.triu_indices(count, 1)
-    for moment_m in ways.path_m.swapaxes(0, 1):
+    for moment_m in return_paths.path_m.swapaxes(0, 1):
         apart_m = np.linalg.norm((moment_m[first] - moment_m[second]) * FLOOR.scale, axis=1)
         low = (-moment_m[first, 2] < FLOOR.pad_height_m) & (-moment_m[second, 2] < FLOOR.pad_height_m)
         assert apart_m[~low].min(initial=np.inf) > FLOOR.horizontal_m
-    assert ways.path_m[:, -1] == pytest.approx(pad_m, abs=0.3)
+    assert return_paths.path_m[:, -1] == pytest.approx(pad_m, abs=0.3)
     way_m = pad_m - start_m
     longest_s = max(np.hypot(*way_m[:, :2].T).max() / 4.0, way_m[:, 2].max() / Limits().down_m_s)
-    assert ways.down_s.max() < 1.5 * longest_s + 10.0
+    assert return_paths.down_s.max() < 1.5 * longest_s + 10.0
 
 
 def test_the_same_fleet_gets_the_same_plan() -> None:
@@ -103,9 +103,9 @@ def test_when_it_is_enough_the_best_plan_so_far_is_taken() -> None:
         asked.append(True)
         return True
 
-    ways = plan_ways(planner_of(start_m, pad_m), enough)
+    return_paths = plan_return_paths(planner_of(start_m, pad_m), enough)
     assert len(asked) == 1
-    assert len(ways.unplanned) == 1
+    assert len(return_paths.unplanned) == 1
 
 
 @pytest.mark.parametrize("name", ["start_m", "pad_m"])
@@ -123,20 +123,22 @@ def test_a_plan_for_nobody_is_refused() -> None:
 
 def test_one_vehicle_flies_straight_away() -> None:
     start_m, pad_m = np.array([[20.0, 0.0, -15.0]]), np.zeros((1, 3))
-    ways = planned(start_m, pad_m)
-    assert ways.down_s[0] < 1.5 * (15.0 / 1.4) + 10.0
-    assert np.linalg.norm(ways.goal_m(0, 1.0) - start_m[0]) > 1.0
-    assert ways.goal_m(0, 1e6) == pytest.approx(pad_m[0])
-    assert ways.goal_m(0, -1.0) == pytest.approx(ways.goal_m(0, 0.0))
+    return_paths = planned(start_m, pad_m)
+    assert return_paths.down_s[0] < 1.5 * (15.0 / 1.4) + 10.0
+    assert np.linalg.norm(return_paths.goal_m(0, 1.0) - start_m[0]) > 1.0
+    assert return_paths.goal_m(0, 1e6) == pytest.approx(pad_m[0])
+    assert return_paths.goal_m(0, -1.0) == pytest.approx(return_paths.goal_m(0, 0.0))
 
 
 def test_two_above_each_others_pads_both_come_down() -> None:
     pad_m = np.array([[0.0, 0.0, 0.0], [14.0, 0.0, 0.0]])
     start_m = pad_m[::-1] - (0.0, 0.0, 6.0)
-    ways = planned(start_m, pad_m)
-    assert ways.unplanned == ()
-    apart_m = np.linalg.norm((flown(ways, start_m)[:, 0] - flown(ways, start_m)[:, 1]) * FLOOR.scale, axis=1)
-    high = flown(ways, start_m)[:, :, 2].min(axis=1) < -FLOOR.pad_height_m
+    return_paths = planned(start_m, pad_m)
+    assert return_paths.unplanned == ()
+    apart_m = np.linalg.norm(
+        (flown(return_paths, start_m)[:, 0] - flown(return_paths, start_m)[:, 1]) * FLOOR.scale, axis=1
+    )
+    high = flown(return_paths, start_m)[:, :, 2].min(axis=1) < -FLOOR.pad_height_m
     assert apart_m[high].min() > FLOOR.horizontal_m + FLOOR.margin_m
 
 
@@ -153,9 +155,11 @@ def test_ways_keep_clear_of_what_stands_where_one_can() -> None:
 def test_who_finds_no_way_is_named_and_follows_when_the_others_are_down() -> None:
     start_m = np.array([[0.0, 0.0, -10.0], [2.0, 0.0, -10.0], [20.0, 0.0, -10.0]])
     pad_m = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [20.0, 0.0, 0.0]])  # two pads too close to each other
-    ways = planned(start_m, pad_m)
-    assert len(ways.unplanned) == 1
-    last = ways.unplanned[0]
+    return_paths = planned(start_m, pad_m)
+    assert len(return_paths.unplanned) == 1
+    last = return_paths.unplanned[0]
     others = [row for row in range(3) if row != last]
-    assert ways.down_s[last] > ways.down_s[others].max()
-    assert ways.goal_m(last, ways.down_s[others].max() - 0.5) == pytest.approx(start_m[last], abs=0.5)
+    assert return_paths.down_s[last] > return_paths.down_s[others].max()
+    assert return_paths.goal_m(last, return_paths.down_s[others].max() - 0.5) == pytest.approx(
+        start_m[last], abs=0.5
+    )
