@@ -14,7 +14,7 @@ from gcs.model import plan
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.fleet_counts import Counts
 from gcs.model.frames import ShowFrame
-from gcs.model.interrupted_flight import Interrupted
+from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
 from gcs.service import (
     FleetView,
@@ -335,12 +335,12 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
     )
 
 
-def interrupted(found: Interrupted) -> wire_interrupted.Interrupted:
+def interrupted(found: InterruptedFlight) -> wire_interrupted.InterruptedFlight:
     """A flight that was cut off, for the wire."""
     selected = None
     if found.written is not None:
         selected = wire_interrupted.WrittenShow(**asdict(found.written))
-    return wire_interrupted.Interrupted(
+    return wire_interrupted.InterruptedFlight(
         session=found.session,
         unix_time_s=found.unix_time_s,
         cause=found.cause,

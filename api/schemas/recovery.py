@@ -30,7 +30,7 @@ class WrittenShow(_Outward):
     clock_s: float
 
 
-class Interrupted(_Outward):
+class InterruptedFlight(_Outward):
     """A flight that was cut off when the service ended or stalled. Nothing of it is taken over by itself."""
 
     session: str

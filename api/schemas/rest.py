@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 
 from gcs.api.schemas.alarms import Alarm
 from gcs.api.schemas.names import VehicleName
-from gcs.api.schemas.recovery import Interrupted
+from gcs.api.schemas.recovery import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Direction, YawPolicy
 from gcs.model.state import Mode
@@ -479,7 +479,9 @@ class Fleet(Outward):
     minimum_separation_m: Measured
     setpoints_sent: int
     filter_interventions: int = Field(description="Each vehicle in each tick that safety changed, in all.")
-    interrupted: Interrupted | None = Field(description="A flight that was cut off, and is not settled.")
+    interrupted: InterruptedFlight | None = Field(
+        description="A flight that was cut off, and is not settled."
+    )
     severity: OverallSeverity = Field(description="The worst severity of the alarms that last.")
     alarms: list[Alarm] = Field(
         description="The most severe first, of one severity the newest first; those that have ended at last."

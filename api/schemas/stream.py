@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from gcs.api.schemas.alarms import Alarm
-from gcs.api.schemas.recovery import Interrupted
+from gcs.api.schemas.recovery import InterruptedFlight
 from gcs.api.schemas.replay import Replay
 from gcs.api.schemas.rest import (
     Counts,
@@ -128,7 +128,9 @@ class Status(Outward):
     obstacles: list[Obstacle] = Field(description="Where they were at `time_s`.")
     fence: Fence
     separation: Separation
-    interrupted: Interrupted | None = Field(description="A flight that was cut off, and is not settled.")
+    interrupted: InterruptedFlight | None = Field(
+        description="A flight that was cut off, and is not settled."
+    )
     severity: OverallSeverity = Field(description="The worst severity of the alarms that last.")
     alarms: list[Alarm] = Field(
         description="The most severe first, of one severity the newest first; those that have ended at last."

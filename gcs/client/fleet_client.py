@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from gcs.api.schemas import kill as wire_kill
     from gcs.api.schemas import rest as wire
     from gcs.api.schemas import stream as wire_stream
-    from gcs.api.schemas.recovery import Interrupted
+    from gcs.api.schemas.recovery import InterruptedFlight
 else:
     pydantic = Deferred("pydantic")
     wire = Deferred("gcs.api.schemas.rest")
@@ -196,7 +196,7 @@ class Client:
         """Bring a flight that was cut off home to where it took off."""
         return self.one(lambda: wire.Order, "POST", "/api/v1/show/bring-home", urgent=True)
 
-    def interrupted(self) -> Interrupted | None:
+    def interrupted(self) -> InterruptedFlight | None:
         """A flight that was cut off and is not settled, and what can be ordered; None: there is none."""
         return self.fleet().interrupted
 

@@ -16,7 +16,7 @@ from gcs.failsafe.policy import Action, Cause
 from gcs.flight.close_pairs import ClosePairs
 from gcs.flight.fleet import FLIES, Fleet
 from gcs.flight.vehicle import Vehicle
-from gcs.model.interrupted_flight import Interrupted
+from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import VehicleId
 from gcs.service import WHO, ActiveFailsafe, OrderRecord, Outcome
@@ -108,7 +108,7 @@ class Findings:
     obstacles_wait: Sequence[str] = ()  # why obstacles of the show do not stand yet
     not_recorded: Sequence[str] = ()
     failed_links: Mapping[str, str] = field(default_factory=dict)  # why, by name
-    interrupted: Interrupted | None = None
+    interrupted: InterruptedFlight | None = None
     return_problem: str = ""  # why the vehicles return without a common plan
     supervisor: str = ""  # why this service is not restarted any more
     notes: Sequence[str] = ()  # what holds as long as this service runs
@@ -308,7 +308,7 @@ def _of_the_service(findings: Findings) -> Iterator[Condition]:
         yield Condition(AlarmCause.SERVICE_NOTE, note, about=note)
 
 
-def _of_the_interruption(found: Interrupted) -> Condition:
+def _of_the_interruption(found: InterruptedFlight) -> Condition:
     what = "" if found.written is None else f" {found.written.name!r} (cue {found.written.cue!r})"
     absent = [f"{one.id}: {one.text}." for one in found.vehicles if not one.waits]
     consequence = " ".join([*absent, *(f"{problem}." for problem in found.problems)])

@@ -16,7 +16,7 @@ from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.participants import Participants
 from gcs.flight.preflight_gate import PreflightGate
-from gcs.flight.recovery import Takeover
+from gcs.flight.recovery import Recovery
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.start import Countdown, Starting
 from gcs.flight.telemetry_monitor import Watch
@@ -74,7 +74,7 @@ class Commander:
         self._vehicle_orders = VehicleOrders(flight, maneuvers, book)
         self._collective_return: CollectiveReturn | None = None
         self._commanded: ShowEvent | None = None  # the newest command to all, where vehicles may be awaited
-        self.takeover = Takeover(flight, maneuvers, book, show_player, found, self._bring_home, unix_s)
+        self.recovery = Recovery(flight, maneuvers, book, show_player, found, self._bring_home, unix_s)
         self._watch = Watch(flight, maneuvers, parameter_reader, self._come_back)
         self._failsafe_monitor = FailsafeMonitor(flight, show_player, clock, unix_s, self, maneuvers.running)
 
@@ -99,7 +99,7 @@ class Commander:
 
     def stalled(self, gap_s: float) -> None:
         """No tick came for `gap_s`, longer than any setpoint lives: what was flown may have been lost."""
-        self.takeover.stalled(gap_s)
+        self.recovery.stalled(gap_s)
         self._watch.resume()
 
     def watch(self) -> None:
@@ -149,7 +149,7 @@ class Commander:
         self._starting.count_down()
         if self._collective_return is not None:
             self._collective_return.advance()
-        self.takeover.advance()
+        self.recovery.advance()
         led = (*flight.airborne, *self.waiting, *flight.in_phase(Phase.PILOT))
         busy = [vehicle for vehicle in led if self._maneuvers.running(vehicle)]
         follow(flight, busy=bool(busy))
@@ -162,7 +162,7 @@ class Commander:
         elif flight.show_run is not None and flight.show_run.is_over(flight.fleet.time_s):
             reason = f"show {flight.show_run.name!r} is over: all vehicles return home"
             self._stop(reason, reclaim=False)
-        self.takeover.note_setpoints()
+        self.recovery.note_setpoints()
 
     def _all_have_taken_off(self) -> None:
         """Go on with the vehicles that are up, if any."""
@@ -280,7 +280,7 @@ class Commander:
                 being taken already.
         """
         flight = self._flight
-        found = self.takeover.reclaim() if reclaim else []
+        found = self.recovery.reclaim() if reclaim else []
         return [
             one
             for one in flight.in_phase(Phase.PILOT)
@@ -315,7 +315,7 @@ class Commander:
 
     def _expected(self, *, reclaim: bool) -> list[Vehicle]:
         """Vehicles of an interrupted flight that are not received yet: a command to all means them."""
-        return self.takeover.unreceived if reclaim else []
+        return self.recovery.unreceived if reclaim else []
 
     def _expect(
         self,
@@ -337,13 +337,13 @@ class Commander:
         def missed(vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
             self._book.close(record.id, vehicle.id, outcome, reason)
 
-        self.takeover.expect(later, reached, missed, reaches_fallen=reclaim)
+        self.recovery.expect(later, reached, missed, reaches_fallen=reclaim)
 
     def _closer(self, record: OrderRecord, vehicle: Vehicle) -> Done:
         """Closes the vehicle's part of a command to all, unless a stall before it has only delayed it."""
 
         def done(outcome: Outcome, reason: str) -> None:
-            if outcome is not Outcome.FAILED or not self.takeover.reaches_again(vehicle):
+            if outcome is not Outcome.FAILED or not self.recovery.reaches_again(vehicle):
                 self._book.close(record.id, vehicle.id, outcome, reason)
 
         return done
@@ -405,7 +405,7 @@ class Commander:
             if vehicle not in reclaimed:
                 why = f"{vehicle.phase}: {vehicle.reason.removesuffix('.')}"
                 if vehicle.phase is Phase.PILOT:
-                    why_not = self.takeover.why_not(vehicle)
+                    why_not = self.recovery.why_not(vehicle)
                     why += f"; {why_not or f'take-control {vehicle.id} names it, when its pilot agrees'}"
                 left_out[vehicle.id] = why
         return left_out
@@ -414,7 +414,7 @@ class Commander:
         """All vehicles stop in place: also those on their way home or down, but for those touching down."""
         flight, maneuvers = self._flight, self._maneuvers
         advance_show(flight.show, ShowEvent.PAUSE)
-        taking_over = self.takeover.taking_over  # it ends paused: the pause goes along with it
+        taking_over = self.recovery.taking_over  # it ends paused: the pause goes along with it
         back = [one for one in self._reclaimed(reclaim=reclaim) if one not in taking_over]
         waiting = self.waiting
         later = [one for one in self._expected(reclaim=reclaim) if one not in taking_over]
@@ -435,7 +435,7 @@ class Commander:
         for vehicle in back:
             reached(vehicle)
         if taking_over:
-            self.takeover.go_along(record)
+            self.recovery.go_along(record)
         else:
             self._expect(record, later, reached, ShowEvent.PAUSE, reclaim=reclaim)
         for vehicle in waiting:
@@ -468,12 +468,12 @@ class Commander:
             raise RefusedError(f"show {show_run.name!r} was never started: stop brings home all vehicles")
         flight = self._flight
         advance_show(flight.show, ShowEvent.RESUME)
-        joining = self.takeover.taking_over or any(vehicle.engaging for vehicle in flight.airborne)
+        joining = self.recovery.taking_over or any(vehicle.engaging for vehicle in flight.airborne)
         if not joining and not flight.in_phase(Phase.FORMATION):
             raise RefusedError("no vehicle is in formation: order take-over where it is offered, or join")
         flight.move_show(ShowEvent.RESUME, "re-forms, then goes on")
         self._commanded = ShowEvent.RESUME
-        self.takeover.replace()
+        self.recovery.replace()
         return self._done("resume")
 
     def _done(self, action: str, left_out: Mapping[VehicleId, str] | None = None) -> OrderRecord:

@@ -205,7 +205,7 @@ class Orchestrator:
             obstacles_wait=self._show_player.waits,
             not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
             failed_links=self._failed_links,
-            interrupted=commander.takeover.view(),
+            interrupted=commander.recovery.view(),
             return_problem=commander.return_problem,
             supervisor="" if self._heart is None else self._heart.problem,
             notes=self._standing,
@@ -265,7 +265,7 @@ class Orchestrator:
             show_run=flight.show_run,
             start_unix_s=self._start_unix_s,
             failsafes=() if self._commander is None else self._commander.failsafes,
-            interrupted=None if self._commander is None else self._commander.takeover.view(),
+            interrupted=None if self._commander is None else self._commander.recovery.view(),
             alarms=self._alarms.alarms,
         )
 
@@ -382,7 +382,7 @@ class Orchestrator:
     def settle(self, offer: Offer) -> OrderRecord:
         """Go on with a flight that was cut off, or bring it home."""
         with instead(self._flight):
-            return self._running().takeover.settle(offer)
+            return self._running().recovery.settle(offer)
 
     def _running(self) -> Commander:
         if self._commander is None:

@@ -26,7 +26,7 @@ from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import (
     Before,
-    Interrupted,
+    InterruptedFlight,
     Interruption,
     Offer,
     Remaining,
@@ -55,7 +55,7 @@ class _Batch:
     handed: list[Vehicle] = field(default_factory=list)
 
 
-class Takeover:
+class Recovery:
     """Knows what was cut off until everybody is accounted for. Changed only on the event loop."""
 
     def __init__(
@@ -236,7 +236,7 @@ class Takeover:
         left = [one for name in found.vehicles if (one := self._flight.vehicles.get(name)) is not None]
         return all(one.id in self._sent_on or one.phase not in open_phases for one in left)
 
-    def view(self) -> Interrupted | None:
+    def view(self) -> InterruptedFlight | None:
         """What an operator is shown."""
         found = self._found
         if found is None:
@@ -251,7 +251,7 @@ class Takeover:
                 offers.append(Offer.BRING_HOME)
             else:
                 problems.append("bring-home is not offered: where they took off is not known")
-        return Interrupted(
+        return InterruptedFlight(
             found.session,
             found.unix_s,
             found.show,

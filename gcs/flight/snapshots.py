@@ -9,7 +9,7 @@ from gcs.estimation.fleet_state import tuple3
 from gcs.estimation.time_estimates import Estimates
 from gcs.flight.fleet import Fleet
 from gcs.flight.running_show import ShowRun
-from gcs.model.interrupted_flight import Interrupted
+from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.state import Array, FleetState, Telemetry, Traits, VehicleId
@@ -46,7 +46,7 @@ def fleet_view(
     show_run: ShowRun | None = None,
     start_unix_s: float | None = None,
     failsafes: Sequence[ActiveFailsafe] = (),
-    interrupted: Interrupted | None = None,
+    interrupted: InterruptedFlight | None = None,
     alarms: Sequence[Alarm] = (),
     estimates: Estimates | None = None,
 ) -> FleetView:

@@ -110,7 +110,7 @@ class Remaining:
 
 
 @dataclass(frozen=True, slots=True)
-class Interrupted:
+class InterruptedFlight:
     """What an operator is shown, until everybody is accounted for."""
 
     session: str

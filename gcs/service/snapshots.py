@@ -8,7 +8,7 @@ from typing import Any
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.errors import Problem
 from gcs.model.fleet_counts import Counts
-from gcs.model.interrupted_flight import Interrupted
+from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.state import VehicleId
@@ -159,7 +159,7 @@ class FleetView:
     start_unix_time_s: float | None = None  # ordered, and not reached yet
     countdown_s: float | None = None
     failsafes: tuple[ActiveFailsafe, ...] = ()  # those whose causes last, the most severe first
-    interrupted: Interrupted | None = None  # a flight that was cut off, and is not settled
+    interrupted: InterruptedFlight | None = None  # a flight that was cut off, and is not settled
     playback: Playback | None = None  # None: this is no replay
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay
 

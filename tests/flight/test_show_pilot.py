@@ -61,52 +61,52 @@ async def taken_over(show: Show) -> TakenOver:
 
 
 @pytest.fixture(scope="module")
-def takeover() -> TakenOver:
+def recovery() -> TakenOver:
     return fly(taken_over)
 
 
 @pytest.mark.parametrize("name", ["d1", "d3"])
 def test_a_mode_that_nobody_here_ordered_makes_the_vehicle_the_pilots(
-    takeover: TakenOver, name: VehicleId
+    recovery: TakenOver, name: VehicleId
 ) -> None:
-    waited_s = takeover.pilot_s[name] - takeover.change_s[name]
+    waited_s = recovery.pilot_s[name] - recovery.change_s[name]
     assert waited_s < 2.3  # failing safe takes a second, and the next heartbeat another
-    seen = takeover.track.between(takeover.pilot_s[name]).of(name)[0]
+    seen = recovery.track.between(recovery.pilot_s[name]).of(name)[0]
     assert seen.phase is Phase.PILOT
     assert "this station did not command" in seen.reason or "setpoint-loss failsafe" in seen.reason
 
 
-def test_the_autopilots_own_failsafe_counts_as_a_pilot(takeover: TakenOver) -> None:
-    assert Mode.POSITION in {seen.mode for seen in takeover.track.of("d1") if seen.phase is Phase.PILOT}
+def test_the_autopilots_own_failsafe_counts_as_a_pilot(recovery: TakenOver) -> None:
+    assert Mode.POSITION in {seen.mode for seen in recovery.track.of("d1") if seen.phase is Phase.PILOT}
 
 
 @pytest.mark.parametrize("name", ["d1", "d3"])
-def test_a_pilots_vehicle_gets_neither_setpoints_nor_orders(takeover: TakenOver, name: VehicleId) -> None:
-    assert takeover.sent_to_pilots[name] == 0
-    assert takeover.orders_to_pilots[name] == 0
+def test_a_pilots_vehicle_gets_neither_setpoints_nor_orders(recovery: TakenOver, name: VehicleId) -> None:
+    assert recovery.sent_to_pilots[name] == 0
+    assert recovery.orders_to_pilots[name] == 0
 
 
-def test_orders_to_a_pilots_vehicle_are_refused(takeover: TakenOver) -> None:
-    for refusal in takeover.refusals.values():
+def test_orders_to_a_pilots_vehicle_are_refused(recovery: TakenOver) -> None:
+    for refusal in recovery.refusals.values():
         assert refusal.kind is RefusedError
         assert "d3: " in refusal.text
         assert "not possible while pilot" in refusal.text
 
 
-def test_control_taken_it_holds_and_joins_on_order_without_a_jump(takeover: TakenOver) -> None:
-    assert takeover.control_taken.outcome is Outcome.DONE
-    assert takeover.after_take_control.phases("d3") == [Phase.PILOT, Phase.HOLD, Phase.FORMATION]
-    assert takeover.after_take_control.hardest_change_m_s() < JUMP_M_S
+def test_control_taken_it_holds_and_joins_on_order_without_a_jump(recovery: TakenOver) -> None:
+    assert recovery.control_taken.outcome is Outcome.DONE
+    assert recovery.after_take_control.phases("d3") == [Phase.PILOT, Phase.HOLD, Phase.FORMATION]
+    assert recovery.after_take_control.hardest_change_m_s() < JUMP_M_S
 
 
-def test_stop_leaves_a_pilots_vehicle_alone_and_the_show_ends_without_it(takeover: TakenOver) -> None:
-    left_out = takeover.stopped.outcomes["d1"]
+def test_stop_leaves_a_pilots_vehicle_alone_and_the_show_ends_without_it(recovery: TakenOver) -> None:
+    left_out = recovery.stopped.outcomes["d1"]
     assert (left_out.outcome, left_out.reason[:6]) == (Outcome.NOT_INCLUDED, "pilot:")
-    assert takeover.stopped.outcome is Outcome.DONE
+    assert recovery.stopped.outcome is Outcome.DONE
 
 
-def test_a_vehicle_that_fails_safe_and_sinks_to_the_ground_is_on_standby_again(takeover: TakenOver) -> None:
-    assert takeover.track.phases("d1")[-2:] == [Phase.PILOT, Phase.STANDBY]
+def test_a_vehicle_that_fails_safe_and_sinks_to_the_ground_is_on_standby_again(recovery: TakenOver) -> None:
+    assert recovery.track.phases("d1")[-2:] == [Phase.PILOT, Phase.STANDBY]
 
 
 async def taken_over_while_it_joins(show: Show) -> tuple[OrderRecord, set[Verb]]:

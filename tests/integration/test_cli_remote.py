@@ -28,7 +28,7 @@ from gcs.client import Client
 from gcs.client.preflight import Preflight
 from gcs.client.replay import Playback
 from gcs.client.shows import Shows
-from gcs.model.interrupted_flight import Interrupted, Offer
+from gcs.model.interrupted_flight import InterruptedFlight, Offer
 from gcs.model.lifecycle import Phase as LifePhase
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import Outcome, SelectedShow
@@ -163,7 +163,7 @@ def asked_of(service: FakeService, line: str, *options: str) -> int:
         return 0
     if word == "cut-off":
         offers = (Offer.TAKE_OVER, Offer.BRING_HOME)
-        service.interrupted = Interrupted("s1", 1.0, ShowPhase.RUNNING, None, (), offers, ())
+        service.interrupted = InterruptedFlight("s1", 1.0, ShowPhase.RUNNING, None, (), offers, ())
         service.tick()
         return 0
     if word == "recorded":

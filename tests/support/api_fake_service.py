@@ -13,7 +13,7 @@ import numpy as np
 
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
-from gcs.model.interrupted_flight import Interrupted, Offer
+from gcs.model.interrupted_flight import InterruptedFlight, Offer
 from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks
@@ -138,7 +138,7 @@ class FakeService:
         self.phases = {f"d{index + 1}": Phase.STANDBY for index in range(count)}
         self.show = ShowPhase.IDLE
         self.selected: SelectedShow | None = None
-        self.interrupted: Interrupted | None = None
+        self.interrupted: InterruptedFlight | None = None
         self.start_unix_s: float | None = None
         self.failsafes: tuple[ActiveFailsafe, ...] = ()
         self.conditions: tuple[Condition, ...] = ()
