@@ -47,10 +47,10 @@ class Feed:
 
     def newest(self) -> Status:
         """The status of the newest state."""
-        view, happenings = self._service.view.value, self._service.happenings()
+        view, events = self._service.view.value, self._service.events()
         told = (self._began_unix_s, self._revision, self._problem(), self._access, self._ground)
         why = self._service.shows.why_not_kept
-        return convert_status.status(view, self._service.frame, happenings, *told, why)
+        return convert_status.status(view, self._service.frame, events, *told, why)
 
     def frame(self) -> bytes:
         """The newest state."""
@@ -65,7 +65,7 @@ class Feed:
         return self._frame
 
     def _tells(self) -> object:
-        view, happenings = self._service.view.value, self._service.happenings()
+        view, events = self._service.view.value, self._service.events()
         rows, selected, playback = view.rows, view.selected, view.playback
         return (
             self._problem(),
@@ -73,7 +73,7 @@ class Feed:
             None if selected is None else replace(selected, clock_s=0.0),
             None if playback is None else replace(playback, position_s=0.0),
             (view.interrupted, view.alarms),
-            happenings[-1].number if happenings else 0,
+            events[-1].number if events else 0,
             list(rows.reasons),
             list(rows.restrained_by),
             [None if home_m is None else home_m.tolist() for home_m in rows.homes_m],

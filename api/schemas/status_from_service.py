@@ -14,14 +14,14 @@ from gcs.api.schemas import stream as wire_stream
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
 from gcs.service import Bounds, Certification, FleetView, Playback, ReplayMarks
-from gcs.service.event_log import Happening
+from gcs.service.event_log import LogEvent
 from gcs.service.vehicle_table import VehicleRows
 
 
 def status(
     view: FleetView,
     frame: ShowFrame,
-    happenings: Sequence[Happening],
+    events: Sequence[LogEvent],
     began_unix_s: float,
     revision: int,
     problem: str,
@@ -64,7 +64,7 @@ def status(
         access=access,
         restraints=sorted(set(view.rows.restrained_by) - {""}),
         replay=None if view.playback is None else replay(view.playback),
-        events=[_happening(each) for each in happenings],
+        events=[_event(each) for each in events],
         vehicles=_vehicles(view.rows),
     )
 
@@ -156,8 +156,8 @@ def _separation(bounds: Bounds) -> wire_stream.Separation:
     )
 
 
-def _happening(each: Happening) -> wire_stream.Happening:
-    return wire_stream.Happening(
+def _event(each: LogEvent) -> wire_stream.LogEvent:
+    return wire_stream.LogEvent(
         number=each.number,
         unix_time_s=each.unix_time_s,
         severity=each.severity,

@@ -77,7 +77,7 @@ class Home(Outward):
     height_m: float
 
 
-class Happening(Outward):
+class LogEvent(Outward):
     """Something that happened, as the service's log tells it."""
 
     number: int = Field(description="Counts up since the service began.")
@@ -141,5 +141,5 @@ class Status(Outward):
     access: str = Field(description="Whether tokens are asked for, in words.")
     restraints: list[str] = Field(description="What vehicles are held back for now, each once.")
     replay: Replay | None = Field(description="null: this is no replay.")
-    events: list[Happening] = Field(description="The newest 100, the newest last.")
+    events: list[LogEvent] = Field(description="The newest 100, the newest last.")
     vehicles: list[StatusVehicle]

@@ -54,7 +54,7 @@ from gcs.service import (
     VehicleAction,
 )
 from gcs.service.alarms import Alarm
-from gcs.service.event_log import Happening, Happenings, heard
+from gcs.service.event_log import EventLog, LogEvent, heard
 from gcs.shows.library import ShowLibrary
 
 log = logging.getLogger(__name__)
@@ -123,7 +123,7 @@ class Orchestrator:
         self._clock = TickClock(config.tick_rate_hz)
         self._interventions = 0
         self._standing = tuple(problems)
-        self._happenings = Happenings()
+        self._event_log = EventLog()
         self._commander: Commander | None = None
         self._shares = Shares(links)
         self._failed_links: dict[str, str] = {}
@@ -136,7 +136,7 @@ class Orchestrator:
     async def run(self) -> None:
         """Fly until cancelled."""
         listening = ExitStack()
-        listening.enter_context(heard(self._happenings))
+        listening.enter_context(heard(self._event_log))
         try:
             async with asyncio.TaskGroup() as group:
                 maneuvers = Maneuvers(group, self._flight, self._config.operation)
@@ -299,9 +299,9 @@ class Orchestrator:
         """The last orders, the newest first."""
         return self._book.newest()
 
-    def happenings(self) -> Sequence[Happening]:
+    def events(self) -> Sequence[LogEvent]:
         """What happened last, the newest last."""
-        return self._happenings.newest()
+        return self._event_log.newest()
 
     def command_show(
         self,

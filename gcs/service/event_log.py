@@ -26,7 +26,7 @@ class Severity(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Happening:
+class LogEvent:
     """Something that happened."""
 
     number: int  # counts up
@@ -52,21 +52,21 @@ def severity(level: str) -> Severity:
     return {"info": Severity.INFO, "warning": Severity.WARNING}.get(level, Severity.ERROR)
 
 
-class Happenings(logging.Handler):
+class EventLog(logging.Handler):
     """The newest lines of the log. Heard on any thread, read on the loop."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
-        self._kept: deque[Happening] = deque(maxlen=KEPT)
+        self._kept: deque[LogEvent] = deque(maxlen=KEPT)
         self._numbers = count(1)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Keep one."""
         text = words(record.getMessage(), details(record))
         how = severity(record.levelname.lower())
-        self._kept.append(Happening(next(self._numbers), record.created, how, text, vehicle_of(record)))
+        self._kept.append(LogEvent(next(self._numbers), record.created, how, text, vehicle_of(record)))
 
-    def newest(self) -> tuple[Happening, ...]:
+    def newest(self) -> tuple[LogEvent, ...]:
         """The newest last."""
         return tuple(self._kept)
 

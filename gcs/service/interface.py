@@ -11,7 +11,7 @@ from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
 from gcs.service.alarms import Alarm
 from gcs.service.commands import OrderRecord, ShowAction, VehicleAction
-from gcs.service.event_log import Happening
+from gcs.service.event_log import LogEvent
 from gcs.service.latest import Latest
 from gcs.service.replay_marks import ReplayMarks
 from gcs.service.snapshots import Certification, FleetView, Playback, SelectedShow, ShowCheck, StoredShow
@@ -233,7 +233,7 @@ class Service(Protocol):
         """The last orders, the newest first."""
         ...
 
-    def happenings(self) -> Sequence[Happening]:
+    def events(self) -> Sequence[LogEvent]:
         """What happened last, the newest last."""
         ...
 

@@ -188,7 +188,7 @@ def test_a_lost_vehicle_is_an_alarm_with_its_cause_first_until_it_is_back() -> N
         assert by == {"service"}
         show.link.restore("d3")
         await show.until(lambda: not show.view.alarms, 15.0)
-        texts = [happening.text for happening in show.service.happenings()]
+        texts = [event.text for event in show.service.events()]
         assert any(text.startswith("warning: Vehicle d3 lost") for text in texts)
         assert any(text.startswith("acknowledged by service: Vehicle d3 lost") for text in texts)
         assert any(text.startswith("over: Vehicle d3 lost") for text in texts)

@@ -159,7 +159,7 @@ def test_a_planner_that_fails_leaves_the_fleet_under_control(error: Exception) -
         (alarm,) = show.view.alarms
         assert alarm.cause is AlarmCause.RETURN_UNPLANNED
         assert type(error).__name__ in alarm.text
-        assert any("without a common plan" in happening.text for happening in show.service.happenings())
+        assert any("without a common plan" in event.text for event in show.service.events())
         await show.reach(ShowPhase.LANDED, 120.0)
         assert (await show.settled(record)).outcome is Outcome.DONE
         assert not [alarm for alarm in show.view.alarms if alarm.lasts]

@@ -42,7 +42,7 @@ from gcs.service import (
     VehicleOutcome,
 )
 from gcs.service.alarms import Alarm, AlarmBook, Condition
-from gcs.service.event_log import Happening, Severity
+from gcs.service.event_log import LogEvent, Severity
 from gcs.service.vehicle_table import VehicleRows
 from gcs.shows.library import ShowLibrary
 
@@ -146,7 +146,7 @@ class FakeService:
         self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
         self.orders_by_id = {}
         self.excluded: dict[str, Exclusion] = {}
-        self.happened: tuple[Happening, ...] = ()
+        self.happened: tuple[LogEvent, ...] = ()
         self.battery = 0.9
 
     def tick(self) -> None:
@@ -288,12 +288,12 @@ class FakeService:
     def orders(self) -> Sequence[OrderRecord]:
         return tuple(reversed(self.orders_by_id.values()))
 
-    def happenings(self) -> Sequence[Happening]:
+    def events(self) -> Sequence[LogEvent]:
         return self.happened
 
     def happen(self, text: str, vehicle: str | None = None) -> None:
         number = len(self.happened) + 1
-        self.happened = (*self.happened, Happening(number, time.time(), Severity.INFO, text, vehicle))
+        self.happened = (*self.happened, LogEvent(number, time.time(), Severity.INFO, text, vehicle))
 
     def set_formation(self, formation: Formation) -> None:
         smallest_m = 3.0 * sqrt(len(self.phases))

@@ -7,7 +7,7 @@ type Schemas = components["schemas"];
 /** What the stream's text messages say: what changes seldom. */
 export type Status = Schemas["Status"];
 export type StatusVehicle = Schemas["StatusVehicle"];
-export type Happening = Schemas["Happening"];
+export type LogEvent = Schemas["LogEvent"];
 export type Order = Schemas["Order"];
 export type PreflightReport = Schemas["Preflight"];
 export type StoredShow = Schemas["StoredShow"];

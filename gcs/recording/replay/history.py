@@ -13,7 +13,7 @@ from gcs.model.state import Array, VehicleId
 from gcs.recording.interrupted_session import PAD
 from gcs.recording.last_known import AUDIT, rows
 from gcs.recording.replay.marks import Event, marks_of
-from gcs.service.event_log import KEPT, Happening, severity
+from gcs.service.event_log import KEPT, LogEvent, severity
 from gcs.service.event_texts import words
 from gcs.service.replay_marks import ReplayMarks
 
@@ -30,7 +30,7 @@ class Past:
     def __init__(self, events: Sequence[Event]) -> None:
         """Raises: KeyError, TypeError or ValueError for events that are none."""
         self._events = tuple(events)
-        self._happened: list[Happening] = []
+        self._happened: list[LogEvent] = []
         self._pads: dict[VehicleId, list[tuple[float, Array]]] = {}
         for unix_s, level, event, vehicle, detail in events:
             if event == PAD and vehicle is not None:
@@ -39,7 +39,7 @@ class Past:
                 continue
             text = "the plan was changed" if event == PLAN else words(event, detail)
             number = len(self._happened) + 1
-            self._happened.append(Happening(number, unix_s, severity(level), text, vehicle))
+            self._happened.append(LogEvent(number, unix_s, severity(level), text, vehicle))
         self._times_s = [each.unix_time_s for each in self._happened]
 
     @staticmethod
@@ -61,7 +61,7 @@ class Past:
         except (KeyError, TypeError, ValueError) as error:
             raise GcsError(f"{file}: its events are none: {error!r}") from None
 
-    def until(self, unix_s: float) -> tuple[Happening, ...]:
+    def until(self, unix_s: float) -> tuple[LogEvent, ...]:
         """The last that had happened then, the newest last."""
         end = bisect_right(self._times_s, unix_s)
         return tuple(self._happened[max(end - KEPT, 0) : end])

@@ -34,7 +34,7 @@ from gcs.service import (
     TickView,
 )
 from gcs.service.alarms import ordered
-from gcs.service.event_log import Happening
+from gcs.service.event_log import LogEvent
 from gcs.service.flight_envelope import bounds
 from gcs.service.vehicle_table import VehicleRows
 
@@ -212,7 +212,7 @@ class Replay(Refusing):
         """Where the show's origin lay."""
         return self._frame
 
-    def happenings(self) -> Sequence[Happening]:
+    def events(self) -> Sequence[LogEvent]:
         """What had happened by then."""
         return self._past.until(self._moment.unix_s)
 

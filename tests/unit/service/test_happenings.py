@@ -2,21 +2,21 @@
 
 import logging
 
-from gcs.service.event_log import KEPT, Happenings, Severity, heard
+from gcs.service.event_log import KEPT, EventLog, Severity, heard
 
 
 def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:
-    happenings = Happenings()
+    events = EventLog()
     log = logging.getLogger("gcs.flight.vehicle")
     logger = logging.getLogger("gcs")
     before = logger.level, list(logger.handlers)
-    with heard(happenings):
+    with heard(events):
         said = {"vehicle": "d1", "was": "hold", "phase": "formation", "reason": "offboard accepted"}
         log.info("vehicle_phase", extra=said)
         logging.getLogger("gcs.api.auth.authorization").warning("access_denied")  # no event of the flight
         log.error("link_failed", extra={"link": "a", "cause": "no route"})
     log.error("link_failed", extra={"link": "a", "cause": "nobody listens"})
-    first, second = happenings.newest()
+    first, second = events.newest()
     assert (first.number, first.severity, first.vehicle) == (1, Severity.INFO, "d1")
     assert first.text == "formation: offboard accepted"
     assert (second.severity, second.vehicle) == (Severity.ERROR, None)
@@ -25,10 +25,10 @@ def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:
 
 
 def test_no_more_are_kept_than_a_page_shows() -> None:
-    happenings = Happenings()
-    with heard(happenings):
+    events = EventLog()
+    with heard(events):
         for number in range(KEPT + 7):
             logging.getLogger("gcs").info("vehicle_heard", extra={"vehicle": f"d{number}"})
-    newest = happenings.newest()
+    newest = events.newest()
     assert [each.number for each in newest] == list(range(8, KEPT + 8))
     assert newest[-1].vehicle == f"d{KEPT + 6}"
