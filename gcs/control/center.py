@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gcs.control.inputs import Moment
+from gcs.control.inputs import TickInputs
 from gcs.control.memory import Memory
 from gcs.control.tasks import Task
 from gcs.formation.law import wanted_center_velocity
@@ -24,7 +24,7 @@ class Lead:
     sides: dict[str, float]  # on which obstacles are passed, LEFT or RIGHT by name
 
 
-def move_center(now: Moment, memory: Memory) -> Lead:
+def move_center(now: TickInputs, memory: Memory) -> Lead:
     """Begin, move or drop the formation's centre and radius; note who joined and who left."""
     engaged_s = _engaged(now.formed, memory.engaged_time_s, now.fleet.time_s)
     if len(now.rows) == 0:
@@ -52,7 +52,7 @@ def _engaged(formed: Mask, before_s: Array, time_s: float) -> Array:
     return engaged_s
 
 
-def _without_drones(now: Moment, memory: Memory, engaged_s: Array) -> Lead:
+def _without_drones(now: TickInputs, memory: Memory, engaged_s: Array) -> Lead:
     """The centre stops while drones are expected back: a tick without telemetry does not end a formation."""
     expected = now.tasks.formation_waits or bool((now.tasks.task == Task.FORMATION).any())
     if memory.center is None or not expected:
@@ -62,14 +62,14 @@ def _without_drones(now: Moment, memory: Memory, engaged_s: Array) -> Lead:
     return Lead(stopped, memory.radius_m, memory.engaged_time_s, memory.sides)
 
 
-def _begun(now: Moment) -> Center:
+def _begun(now: TickInputs) -> Center:
     """A centre at rest amid the drones, at the height that the plan wants."""
     above_m = now.position_m[now.rows].mean(axis=0)
     return Center.at_rest(np.array([above_m[0], above_m[1], -now.plan.formation.height_m]))
 
 
 def _around_obstacles(
-    now: Moment, center: Center, ahead: Center, radius_m: float, memory: Memory
+    now: TickInputs, center: Center, ahead: Center, radius_m: float, memory: Memory
 ) -> tuple[Array, dict[str, float]]:
     """The velocity (3,) that target, orbit and height want, led past the obstacles, and the sides taken."""
     fleet, plan, law, moves = now.fleet, now.plan, now.settings.law, now.tasks.center_moves
@@ -94,7 +94,7 @@ def _around_obstacles(
     )
 
 
-def _inside_fence(now: Moment, ahead: Center, sphere_m: float, wanted_m_s: Array) -> Array:
+def _inside_fence(now: TickInputs, ahead: Center, sphere_m: float, wanted_m_s: Array) -> Array:
     """As much of the velocity (3,) as lets the whole sphere stop inside the fence."""
     reach_m = now.settings.safety.fence.distance_max_m - sphere_m
     level_m_s = held_within(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.control.center import Lead
-from gcs.control.inputs import Moment
+from gcs.control.inputs import TickInputs
 from gcs.control.memory import Memory
 from gcs.formation.law import begun, directions_from, goal_velocity, kicks, place_velocity
 from gcs.formation.neighbours import Sight, sighted_velocity
@@ -29,7 +29,7 @@ class Spread:
     velocity_m_s: Array  # (m, 3) of the m drones in formation
 
 
-def spread(now: Moment, lead: Lead, memory: Memory) -> Spread:
+def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
     """Move the places on; the velocities that lead the drones in formation to theirs."""
     center, rows, law, limits = lead.center, now.rows, now.settings.law, now.settings.safety.limits
     nothing = np.zeros((len(rows), 3))
@@ -68,7 +68,7 @@ def spread(now: Moment, lead: Lead, memory: Memory) -> Spread:
 
 
 def _among_neighbours(
-    now: Moment, lead: Lead, center: Center, sight: Sight, position_m: Array, direction: Array
+    now: TickInputs, lead: Lead, center: Center, sight: Sight, position_m: Array, direction: Array
 ) -> Array:
     """(m, 3) velocities of the m drones in formation, each by what it sees for itself."""
     law = now.settings.law
@@ -84,7 +84,7 @@ def _among_neighbours(
     )
 
 
-def wanted_velocity(now: Moment, lead: Lead, own_m_s: Array) -> Array:
+def wanted_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
     """(n, 3) velocities that law and goals want, obstacles avoided, within the speed limits.
 
     Args:
@@ -112,7 +112,7 @@ def wanted_velocity(now: Moment, lead: Lead, own_m_s: Array) -> Array:
 
 
 def _avoiding(
-    now: Moment, rows: NDArray[np.intp], wanted_m_s: Array, sides: Mapping[str, float], sliding_m_s: Array
+    now: TickInputs, rows: NDArray[np.intp], wanted_m_s: Array, sides: Mapping[str, float], sliding_m_s: Array
 ) -> Array:
     """(m, 3) velocities of those rows (m,), obstacles avoided; the other arguments as in `avoid_all`."""
     if not now.ellipses:

@@ -17,7 +17,7 @@ LONGEST_STEP_S = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment:
+class TickInputs:
     """One tick's question. Rows as in FleetState."""
 
     fleet: FleetState
@@ -55,14 +55,14 @@ class Moment:
         settings: ControlSettings,
         *,
         before_s: float,
-    ) -> "Moment":
+    ) -> "TickInputs":
         """At `fleet.time_s`, when the last tick was at `before_s`."""
         position_m, velocity_m_s = np.array(fleet.position_m), np.array(fleet.velocity_m_s)
         task, age_s = np.array(tasks.task), np.array(fleet.age_s)
         commanded, formed, to_goal = _roles(
             task, position_m, velocity_m_s, age_s, settings.telemetry_age_max_s
         )
-        return Moment(
+        return TickInputs(
             fleet,
             tasks,
             plan,

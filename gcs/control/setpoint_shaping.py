@@ -5,7 +5,7 @@ from math import hypot
 
 import numpy as np
 
-from gcs.control.inputs import Moment
+from gcs.control.inputs import TickInputs
 from gcs.control.memory import Memory
 from gcs.formation.orbit import Center, next_pace
 from gcs.formation.response import compensate, correct_trim, most_lacking_m_s, shared
@@ -29,7 +29,7 @@ class Answer:
     pace: float
 
 
-def answer(now: Moment, allowed_m_s: Array, center: Center | None, memory: Memory) -> Answer:
+def answer(now: TickInputs, allowed_m_s: Array, center: Center | None, memory: Memory) -> Answer:
     """Inner loop, lead and trim over the velocities (n, 3) that safety allows."""
     settings, limits = now.settings, now.settings.safety.limits
     base_m_s, lead_m_s2 = _known_beforehand(now, center)
@@ -66,7 +66,7 @@ def answer(now: Moment, allowed_m_s: Array, center: Center | None, memory: Memor
     )
 
 
-def _known_beforehand(now: Moment, center: Center | None) -> tuple[Array, Array]:
+def _known_beforehand(now: TickInputs, center: Center | None) -> tuple[Array, Array]:
     """(n, 3) velocity and acceleration that those in formation share with its centre."""
     believing = now.tasks.sight is not None and now.tasks.sight.belief is not None
     if center is None or believing:  # nobody tells its neighbours of accelerations
@@ -75,7 +75,7 @@ def _known_beforehand(now: Moment, center: Center | None) -> tuple[Array, Array]
 
 
 def _pace(
-    now: Moment,
+    now: TickInputs,
     center: Center | None,
     base_m_s: Array,
     expected_m_s: Array,

@@ -8,7 +8,7 @@ import numpy as np
 
 from gcs.control.center import move_center
 from gcs.control.desired_velocity import spread, wanted_velocity
-from gcs.control.inputs import Moment
+from gcs.control.inputs import TickInputs
 from gcs.control.memory import Memory
 from gcs.control.setpoint_shaping import answer
 from gcs.control.settings import ControlSettings
@@ -57,7 +57,7 @@ def tick(
 
     Returns: setpoints for those vehicles only that have a task and fresh telemetry.
     """
-    now = Moment.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s)
+    now = TickInputs.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s)
     lead = move_center(now, memory)
     places = spread(now, lead, memory)
     wanted_m_s = _in_traffic(now, wanted_velocity(now, lead, places.velocity_m_s))
@@ -86,7 +86,7 @@ def tick(
     return Tick(setpoints, remembered, restrained_by, fleet.position_m, tasks.airborne, settings.safety.floor)
 
 
-def _in_traffic(now: Moment, wanted_m_s: Array) -> Array:
+def _in_traffic(now: TickInputs, wanted_m_s: Array) -> Array:
     """(n, 3) wanted velocities, those on their way to a goal keeping right and giving way."""
     if not now.to_goal.any():
         return wanted_m_s
@@ -113,7 +113,7 @@ def _in_traffic(now: Moment, wanted_m_s: Array) -> Array:
     )
 
 
-def _surroundings(now: Moment) -> Surroundings:
+def _surroundings(now: TickInputs) -> Surroundings:
     return Surroundings(
         now.position_m,
         now.velocity_m_s,
@@ -128,7 +128,7 @@ def _surroundings(now: Moment) -> Surroundings:
     )
 
 
-def _yaw(now: Moment, memory: Memory) -> tuple[Array, Array]:
+def _yaw(now: TickInputs, memory: Memory) -> tuple[Array, Array]:
     """Commanded yaw and yaw at engagement, (n,) each; NaN where nothing is commanded."""
     so_far_rad, held_rad = begun_yaw(
         now.commanded, memory.yaw_rad, memory.held_yaw_rad, np.array(now.fleet.yaw_rad)
@@ -139,7 +139,7 @@ def _yaw(now: Moment, memory: Memory) -> tuple[Array, Array]:
     return turn_towards(so_far_rad, wanted_rad, rate_rad_s, now.dt_s), held_rad
 
 
-def _setpoints(now: Moment, setpoint_m_s: Array, yaw_rad: Array) -> Setpoints:
+def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoints:
     """Of the rows (n, 3) those that are commanded and know where they look."""
     fleet = now.fleet
     rows = np.flatnonzero(now.commanded & np.isfinite(yaw_rad))

@@ -26,7 +26,7 @@ from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.plan_editor import PlanEditor
-from gcs.flight.record_sample import moment_of
+from gcs.flight.record_sample import record_sample
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.snapshots import fleet_view
 from gcs.flight.ticker import TickClock, ticks
@@ -229,7 +229,7 @@ class Orchestrator:
     def _note(self, result: Tick) -> None:
         """Leave this tick to the record."""
         if self._record is not None:
-            moment = moment_of(
+            sample = record_sample(
                 self._flight,
                 result,
                 timing=self._clock.summary(),
@@ -238,7 +238,7 @@ class Orchestrator:
                 unix_time_s=self._unix_s(),
                 start_unix_time_s=self._start_unix_s,
             )
-            self._record.note(moment, self._flight.links)
+            self._record.note(sample, self._flight.links)
 
     def _promised_view(self, result: Tick) -> Callable[[], FleetView]:
         """Puts the view of this tick together: for a thousand vehicles that is work, and seldom looked at."""

@@ -8,12 +8,12 @@ from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
 from gcs.flight.fleet import Fleet
 from gcs.flight.running_show import lights
-from gcs.recording.sample import Moment
+from gcs.recording.sample import Sample
 from gcs.service import TickView
 from gcs.service.alarms import Alarm
 
 
-def moment_of(
+def record_sample(
     flight: Fleet,
     tick: Tick,
     *,
@@ -22,7 +22,7 @@ def moment_of(
     alarms: tuple[Alarm, ...],
     unix_time_s: float,
     start_unix_time_s: float | None,
-) -> Moment:
+) -> Sample:
     """Put together what one tick believed, wanted and sent; rows as in `flight.fleet`."""
     fleet, newest, vehicles = flight.fleet, flight.newest(), flight.vehicles.values()
     parts = flight.telemetry.parts
@@ -34,7 +34,7 @@ def moment_of(
     if show_run is not None and selected is not None:
         # the parts are replaced, never changed
         colours = partial(lights, show_run.timeline, show_run.parts, fleet.ids, selected.clock_s)
-    return Moment(
+    return Sample(
         unix_time_s=unix_time_s,
         fleet=fleet,
         setpoints=tick.setpoints,

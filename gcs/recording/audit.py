@@ -13,7 +13,7 @@ from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.plan_json import plan_json
 from gcs.model.state import Array, Mode, VehicleId
 from gcs.recording.interrupted_session import FOUND, PAD
-from gcs.recording.sample import Moment, Told
+from gcs.recording.sample import Sample, Told
 from gcs.recording.sqlite_writer import Journal, Row, Value
 from gcs.service import Call, OrderRecord, Outcome
 
@@ -114,66 +114,66 @@ class Audit:
         told = json.dumps(detail, default=str, separators=(",", ":"))
         self._put(_EVENT, self._session, unix_s, level, event, vehicle, told)
 
-    def watch(self, moment: Moment) -> None:
+    def watch(self, sample: Sample) -> None:
         """Note what has changed since the moment before."""
-        at_s = moment.unix_time_s
-        changed = set() if moment.phases == self._phases else _differing(moment.phases, self._phases)
-        if moment.modes != self._modes or moment.armed != self._armed:
-            for row in _differing(moment.modes, self._modes) | _differing(moment.armed, self._armed):
-                detail = {"mode": moment.modes[row].value, "armed": moment.armed[row]}
-                self.event(at_s, "info", "vehicle_mode", moment.fleet.ids[row], detail)
+        at_s = sample.unix_time_s
+        changed = set() if sample.phases == self._phases else _differing(sample.phases, self._phases)
+        if sample.modes != self._modes or sample.armed != self._armed:
+            for row in _differing(sample.modes, self._modes) | _differing(sample.armed, self._armed):
+                detail = {"mode": sample.modes[row].value, "armed": sample.armed[row]}
+                self.event(at_s, "info", "vehicle_mode", sample.fleet.ids[row], detail)
                 changed.add(row)
-        homes = zip(moment.homes, self._homes, strict=True)
+        homes = zip(sample.homes, self._homes, strict=True)
         moved = {row for row, (new, old) in enumerate(homes) if new is not old}
         for row in sorted(moved):
-            pad_m = moment.homes[row]
+            pad_m = sample.homes[row]
             if pad_m is not None:
-                self.event(at_s, "info", PAD, moment.fleet.ids[row], {"pad_m": pad_m.tolist()})
+                self.event(at_s, "info", PAD, sample.fleet.ids[row], {"pad_m": pad_m.tolist()})
         changed |= moved
-        self._phases, self._modes, self._armed = moment.phases, moment.modes, moment.armed
-        self._homes = moment.homes
+        self._phases, self._modes, self._armed = sample.phases, sample.modes, sample.armed
+        self._homes = sample.homes
         if changed:
-            self._journal.put([self._vehicle(moment, row) for row in sorted(changed)])
-        self._watch_show(moment)
+            self._journal.put([self._vehicle(sample, row) for row in sorted(changed)])
+        self._watch_show(sample)
 
-    def _vehicle(self, moment: Moment, row: int) -> Row:
-        name = moment.fleet.ids[row]
-        home_m = moment.homes[row]
+    def _vehicle(self, sample: Sample, row: int) -> Row:
+        name = sample.fleet.ids[row]
+        home_m = sample.homes[row]
         home: Sequence[Value] = (None,) * 3 if home_m is None else [float(value) for value in home_m]
         return Row(
             _VEHICLE,
             (
-                *(name, self._session, moment.unix_time_s, *self._vehicles[name], None, None),
-                *(moment.phases[row].value, moment.reasons[row], moment.modes[row].value),
-                *(int(moment.armed[row]), *home),
+                *(name, self._session, sample.unix_time_s, *self._vehicles[name], None, None),
+                *(sample.phases[row].value, sample.reasons[row], sample.modes[row].value),
+                *(int(sample.armed[row]), *home),
             ),
         )
 
-    def _watch_show(self, moment: Moment) -> None:
-        before, self._told = self._told, moment.told
+    def _watch_show(self, sample: Sample) -> None:
+        before, self._told = self._told, sample.told
         is_changed = before is not None and self._told != before
         if is_changed:
-            self.event(moment.unix_time_s, "info", "plan", None, asdict(moment.plan))
-        self._watch_cue(moment)
-        selected = moment.selected
-        is_due = selected is not None and selected.runs and moment.unix_time_s >= self._clock_due_s
-        if is_changed or is_due or moment.show is not self._show:
-            self._clock_due_s = moment.unix_time_s + CLOCK_S
-            more: dict[str, object] = {"time_s": moment.fleet.time_s}
+            self.event(sample.unix_time_s, "info", "plan", None, asdict(sample.plan))
+        self._watch_cue(sample)
+        selected = sample.selected
+        is_due = selected is not None and selected.runs and sample.unix_time_s >= self._clock_due_s
+        if is_changed or is_due or sample.show is not self._show:
+            self._clock_due_s = sample.unix_time_s + CLOCK_S
+            more: dict[str, object] = {"time_s": sample.fleet.time_s}
             if selected is not None:
-                clock = {"clock_s": selected.clock_s, "parts": dict(moment.parts)}
+                clock = {"clock_s": selected.clock_s, "parts": dict(sample.parts)}
                 named = {"name": selected.name, "hash": selected.hash, "cue": selected.cue}
                 more["written"] = {**named, **clock}
-            told = (moment.show.value, moment.reason, plan_json(moment.plan, **more))
-            self._put(_SHOW, self._session, moment.unix_time_s, *told)
-        self._show = moment.show
+            told = (sample.show.value, sample.reason, plan_json(sample.plan, **more))
+            self._put(_SHOW, self._session, sample.unix_time_s, *told)
+        self._show = sample.show
 
-    def _watch_cue(self, moment: Moment) -> None:
-        selected = moment.selected
+    def _watch_cue(self, sample: Sample) -> None:
+        selected = sample.selected
         cue = None if selected is None else (selected.name, selected.hash, selected.cue)
         if selected is not None and cue != self._cue:
             detail = {"name": selected.name, "hash": selected.hash, "cue": selected.cue}
-            self.event(moment.unix_time_s, "info", "cue", None, detail)
+            self.event(sample.unix_time_s, "info", "cue", None, detail)
         self._cue = cue
 
     def whereabouts(self, addresses: Mapping[VehicleId, Address]) -> None:

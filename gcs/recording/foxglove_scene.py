@@ -6,7 +6,7 @@ import numpy as np
 
 from gcs.model.state import Mask
 from gcs.recording.mcap_layout import SHOW, as_json, stamp
-from gcs.recording.sample import Moment
+from gcs.recording.sample import Sample
 
 LABELS_MAX: Final = 64
 """More names than that hide the fleet."""
@@ -21,26 +21,26 @@ _WHITE: Final = {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0}
 _PRIMITIVES: Final = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 
 
-def scene_message(moment: Moment) -> bytes:
+def scene_message(sample: Sample) -> bytes:
     """Of `/fleet/scene`. Each entity goes by itself when it is not sent again."""
-    plan, time_s = moment.plan, moment.fleet.time_s
-    entities = [_entity(moment, "target", cylinders=[_target(*plan.target.position_m(time_s))])]
-    if moment.center_m is not None and moment.radius_m is not None:
-        entities.append(_entity(moment, "formation", spheres=[_sphere(moment.center_m, moment.radius_m)]))
+    plan, time_s = sample.plan, sample.fleet.time_s
+    entities = [_entity(sample, "target", cylinders=[_target(*plan.target.position_m(time_s))])]
+    if sample.center_m is not None and sample.radius_m is not None:
+        entities.append(_entity(sample, "formation", spheres=[_sphere(sample.center_m, sample.radius_m)]))
     for box in plan.obstacles:
         x_m, y_m = box.position_m(time_s)
         size = _xyz(2.0 * box.half_length_x_m, 2.0 * box.half_length_y_m, box.height_m)
         cube = {"pose": _pose(x_m, y_m, -box.height_m / 2.0), "size": size, "color": _GREY}
-        entities.append(_entity(moment, f"obstacle {box.id}", cubes=[cube]))
-    if len(moment.fleet.ids) <= LABELS_MAX:
-        entities.append(_entity(moment, "names", texts=_names(moment)))
+        entities.append(_entity(sample, f"obstacle {box.id}", cubes=[cube]))
+    if len(sample.fleet.ids) <= LABELS_MAX:
+        entities.append(_entity(sample, "names", texts=_names(sample)))
     return as_json({"deletions": [], "entities": entities})
 
 
-def _entity(moment: Moment, name: str, **primitives: object) -> dict[str, Any]:
+def _entity(sample: Sample, name: str, **primitives: object) -> dict[str, Any]:
     nothing: dict[str, object] = {kind: [] for kind in _PRIMITIVES}
     return {
-        "timestamp": stamp(moment.unix_time_s),
+        "timestamp": stamp(sample.unix_time_s),
         "frame_id": SHOW,
         "id": name,
         "lifetime": LIFETIME,
@@ -66,8 +66,8 @@ def _sphere(center_m: tuple[float, float, float], radius_m: float) -> dict[str, 
     return {"pose": _pose(*center_m), "size": _xyz(width_m, width_m, width_m), "color": _BLUE}
 
 
-def _names(moment: Moment) -> list[dict[str, Any]]:
-    known: Mask = np.asarray(np.isfinite(moment.fleet.position_m).all(axis=1))
+def _names(sample: Sample) -> list[dict[str, Any]]:
+    known: Mask = np.asarray(np.isfinite(sample.fleet.position_m).all(axis=1))
     return [
         {
             "pose": _pose(*place_m),
@@ -78,7 +78,7 @@ def _names(moment: Moment) -> list[dict[str, Any]]:
             "text": name,
         }
         for name, place_m, is_known in zip(
-            moment.fleet.ids, moment.fleet.position_m.tolist(), known.tolist(), strict=True
+            sample.fleet.ids, sample.fleet.position_m.tolist(), known.tolist(), strict=True
         )
         if is_known
     ]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Mask, Mode
 from gcs.recording.mcap_schemas import SCHEMAS
-from gcs.recording.sample import Moment
+from gcs.recording.sample import Sample
 from gcs.recording.standard import limits_of
 
 VERSION: Final = 2
@@ -121,26 +121,26 @@ def stamp(unix_s: float) -> dict[str, int]:
     return {"sec": second, "nsec": nanosecond}
 
 
-def packed(moment: Moment) -> NDArray[np.void]:
+def packed(sample: Sample) -> NDArray[np.void]:
     """(n,) of VEHICLE."""
-    fleet, count = moment.fleet, len(moment.fleet.ids)
+    fleet, count = sample.fleet, len(sample.fleet.ids)
     table = np.zeros(count, _BLOCKS)
     table["position"], table["velocity"] = fleet.position_m, fleet.velocity_m_s
     table["setpoint"] = np.nan
-    if moment.setpoints.ids:
+    if sample.setpoints.ids:
         row_of = _rows(fleet.ids)  # once: each look takes the hash of all names
-        rows = np.fromiter(map(row_of.__getitem__, moment.setpoints.ids), np.intp, len(moment.setpoints.ids))
-        table["setpoint"][rows] = moment.setpoints.velocity_m_s
+        rows = np.fromiter(map(row_of.__getitem__, sample.setpoints.ids), np.intp, len(sample.setpoints.ids))
+        table["setpoint"][rows] = sample.setpoints.velocity_m_s
     table["yaw_rad"], table["position_age_s"] = fleet.yaw_rad, fleet.age_s
-    table["position_uncertainty_m"] = moment.uncertainty_m
-    table["heartbeat_age_s"], table["battery_remaining"] = moment.heartbeat_age_s, moment.battery_remaining
-    table["phase"] = np.fromiter(map(_PHASE_NUMBER.__getitem__, moment.phases), np.uint8, count)
-    table["mode"] = np.fromiter(map(_MODE_NUMBER.__getitem__, moment.modes), np.uint8, count)
-    table["landed"] = np.fromiter(moment.landed, np.uint8, count)
-    table["armed"] = np.fromiter(moment.armed, np.bool_, count)
-    table["ready"] = np.fromiter(moment.ready, np.bool_, count)
-    if moment.colours is not None:
-        table["light"], lit = moment.colours()
+    table["position_uncertainty_m"] = sample.uncertainty_m
+    table["heartbeat_age_s"], table["battery_remaining"] = sample.heartbeat_age_s, sample.battery_remaining
+    table["phase"] = np.fromiter(map(_PHASE_NUMBER.__getitem__, sample.phases), np.uint8, count)
+    table["mode"] = np.fromiter(map(_MODE_NUMBER.__getitem__, sample.modes), np.uint8, count)
+    table["landed"] = np.fromiter(sample.landed, np.uint8, count)
+    table["armed"] = np.fromiter(sample.armed, np.bool_, count)
+    table["ready"] = np.fromiter(sample.ready, np.bool_, count)
+    if sample.colours is not None:
+        table["light"], lit = sample.colours()
         table["alpha"] = np.where(lit, 255, 0)
     return table.view(VEHICLE)
 
@@ -150,10 +150,10 @@ def _rows(ids: tuple[str, ...]) -> dict[str, int]:
     return {name: row for row, name in enumerate(ids)}
 
 
-def vehicles_message(moment: Moment) -> bytes:
+def vehicles_message(sample: Sample) -> bytes:
     """Of `/fleet/vehicles`."""
-    when = stamp(moment.unix_time_s)
-    data = b64encode(packed(moment).tobytes())
+    when = stamp(sample.unix_time_s)
+    data = b64encode(packed(sample).tobytes())
     return b'{"timestamp":{"sec":%d,"nsec":%d},%s,"data":"%s"}' % (
         when["sec"],
         when["nsec"],
@@ -162,38 +162,38 @@ def vehicles_message(moment: Moment) -> bytes:
     )
 
 
-def tick_message(moment: Moment, number: int | None = None) -> bytes:
+def tick_message(sample: Sample, number: int | None = None) -> bytes:
     """Of `/fleet/tick`; `number` in place of the moment's own."""
-    time_s = moment.fleet.time_s
+    time_s = sample.fleet.time_s
     return as_json(
         {
             "time_s": time_s,
-            "number": moment.number if number is None else number,
-            "center_m": moment.center_m,
-            "center_velocity_m_s": moment.center_velocity_m_s,
-            "radius_m": moment.radius_m,
-            "target_m": moment.plan.target.position_m(time_s),
-            "minimum_separation_m": moment.minimum_separation_m,
-            "control_alive": moment.control_alive,
-            "setpoints_sent": moment.setpoints_sent,
-            "timing": {name: known(getattr(moment.timing, name)) for name in TIMING},
-            "restrained_by": moment.restrained_by,
+            "number": sample.number if number is None else number,
+            "center_m": sample.center_m,
+            "center_velocity_m_s": sample.center_velocity_m_s,
+            "radius_m": sample.radius_m,
+            "target_m": sample.plan.target.position_m(time_s),
+            "minimum_separation_m": sample.minimum_separation_m,
+            "control_alive": sample.control_alive,
+            "setpoints_sent": sample.setpoints_sent,
+            "timing": {name: known(getattr(sample.timing, name)) for name in TIMING},
+            "restrained_by": sample.restrained_by,
         }
     )
 
 
-def status_message(moment: Moment) -> bytes:
+def status_message(sample: Sample) -> bytes:
     """Of `/fleet/status`."""
     return as_json(
         {
-            "show": moment.show.value,
-            "reason": moment.reason,
-            "plan": asdict(moment.plan),
-            "selected": None if moment.selected is None else asdict(moment.selected),
-            "start_unix_time_s": moment.start_unix_time_s,
-            "reasons": moment.reasons,
-            "alarms": [asdict(alarm) for alarm in moment.alarms],
-            "limits": None if moment.control is None else limits_of(moment.control),
+            "show": sample.show.value,
+            "reason": sample.reason,
+            "plan": asdict(sample.plan),
+            "selected": None if sample.selected is None else asdict(sample.selected),
+            "start_unix_time_s": sample.start_unix_time_s,
+            "reasons": sample.reasons,
+            "alarms": [asdict(alarm) for alarm in sample.alarms],
+            "limits": None if sample.control is None else limits_of(sample.control),
         }
     )
 

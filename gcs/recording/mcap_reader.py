@@ -72,7 +72,7 @@ class Flown:
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class Sample:
     """The same as it lies in the file."""
 
     unix_s: float
@@ -117,7 +117,7 @@ class FlightData:
     def __init__(self, path: Path) -> None:
         """Raises: GcsError naming the file, when it cannot be read or is not one of ours."""
         self.path = path
-        self.losses: list[Loss] = []  # after `ticks` or `moments`: of the part that was read
+        self.losses: list[Loss] = []  # after `ticks` or `samples`: of the part that was read
         self._began_s: float | None = None
         try:
             metadata = self._metadata()
@@ -153,10 +153,10 @@ class FlightData:
 
     def ticks(self) -> Iterator[Flown]:
         """Every recorded tick, in order, but for those that are damaged: `losses` then names them."""
-        for moment in self.moments():
-            yield self.decoded(moment)
+        for sample in self.samples():
+            yield self.decoded(sample)
 
-    def moments(self, from_s: float = -inf) -> Iterator[Moment]:
+    def samples(self, from_s: float = -inf) -> Iterator[Sample]:
         """Every recorded tick from a time on, undecoded: who shows but few of them is quick."""
         self.losses = []
         waiting: Damage | None = None  # until the next tick is known
@@ -179,7 +179,7 @@ class FlightData:
         if waiting is not None:
             self.losses.append(Loss(waiting, last_s, None))
 
-    def _pieces(self, offset: int) -> Iterator[Moment | Damage]:
+    def _pieces(self, offset: int) -> Iterator[Sample | Damage]:
         """Ticks and damages. After a damage a tick needs a status of its own: what held may have changed."""
         newest = _Newest()
         with opened(self.path) as data:
@@ -196,13 +196,13 @@ class FlightData:
                     else:
                         yield from newest.ticks(inside)
 
-    def decoded(self, moment: Moment) -> Flown:
+    def decoded(self, sample: Sample) -> Flown:
         """Raises: ValueError or KeyError where it is not as we write it."""
         return Flown(
-            moment.unix_s,
-            self._vehicles(moment.vehicles),
-            json.loads(moment.tick),
-            json.loads(moment.status),
+            sample.unix_s,
+            self._vehicles(sample.vehicles),
+            json.loads(sample.tick),
+            json.loads(sample.status),
         )
 
     @cached_property
@@ -223,8 +223,8 @@ class FlightData:
         """When the last tick was that can be read; None where there is none."""
         for start_s, _ in reversed(self.index.chunks):
             last_s = None
-            for moment in self.moments(start_s):
-                last_s = moment.unix_s
+            for sample in self.samples(start_s):
+                last_s = sample.unix_s
             if last_s is not None:
                 return last_s
         return None
@@ -248,7 +248,7 @@ class _Newest:
         """Discard the state before a gap: it does not hold after it."""
         self._said.clear()
 
-    def ticks(self, inside: Sequence[McapRecord]) -> Iterator[Moment]:
+    def ticks(self, inside: Sequence[McapRecord]) -> Iterator[Sample]:
         """Those of a chunk of which all is known."""
         for record in inside:
             if isinstance(record, Channel):
@@ -258,7 +258,7 @@ class _Newest:
                 self._said[topic] = record.data
                 if topic == "/fleet/tick" and {"/fleet/vehicles", "/fleet/status"} <= self._said.keys():
                     vehicles, status = self._said["/fleet/vehicles"], self._said["/fleet/status"]
-                    yield Moment(record.log_time * 1e-9, vehicles, record.data, status)
+                    yield Sample(record.log_time * 1e-9, vehicles, record.data, status)
 
 
 def _together(first: Damage, second: Damage) -> Damage:

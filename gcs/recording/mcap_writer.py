@@ -21,7 +21,7 @@ from mcap.writer import Writer
 from gcs.recording import mcap_layout as layout
 from gcs.recording.foxglove_scene import scene_message
 from gcs.recording.mcap_schemas import SCHEMAS
-from gcs.recording.sample import Moment
+from gcs.recording.sample import Sample
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +54,7 @@ class FlightFile:
         self._folder = folder
         self._about = dict(about)
         self._lock = Lock()
-        self._waiting: list[tuple[Moment | Said, int]] = []
+        self._waiting: list[tuple[Sample | Said, int]] = []
         self._closed = Event()
         self._thread: Thread | None = None
         self._problem = ""
@@ -90,14 +90,14 @@ class FlightFile:
         """Moments and events that the writer has not begun with."""
         return len(self._waiting)
 
-    def put(self, what: Moment | Said) -> None:
+    def put(self, what: Sample | Said) -> None:
         """Have it written. For any thread; takes a microsecond."""
         with self._lock:
-            if isinstance(what, Moment):
+            if isinstance(what, Sample):
                 self._number += 1  # of those that are dropped, too: so a reader knows of them
             if len(self._waiting) < WAITING_MAX:
                 self._waiting.append((what, self._number))
-            elif isinstance(what, Moment):
+            elif isinstance(what, Sample):
                 self.dropped += 1
 
     # on the thread
@@ -113,8 +113,8 @@ class FlightFile:
     def _write(self) -> None:
         with self._lock:
             batch, self._waiting = self._waiting, []
-        moments = sum(isinstance(what, Moment) for what, _ in batch)
-        if not moments and self._file is None:
+        samples = sum(isinstance(what, Sample) for what, _ in batch)
+        if not samples and self._file is None:
             return
         try:
             if self._file is None:
@@ -123,16 +123,16 @@ class FlightFile:
                 self._file.add(what, number)
             self._file.flush()
         except OSError as error:
-            self._failed(error, moments)
+            self._failed(error, samples)
             return
-        self.written += moments
+        self.written += samples
         if self._problem:
             log.warning("flight_data_go_on", extra={"file": str(self._file.path)})
         self._problem = ""
 
-    def _failed(self, error: OSError, moments: int) -> None:
+    def _failed(self, error: OSError, samples: int) -> None:
         with self._lock:
-            self.dropped += moments
+            self.dropped += samples
         if not self._problem:
             log.error("flight_data_failed", extra={"folder": str(self._folder), "cause": str(error)})
         self._problem = f"flight data are not recorded in {self._folder}: {error}"
@@ -169,7 +169,7 @@ class _OpenFile:
         self._status_due_s = self._scene_due_s = -1.0
         self._status: tuple[object, ...] = ()
 
-    def add(self, what: Moment | Said, number: int | None = None) -> None:
+    def add(self, what: Sample | Said, number: int | None = None) -> None:
         """Put one moment, or event, into the chunk; `number` in place of the moment's own."""
         if isinstance(what, Said):
             self._add("/log", what.unix_s, layout.log_message(*what))

@@ -23,7 +23,7 @@ Colours: TypeAlias = Callable[[], tuple[NDArray[np.uint8], Mask]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment:
+class Sample:
     """One tick. n vehicles, rows as in `fleet`; show frame. Nothing in it changes any more."""
 
     unix_time_s: float

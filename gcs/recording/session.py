@@ -16,7 +16,7 @@ from gcs.recording import mcap_layout as layout
 from gcs.recording.audit import Audit
 from gcs.recording.last_known import AUDIT
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, Said
-from gcs.recording.sample import Moment
+from gcs.recording.sample import Sample
 from gcs.recording.sqlite_writer import Journal
 from gcs.service.event_log import details, heard, vehicle_of
 from gcs.service.event_texts import plain
@@ -87,13 +87,13 @@ class Record:
         """Less than half of the flight data that may wait do: who is faster than time waits for it."""
         return self._flight is None or self._flight.waiting < WAITING_MAX // 2
 
-    def note(self, moment: Moment, links: Sequence[Link]) -> None:
+    def note(self, sample: Sample, links: Sequence[Link]) -> None:
         """Take in one tick, and where the vehicles of the links speak from."""
-        self.audit.watch(moment)
+        self.audit.watch(sample)
         if self._flight is not None:
-            self._flight.put(moment)
-        if moment.fleet.time_s >= self._whereabouts_due_s:
-            self._whereabouts_due_s = moment.fleet.time_s + WHEREABOUTS_S
+            self._flight.put(sample)
+        if sample.fleet.time_s >= self._whereabouts_due_s:
+            self._whereabouts_due_s = sample.fleet.time_s + WHEREABOUTS_S
             for link in links:
                 self.audit.whereabouts(link.addresses)
 

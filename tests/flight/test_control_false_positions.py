@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from control_flight import TICK_S, Flight, Moment, closest_m_and_violations
+from control_flight import TICK_S, Flight, Sample, closest_m_and_violations
 
 from gcs.estimation.fleet_state import Table
 from gcs.model.frames import ShowFrame
@@ -70,7 +70,7 @@ class HeardFlight(Flight):
 
 
 @pytest.fixture(scope="module")
-def describe() -> tuple[list[Moment], list[Moment], list[Moment]]:
+def describe() -> tuple[list[Sample], list[Sample], list[Sample]]:
     """Before, while and after the second of them is told to be 5 km away, for four seconds."""
     flight = HeardFlight()
     before = flight.run(15.0, flight.hear)
@@ -81,31 +81,31 @@ def describe() -> tuple[list[Moment], list[Moment], list[Moment]]:
 
 
 def test_it_is_not_commanded_for_a_single_tick_while_its_position_is_wrong(
-    describe: tuple[list[Moment], list[Moment], list[Moment]],
+    describe: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
-    assert {moment.tick.setpoints.ids for moment in describe[1]} == {("d1", "d3", "d4")}
+    assert {sample.tick.setpoints.ids for sample in describe[1]} == {("d1", "d3", "d4")}
 
 
-def test_the_others_are_not_dragged_along(describe: tuple[list[Moment], list[Moment], list[Moment]]) -> None:
+def test_the_others_are_not_dragged_along(describe: tuple[list[Sample], list[Sample], list[Sample]]) -> None:
     before, wrong, _ = describe
     assert np.linalg.norm(wrong[-1].center_m - before[-1].center_m) < 0.5
-    for moment in wrong:
-        off_m = np.linalg.norm(moment.position_m[[0, 2, 3]] - moment.center_m, axis=1)
+    for sample in wrong:
+        off_m = np.linalg.norm(sample.position_m[[0, 2, 3]] - sample.center_m, axis=1)
         assert off_m.max() < 10.0
-        assert moment.position_m[:, :2].max() < 20.0
+        assert sample.position_m[:, :2].max() < 20.0
 
 
 def test_back_where_it_was_it_is_commanded_again_at_once(
-    describe: tuple[list[Moment], list[Moment], list[Moment]],
+    describe: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     after = describe[2]
-    assert all(moment.tick.setpoints.ids == IDS for moment in after)
+    assert all(sample.tick.setpoints.ids == IDS for sample in after)
     assert after[-1].time_s - after[0].time_s == pytest.approx(10.0 - TICK_S)
     radius_m = np.linalg.norm(after[-1].position_m - after[-1].center_m, axis=1)
     assert radius_m == pytest.approx(np.full(4, 8.0), abs=0.5)
 
 
 def test_nobody_comes_inside_the_floor_meanwhile(
-    describe: tuple[list[Moment], list[Moment], list[Moment]],
+    describe: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     assert closest_m_and_violations([*describe[1], *describe[2]])[1] == 0

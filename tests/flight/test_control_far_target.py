@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from control_flight import SETTINGS, TICK_S, Flight, Moment, closest_m_and_violations, shape
+from control_flight import SETTINGS, TICK_S, Flight, Sample, closest_m_and_violations, shape
 
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
 from gcs.model.plan import Formation, Orbit, Target
@@ -14,7 +14,7 @@ FENCE_M = SETTINGS.safety.fence.distance_max_m
 
 
 @pytest.fixture(scope="module", params=[(4.0, 0.0), (2.4, -3.2), (-3.9, 0.8)])
-def followed(request: pytest.FixtureRequest) -> list[Moment]:
+def followed(request: pytest.FixtureRequest) -> list[Sample]:
     """Eight, assembled; the target leaves at about 4 m/s, and two minutes pass."""
     flight = Flight(8, Formation(10.0, 20.0))
     flight.run(20.0)
@@ -25,19 +25,19 @@ def followed(request: pytest.FixtureRequest) -> list[Moment]:
     return flight.run(120.0)
 
 
-def test_nobody_crosses_the_fence_or_comes_near_it_after_a_target_that_left(followed: list[Moment]) -> None:
-    distance_m = np.array([np.hypot(*moment.position_m[:, :2].T) for moment in followed])
+def test_nobody_crosses_the_fence_or_comes_near_it_after_a_target_that_left(followed: list[Sample]) -> None:
+    distance_m = np.array([np.hypot(*sample.position_m[:, :2].T) for sample in followed])
     assert float(np.hypot(*followed[-1].target_m)) > 400.0
     assert distance_m.max() < FENCE_M
     assert distance_m.max() > FENCE_M - 40.0  # it was followed as far as possible
 
 
-def test_the_centre_stays_within_its_own_reach(followed: list[Moment]) -> None:
-    center_m = np.array([moment.center_m for moment in followed])
+def test_the_centre_stays_within_its_own_reach(followed: list[Sample]) -> None:
+    center_m = np.array([sample.center_m for sample in followed])
     assert np.hypot(center_m[:, 0], center_m[:, 1]).max() < FENCE_M - 10.0 - CLEAR_OF_FENCE_M / 2 + 0.2
 
 
-def test_the_shape_stays_whole_although_the_target_left(followed: list[Moment]) -> None:
+def test_the_shape_stays_whole_although_the_target_left(followed: list[Sample]) -> None:
     for begin in range(0, len(followed), 400):
         energy_ratio, nearest_ratio, radius_error_m = shape(followed[begin : begin + 400])
         assert energy_ratio < 1.01
@@ -45,8 +45,8 @@ def test_the_shape_stays_whole_although_the_target_left(followed: list[Moment]) 
         assert radius_error_m < 0.5
 
 
-def test_the_formation_goes_on_circling_the_nearest_place_to_the_target(followed: list[Moment]) -> None:
-    center_m = np.array([moment.center_m for moment in followed[-400:]])
+def test_the_formation_goes_on_circling_the_nearest_place_to_the_target(followed: list[Sample]) -> None:
+    center_m = np.array([sample.center_m for sample in followed[-400:]])
     speed_m_s = np.hypot(*(np.diff(center_m[:, :2], axis=0) / TICK_S).T)
     assert speed_m_s.mean() == pytest.approx(ORBIT.speed_m_s, abs=0.3)
     target_m = followed[-1].target_m
@@ -54,5 +54,5 @@ def test_the_formation_goes_on_circling_the_nearest_place_to_the_target(followed
     assert np.hypot(*(center_m[-1, :2] - rim_m)) == pytest.approx(ORBIT.radius_m, abs=1.5)
 
 
-def test_nobody_comes_inside_the_floor_at_the_fence(followed: list[Moment]) -> None:
+def test_nobody_comes_inside_the_floor_at_the_fence(followed: list[Sample]) -> None:
     assert closest_m_and_violations(followed)[1] == 0

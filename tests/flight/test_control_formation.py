@@ -2,60 +2,60 @@
 
 import numpy as np
 import pytest
-from control_flight import SETTINGS, Flight, Moment, closest_m_and_violations, shape
+from control_flight import SETTINGS, Flight, Sample, closest_m_and_violations, shape
 
 from gcs.model.plan import Formation
 
 RADIUS_M = {4: 8.0, 8: 10.0}
 
 
-def assemble(count: int, *, noise_scale: float) -> list[Moment]:
+def assemble(count: int, *, noise_scale: float) -> list[Sample]:
     flight = Flight(count, Formation(RADIUS_M[count], 20.0), noise_scale=noise_scale)
     return flight.run(40.0)
 
 
 @pytest.fixture(scope="module", params=[4, 8])
-def calm(request: pytest.FixtureRequest) -> list[Moment]:
+def calm(request: pytest.FixtureRequest) -> list[Sample]:
     return assemble(request.param, noise_scale=0.0)
 
 
 @pytest.fixture(scope="module", params=[4, 8])
-def noisy(request: pytest.FixtureRequest) -> list[Moment]:
+def noisy(request: pytest.FixtureRequest) -> list[Sample]:
     return assemble(request.param, noise_scale=1.0)
 
 
-def test_four_reach_the_tetrahedron_and_eight_the_square_antiprism(calm: list[Moment]) -> None:
+def test_four_reach_the_tetrahedron_and_eight_the_square_antiprism(calm: list[Sample]) -> None:
     energy_ratio, nearest_ratio, radius_error_m = shape(calm[-100:])
     assert energy_ratio <= 1.002
     assert nearest_ratio >= 0.97
     assert radius_error_m < 0.05
 
 
-def test_they_do_so_on_noisy_estimates_too(noisy: list[Moment]) -> None:
+def test_they_do_so_on_noisy_estimates_too(noisy: list[Sample]) -> None:
     energy_ratio, nearest_ratio, radius_error_m = shape(noisy[-400:])
     assert energy_ratio <= 1.002
     assert nearest_ratio >= 0.97
     assert radius_error_m < 0.5
 
 
-def test_nobody_comes_inside_the_floor_on_the_way(calm: list[Moment]) -> None:
+def test_nobody_comes_inside_the_floor_on_the_way(calm: list[Sample]) -> None:
     closest_m, violations = closest_m_and_violations(calm)
     assert violations == 0
     assert closest_m > SETTINGS.safety.floor.horizontal_m
 
 
-def test_nobody_comes_truly_inside_the_floor_when_estimates_are_wrong(noisy: list[Moment]) -> None:
+def test_nobody_comes_truly_inside_the_floor_when_estimates_are_wrong(noisy: list[Sample]) -> None:
     assert closest_m_and_violations(noisy)[1] == 0
 
 
-def test_they_are_on_the_sphere_within_a_quarter_of_a_minute(calm: list[Moment]) -> None:
-    moment = calm[300]
-    radius_m = np.linalg.norm(moment.position_m - moment.center_m, axis=1)
-    assert np.abs(radius_m - moment.tick.memory.radius_m).max() < 0.5
+def test_they_are_on_the_sphere_within_a_quarter_of_a_minute(calm: list[Sample]) -> None:
+    sample = calm[300]
+    radius_m = np.linalg.norm(sample.position_m - sample.center_m, axis=1)
+    assert np.abs(radius_m - sample.tick.memory.radius_m).max() < 0.5
 
 
-def test_nobody_flies_below_the_least_height(noisy: list[Moment]) -> None:
-    lowest_m = min(float(-moment.position_m[:, 2].max()) for moment in noisy)
+def test_nobody_flies_below_the_least_height(noisy: list[Sample]) -> None:
+    lowest_m = min(float(-sample.position_m[:, 2].max()) for sample in noisy)
     assert lowest_m > SETTINGS.safety.fence.height_min_m
 
 

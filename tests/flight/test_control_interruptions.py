@@ -8,7 +8,7 @@ from control_flight import (
     SETTINGS,
     TICK_S,
     Flight,
-    Moment,
+    Sample,
     closest_m_and_violations,
     largest_setpoint_change_m_s,
     shape,
@@ -31,7 +31,7 @@ def in_orbit(*, noise_scale: float = 1.0) -> Flight:
 
 
 @pytest.fixture(scope="module")
-def paused() -> tuple[list[Moment], list[Moment], list[Moment]]:
+def paused() -> tuple[list[Sample], list[Sample], list[Sample]]:
     """The last second in orbit, the pause, and what follows."""
     flight = in_orbit()
     before = flight.history[-20:]
@@ -43,7 +43,7 @@ def paused() -> tuple[list[Moment], list[Moment], list[Moment]]:
 
 
 def test_a_pause_brings_everybody_to_rest_where_they_are(
-    paused: tuple[list[Moment], list[Moment], list[Moment]],
+    paused: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     _, pause, _ = paused
     travelled_m = np.linalg.norm(pause[-1].position_m - pause[0].position_m, axis=1)
@@ -53,7 +53,7 @@ def test_a_pause_brings_everybody_to_rest_where_they_are(
 
 
 def test_neither_the_pause_nor_the_resumption_makes_setpoints_jump(
-    paused: tuple[list[Moment], list[Moment], list[Moment]],
+    paused: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     before, pause, after = paused
     usual_m_s = largest_setpoint_change_m_s(before)
@@ -62,7 +62,7 @@ def test_neither_the_pause_nor_the_resumption_makes_setpoints_jump(
 
 
 def test_the_formation_goes_on_from_where_it_paused(
-    paused: tuple[list[Moment], list[Moment], list[Moment]],
+    paused: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     before, pause, after = paused
     assert np.linalg.norm(pause[-1].center_m - before[-1].center_m) < 5.0
@@ -72,7 +72,7 @@ def test_the_formation_goes_on_from_where_it_paused(
 
 
 def test_nobody_comes_inside_the_floor_while_pausing_and_resuming(
-    paused: tuple[list[Moment], list[Moment], list[Moment]],
+    paused: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     assert closest_m_and_violations([*paused[1], *paused[2]])[1] == 0
 
@@ -82,7 +82,7 @@ def test_a_vehicle_with_stale_telemetry_is_not_commanded_and_the_others_are() ->
     flight.run(1.0)
     flight.age_s[2] = SETTINGS.telemetry_age_max_s + 0.01
     silent = flight.run(1.0)
-    assert all(moment.tick.setpoints.ids == ("d1", "d2", "d4") for moment in silent)
+    assert all(sample.tick.setpoints.ids == ("d1", "d2", "d4") for sample in silent)
     flight.age_s[2] = 0.02
     again = flight.run(1.0)
     assert again[0].tick.setpoints.ids == ("d1", "d2", "d3", "d4")
@@ -95,17 +95,17 @@ def test_a_tick_in_which_nobody_is_heard_commands_nobody_and_does_not_end_the_fo
     flight = Flight(4, Formation(8.0, 20.0))
     (*_, before) = flight.run(1.0)
     flight.age_s[:] = np.inf
-    (moment,) = flight.run(TICK_S)
-    assert moment.tick.setpoints.ids == ()
+    (sample,) = flight.run(TICK_S)
+    assert sample.tick.setpoints.ids == ()
     flight.age_s[:] = 0.02
-    (moment,) = flight.run(TICK_S)
-    assert len(moment.tick.setpoints.ids) == 4
-    assert moment.center_m == pytest.approx(before.center_m, abs=0.1)
-    assert moment.tick.memory.radius_m == pytest.approx(before.tick.memory.radius_m, abs=0.2)
+    (sample,) = flight.run(TICK_S)
+    assert len(sample.tick.setpoints.ids) == 4
+    assert sample.center_m == pytest.approx(before.center_m, abs=0.1)
+    assert sample.tick.memory.radius_m == pytest.approx(before.tick.memory.radius_m, abs=0.2)
 
 
 @pytest.fixture(scope="module")
-def with_one_lost() -> tuple[list[Moment], Array]:
+def with_one_lost() -> tuple[list[Sample], Array]:
     """One of four falls silent and sinks, as COM_OBL_RC_ACT 0 makes it; the others fly on."""
     flight = in_orbit()
     flight.run(11.0)  # from here its column stands in the others' way
@@ -120,27 +120,27 @@ def with_one_lost() -> tuple[list[Moment], Array]:
 
 
 def test_the_column_of_a_lost_vehicle_is_avoided_by_the_others(
-    with_one_lost: tuple[list[Moment], Array],
+    with_one_lost: tuple[list[Sample], Array],
 ) -> None:
     history, last_m = with_one_lost
     floor = SETTINGS.safety.floor
-    for moment in history:
-        others_m = moment.position_m[1:]
+    for sample in history:
+        others_m = sample.position_m[1:]
         nearest_m = np.tile(last_m, (3, 1))
         nearest_m[:, 2] = np.clip(others_m[:, 2], last_m[2], 0.0)
         scaled_m = np.linalg.norm((others_m - nearest_m) * floor.scale, axis=1)
         assert scaled_m.min() > floor.horizontal_m
 
 
-def test_the_others_truly_had_to_go_around_it_and_went_on(with_one_lost: tuple[list[Moment], Array]) -> None:
+def test_the_others_truly_had_to_go_around_it_and_went_on(with_one_lost: tuple[list[Sample], Array]) -> None:
     history, last_m = with_one_lost
     restrained = [
-        moment for moment in history if "the path of a lost vehicle" in moment.tick.restrained_by[1:]
+        sample for sample in history if "the path of a lost vehicle" in sample.tick.restrained_by[1:]
     ]
     assert restrained
     assert history[-1].tick.setpoints.ids == ("d2", "d3", "d4")
     energy_ratio, _, radius_error_m = shape(
-        [replace(moment, position_m=moment.position_m[1:]) for moment in history[300:400]]
+        [replace(sample, position_m=sample.position_m[1:]) for sample in history[300:400]]
     )
     assert energy_ratio < 1.01
     assert radius_error_m < 1.5
@@ -148,7 +148,7 @@ def test_the_others_truly_had_to_go_around_it_and_went_on(with_one_lost: tuple[l
 
 
 @pytest.fixture(scope="module")
-def widened() -> list[Moment]:
+def widened() -> list[Sample]:
     """From 8 to 11 m of radius."""
     flight = Flight(4, Formation(8.0, 25.0), noise_scale=0.0)
     flight.run(15.0)
@@ -156,17 +156,17 @@ def widened() -> list[Moment]:
     return flight.run(15.0)
 
 
-def test_a_new_radius_is_followed_gradually(widened: list[Moment]) -> None:
-    radius_m = np.array([moment.tick.memory.radius_m for moment in widened])
+def test_a_new_radius_is_followed_gradually(widened: list[Sample]) -> None:
+    radius_m = np.array([sample.tick.memory.radius_m for sample in widened])
     assert np.abs(np.diff(radius_m)).max() <= SETTINGS.radius_rate_m_s * TICK_S + 1e-9
     assert radius_m[0] == pytest.approx(8.0 + SETTINGS.radius_rate_m_s * TICK_S)
     assert radius_m[-1] == 11.0
-    true_m = [float(np.linalg.norm(moment.position_m - moment.center_m, axis=1).mean()) for moment in widened]
+    true_m = [float(np.linalg.norm(sample.position_m - sample.center_m, axis=1).mean()) for sample in widened]
     assert true_m[-1] == pytest.approx(11.0, abs=0.1)
     assert max(true_m) < 11.6
 
 
-def test_setpoints_do_not_jump_at_the_change_of_the_radius(widened: list[Moment]) -> None:
+def test_setpoints_do_not_jump_at_the_change_of_the_radius(widened: list[Sample]) -> None:
     assert largest_setpoint_change_m_s(widened) < 1.0
 
 
@@ -174,8 +174,8 @@ def test_after_a_pause_of_the_service_the_centre_does_not_catch_up() -> None:
     flight = in_orbit(noise_scale=0.0)
     before_m = flight.history[-1].center_m
     flight.time_s += 5.0
-    (moment,) = flight.run(TICK_S)
-    assert np.linalg.norm(moment.center_m - before_m) < 0.2 * 1.1 * SETTINGS.law.center_speed_max_m_s
+    (sample,) = flight.run(TICK_S)
+    assert np.linalg.norm(sample.center_m - before_m) < 0.2 * 1.1 * SETTINGS.law.center_speed_max_m_s
 
 
 def test_everybody_turns_to_the_target_at_the_yaw_rate() -> None:
@@ -183,7 +183,7 @@ def test_everybody_turns_to_the_target_at_the_yaw_rate() -> None:
     flight.run(0.5)
     flight.plan = replace(flight.plan, yaw=Yaw(YawPolicy.TARGET), target=Target(100.0, 100.0))
     turned = flight.run(6.0)
-    yaw = np.array([moment.tick.setpoints.yaw_rad for moment in turned])
+    yaw = np.array([sample.tick.setpoints.yaw_rad for sample in turned])
     rate_max = np.radians(SETTINGS.yaw_rate_max_deg_s)
     assert np.abs(np.diff(yaw, axis=0)).max() <= rate_max * TICK_S + 1e-9
     assert yaw[-1] == pytest.approx(np.full(4, np.pi / 4), abs=0.15)

@@ -9,7 +9,7 @@ from control_flight import (
     SETTINGS,
     TICK_S,
     Flight,
-    Moment,
+    Sample,
     closest_m_and_violations,
     largest_setpoint_change_m_s,
     shape,
@@ -28,20 +28,20 @@ HOME_WITHIN_S = 90.0
 @dataclass(slots=True)
 class Story:
     flight: Flight
-    orbit: list[Moment]
+    orbit: list[Sample]
     tower: Obstacle
-    passing: list[Moment]
-    past: list[Moment]
-    coming_home: list[Moment]
+    passing: list[Sample]
+    past: list[Sample]
+    coming_home: list[Sample]
 
     @property
-    def everything(self) -> list[Moment]:
+    def everything(self) -> list[Sample]:
         return self.flight.history
 
 
-def ahead_m(moment: Moment, seconds: float) -> Array:
+def ahead_m(sample: Sample, seconds: float) -> Array:
     """Where the centre will be by its own law."""
-    center_m, target_m = moment.center_m[:2], moment.target_m
+    center_m, target_m = sample.center_m[:2], sample.target_m
     for _ in range(round(seconds / TICK_S)):
         velocity = orbit_velocity(
             center_m - target_m,
@@ -75,7 +75,7 @@ def tell(noise_scale: float) -> Story:
     flight.plan = replace(flight.plan, obstacles=())
     past = flight.run(28.0)
     flight.send_home()
-    coming_home: list[Moment] = []
+    coming_home: list[Sample] = []
     while flight.airborne.any() and len(coming_home) * TICK_S < HOME_WITHIN_S:
         coming_home += flight.run(1.0, flight.come_down_where_home)
     return Story(flight, orbit, tower, passing, past, coming_home)
@@ -88,7 +88,7 @@ def story() -> Story:
 
 def test_the_true_centroid_orbits_the_moving_target(story: Story) -> None:
     steady = story.orbit[-400:]
-    offset_m = np.array([moment.position_m.mean(axis=0)[:2] - moment.target_m for moment in steady])
+    offset_m = np.array([sample.position_m.mean(axis=0)[:2] - sample.target_m for sample in steady])
     error_m = np.hypot(*offset_m.T) - ORBIT.radius_m
     assert float(np.sqrt(np.mean(error_m**2))) < 0.2
     turned_rad = np.unwrap(np.arctan2(offset_m[:, 1], offset_m[:, 0]))
@@ -99,8 +99,8 @@ def test_the_true_centroid_orbits_the_moving_target(story: Story) -> None:
 
 def test_the_centroid_keeps_up_with_the_commanded_centre(story: Story) -> None:
     lag_m = [
-        float(np.linalg.norm(moment.position_m.mean(axis=0) - moment.center_m))
-        for moment in story.orbit[-400:]
+        float(np.linalg.norm(sample.position_m.mean(axis=0) - sample.center_m))
+        for sample in story.orbit[-400:]
     ]
     assert max(lag_m) < 0.5
 
@@ -113,7 +113,7 @@ def test_the_formation_keeps_its_shape_in_orbit(story: Story) -> None:
 
 
 def test_nobody_comes_within_a_metre_of_the_tower_that_stands_in_the_way(story: Story) -> None:
-    position_m = np.array([moment.position_m for moment in story.passing])
+    position_m = np.array([sample.position_m for sample in story.passing])
     off_m = np.abs(position_m[:, :, :2] - (story.tower.x_m, story.tower.y_m))
     beyond_m = np.maximum(off_m - (story.tower.half_length_x_m, story.tower.half_length_y_m), 0.0)
     assert float(np.linalg.norm(beyond_m, axis=2).min()) > 1.0
@@ -122,12 +122,12 @@ def test_nobody_comes_within_a_metre_of_the_tower_that_stands_in_the_way(story: 
 
 
 def test_the_whole_formation_passes_the_tower_on_one_side(story: Story) -> None:
-    sides = {side for moment in story.passing for side in moment.tick.memory.sides.values()}
+    sides = {side for sample in story.passing for side in sample.tick.memory.sides.values()}
     assert len(sides) == 1
     tower_m = (story.tower.x_m, story.tower.y_m)
     for drone in range(8):
         nearest = min(
-            story.passing, key=lambda moment: float(np.hypot(*(moment.position_m[drone, :2] - tower_m)))
+            story.passing, key=lambda sample: float(np.hypot(*(sample.position_m[drone, :2] - tower_m)))
         )
         center = nearest.tick.memory.center
         assert center is not None
@@ -155,7 +155,7 @@ def test_the_true_separation_never_breaks_the_floor_from_beginning_to_end(story:
 
 
 def test_no_setpoint_ever_breaks_a_limit(story: Story) -> None:
-    velocity = np.vstack([moment.tick.setpoints.velocity_m_s for moment in story.everything])
+    velocity = np.vstack([sample.tick.setpoints.velocity_m_s for sample in story.everything])
     limits = SETTINGS.safety.limits
     assert np.hypot(velocity[:, 0], velocity[:, 1]).max() <= limits.horizontal_m_s * (1 + 1e-9)
     assert velocity[:, 2].max() <= limits.down_m_s * (1 + 1e-9)
@@ -163,7 +163,7 @@ def test_no_setpoint_ever_breaks_a_limit(story: Story) -> None:
 
 
 def test_nobody_is_ever_turned_to_north_by_accident(story: Story) -> None:
-    yaw = np.concatenate([moment.tick.setpoints.yaw_rad for moment in story.everything])
+    yaw = np.concatenate([sample.tick.setpoints.yaw_rad for sample in story.everything])
     assert yaw == pytest.approx(np.full(len(yaw), 0.3))  # held as at engagement
 
 
@@ -173,7 +173,7 @@ def test_setpoints_change_smoothly_all_along(story: Story) -> None:
 
 def test_the_centre_moves_within_its_own_limits(story: Story) -> None:
     law = SETTINGS.law
-    centers = [moment.tick.memory.center for moment in story.everything]
+    centers = [sample.tick.memory.center for sample in story.everything]
     for before, after in pairwise(center for center in centers if center is not None):
         assert np.hypot(*after.velocity_m_s[:2]) <= law.center_speed_max_m_s + 1e-6
         assert np.linalg.norm(after.acceleration_m_s2) <= law.center_acceleration_max_m_s2 + 1e-6

@@ -96,7 +96,7 @@ def test_critical_battery_lands_it_where_it_is_safe() -> None:
         order = await carried_out(show, told)
         assert (order.action, order.by, order.outcome) == ("land", "service", Outcome.DONE)
         assert Phase.RETURN not in show.track.phases("d3")
-        pads_m = show.track.moments[0].true_m[[show.config.ids.index(name) for name in OTHERS]]
+        pads_m = show.track.samples[0].true_m[[show.config.ids.index(name) for name in OTHERS]]
         row = show.config.ids.index("d3")
         beside_m = np.hypot(*(pads_m - show.true_m[row])[:, :2].T)
         assert beside_m.min() > show.config.operation.place_spacing_m - 1.0, "clear of everybody's pads"

@@ -36,7 +36,7 @@ async def refusals(show: Show) -> dict[str, Refusal]:
     """Everything that must be turned down while four fly."""
     service, at = show.service, show.true_m[1]
     over = Obstacle("over", float(at[0]), float(at[1]), 0.5, 0.5, 30.0)
-    home_m = show.track.moments[0].true_m[2]
+    home_m = show.track.samples[0].true_m[2]
     pad = Obstacle("pad", float(home_m[0]), float(home_m[1]), 0.5, 0.5, 1.0)
     requests = {
         "too small": lambda: service.set_formation(Formation(2.0, HEIGHT_M)),
@@ -89,7 +89,7 @@ async def story(show: Show) -> Flight:
     service.add_obstacle(BOX)
     service.set_target(Target(31.0, 1.0))
     past = await after(30.0)  # the sphere goes past the mast in a wide arc
-    inside_m = np.array([show.ellipse("mast").distance_m(moment.true_m) for moment in past.moments])
+    inside_m = np.array([show.ellipse("mast").distance_m(sample.true_m) for sample in past.samples])
     plans["mast"] = show.view.plan
     turned_down = await refusals(show)
     service.remove_obstacle("mast")
@@ -129,7 +129,7 @@ def test_pause_freezes_everybody_in_place(flight: Flight) -> None:
     stopped = flight.paused.between(flight.paused.time_s[0] + 3.0)
     strayed_m = np.linalg.norm(stopped.true_m - stopped.true_m[0], axis=2)
     assert strayed_m.max() < 1.0  # the fake's own position error wanders
-    assert {moment.view.show for moment in stopped.moments} == {ShowPhase.PAUSED}
+    assert {sample.view.show for sample in stopped.samples} == {ShowPhase.PAUSED}
 
 
 def test_pause_stops_the_vehicles_within_a_few_metres(flight: Flight) -> None:
@@ -149,14 +149,14 @@ def test_resume_re_forms_and_goes_on(flight: Flight) -> None:
 
 
 def test_a_larger_radius_is_followed(flight: Flight) -> None:
-    center_m = flight.larger.moments[-1].view.center_m
+    center_m = flight.larger.samples[-1].view.center_m
     assert center_m is not None
     assert flight.plans["larger"].formation == Formation(LARGER_M, HEIGHT_M)
     assert sphere_error_m(flight.larger, center_m, LARGER_M) < 1.5
 
 
 def test_the_commanded_radius_glides_instead_of_jumping(flight: Flight) -> None:
-    radius_m = np.array([moment.view.radius_m for moment in flight.larger.moments], dtype=np.float64)
+    radius_m = np.array([sample.view.radius_m for sample in flight.larger.samples], dtype=np.float64)
     assert radius_m[0] == pytest.approx(RADIUS_M, abs=0.1)
     assert np.abs(np.diff(radius_m)).max() <= 0.05 + 1e-9  # 1 m/s at 20 Hz
     assert radius_m[-1] == pytest.approx(LARGER_M)
@@ -180,7 +180,7 @@ def test_an_obstacle_on_the_way_is_flown_around(flight: Flight) -> None:
 
 def test_a_moving_target_is_circled_the_other_way_round(flight: Flight) -> None:
     last = flight.orbiting.between(flight.orbiting.time_s[-1] - 3.0)
-    target_m = np.array([moment.view.target_m for moment in last.moments])
+    target_m = np.array([sample.view.target_m for sample in last.samples])
     offset_m = last.true_m.mean(axis=1)[:, :2] - target_m
     assert np.hypot(*offset_m.T) == pytest.approx(np.full(len(offset_m), 6.0), abs=1.5)
     bearing_rad = np.unwrap(np.arctan2(offset_m[:, 1], offset_m[:, 0]))

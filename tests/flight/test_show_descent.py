@@ -66,7 +66,7 @@ def aborted() -> Descent:
 
 
 def test_abort_brings_everybody_down_and_disarms_them(aborted: Descent) -> None:
-    last = aborted.coming_down.moments[-1]
+    last = aborted.coming_down.samples[-1]
     assert last.armed == (False,) * 5
     assert -last.true_m[:, 2] == pytest.approx(np.zeros(5), abs=0.05)
     assert {part.outcome for part in aborted.record.outcomes.values()} == {Outcome.DONE}
@@ -106,9 +106,9 @@ def test_abort_lets_nobody_sink_before_those_below_are_in_their_columns_nor_land
     start_m, goals_m = descent.coming_down.true_m[0], places_m(descent)
     lowest = int(np.argmax(start_m[:, 2]))
     far = [
-        moment.true_m
-        for moment in descent.coming_down.moments
-        if np.hypot(*(moment.true_m[lowest, :2] - goals_m[lowest])) > 1.5
+        sample.true_m
+        for sample in descent.coming_down.samples
+        if np.hypot(*(sample.true_m[lowest, :2] - goals_m[lowest])) > 1.5
     ]
     assert len(far) > 20
     above = start_m[:, 2] < start_m[lowest, 2] - 3.0
@@ -156,7 +156,7 @@ def test_on_the_way_up_everybody_comes_down_again_at_its_own_start(
     off_m = np.hypot(*(places_m(descent) - descent.track.true_m[0, :, :2]).T)
     assert (-descent.track.true_m[:, 0, 2]).max() > 2.0  # one was up
     assert off_m.max() < 1.5
-    assert descent.coming_down.moments[-1].armed == (False,) * 4
+    assert descent.coming_down.samples[-1].armed == (False,) * 4
     assert descent.floor_violations == 0
 
 
@@ -191,7 +191,7 @@ def test_an_abort_in_the_same_breath_as_the_start_leaves_nothing_pending_and_nob
     descent = fly(abort_at_once)
     assert descent.started.outcome is Outcome.FAILED
     assert descent.record.outcome is Outcome.DONE
-    assert not any(any(moment.armed) for moment in descent.track.moments)
+    assert not any(any(sample.armed) for sample in descent.track.samples)
 
 
 class Mixed(NamedTuple):
@@ -222,7 +222,7 @@ async def stop_while_some_come_down_already(show: Show) -> Mixed:
 
 def test_stop_brings_home_those_who_are_on_their_way_and_lets_those_touch_down_who_do() -> None:
     mixed = fly(stop_while_some_come_down_already, show_config(3))
-    first, last = mixed.track.moments[0], mixed.track.moments[-1]
+    first, last = mixed.track.samples[0], mixed.track.samples[-1]
     assert {part.outcome for part in mixed.stopped.outcomes.values()} == {Outcome.DONE}
     assert last.armed == (False,) * 3
     assert np.hypot(*(last.true_m[0, :2] - mixed.landing_at_m)) < 1.5

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import Moment, Show, Track, fly, show_config
+from virtual_show import Sample, Show, Track, fly, show_config
 
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.lifecycle import ShowPhase
@@ -48,9 +48,9 @@ def flight(request: pytest.FixtureRequest) -> Flight:
     return fly(out_and_home, show_config(count, formation=formation), endurance_s=ENDURANCE_S)
 
 
-def estimates_of(moment: Moment) -> Estimates:
-    assert moment.view.estimates is not None
-    return moment.view.estimates
+def estimates_of(sample: Sample) -> Estimates:
+    assert sample.view.estimates is not None
+    return sample.view.estimates
 
 
 def allowed(true_s: float) -> float:
@@ -59,9 +59,9 @@ def allowed(true_s: float) -> float:
 
 def test_the_time_until_the_formation_stands_is_what_it_takes(flight: Flight) -> None:
     forming = [
-        (moment.time_s, estimates_of(moment).assembled_s)
-        for moment in flight.track.between(0.0, flight.assembled_s - 0.2).moments
-        if moment.view.show in {ShowPhase.ARMING, ShowPhase.ASSEMBLING}
+        (sample.time_s, estimates_of(sample).assembled_s)
+        for sample in flight.track.between(0.0, flight.assembled_s - 0.2).samples
+        if sample.view.show in {ShowPhase.ARMING, ShowPhase.ASSEMBLING}
     ]
     known = [(flight.assembled_s - time_s, found_s) for time_s, found_s in forming if found_s is not None]
     assert len(known) > 0.8 * len(forming)  # a second passes until the first
@@ -69,13 +69,13 @@ def test_the_time_until_the_formation_stands_is_what_it_takes(flight: Flight) ->
 
 
 def test_the_time_home_is_what_it_takes_before_the_return_and_during_it(flight: Flight) -> None:
-    at_stop = estimates_of(flight.track.between(0.0, flight.stop_s).moments[-1]).home_s
+    at_stop = estimates_of(flight.track.between(0.0, flight.stop_s).samples[-1]).home_s
     took_s = flight.landed_s - flight.stop_s
     assert at_stop is not None
     assert abs(at_stop - took_s) < allowed(took_s)
     left = [
-        (flight.landed_s - moment.time_s, estimates_of(moment).home_s)
-        for moment in flight.track.between(flight.stop_s + 4.0, flight.landed_s - 0.2).moments
+        (flight.landed_s - sample.time_s, estimates_of(sample).home_s)
+        for sample in flight.track.between(flight.stop_s + 4.0, flight.landed_s - 0.2).samples
     ]
     assert all(found_s is not None for _, found_s in left)
     off_s = [abs((found_s or 0.0) - true_s) - allowed(true_s) for true_s, found_s in left]
@@ -83,20 +83,20 @@ def test_the_time_home_is_what_it_takes_before_the_return_and_during_it(flight: 
 
 
 def test_an_estimate_that_is_not_known_or_not_due_is_absent(flight: Flight) -> None:
-    for moment in flight.track.moments:
-        estimates, show = estimates_of(moment), moment.view.show
-        if show in {ShowPhase.RUNNING, ShowPhase.RETURNING, ShowPhase.LANDED} and moment.time_s % 1.0 > 0.5:
-            assert estimates.assembled_s is None or moment.time_s < flight.assembled_s + 1.1
-        if moment.time_s < 5.0 or moment.time_s > flight.landed_s + 1.1:
+    for sample in flight.track.samples:
+        estimates, show = estimates_of(sample), sample.view.show
+        if show in {ShowPhase.RUNNING, ShowPhase.RETURNING, ShowPhase.LANDED} and sample.time_s % 1.0 > 0.5:
+            assert estimates.assembled_s is None or sample.time_s < flight.assembled_s + 1.1
+        if sample.time_s < 5.0 or sample.time_s > flight.landed_s + 1.1:
             assert estimates.home_s is None
             assert np.isnan(estimates.low_s).all()
-    early = estimates_of(flight.track.between(0.0, flight.assembled_s - 10.0).moments[-1])
+    early = estimates_of(flight.track.between(0.0, flight.assembled_s - 10.0).samples[-1])
     assert np.isnan(early.empty_s).all()  # less than three percent were used
 
 
 def test_the_batteries_last_as_long_as_they_last(flight: Flight) -> None:
-    moment = flight.track.between(0.0, flight.stop_s).moments[-1]
-    estimates, remaining = estimates_of(moment), moment.view.rows.battery_remaining
+    sample = flight.track.between(0.0, flight.stop_s).samples[-1]
+    estimates, remaining = estimates_of(sample), sample.view.rows.battery_remaining
     assert estimates.battery_least == pytest.approx(remaining.min())
     assert estimates.battery_median == pytest.approx(np.median(remaining))
     assert estimates.battery_least_row is not None

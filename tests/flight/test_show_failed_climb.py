@@ -77,7 +77,7 @@ def test_one_whose_climb_fails_is_landed_on_its_pad_and_named_and_the_others_fly
     assert failed.reason.startswith("its take-off failed, its autopilot lands it: ")
     assert says in failed.reason
     assert track.phases("d2")[-2:] == [Phase.LANDING, Phase.STANDBY]
-    assert not track.moments[-1].armed[1]
+    assert not track.samples[-1].armed[1]
     assert np.linalg.norm(track.true_m[-1, 1] - track.true_m[0, 1]) < 1.0, "on its own pad"
     assert failed.setpoints == 0
     assert failed.violations == 0
@@ -152,7 +152,7 @@ async def nobody_can_join(show: Show) -> Nobody:
     reason = show.view.reason
     await show.settled(show.service.command_show(ShowAction.STOP))
     await show.reach(ShowPhase.LANDED)
-    return Nobody(show.track.show_phases(), reason, show.track.moments[-1].armed)
+    return Nobody(show.track.show_phases(), reason, show.track.samples[-1].armed)
 
 
 def test_a_show_that_nobody_can_join_is_paused_and_says_why_and_can_be_stopped() -> None:

@@ -150,8 +150,8 @@ def test_setpoints_leave_in_ned_as_they_were_decided_in_the_show_frame(flight: F
 def test_the_sphere_truly_stands_around_the_target(flight: Flight) -> None:
     standing = flight.track.between(*flight.running_s)
     true_m = standing.true_m[:, :3]
-    center_m = np.array([moment.view.center_m for moment in standing.moments])
-    radius_m = np.array([moment.view.radius_m for moment in standing.moments])
+    center_m = np.array([sample.view.center_m for sample in standing.samples])
+    radius_m = np.array([sample.view.radius_m for sample in standing.samples])
     assert center_m[-1][:2] == pytest.approx(TARGET_M, abs=0.5)
     off_m = np.linalg.norm(true_m - center_m[:, None], axis=2) - radius_m[:, None]
     assert np.abs(off_m).max() < 1.5  # the fake's own position error, mostly
@@ -176,7 +176,7 @@ def test_setpoints_never_jump_from_one_tick_to_the_next(flight: Flight) -> None:
 
 
 def test_everybody_lands_on_its_own_start_and_is_disarmed(flight: Flight) -> None:
-    first, last = flight.track.moments[0], flight.track.moments[-1]
+    first, last = flight.track.samples[0], flight.track.samples[-1]
     off_m = np.linalg.norm(last.true_m - first.true_m, axis=1)
     assert off_m.max() < 1.5
     assert last.armed == (False,) * 4
@@ -185,4 +185,4 @@ def test_everybody_lands_on_its_own_start_and_is_disarmed(flight: Flight) -> Non
 def test_a_second_start_after_landing_flies_again(flight: Flight) -> None:
     assert {flight.second_start.outcomes[name].outcome for name in FLIERS} == {Outcome.DONE}
     assert flight.second.show_phases()[-2:] == [ShowPhase.ASSEMBLING, ShowPhase.RUNNING]
-    assert (-flight.second.moments[-1].true_m[:3, 2]).min() > 3.0
+    assert (-flight.second.samples[-1].true_m[:3, 2]).min() > 3.0

@@ -48,13 +48,13 @@ def flight() -> Return:
 
 def test_everybody_is_home_and_nobody_was_inside_the_floor(flight: Return) -> None:
     assert flight.order.outcome is Outcome.DONE
-    off_m = np.linalg.norm((flight.track.moments[-1].true_m - flight.start_m)[:, :2], axis=1)
+    off_m = np.linalg.norm((flight.track.samples[-1].true_m - flight.start_m)[:, :2], axis=1)
     assert off_m.max() < 1.5
     assert flight.floor_violations == 0
 
 
 def test_it_takes_little_longer_than_the_longest_straight_line(flight: Return) -> None:
-    begin_m = flight.track.between(flight.stop_s).moments[0].true_m
+    begin_m = flight.track.between(flight.stop_s).samples[0].true_m
     way_m = flight.start_m - begin_m
     straight_s = max(np.hypot(*way_m[:, :2].T).max() / 4.0, way_m[:, 2].max() / 1.4)
     assert flight.landed_s - flight.stop_s < 1.5 * straight_s + 10.0 + STOPPING_S
@@ -62,7 +62,7 @@ def test_it_takes_little_longer_than_the_longest_straight_line(flight: Return) -
 
 def test_they_stand_before_they_set_out(flight: Return) -> None:
     stopping = flight.track.between(flight.stop_s)
-    first = next(m for m in stopping.moments if m.view.vehicles[0].reason == "on its way home")
+    first = next(m for m in stopping.samples if m.view.vehicles[0].reason == "on its way home")
     assert {seen.phase for seen in first.view.vehicles} == {Phase.RETURN}
     speeds_m_s = [np.linalg.norm(seen.velocity_m_s) for seen in first.view.vehicles if seen.velocity_m_s]
     assert max(speeds_m_s) < 0.5

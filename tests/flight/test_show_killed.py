@@ -65,7 +65,7 @@ def test_a_kill_may_be_repeated(kill: Killed) -> None:
 
 
 def test_the_others_fly_on_after_a_kill_and_come_home(kill: Killed) -> None:
-    last = kill.track.moments[-1]
-    off_m = np.hypot(*(last.true_m - kill.track.moments[0].true_m)[:, :2].T)
+    last = kill.track.samples[-1]
+    off_m = np.hypot(*(last.true_m - kill.track.samples[0].true_m)[:, :2].T)
     assert off_m[[0, 2, 3]].max() < 1.5
     assert last.armed == (False,) * 4

@@ -195,7 +195,7 @@ async def turn_comes_late(show: Show) -> OrderRecord:
     show.link.silence("d2", up=False)
     await show.reach(ShowPhase.ASSEMBLING)
     assert Mode.TAKEOFF not in {seen.mode for seen in show.track.of("d2")}
-    assert not np.any([moment.armed[1] for moment in show.track.moments])
+    assert not np.any([sample.armed[1] for sample in show.track.samples])
     return await show.settled(record)
 
 

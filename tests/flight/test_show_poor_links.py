@@ -33,7 +33,7 @@ async def poor_links(show: Show, loss: float) -> Poor:
         show.befall(name, "none")
     await show.wait(30.0)
     track = show.track.between(began_s)
-    texts = {alarm.text for moment in track.moments for alarm in moment.view.alarms}
+    texts = {alarm.text for sample in track.samples for alarm in sample.view.alarms}
     phases = {name: track.phases(name) for name in show.config.ids}
     joins = sum(order.action == "join" for order in show.service.orders())
     if show.view.show is ShowPhase.PAUSED:
@@ -87,7 +87,7 @@ async def without_heartbeats(show: Show, beats_lack_s: float) -> tuple[list[Phas
     sent_per_s = show.track.between(began_s).setpoints_per_s("d2")
     show.link.beatless.clear()
     await show.wait(20.0)
-    texts = {alarm.text for moment in show.track.between(began_s).moments for alarm in moment.view.alarms}
+    texts = {alarm.text for sample in show.track.between(began_s).samples for alarm in sample.view.alarms}
     return show.track.between(began_s).phases("d2"), texts, sent_per_s
 
 

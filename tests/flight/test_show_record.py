@@ -91,9 +91,9 @@ def test_every_tick_is_there_as_it_was_believed(flown: tuple[Path, Track]) -> No
     session = last_known(root).session
     assert session is not None
     ticks = list(FlightData(session.folder / "flight.mcap").ticks())
-    seen = {moment.time_s: moment.view for moment in track.moments}
+    seen = {sample.time_s: sample.view for sample in track.samples}
     shared = [tick for tick in ticks if tick.tick["time_s"] in seen]
-    assert len(shared) > 0.95 * len(track.moments)
+    assert len(shared) > 0.95 * len(track.samples)
     for tick in shared[:: len(shared) // 50]:
         view = seen[tick.tick["time_s"]]
         for row, vehicle in enumerate(view.vehicles):
@@ -113,6 +113,6 @@ def test_the_record_proves_the_flight(flown: tuple[Path, Track], tmp_path: Path)
     judged = json.loads(report.read_text())
     assert (judged["verdict"], judged["flew"], judged["based_on"]) == ("kept", 4, "estimated positions")
     assert judged["duration_s"] > 30.0
-    least_m = min(moment.view.minimum_separation_m or np.inf for moment in flown[1].moments)
+    least_m = min(sample.view.minimum_separation_m or np.inf for sample in flown[1].samples)
     assert judged["nearest_pairs"][0]["distance_m"] == pytest.approx(least_m, abs=0.3)
     assert (tmp_path / "page.html").stat().st_size > 20_000

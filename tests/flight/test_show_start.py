@@ -172,7 +172,7 @@ def test_one_that_does_not_get_up_is_told_to_have_failed_and_the_others_fly(
     assert outcomes["d2"].outcome is Outcome.FAILED
     assert says in outcomes["d2"].reason
     assert start.track.of("d2")[-1].phase in {Phase.STANDBY, Phase.OFFLINE}
-    assert [seen.phase for seen in start.track.moments[-1].view.vehicles][::2] == [Phase.FORMATION] * 2
+    assert [seen.phase for seen in start.track.samples[-1].view.vehicles][::2] == [Phase.FORMATION] * 2
 
 
 async def holds_below(show: Show) -> Start:
@@ -203,7 +203,7 @@ async def nobody_gets_up(show: Show) -> Start:
 def test_a_show_in_which_nobody_gets_up_is_over() -> None:
     start = fly(nobody_gets_up, show_config(2))
     assert start.started.outcome is Outcome.FAILED
-    assert start.track.moments[-1].view.reason == "no vehicle took off"
+    assert start.track.samples[-1].view.reason == "no vehicle took off"
 
 
 class Arming(NamedTuple):
@@ -251,7 +251,7 @@ async def above_each_other(show: Show) -> tuple[str, int, list[str]]:
     await show.standby()
     show.service.command_show(ShowAction.START)
     await show.reach(ShowPhase.ARMING)
-    assert not any(any(moment.armed) for moment in show.track.moments), "nobody has left the ground"
+    assert not any(any(sample.armed) for sample in show.track.samples), "nobody has left the ground"
     await show.until(lambda: any("are stacked" in text for text in alarm_texts(show)), 1.0)
     (notice,) = alarm_texts(show)
     await show.reach(ShowPhase.RUNNING)

@@ -87,45 +87,45 @@ def flight(tmp_path_factory: pytest.TempPathFactory, runs: Path) -> Flight:
 
 
 def running(flight: Flight) -> Track:
-    moments = tuple(moment for moment in flight.track.moments if moment.view.show is ShowPhase.RUNNING)
-    return Track(moments, flight.track.ids)
+    samples = tuple(sample for sample in flight.track.samples if sample.view.show is ShowPhase.RUNNING)
+    return Track(samples, flight.track.ids)
 
 
 def test_formation_and_orbit_are_the_timelines_at_the_shows_clock_in_every_tick(flight: Flight) -> None:
-    moments = running(flight).moments
-    assert len(moments) > 700
-    for moment in moments:
-        assert moment.view.selected is not None
-        wanted = flight.timeline.plan_at(moment.view.selected.clock_s)
-        assert moment.view.plan.formation == wanted.formation
-        assert moment.view.plan.orbit == wanted.orbit
-        assert moment.view.selected.cue == flight.timeline.cue_at(moment.view.selected.clock_s).cue.cue
+    samples = running(flight).samples
+    assert len(samples) > 700
+    for sample in samples:
+        assert sample.view.selected is not None
+        wanted = flight.timeline.plan_at(sample.view.selected.clock_s)
+        assert sample.view.plan.formation == wanted.formation
+        assert sample.view.plan.orbit == wanted.orbit
+        assert sample.view.selected.cue == flight.timeline.cue_at(sample.view.selected.clock_s).cue.cue
 
 
 def test_the_target_moves_as_written_until_it_is_live_and_then_as_told(flight: Flight) -> None:
-    for moment in running(flight).moments:
-        assert moment.view.selected is not None
-        now_s = moment.view.selected.clock_s
+    for sample in running(flight).samples:
+        assert sample.view.selected is not None
+        now_s = sample.view.selected.clock_s
         if now_s < 26.0:
-            assert moment.view.target_m == pytest.approx(
+            assert sample.view.target_m == pytest.approx(
                 flight.timeline.plan_at(now_s).target.position_m(now_s)
             )
-    last = running(flight).moments[-1].view
+    last = running(flight).samples[-1].view
     assert last.target_m == pytest.approx(GUEST_M)
     assert last.center_m is not None
     assert last.center_m[:2] == pytest.approx(GUEST_M, abs=1.0)
 
 
 def test_the_formation_truly_walks_where_the_show_leads_it(flight: Flight) -> None:
-    at_20 = next(m for m in running(flight).moments if m.view.selected and m.view.selected.clock_s > 17.5)
+    at_20 = next(m for m in running(flight).samples if m.view.selected and m.view.selected.clock_s > 17.5)
     assert at_20.true_m.mean(axis=0)[:2] == pytest.approx((11.0, 1.0), abs=1.0)
 
 
 def test_the_formation_truly_turns_as_the_show_says(flight: Flight) -> None:
     turning = [
-        moment
-        for moment in running(flight).moments
-        if moment.view.selected is not None and 22.0 < moment.view.selected.clock_s < 25.0
+        sample
+        for sample in running(flight).samples
+        if sample.view.selected is not None and 22.0 < sample.view.selected.clock_s < 25.0
     ]
     first, last = turning[0].true_m, turning[-1].true_m
     (ax, ay), (bx, by) = ((each - each.mean(axis=0))[:, :2].T for each in (first, last))
@@ -134,15 +134,15 @@ def test_the_formation_truly_turns_as_the_show_says(flight: Flight) -> None:
 
 
 def test_the_lights_are_the_vehicles_in_turn(flight: Flight) -> None:
-    moments = running(flight).moments
-    assert [seen.light for seen in moments[0].view.vehicles] == ["#ff0000", "#0000ff"] * 2
-    assert [seen.light for seen in moments[-1].view.vehicles] == ["#00ff00"] * 4
+    samples = running(flight).samples
+    assert [seen.light for seen in samples[0].view.vehicles] == ["#ff0000", "#0000ff"] * 2
+    assert [seen.light for seen in samples[-1].view.vehicles] == ["#00ff00"] * 4
 
 
 def test_a_pause_stops_the_clock_and_the_vehicles_and_setpoints_flow_on(flight: Flight) -> None:
     begin_s, end_s = flight.paused_s
     paused = flight.track.between(begin_s + 0.1, end_s)
-    clocks = {moment.view.selected.clock_s for moment in paused.moments if moment.view.selected}
+    clocks = {sample.view.selected.clock_s for sample in paused.samples if sample.view.selected}
     assert len(clocks) == 1
     still = flight.track.between(begin_s + 10.0, end_s)
     drift_m = np.ptp(still.true_m, axis=0)
@@ -154,12 +154,12 @@ def test_a_pause_stops_the_clock_and_the_vehicles_and_setpoints_flow_on(flight: 
 
 def test_a_resume_goes_on_where_the_pause_began_without_a_jump(flight: Flight) -> None:
     pause_s, resume_s = flight.paused_s
-    paused_at = next(m.view.selected for m in flight.track.between(pause_s + 1.0).moments)
+    paused_at = next(m.view.selected for m in flight.track.between(pause_s + 1.0).samples)
     assert paused_at is not None
     clocks = [
-        moment.view.selected.clock_s
-        for moment in flight.track.between(resume_s).moments
-        if moment.view.selected and moment.view.show is ShowPhase.RUNNING
+        sample.view.selected.clock_s
+        for sample in flight.track.between(resume_s).samples
+        if sample.view.selected and sample.view.show is ShowPhase.RUNNING
     ]
     assert clocks[0] == pytest.approx(paused_at.clock_s, abs=0.051)
     assert np.diff(clocks).max() < 0.051
@@ -177,12 +177,12 @@ def test_the_show_comes_home_by_itself_when_it_is_over(flight: Flight) -> None:
         ShowPhase.RETURNING,
         ShowPhase.LANDED,
     ]
-    returning = next(m for m in flight.track.moments if m.view.show is ShowPhase.RETURNING)
+    returning = next(m for m in flight.track.samples if m.view.show is ShowPhase.RETURNING)
     assert "small" in returning.view.reason
     assert returning.view.selected is not None
     assert returning.view.selected.clock_s == pytest.approx(42.0, abs=0.1)
     assert flight.started.outcome is Outcome.DONE
-    assert flight.track.moments[-1].armed == (False,) * 4
+    assert flight.track.samples[-1].armed == (False,) * 4
 
 
 def test_nobody_is_ever_truly_inside_the_floor(flight: Flight) -> None:
@@ -196,7 +196,7 @@ def test_what_the_show_decides_is_refused_with_what_can_be_done(flight: Flight) 
 
 
 def test_obstacles_of_the_show_and_of_the_operator_stand_together(flight: Flight) -> None:
-    assert {box.id for box in running(flight).moments[-1].view.plan.obstacles} == {"crane", "tower"}
+    assert {box.id for box in running(flight).samples[-1].view.plan.obstacles} == {"crane", "tower"}
 
 
 def test_the_record_tells_which_show_was_flown_and_when_each_cue_was_played(
@@ -217,6 +217,6 @@ def test_the_record_tells_which_show_was_flown_and_when_each_cue_was_played(
 
 
 def test_afterwards_the_show_is_at_its_beginning_again(flight: Flight) -> None:
-    last = flight.track.moments[-1].view.selected
+    last = flight.track.samples[-1].view.selected
     assert last is not None
     assert (last.clock_s, last.cue, last.runs) == (0.0, "stand", False)

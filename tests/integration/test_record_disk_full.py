@@ -17,7 +17,7 @@ from gcs.model.state import FleetState, Landed, Mode, Setpoints
 from gcs.recording.last_known import last_known, orders
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.replay.service import NOTHING_COUNTED
-from gcs.recording.sample import Moment
+from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 from gcs.service import TickView
 
@@ -26,10 +26,10 @@ ROOM_BYTES = 150_000
 PLAN = Plan(Formation(10.0, 20.0))
 
 
-def moment(tick: int) -> Moment:
+def sample(tick: int) -> Sample:
     n, noise = len(VEHICLES), np.random.default_rng(tick)
     here_m, still = noise.normal(size=(n, 3)), np.zeros((n, 3))
-    return Moment(
+    return Sample(
         unix_time_s=1.7e9 + tick / 20,
         fleet=FleetState(tick / 20, tuple(VEHICLES), here_m, still, np.zeros(n), np.zeros(n)),
         setpoints=Setpoints(tick / 20, (), np.zeros((0, 3)), np.zeros(0)),
@@ -70,7 +70,7 @@ def fill_the_disk(root: Path, told: Connection) -> None:
         end_s = time.monotonic() + 120.0
         while not holds():
             assert time.monotonic() < end_s
-            record.note(moment(next(ticks)), [])
+            record.note(sample(next(ticks)), [])
             book.open("hold", list(VEHICLES), {})
             time.sleep(0.01)
 

@@ -41,14 +41,14 @@ def order_for_ever(root: Path, told: Connection) -> None:
 def test_no_order_that_was_acknowledged_is_missing_after_kill_9_at_any_moment(tmp_path: Path) -> None:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["gcs.recording.session", "gcs.flight.command_log"])
-    moments, acknowledged = random.Random(5), set()
+    samples, acknowledged = random.Random(5), set()
     for _ in range(KILLS):
         hear, tell = context.Pipe(duplex=False)
         process = context.Process(target=order_for_ever, args=(tmp_path, tell))
         process.start()
         tell.close()
         acknowledged.add(hear.recv())  # it works
-        process.join(moments.uniform(0.0, 0.15))
+        process.join(samples.uniform(0.0, 0.15))
         assert process.pid is not None
         os.kill(process.pid, signal.SIGKILL)
         process.join()

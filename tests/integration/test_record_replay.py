@@ -26,7 +26,7 @@ from gcs.recording.interrupted_session import PAD
 from gcs.recording.last_known import AUDIT
 from gcs.recording.mcap_writer import FlightFile
 from gcs.recording.replay.service import NOTHING_COUNTED
-from gcs.recording.sample import Moment
+from gcs.recording.sample import Sample
 from gcs.recording.sqlite_writer import Journal
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
@@ -49,10 +49,10 @@ LOST = Alarm(
 )
 
 
-def moment(at_s: float) -> Moment:
+def sample(at_s: float) -> Sample:
     place_m = np.array([[at_s, 0.0, -20.0], [0.0, 10.0, -20.0]])
     ids = ("d1", "d2")
-    return Moment(
+    return Sample(
         unix_time_s=1.7e9 + at_s,
         fleet=FleetState(500.0 + at_s, ids, place_m, np.zeros((2, 3)), np.zeros(2), np.full(2, 0.1)),
         setpoints=Setpoints(500.0 + at_s, ("d1",), np.array([[1.0, 0.0, 0.0]]), np.zeros(1)),
@@ -89,7 +89,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     config = configuration.load(configuration.find("demo"))
     file = FlightFile(folder, layout.about("s1", config.model_dump_json(), {"d1": (1, "a"), "d2": (2, "a")}))
     for tick in range(round(SECONDS * 20)):
-        file.put(moment(tick / 20))
+        file.put(sample(tick / 20))
     file.open()
     file.close()
     journal = Journal(folder.parent / AUDIT)
@@ -220,7 +220,7 @@ def test_what_is_no_flight_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "--speed 0: above 0" in capsys.readouterr().err
     file = FlightFile(tmp_path, layout.about("s1", '{"show_frame": {}}', {}))
     file.open()
-    file.put(moment(0.0))
+    file.put(sample(0.0))
     file.close()
     assert main(["replay", str(tmp_path)]) == 2
     assert "its configuration has no show frame" in capsys.readouterr().err

@@ -34,7 +34,7 @@ def ground_grid_m(count: int, spacing_m: float = 4.0) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment:
+class Sample:
     """One tick: what is true, and what was decided."""
 
     time_s: float
@@ -67,7 +67,7 @@ class Flight:
         self.segments_m = np.zeros((0, 2, 3))
         self.center_moves = False
         self.formation_waits = False
-        self.history: list[Moment] = []
+        self.history: list[Sample] = []
         self._ids = tuple(f"d{i + 1}" for i in range(count))
         self._memory = Memory.fresh(count, 0.0)
         self._noise_scale = noise_scale
@@ -86,7 +86,7 @@ class Flight:
         believed: Array = self.bodies.velocity_m_s + self._error.velocity_m_s
         return believed
 
-    def run(self, seconds: float, each: Callable[[], None] = lambda: None) -> list[Moment]:
+    def run(self, seconds: float, each: Callable[[], None] = lambda: None) -> list[Sample]:
         """Fly on, calling `each` before every tick; what happened."""
         begun = len(self.history)
         for _ in range(round(seconds / TICK_S)):
@@ -123,7 +123,7 @@ class Flight:
         self._memory = decided.memory
         target_m = np.array(self.plan.target.position_m(self.time_s))
         self.history.append(
-            Moment(self.time_s, self.bodies.position_m, self.airborne.copy(), decided, target_m)
+            Sample(self.time_s, self.bodies.position_m, self.airborne.copy(), decided, target_m)
         )
         self._move(decided)
         self.time_s += TICK_S
@@ -193,10 +193,10 @@ class Flight:
         self.task[low] = Task.NONE
 
 
-def closest_m_and_violations(history: list[Moment]) -> tuple[float, int]:
+def closest_m_and_violations(history: list[Sample]) -> tuple[float, int]:
     """By the true positions of all ticks: smallest distance of pairs that count, pairs inside the floor."""
     seen = [
-        minimum_separation(moment.position_m, moment.airborne, SETTINGS.safety.floor) for moment in history
+        minimum_separation(sample.position_m, sample.airborne, SETTINGS.safety.floor) for sample in history
     ]
     return min(distance_m for distance_m, _ in seen), sum(inside for _, inside in seen)
 
@@ -207,10 +207,10 @@ def best_shape(count: int) -> Array:
     return best_configuration(count)
 
 
-def shape(history: list[Moment]) -> tuple[float, float, float]:
+def shape(history: list[Sample]) -> tuple[float, float, float]:
     """Energy and nearest ratio of the mean places about the centre, and the worst mean radius error, in m."""
-    offset_m = np.array([moment.position_m - moment.center_m for moment in history])
-    radius_m = np.array([moment.tick.memory.radius_m for moment in history])
+    offset_m = np.array([sample.position_m - sample.center_m for sample in history])
+    radius_m = np.array([sample.tick.memory.radius_m for sample in history])
     error_m = np.abs(np.linalg.norm(offset_m, axis=2) - radius_m[:, None]).mean(axis=0).max()
     mean_m = offset_m.mean(axis=0)
     direction = mean_m / np.linalg.norm(mean_m, axis=1, keepdims=True)
@@ -222,7 +222,7 @@ def shape(history: list[Moment]) -> tuple[float, float, float]:
     )
 
 
-def largest_setpoint_change_m_s(history: list[Moment]) -> float:
+def largest_setpoint_change_m_s(history: list[Sample]) -> float:
     """Between one tick and the next, of vehicles commanded in both."""
     worst_m_s = 0.0
     for before, after in pairwise(history):

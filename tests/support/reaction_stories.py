@@ -34,7 +34,7 @@ async def carried_out(show: Show, told: ActiveFailsafe) -> OrderRecord:
 def off_pad_m(show: Show, vehicle_id: str) -> float:
     """How far from where it stood at first a vehicle is, over the ground."""
     row = show.config.ids.index(vehicle_id)
-    begin_m = show.track.moments[0].true_m[row]
+    begin_m = show.track.samples[0].true_m[row]
     return float(np.hypot(*(show.true_m[row] - begin_m)[:2]))
 
 

@@ -9,7 +9,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Landed, Mode, Setpoints
 from gcs.recording.replay.service import NOTHING_COUNTED
-from gcs.recording.sample import Colours, Moment
+from gcs.recording.sample import Colours, Sample
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
 
@@ -30,7 +30,7 @@ def ids_of(count: int) -> tuple[str, ...]:
     return tuple(f"d{row + 1}" for row in range(count))
 
 
-def moment(
+def sample(
     count: int = 2,
     *,
     time_s: float = 100.0,
@@ -47,13 +47,13 @@ def moment(
     uncertainty_m: float = 0.35,
     control: ControlSettings | None = None,
     colours: Colours | None = None,
-) -> Moment:
+) -> Sample:
     here_m = (
         np.array([[10.0 * row, 0.0, -20.0] for row in range(count)]) if position_m is None else position_m
     )
     moves_m_s = np.zeros((count, 3)) if velocity_m_s is None else velocity_m_s
     ids = ids_of(count)
-    return Moment(
+    return Sample(
         unix_time_s=1.7e9 + time_s,
         fleet=FleetState(time_s, ids, here_m, moves_m_s, np.zeros(count), np.full(count, 0.05)),
         setpoints=Setpoints(time_s, ids[:1], np.array([[1.0, 0.0, -0.5]]), np.zeros(1)),

@@ -65,7 +65,7 @@ def show_config(count: int, **sections: Mapping[str, Any]) -> Config:
     return Config.model_validate(raw)
 
 
-class Moment(NamedTuple):
+class Sample(NamedTuple):
     """One tick: what the service believes, and what is true."""
 
     view: FleetView
@@ -82,35 +82,35 @@ class Moment(NamedTuple):
 class Track:
     """A stretch of a flight, tick by tick."""
 
-    moments: tuple[Moment, ...]
+    samples: tuple[Sample, ...]
     ids: tuple[VehicleId, ...]
 
     def between(self, begin_s: float, end_s: float = np.inf) -> "Track":
         """The ticks from `begin_s` to `end_s`."""
-        inside = (moment for moment in self.moments if begin_s <= moment.time_s <= end_s)
+        inside = (sample for sample in self.samples if begin_s <= sample.time_s <= end_s)
         return Track(tuple(inside), self.ids)
 
     def of(self, vehicle_id: VehicleId) -> list[VehicleView]:
         """One vehicle, as believed."""
         row = self.ids.index(vehicle_id)
-        return [moment.view.vehicles[row] for moment in self.moments]
+        return [sample.view.vehicles[row] for sample in self.samples]
 
     @property
     def time_s(self) -> Array:
         """(k,) of every tick."""
-        return np.array([moment.time_s for moment in self.moments])
+        return np.array([sample.time_s for sample in self.samples])
 
     @property
     def true_m(self) -> Array:
         """(k, n, 3) true positions, show frame."""
-        return np.array([moment.true_m for moment in self.moments])
+        return np.array([sample.true_m for sample in self.samples])
 
     @property
     def setpoint_m_s(self) -> Array:
         """(k, n, 3) as decided, NaN where none was."""
         nothing = (np.nan, np.nan, np.nan)
         return np.array(
-            [[seen.setpoint_m_s or nothing for seen in moment.view.vehicles] for moment in self.moments]
+            [[seen.setpoint_m_s or nothing for seen in sample.view.vehicles] for sample in self.samples]
         )
 
     def phases(self, vehicle_id: VehicleId) -> list[Phase]:
@@ -120,13 +120,13 @@ class Track:
 
     def show_phases(self) -> list[ShowPhase]:
         """The show's phases, each change once."""
-        seen = [moment.view.show for moment in self.moments]
+        seen = [sample.view.show for sample in self.samples]
         return [phase for at, phase in enumerate(seen) if at == 0 or phase is not seen[at - 1]]
 
     def since(self, vehicle_id: VehicleId, phase: Phase) -> float:
         """When the vehicle was first in `phase`."""
         row = self.ids.index(vehicle_id)
-        return next(moment.time_s for moment in self.moments if moment.view.vehicles[row].phase is phase)
+        return next(sample.time_s for sample in self.samples if sample.view.vehicles[row].phase is phase)
 
     def hardest_change_m_s(self) -> float:
         """The largest step between two setpoints of one vehicle in successive ticks."""
@@ -136,8 +136,8 @@ class Track:
     def setpoints_per_s(self, vehicle_id: VehicleId) -> float:
         """How often the vehicle was commanded."""
         commanded = sum(seen.setpoint_m_s is not None for seen in self.of(vehicle_id))
-        period_s = float(self.time_s[-1] - self.time_s[0]) / (len(self.moments) - 1)
-        return commanded / (len(self.moments) * period_s)
+        period_s = float(self.time_s[-1] - self.time_s[0]) / (len(self.samples) - 1)
+        return commanded / (len(self.samples) * period_s)
 
 
 class UnixClock:
@@ -172,7 +172,7 @@ class Show:
         self.service = service
         self._trouble = link.trouble = Trouble(fleet)
         self.refusals: list[str] = []
-        self._moments: list[Moment] = []
+        self._moments: list[Sample] = []
 
     @property
     def now_s(self) -> float:
@@ -210,7 +210,7 @@ class Show:
         async for view in self.service.view.values():
             wait_for_writer(onto)
             armed = tuple(pilot.commander.armed for pilot in self.fleet.autopilots)
-            self._moments.append(Moment(view, self.true_m, armed))
+            self._moments.append(Sample(view, self.true_m, armed))
 
     async def wait(self, seconds: float) -> None:
         """Let time pass."""
@@ -292,7 +292,7 @@ BADLY_WRITTEN: Final = re.compile(r"[.,;:][,;]|[,;:]\.(?!\.)|(?<!\.)\.\.(?!\.)|\
 def badly_written(show: Show) -> list[str]:
     """Texts of a flight that no operator should have to read."""
     texts = set(show.refusals)
-    for view in (moment.view for moment in show.track.moments[::10]):
+    for view in (sample.view for sample in show.track.samples[::10]):
         texts.update(text for alarm in view.alarms for text in (alarm.text, alarm.advice))
         texts.update(vehicle.reason for vehicle in view.vehicles)
         texts.add(view.reason)

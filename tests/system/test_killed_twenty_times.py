@@ -100,9 +100,9 @@ def places_m(folder: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
 
 def kill_again_and_again(station: Supervised, machine: Witness, kills: int) -> list[float]:
     """Returns: how long it took each time until it answered, while the machine ran."""
-    moments, took_s = random.Random(5), []
+    samples, took_s = random.Random(5), []
     for _ in range(kills):
-        time.sleep(moments.uniform(0.0, WITHIN_S))
+        time.sleep(samples.uniform(0.0, WITHIN_S))
         killed_s = time.monotonic()
         os.kill(station.pid, signal.SIGKILL)
         wait_until("back", SOON_S, station.answers)

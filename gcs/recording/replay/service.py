@@ -16,7 +16,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan_json import plan_of
 from gcs.model.state import Array, Landed
 from gcs.recording import mcap_layout as layout
-from gcs.recording.mcap_reader import FlightData, Flown, Moment
+from gcs.recording.mcap_reader import FlightData, Flown, Sample
 from gcs.recording.replay.alarms import recorded, replay_alarm
 from gcs.recording.replay.history import Past
 from gcs.recording.replay.playhead import Playhead
@@ -74,7 +74,7 @@ class Replay(Refusing):
         except (KeyError, TypeError, GcsError) as error:
             raise GcsError(f"{data.path}: its configuration has no show frame: {error}") from None
         self._standard = Standard.of(data.about.config, str(data.path))
-        first, last_s = next(data.moments(), None), data.last_s()
+        first, last_s = next(data.samples(), None), data.last_s()
         if first is None or last_s is None:
             raise GcsError(f"{data.path}: there is no flight in it. {data.cut}".strip())
         self._began_s = first.unix_s
@@ -105,36 +105,36 @@ class Replay(Refusing):
         """From where the playhead is, until the end of the record, or until another place is wanted."""
         self._sought = self._ended = False
         first, passed = True, 0
-        for moment in self._data.moments(self._began_s + self._head.position_s(self._now_s())):
-            if not first and self._left_s(moment) < -LATE_S:
-                self._moment, passed = moment, passed + 1
+        for sample in self._data.samples(self._began_s + self._head.position_s(self._now_s())):
+            if not first and self._left_s(sample) < -LATE_S:
+                self._moment, passed = sample, passed + 1
                 if passed % PASSED == 0:
                     await asyncio.sleep(0)
             else:
-                while not (first or self._sought) and (left_s := self._left_s(moment)) > DUE_S:
+                while not (first or self._sought) and (left_s := self._left_s(sample)) > DUE_S:
                     await self._wait(min(left_s, REPEAT_S))
                     if self._now_s() - self._shown_s >= REPEAT_S:
                         self._show(self._moment)
                 if not self._sought:
-                    self._show(moment)
+                    self._show(sample)
             first = False
-            self._skip(moment)
+            self._skip(sample)
             if self._sought:
                 return
 
-    def _skip(self, moment: Moment) -> None:
+    def _skip(self, sample: Sample) -> None:
         """Where nothing flies, go on to where something does; not while it is paused."""
         if not self._skips_idle or self._head.paused or self._sought:
             return
-        at_s = moment.unix_s - self._began_s
+        at_s = sample.unix_s - self._began_s
         for span in self._marks.idle:
             if span.from_s <= at_s < span.until_s:
                 self._head.change(self._now_s(), paused=None, speed=None, position_s=span.until_s)
                 self._sought = True
 
-    def _left_s(self, moment: Moment) -> float:
+    def _left_s(self, sample: Sample) -> float:
         """Until it is to be shown."""
-        return self._head.left_s(moment.unix_s - self._began_s, self._now_s())
+        return self._head.left_s(sample.unix_s - self._began_s, self._now_s())
 
     async def _wait(self, most_s: float) -> None:
         """Until it is played otherwise, at most so long."""
@@ -143,9 +143,9 @@ class Replay(Refusing):
             async with asyncio.timeout(most_s):
                 await self._changed.wait()
 
-    def _show(self, moment: Moment) -> None:
-        self._moment, self._shown_s = moment, self._now_s()
-        self._view.promise(partial(self._state, moment, self._shown_s, ended=self._ended))
+    def _show(self, sample: Sample) -> None:
+        self._moment, self._shown_s = sample, self._now_s()
+        self._view.promise(partial(self._state, sample, self._shown_s, ended=self._ended))
 
     def _now_s(self) -> float:
         return asyncio.get_running_loop().time()
@@ -216,8 +216,8 @@ class Replay(Refusing):
         """What had happened by then."""
         return self._past.until(self._moment.unix_s)
 
-    def _state(self, moment: Moment, now_s: float, *, ended: bool) -> FleetView:
-        flown = self._data.decoded(moment)
+    def _state(self, sample: Sample, now_s: float, *, ended: bool) -> FleetView:
+        flown = self._data.decoded(sample)
         tick, status = flown.tick, flown.status
         selected, start_unix_s = status["selected"], status["start_unix_time_s"]
         rows = self._rows(flown)

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from records_moment import FULL, moment
+from records_moment import FULL, sample
 
 from gcs.model.errors import GcsError
 from gcs.recording.mcap_layout import status_message
@@ -15,7 +15,7 @@ FILE = Path("flight.mcap")
 
 
 def test_the_alarms_of_a_moment_are_read_back_as_they_were() -> None:
-    status = json.loads(status_message(moment()))
+    status = json.loads(status_message(sample()))
     assert recorded(status, FILE, 1.7e9) == (FULL,)
 
 

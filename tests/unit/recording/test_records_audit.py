@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from records_moment import PLAN, moment
+from records_moment import PLAN, sample
 
 from gcs.flight.command_log import OrderBook
 from gcs.links.address_book import Address
@@ -92,10 +92,10 @@ def test_the_last_known_of_vehicles_and_show_is_read_back(tmp_path: Path) -> Non
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         home_m = np.array([1.0, 2.0, -0.5])
         places = Places(d1=Address("10.0.0.7", 14580, 0), d2=Address("/dev/ttyUSB0", 0, 0))
-        record.note(moment(homes=[home_m, None]), [places])  # type: ignore[list-item]
+        record.note(sample(homes=[home_m, None]), [places])  # type: ignore[list-item]
         wanted = Plan(Formation(radius_m=12.0, height_m=20.0))
         record.note(
-            moment(time_s=101.0, phases=[Phase.FORMATION, Phase.LOST], homes=[home_m, None], plan=wanted),
+            sample(time_s=101.0, phases=[Phase.FORMATION, Phase.LOST], homes=[home_m, None], plan=wanted),
             [places],  # type: ignore[list-item]
         )
     known = last_known(tmp_path)
@@ -114,8 +114,8 @@ def test_the_last_known_of_vehicles_and_show_is_read_back(tmp_path: Path) -> Non
 
 def test_a_session_has_ended_when_nobody_of_ours_is_in_the_air(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
-        record.note(moment(), [])
-        record.note(moment(time_s=101.0, phases=[Phase.STANDBY, Phase.PILOT]), [])
+        record.note(sample(), [])
+        record.note(sample(time_s=101.0, phases=[Phase.STANDBY, Phase.PILOT]), [])
     session = last_known(tmp_path).session
     assert session is not None
     assert session.ended_unix_s is not None
@@ -125,9 +125,9 @@ def test_a_session_that_has_heard_nobody_forgets_nothing_of_the_one_before(tmp_p
     places = Places(d1=Address("10.0.0.7", 14580, 0))
     home_m = np.array([1.0, 2.0, -0.5])
     with Record(tmp_path, CONFIG, VEHICLES) as first:
-        first.note(moment(homes=[home_m, None]), [places])  # type: ignore[list-item]
+        first.note(sample(homes=[home_m, None]), [places])  # type: ignore[list-item]
     with Record(tmp_path, CONFIG, VEHICLES) as second:
-        unheard = moment(
+        unheard = sample(
             phases=[Phase.OFFLINE] * 2, modes=[Mode.UNKNOWN] * 2, armed=[False] * 2, show=ShowPhase.IDLE
         )
         second.note(unheard, [Places()])  # type: ignore[list-item]
@@ -144,7 +144,7 @@ def test_a_session_that_has_heard_nobody_forgets_nothing_of_the_one_before(tmp_p
 def test_what_changes_nothing_writes_nothing(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         for tick in range(100):
-            record.note(moment(time_s=100.0 + tick / 20), [])
+            record.note(sample(time_s=100.0 + tick / 20), [])
     assert len(events(tmp_path)) == 2  # the modes as first heard
     assert PLAN.formation.radius_m == last_known(tmp_path).show.plan["formation"]["radius_m"]  # type: ignore[union-attr]
 
@@ -155,10 +155,10 @@ def test_a_written_show_moves_the_plan_all_the_time_and_is_told_cue_by_cue(tmp_p
         for tick in range(100):
             show = SelectedShow("small", "ab" * 32, cues[tick // 50], cues, tick / 20, 5.0, True, False)
             plan = Plan(Formation(radius_m=10.0 + tick / 100, height_m=20.0))
-            record.note(moment(time_s=100.0 + tick / 20, plan=plan, selected=show), [])
+            record.note(sample(time_s=100.0 + tick / 20, plan=plan, selected=show), [])
         tower = Obstacle("tower", 5.0, 6.0, 1.0, 2.0, 30.0)
         told = replace(plan, obstacles=(tower,))
-        record.note(moment(time_s=105.0, plan=told, selected=show), [])
+        record.note(sample(time_s=105.0, plan=told, selected=show), [])
     shown = [event for event in events(tmp_path) if event["event"] != "vehicle_mode"]
     assert [event["event"] for event in shown] == ["cue", "plan", "cue", "plan"]
     assert shown[2]["detail"] == {"name": "small", "hash": "ab" * 32, "cue": "walk"}
@@ -235,7 +235,7 @@ def test_a_truncated_audit_is_refused_with_a_reason(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         for _ in range(500):
             record.audit.call(Call("anna", "POST", "/api/v1/show/start", "x" * 1000, 202))
-        record.note(moment(), [])
+        record.note(sample(), [])
     whole = (tmp_path / AUDIT).read_bytes()
     (tmp_path / AUDIT).write_bytes(whole[: len(whole) // 2])
     with pytest.raises(GcsError, match=r"audit.sqlite: (cannot be read|not an audit)"):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from records_moment import ids_of, moment
+from records_moment import ids_of, sample
 
 from gcs.cli.main import main
 from gcs.config import schema as configuration
@@ -170,7 +170,7 @@ def flight(folder: Path, *, apart_m: float, uncertainty_m: float = 0.35, count: 
     for tick in range(count):
         place_m = np.array([[0.0, 0.0, -20.0], [apart_m, 0.0, -20.0]])
         file.put(
-            moment(
+            sample(
                 time_s=100.0 + tick * STEP_S,
                 position_m=place_m,
                 phases=[Phase.FORMATION, Phase.FORMATION],

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from records_moment import ids_of, moment
+from records_moment import ids_of, sample
 
 from gcs.cli.main import main
 from gcs.config import schema as configuration
@@ -19,7 +19,7 @@ from gcs.recording import mcap_layout as layout
 from gcs.recording import mcap_writer as flightfile
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import _OpenFile
-from gcs.recording.sample import Moment
+from gcs.recording.sample import Sample
 from gcs.safety.walls import Fence
 
 TICKS, EACH = 240, 20
@@ -29,8 +29,8 @@ SPAN_M = 0.02
 """A tick moves them by that much, outwards: the last is farthest."""
 
 
-def flying(tick: int, **changes: Any) -> Moment:
-    made = moment(
+def flying(tick: int, **changes: Any) -> Sample:
+    made = sample(
         time_s=100.0 + tick / 20,
         position_m=np.array([[SPAN_M * tick, 0.0, -20.0], [10.0, 0.0, -20.0]]),
         phases=[Phase.FORMATION, Phase.FORMATION],
@@ -39,8 +39,8 @@ def flying(tick: int, **changes: Any) -> Moment:
     return replace(made, number=tick + 1, **changes)
 
 
-def standing(tick: int) -> Moment:
-    made = moment(
+def standing(tick: int) -> Sample:
+    made = sample(
         time_s=100.0 + tick / 20,
         position_m=np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]]),
         phases=[Phase.STANDBY, Phase.STANDBY],
@@ -50,11 +50,11 @@ def standing(tick: int) -> Moment:
     return replace(made, landed=(Landed.ON_GROUND,) * 2, number=tick + 1, control=CONFIG.control)
 
 
-def written(folder: Path, moments: list[Moment]) -> Path:
+def written(folder: Path, samples: list[Sample]) -> Path:
     """In chunks of `EACH` ticks."""
     folder.mkdir(exist_ok=True)
     made = _OpenFile(folder / "flight.mcap", ABOUT)
-    for number, each in enumerate(moments, start=1):
+    for number, each in enumerate(samples, start=1):
         made.add(each)
         if number % EACH == 0:
             made.flush()
@@ -143,10 +143,10 @@ def test_what_is_broken_behind_the_damage_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
-    moments = [flying(tick) for tick in range(TICKS)]
+    samples = [flying(tick) for tick in range(TICKS)]
     near_m = np.array([[9.0, 0.0, -20.0], [10.0, 0.0, -20.0]])
-    moments[200] = replace(moments[200], fleet=replace(moments[200].fleet, position_m=near_m))
-    file = written(tmp_path, moments)
+    samples[200] = replace(samples[200], fleet=replace(samples[200].fleet, position_m=near_m))
+    file = written(tmp_path, samples)
     data = bytearray(file.read_bytes())
     data[FlightData(file).index.chunks[2][1] + 300] ^= 0x10
     file.write_bytes(data)
@@ -160,12 +160,12 @@ def test_no_straight_path_is_assumed_across_lost_samples(
 ) -> None:
     """They change sides while the record is damaged: their paths are unknown."""
     monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
-    moments = []
+    samples = []
     for tick in range(TICKS):
         made = flying(tick)
         place_m = np.array([[0.0, 0.0, -20.0], [10.0, 0.0, -20.0]])[:: 1 if tick < 60 else -1].copy()
-        moments.append(replace(made, fleet=replace(made.fleet, position_m=place_m)))
-    file = written(tmp_path, moments)
+        samples.append(replace(made, fleet=replace(made.fleet, position_m=place_m)))
+    file = written(tmp_path, samples)
     assert judged(file, capsys)[0] == 1  # whole: they jump through each other
     data = bytearray(file.read_bytes())
     data[FlightData(file).index.chunks[3][1] + 300] ^= 0x10
@@ -224,8 +224,8 @@ def test_a_show_that_breaks_its_own_fence_is_broken_though_the_services_is_wider
 ) -> None:
     monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
     assert CONFIG.control.safety.fence.distance_max_m >= 100.0
-    moments = [flying(tick, control=narrow(9.0)) for tick in range(TICKS)]
-    code, report, _ = judged(written(tmp_path / "broken", moments), capsys)
+    samples = [flying(tick, control=narrow(9.0)) for tick in range(TICKS)]
+    code, report, _ = judged(written(tmp_path / "broken", samples), capsys)
     (farthest,) = [each for each in report["checks"] if each["name"] == "greatest distance"]
     assert (code, report["verdict"]) == (1, "broken")
     assert (farthest["limit"], farthest["worst"], farthest["vehicle"]) == (9.0, 10.0, "d2")
@@ -238,8 +238,8 @@ def test_each_limit_counts_while_it_held(
     """d2 stands at 10 m throughout: outside of the fence that held for the last quarter alone."""
     monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
     wide, small = narrow(40.0), narrow(9.0)
-    moments = [flying(tick, control=wide if tick < 180 else small) for tick in range(TICKS)]
-    code, report, _ = judged(written(tmp_path, moments), capsys)
+    samples = [flying(tick, control=wide if tick < 180 else small) for tick in range(TICKS)]
+    code, report, _ = judged(written(tmp_path, samples), capsys)
     (farthest,) = [each for each in report["checks"] if each["name"] == "greatest distance"]
     assert (code, farthest["limit"]) == (1, 9.0)
     assert farthest["at_s"] == pytest.approx(9.0, abs=0.06)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from records_moment import moment
+from records_moment import sample
 
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase
@@ -21,7 +21,7 @@ from gcs.model.state import Mode, Setpoints
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, Said
-from gcs.recording.sample import Moment
+from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 
 ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})
@@ -34,19 +34,19 @@ def soon(holds: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def flight(folder: Path, moments: list[Moment]) -> Path:
+def flight(folder: Path, samples: list[Sample]) -> Path:
     file = FlightFile(folder, ABOUT)
     file.open()
-    for each in moments:
+    for each in samples:
         file.put(each)
     file.close()
     assert not file.problem
     return folder / "flight.mcap"
 
 
-def moving(count: int) -> list[Moment]:
+def moving(count: int) -> list[Sample]:
     return [
-        moment(
+        sample(
             time_s=100.0 + tick / 20,
             position_m=np.array([[0.05 * tick, 0.0, -20.0], [10.0, 0.1 * tick, -20.0]]),
             velocity_m_s=np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]]),
@@ -58,13 +58,13 @@ def moving(count: int) -> list[Moment]:
 
 
 def test_every_tick_is_read_back_as_it_was(tmp_path: Path) -> None:
-    data = FlightData(flight(tmp_path, moments := moving(100)))
+    data = FlightData(flight(tmp_path, samples := moving(100)))
     assert (data.about.ids, data.about.system_ids) == (("d1", "d2"), (1, 2))
     assert data.about.config == {"tick_rate_hz": 20.0}
     ticks = list(data.ticks())
     assert not data.cut
-    assert len(ticks) == len(moments)
-    for tick, was in zip(ticks, moments, strict=True):
+    assert len(ticks) == len(samples)
+    for tick, was in zip(ticks, samples, strict=True):
         assert tick.unix_s == pytest.approx(was.unix_time_s, abs=2e-6)
         np.testing.assert_allclose(layout.positions_m(tick.vehicles), was.fleet.position_m, atol=1e-5)
         np.testing.assert_allclose(layout.velocities_m_s(tick.vehicles), was.fleet.velocity_m_s)
@@ -115,7 +115,7 @@ def test_the_mcap_library_reads_it_and_finds_the_schemas_that_foxglove_draws(tmp
 def test_events_stand_in_the_files_log(tmp_path: Path) -> None:
     file = FlightFile(tmp_path, ABOUT)
     file.open()
-    file.put(moment())
+    file.put(sample())
     file.put(Said(1.7e9, "warning", "vehicle_phase", "d1 was=hold phase=lost"))
     file.close()
     with (tmp_path / "flight.mcap").open("rb") as found:
@@ -124,7 +124,7 @@ def test_events_stand_in_the_files_log(tmp_path: Path) -> None:
 
 
 def test_what_is_not_known_is_no_number_but_null(tmp_path: Path) -> None:
-    unheard = moment(position_m=np.full((2, 3), np.nan))
+    unheard = sample(position_m=np.full((2, 3), np.nan))
     (tick,) = FlightData(flight(tmp_path, [replace(unheard, minimum_separation_m=None)])).ticks()
     assert np.isnan(layout.positions_m(tick.vehicles)).all()
     assert tick.tick["minimum_separation_m"] is None
@@ -185,7 +185,7 @@ def test_somebody_elses_mcap_is_refused(tmp_path: Path) -> None:
 def test_another_version_is_refused(tmp_path: Path) -> None:
     file = FlightFile(tmp_path, {**ABOUT, "version": "9"})
     file.open()
-    file.put(moment())
+    file.put(sample())
     file.close()
     with pytest.raises(
         GcsError,
@@ -201,11 +201,11 @@ def test_a_disk_that_fails_is_told_of_and_there_is_another_file_once_it_works(
     folder.touch()  # a file where the folder should be
     file = FlightFile(folder, ABOUT)
     file.open()
-    file.put(moment())
+    file.put(sample())
     soon(lambda: "flight data are not recorded" in file.problem)
     assert file.dropped == 1
     folder.unlink()
-    file.put(moment(time_s=101.0))
+    file.put(sample(time_s=101.0))
     soon(lambda: file.problem == "1 ticks of flight data were not kept")
     assert file.written == 1
     file.close()
@@ -216,7 +216,7 @@ def test_a_disk_that_fails_is_told_of_and_there_is_another_file_once_it_works(
 def test_more_than_the_disk_takes_is_counted_not_kept(tmp_path: Path) -> None:
     file = FlightFile(tmp_path, ABOUT)  # nobody writes yet: a disk that hangs
     for _ in range(WAITING_MAX + 100):
-        file.put(moment())
+        file.put(sample())
     assert file.dropped == 100
     assert file.problem == "100 ticks of flight data were not kept"
 
@@ -236,7 +236,7 @@ def test_the_work_for_a_tick_grows_with_the_fleet_not_with_its_square() -> None:
     count = 1000
     ids = tuple(Name(f"d{row + 1}") for row in range(count))
     wanted_m_s = np.arange(3.0 * count).reshape(count, 3)
-    one = moment(count)
+    one = sample(count)
     fleet = replace(one.fleet, ids=ids)
     told = Setpoints(one.fleet.time_s, ids[::-1], wanted_m_s, np.zeros(count))
     table = layout.packed(replace(one, fleet=fleet, setpoints=told))
@@ -248,7 +248,7 @@ def test_who_is_faster_than_the_writer_is_told_to_wait(tmp_path: Path) -> None:
     record = Record(tmp_path, "{}", {"d1": (1, "radio"), "d2": (2, "radio")})  # nobody writes yet
     for _ in range(WAITING_MAX // 2):
         assert record.has_room
-        record.note(moment(), [])
+        record.note(sample(), [])
     assert not record.has_room
     with record:
         soon(lambda: record.has_room)

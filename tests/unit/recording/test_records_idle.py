@@ -6,7 +6,7 @@ from pathlib import Path
 
 import async_solipsism
 import pytest
-from records_moment import moment
+from records_moment import sample
 
 from gcs.config import schema as configuration
 from gcs.model.lifecycle import ShowPhase
@@ -40,7 +40,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for tick in range(round(ENDS_S * 5)):
         at_s = tick / 5
         show = ShowPhase.RUNNING if TAKES_OFF_S <= at_s < LANDS_S else ShowPhase.IDLE
-        made.add(moment(time_s=100.0 + at_s, show=show))
+        made.add(sample(time_s=100.0 + at_s, show=show))
         if tick % 20 == 19:
             made.flush()
     made.finish()

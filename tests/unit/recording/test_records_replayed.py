@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from records_moment import ids_of, moment
+from records_moment import ids_of, sample
 
 from gcs.config import schema as configuration
 from gcs.flight.running_show import lights
@@ -15,7 +15,7 @@ from gcs.recording import mcap_writer as flightfile
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import _OpenFile
 from gcs.recording.replay.service import Replay
-from gcs.recording.sample import Moment
+from gcs.recording.sample import Sample
 from gcs.safety.walls import Fence
 from gcs.service import FleetView
 from gcs.shows import find, load
@@ -28,13 +28,13 @@ PARTS = {"d1": 0, "d3": 1}
 """d2 flies beside, and has no part."""
 
 
-def moments() -> list[Moment]:
+def samples() -> list[Sample]:
     """A second on the ground under the service's limits, then a show's, its lights changing."""
     made = []
     for tick in range(200):
         plays = tick >= 20
         show_s = (tick - 20) / 180 * SHOW.timeline.duration_s
-        at = moment(
+        at = sample(
             COUNT,
             time_s=100.0 + tick / 20,
             control=SHOWN if plays else CONFIG.control,
@@ -55,7 +55,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
     about = layout.about("s1", CONFIG.model_dump_json(), dict.fromkeys(ids_of(COUNT), (1, "a")))
     made = _OpenFile(tmp_path / "flight.mcap", about)
-    for each in moments():
+    for each in samples():
         made.add(each)
         made.flush()
     made.finish()
@@ -89,7 +89,7 @@ def test_lights_are_replayed_as_the_show_gave_them(file: Path) -> None:
     assert [vehicle.light for vehicle in before.vehicles] == [None] * COUNT
     wanted = {}
     for name, tick in (("early", 40), ("late", 160)):
-        colour, lit = moments()[tick].lights()
+        colour, lit = samples()[tick].lights()
         assert lit.tolist() == [True, False, True]
         wanted[name] = ["#{:02x}{:02x}{:02x}".format(*each) for each in colour.tolist()]
     for name, view in (("early", early), ("late", late)):

@@ -6,21 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from records_moment import moment
+from records_moment import sample
 
 from gcs.recording import mcap_layout as layout
 from gcs.recording import mcap_writer as flightfile
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import _OpenFile
-from gcs.recording.sample import Moment
+from gcs.recording.sample import Sample
 
 TICKS, EACH = 600, 20
 ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})
 
 
-def moments() -> list[Moment]:
+def samples() -> list[Sample]:
     return [
-        moment(
+        sample(
             time_s=100.0 + tick / 20,
             position_m=np.array([[0.05 * tick, 0.0, -20.0], [10.0, 0.0, -20.0]]),
             reasons=["flies", f"since {tick // 50}"],
@@ -34,7 +34,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Half a minute in thirty chunks."""
     monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
     made = _OpenFile(tmp_path / "flight.mcap", ABOUT)
-    for number, each in enumerate(moments(), start=1):
+    for number, each in enumerate(samples(), start=1):
         made.add(each)
         if number % EACH == 0:
             made.flush()
@@ -49,7 +49,7 @@ def test_from_any_time_on_the_same_ticks_come_as_from_the_beginning(file: Path) 
     assert data.last_s() == every[-1].unix_s
     places = random.Random(5)
     for from_s in [places.uniform(every[0].unix_s - 5.0, every[-1].unix_s + 1.0) for _ in range(40)]:
-        found = [data.decoded(each) for each in data.moments(from_s)]
+        found = [data.decoded(each) for each in data.samples(from_s)]
         wanted = [tick for tick in every if tick.unix_s >= from_s]
         assert [tick.unix_s for tick in found] == [tick.unix_s for tick in wanted]
         for one, other in zip(found[:30], wanted[:30], strict=True):
@@ -74,7 +74,7 @@ def test_a_file_that_was_cut_off_can_be_sought_in_as_far_as_it_goes(file: Path) 
         ticks = list(data.ticks())
         assert data.last_s() == ticks[-1].unix_s
         middle_s = ticks[len(ticks) // 2].unix_s
-        assert len(list(data.moments(middle_s))) == len(ticks) - len(ticks) // 2
+        assert len(list(data.samples(middle_s))) == len(ticks) - len(ticks) // 2
         assert "cut off or damaged" in data.cut
 
 
