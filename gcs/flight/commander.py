@@ -19,7 +19,7 @@ from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.recovery import Recovery
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.start import Countdown, Starting
-from gcs.flight.telemetry_monitor import Watch
+from gcs.flight.telemetry_monitor import TelemetryMonitor
 from gcs.flight.ticker import TickClock
 from gcs.flight.uncontrolled import follow
 from gcs.flight.vehicle import Vehicle
@@ -75,7 +75,7 @@ class Commander:
         self._collective_return: CollectiveReturn | None = None
         self._commanded: ShowEvent | None = None  # the newest command to all, where vehicles may be awaited
         self.recovery = Recovery(flight, maneuvers, book, show_player, found, self._bring_home, unix_s)
-        self._watch = Watch(flight, maneuvers, parameter_reader, self._come_back)
+        self._telemetry_monitor = TelemetryMonitor(flight, maneuvers, parameter_reader, self._come_back)
         self._failsafe_monitor = FailsafeMonitor(flight, show_player, clock, unix_s, self, maneuvers.running)
 
     def close(self) -> None:
@@ -100,11 +100,11 @@ class Commander:
     def stalled(self, gap_s: float) -> None:
         """No tick came for `gap_s`, longer than any setpoint lives: what was flown may have been lost."""
         self.recovery.stalled(gap_s)
-        self._watch.resume()
+        self._telemetry_monitor.resume()
 
     def watch(self) -> None:
         """Let the telemetry change phases, and end errands that no longer apply."""
-        self._watch.look()
+        self._telemetry_monitor.look()
 
     async def _come_back(self, vehicle: Vehicle) -> None:
         """Through HOLD, and on with what the others do: into the formation, home, or down.
@@ -144,7 +144,7 @@ class Commander:
     def advance(self) -> None:
         """Let the show go on: all up, assembled, all down."""
         flight = self._flight
-        self._watch.inspect()
+        self._telemetry_monitor.inspect()
         self._failsafe_monitor.look()
         self._starting.count_down()
         if self._collective_return is not None:

@@ -21,7 +21,7 @@ TRY_AGAIN_S = 5.0
 """Between two attempts at something that the service does by itself."""
 
 
-class Watch:
+class TelemetryMonitor:
     """Keeps the phases true to what the vehicles say."""
 
     def __init__(
