@@ -69,7 +69,7 @@ class Feed:
         rows, selected, playback = view.rows, view.selected, view.playback
         return (
             self._problem(),
-            (view.show, view.reason, view.plan, view.bounds, view.start_unix_time_s),
+            (view.show, view.reason, view.plan, view.flight_envelope, view.start_unix_time_s),
             None if selected is None else replace(selected, clock_s=0.0),
             None if playback is None else replace(playback, position_s=0.0),
             (view.interrupted, view.alarms),

@@ -14,7 +14,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
 from gcs.service import Estimates, FleetView
-from gcs.service.vehicle_table import VehicleRows
+from gcs.service.vehicle_table import VehicleTable
 
 VERSION: Final = 2
 
@@ -117,7 +117,7 @@ def _or_nan(value: float | None) -> float:
 
 
 def _fill_floats(
-    table: NDArray[np.float32], rows: VehicleRows, frame: ShowFrame, found: Estimates | None
+    table: NDArray[np.float32], rows: VehicleTable, frame: ShowFrame, found: Estimates | None
 ) -> None:
     table[0:3] = (rows.position_m * UPWARDS).T
     table[3:6] = (rows.velocity_m_s * UPWARDS).T
@@ -135,7 +135,7 @@ def _fill_floats(
     table[~np.isfinite(table)] = np.nan
 
 
-def _fill_bytes(table: NDArray[np.uint8], rows: VehicleRows) -> None:
+def _fill_bytes(table: NDArray[np.uint8], rows: VehicleTable) -> None:
     def given(values: Sequence[object]) -> NDArray[np.bool_]:
         return np.fromiter(map(bool, values), np.bool_, len(rows.ids))
 

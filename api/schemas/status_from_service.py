@@ -13,9 +13,9 @@ from gcs.api.schemas import replay as wire_replay
 from gcs.api.schemas import stream as wire_stream
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
-from gcs.service import Bounds, Certification, FleetView, Playback, ReplayMarks
+from gcs.service import Certification, FleetView, FlightEnvelope, Playback, ReplayMarks
 from gcs.service.event_log import LogEvent
-from gcs.service.vehicle_table import VehicleRows
+from gcs.service.vehicle_table import VehicleTable
 
 
 def status(
@@ -55,8 +55,8 @@ def status(
         orbit=convert.orbit(plan.orbit),
         yaw=convert.yaw(plan.yaw, frame),
         obstacles=[convert.obstacle(box, view.time_s) for box in plan.obstacles],
-        fence=_fence(view.bounds),
-        separation=_separation(view.bounds),
+        fence=_fence(view.flight_envelope),
+        separation=_separation(view.flight_envelope),
         interrupted=None if view.interrupted is None else convert.interrupted(view.interrupted),
         severity=convert_alarms.severity(view, problem),
         alarms=convert_alarms.alarms(view, problem),
@@ -102,14 +102,14 @@ def _report(told: dict[str, Any] | None) -> wire_replay.CertificateReport | None
     return None if told is None else wire_replay.CertificateReport.model_validate(told)
 
 
-def fixes(rows: VehicleRows) -> list[int | None]:
+def fixes(rows: VehicleTable) -> list[int | None]:
     """What each receiver has; None: not known."""
     known = np.isfinite(rows.fix_type).tolist()
     numbers = np.nan_to_num(rows.fix_type).astype(np.int64).tolist()
     return [fix if is_known else None for fix, is_known in zip(numbers, known, strict=True)]
 
 
-def _vehicles(rows: VehicleRows) -> list[wire_stream.StatusVehicle]:
+def _vehicles(rows: VehicleTable) -> list[wire_stream.StatusVehicle]:
     return [
         wire_stream.StatusVehicle(
             id=name,
@@ -140,19 +140,19 @@ def _map(ground: GroundMap) -> wire_stream.Map:
     )
 
 
-def _fence(bounds: Bounds) -> wire_stream.Fence:
+def _fence(flight_envelope: FlightEnvelope) -> wire_stream.Fence:
     return wire_stream.Fence(
-        height_min_m=bounds.height_min_m,
-        height_max_m=bounds.height_max_m,
-        distance_max_m=bounds.distance_max_m,
+        height_min_m=flight_envelope.height_min_m,
+        height_max_m=flight_envelope.height_max_m,
+        distance_max_m=flight_envelope.distance_max_m,
     )
 
 
-def _separation(bounds: Bounds) -> wire_stream.Separation:
+def _separation(flight_envelope: FlightEnvelope) -> wire_stream.Separation:
     return wire_stream.Separation(
-        horizontal_m=bounds.floor_horizontal_m,
-        vertical_m=bounds.floor_vertical_m,
-        margin_m=bounds.margin_m,
+        horizontal_m=flight_envelope.floor_horizontal_m,
+        vertical_m=flight_envelope.floor_vertical_m,
+        margin_m=flight_envelope.margin_m,
     )
 
 

@@ -16,8 +16,8 @@ from gcs.model.state import Array, FleetState, Telemetry, Traits, VehicleId
 from gcs.safety.filter import SafetySettings
 from gcs.service import ActiveFailsafe, FleetView, TickView
 from gcs.service.alarms import Alarm
-from gcs.service.flight_envelope import bounds
-from gcs.service.vehicle_table import VehicleRows
+from gcs.service.flight_envelope import flight_envelope
+from gcs.service.vehicle_table import VehicleTable
 
 
 def finite(value: float) -> float | None:
@@ -66,7 +66,7 @@ def fleet_view(
         reason=reason,
         rows=_rows(flight, fleet, tick, telemetry, known, traits, show_run, link_quality),
         plan=plan,
-        bounds=bounds(safety),
+        flight_envelope=flight_envelope(safety),
         center_m=None if center is None else tuple3(center.position_m),
         center_velocity_m_s=None if center is None else tuple3(center.velocity_m_s),
         radius_m=None if center is None else tick.memory.radius_m,
@@ -95,7 +95,7 @@ def _rows(
     traits: Traits,
     show_run: ShowRun | None,
     link_quality: Array,
-) -> VehicleRows:
+) -> VehicleTable:
     vehicles = flight.vehicles.values()
     heartbeat_s = flight.in_rows([part.heartbeat_time_s for part in telemetry])
     ready = flight.ordered([part.ready for part in telemetry])
@@ -106,7 +106,7 @@ def _rows(
     colour, lit = np.zeros((len(fleet.ids), 3), np.uint8), np.zeros(len(fleet.ids), np.bool_)
     if show_run is not None:
         colour, lit = show_run.colours(fleet.ids, fleet.time_s)
-    return VehicleRows(
+    return VehicleTable(
         ids=fleet.ids,
         system_ids=[vehicle.system_id for vehicle in vehicles],
         links=[vehicle.link for vehicle in vehicles],

@@ -11,10 +11,10 @@ from gcs.service.latest import Latest
 from gcs.service.replay_marks import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
 from gcs.service.snapshots import (
     ActiveFailsafe,
-    Bounds,
     Certification,
     CheckState,
     FleetView,
+    FlightEnvelope,
     Histogram,
     Playback,
     SelectedShow,
@@ -27,7 +27,6 @@ __all__ = [
     "WHO",
     "ActiveFailsafe",
     "Audit",
-    "Bounds",
     "Call",
     "Certification",
     "CheckState",
@@ -35,6 +34,7 @@ __all__ = [
     "Estimates",
     "EventMark",
     "FleetView",
+    "FlightEnvelope",
     "Histogram",
     "IdleSpan",
     "Latest",

@@ -1,13 +1,13 @@
 """What nobody may pass, of the settings that say so, for people and programs."""
 
 from gcs.safety.filter import SafetySettings
-from gcs.service import Bounds
+from gcs.service import FlightEnvelope
 
 
-def bounds(safety: SafetySettings) -> Bounds:
+def flight_envelope(safety: SafetySettings) -> FlightEnvelope:
     """Fence and floor."""
     fence, floor = safety.fence, safety.floor
-    return Bounds(
+    return FlightEnvelope(
         fence.height_min_m,
         fence.height_max_m,
         fence.distance_max_m,

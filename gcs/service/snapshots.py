@@ -13,7 +13,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.state import VehicleId
 from gcs.service.alarms import Alarm
-from gcs.service.vehicle_table import VehicleRows, VehicleView
+from gcs.service.vehicle_table import VehicleTable, VehicleView
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class ActiveFailsafe:
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class FlightEnvelope:
     """What nobody may pass: the fence, and how near two may come. Heights above the show's origin."""
 
     height_min_m: float  # of who flies in the formation
@@ -142,9 +142,9 @@ class FleetView:
     unix_time_s: float
     show: ShowPhase
     reason: str
-    rows: VehicleRows
+    rows: VehicleTable
     plan: Plan
-    bounds: Bounds
+    flight_envelope: FlightEnvelope
     center_m: tuple[float, float, float] | None  # commanded; None while no formation flies
     center_velocity_m_s: tuple[float, float, float] | None
     radius_m: float | None  # commanded now, on its way to the plan's

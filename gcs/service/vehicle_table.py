@@ -42,7 +42,7 @@ class VehicleView:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VehicleRows:
+class VehicleTable:
     """All vehicles, as the service believes them to be; n rows, show frame. NaN (or inf): not known.
 
     A thousand of them as columns cost what ten cost one by one. Raises: ShapeError.

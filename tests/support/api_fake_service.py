@@ -23,10 +23,10 @@ from gcs.service import (
     WHO,
     ActiveFailsafe,
     Audit,
-    Bounds,
     Certification,
     CheckState,
     FleetView,
+    FlightEnvelope,
     Histogram,
     Latest,
     NoAudit,
@@ -43,7 +43,7 @@ from gcs.service import (
 )
 from gcs.service.alarms import Alarm, AlarmBook, Condition
 from gcs.service.event_log import LogEvent, Severity
-from gcs.service.vehicle_table import VehicleRows
+from gcs.service.vehicle_table import VehicleTable
 from gcs.shows.library import ShowLibrary
 
 FRAME = ShowFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_amsl_m=488.0, heading_deg=90.0)
@@ -365,7 +365,7 @@ class FakeService:
             reason="",
             rows=self._rows(),
             plan=self.plan,
-            bounds=Bounds(3.0, 100.0, 300.0, 2.0, 3.0, 0.3),
+            flight_envelope=FlightEnvelope(3.0, 100.0, 300.0, 2.0, 3.0, 0.3),
             center_m=(1.0, 2.0, -20.0) if flying else None,
             center_velocity_m_s=(0.5, 0.0, 0.0) if flying else None,
             radius_m=9.0 if flying else None,
@@ -393,7 +393,7 @@ class FakeService:
             alarms=self.book.alarms,
         )
 
-    def _rows(self) -> VehicleRows:
+    def _rows(self) -> VehicleTable:
         names, phases = list(self.phases), list(self.phases.values())
         n = len(names)
         up = np.array([phase in AIRBORNE for phase in phases])
@@ -411,7 +411,7 @@ class FakeService:
 
         place_m = np.stack([describe(0.0), 5.0 * np.arange(n), np.where(up, -20.0, 0.0)], axis=1)
         place_m[unheard] = np.nan
-        return VehicleRows(
+        return VehicleTable(
             ids=names,
             system_ids=[index + 1 for index in range(n)],
             links=["fake"] * n,

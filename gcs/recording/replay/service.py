@@ -35,8 +35,8 @@ from gcs.service import (
 )
 from gcs.service.alarms import ordered
 from gcs.service.event_log import LogEvent
-from gcs.service.flight_envelope import bounds
-from gcs.service.vehicle_table import VehicleRows
+from gcs.service.flight_envelope import flight_envelope
+from gcs.service.vehicle_table import VehicleTable
 
 REPEAT_S: Final = 0.5
 """The state is shown again that often, so that a viewer knows that somebody is there."""
@@ -231,7 +231,7 @@ class Replay(Refusing):
             reason=status["reason"],
             rows=rows,
             plan=plan_of(status["plan"], now_s - tick["time_s"]),
-            bounds=bounds(self._standard.under(status.get("limits")).safety),
+            flight_envelope=flight_envelope(self._standard.under(status.get("limits")).safety),
             playback=self._playback(flown.unix_s - self._began_s, ended=ended),
             center_m=_triple(tick["center_m"]),
             center_velocity_m_s=_triple(tick["center_velocity_m_s"]),
@@ -261,7 +261,7 @@ class Replay(Refusing):
             countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - flown.unix_s),
         )
 
-    def _rows(self, flown: Flown) -> VehicleRows:
+    def _rows(self, flown: Flown) -> VehicleTable:
         about, table, n = self._data.about, flown.vehicles, len(flown.vehicles)
         position_m = layout.positions_m(table)
         latitude_deg, longitude_deg, altitude_m = self._frame.geodetic(position_m)
@@ -271,7 +271,7 @@ class Replay(Refusing):
         def column(name: str) -> Array:
             return table[name].astype(np.float64)
 
-        return VehicleRows(
+        return VehicleTable(
             ids=about.ids,
             system_ids=about.system_ids,
             links=about.links,

@@ -105,9 +105,9 @@ def test_the_fence_that_held_is_drawn(file: Path) -> None:
     for view, fence in ((before, service), (during, show)):
         assert (
             Fence(
-                height_min_m=view.bounds.height_min_m,
-                height_max_m=view.bounds.height_max_m,
-                distance_max_m=view.bounds.distance_max_m,
+                height_min_m=view.flight_envelope.height_min_m,
+                height_max_m=view.flight_envelope.height_max_m,
+                distance_max_m=view.flight_envelope.distance_max_m,
             )
             == fence
         )
