@@ -213,7 +213,7 @@ class OperationSettings(Settings):
     takeoff_stagger_s: NotNegative = 1.0
     takeoff_timeout_s: Positive = 30.0
     handover_height_m: Positive = 1.5  # below this over its place the autopilot's own LAND touches down
-    place_spacing_m: Positive = 4.0  # between the places of a filtered descent
+    landing_site_spacing_m: Positive = 4.0  # between the places of a filtered descent
     silence_s: Positive = 2.0  # without a heartbeat and a position: offline, or lost when in the air
     setpoint_loss_action: Literal["descend", "hold", "land", "return"] = "hold"  # COM_OBL_RC_ACT
     setpoint_loss_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0  # COM_OF_LOSS_T

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gcs.control.center import Lead
 from gcs.control.inputs import TickInputs
 from gcs.control.memory import Memory
-from gcs.formation.law import begun, directions_from, goal_velocity, kicks, place_velocity
+from gcs.formation.law import begun, directions_from, goal_velocity, kicks, slot_velocity
 from gcs.formation.neighbours import Sight, sighted_velocity
 from gcs.formation.orbit import Center
 from gcs.formation.repulsion import sweep, sweeps_for
@@ -51,9 +51,7 @@ def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
         places, changes = (turned(each, spin_rad_s * now.dt_s) for each in (places, changes))
     charge, sweeps = now.of_formed(now.traits.charge), sweeps_for(len(rows), law.sweeps)
     places, changes = sweep(places, changes, direction, charge, sweeps, law.pull)
-    own_m_s = place_velocity(
-        direction, distance_m, places, lead.radius_m, law.place_rate_per_s, law.speed_m_s
-    )
+    own_m_s = slot_velocity(direction, distance_m, places, lead.radius_m, law.slot_rate_per_s, law.speed_m_s)
     if spin_rad_s:
         own_m_s += spin_velocity(distance_m[:, None] * direction, spin_rad_s, now.settings.response_s)
     velocity_m_s = shrink_relative(

@@ -183,8 +183,8 @@ class Speeds:
     level_m_s: float
     up_m_s: float
     down_m_s: float
-    place_m_s: float  # to a slot on the sphere
-    place_rate_per_s: float
+    slot_m_s: float  # to a slot on the sphere
+    slot_rate_per_s: float
     radius_m_s: float  # of the sphere's own change
     climb_m_s: float  # of the centre
 
@@ -195,7 +195,7 @@ def to_slots_s(position_m: Array, slot_m: Array, within_m: float, speeds: Speeds
         return 0.0
     way_m = slot_m - position_m
     distance_m = np.linalg.norm(way_m, axis=1)
-    nearly_s = approach_s(distance_m, speeds.place_m_s, speeds.place_rate_per_s, within_m)
+    nearly_s = approach_s(distance_m, speeds.slot_m_s, speeds.slot_rate_per_s, within_m)
     vertical_m = np.maximum(np.abs(way_m[:, 2]) - within_m, 0.0)
     vertical_s = vertical_m / np.where(way_m[:, 2] < 0.0, speeds.up_m_s, speeds.down_m_s)
     return float(np.maximum(nearly_s, vertical_s).max())
@@ -208,7 +208,7 @@ def to_sphere_s(
     if len(position_m) == 0:
         return 0.0
     off_m = np.abs(np.linalg.norm(position_m - center_m, axis=1) - radius_m)
-    nearly_s = approach_s(off_m, speeds.place_m_s, speeds.place_rate_per_s, within_m)
+    nearly_s = approach_s(off_m, speeds.slot_m_s, speeds.slot_rate_per_s, within_m)
     up_m = float(position_m[:, 2].max() - center_m[2]) + TOP_SHARE * radius_m - within_m
     return max(float(nearly_s.max()), up_m / speeds.up_m_s)
 

@@ -10,7 +10,7 @@ from gcs.flight.command_log import OrderBook
 from gcs.flight.control_refusal import why_never
 from gcs.flight.failsafe_monitor import FailsafeMonitor
 from gcs.flight.fleet import Fleet
-from gcs.flight.landing_assignment import landing_places_m
+from gcs.flight.landing_assignment import landing_sites_m
 from gcs.flight.maneuver_tasks import Done
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import ParameterReader
@@ -127,7 +127,7 @@ class Commander:
         if show is ShowPhase.RETURNING and vehicle.home_m is not None:
             await self._maneuvers.come_home(vehicle)
         elif show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
-            await self._maneuvers.descend(landing_places_m(flight, [vehicle])[vehicle.id])(vehicle)
+            await self._maneuvers.descend(landing_sites_m(flight, [vehicle])[vehicle.id])(vehicle)
         elif rejoins and show in REJOINED:
             await self._rejoin(vehicle)
 
@@ -306,7 +306,7 @@ class Commander:
 
         def reached(vehicle: Vehicle) -> None:
             self._lead_again(ShowEvent.STOP, reason)
-            self._send_one_home(record, vehicle, collective_return, landing_places_m(self._flight, [vehicle]))
+            self._send_one_home(record, vehicle, collective_return, landing_sites_m(self._flight, [vehicle]))
 
         self._expect(record, later, reached, ShowEvent.STOP, reclaim=reclaim)
         for vehicle in waiting:
@@ -374,7 +374,7 @@ class Commander:
 
         `later` are not received yet: part of the plan if they are until it is made.
         """
-        homeless_m = landing_places_m(self._flight, [vehicle for vehicle in flying if vehicle.home_m is None])
+        homeless_m = landing_sites_m(self._flight, [vehicle for vehicle in flying if vehicle.home_m is None])
         together = [v for v in (*flying, *later) if v.home_m is not None and not v.comes_down_alone]
         self.close()
         self._collective_return = collective_return = CollectiveReturn(self._flight, together, self._planning)
@@ -496,7 +496,7 @@ class Commander:
         flying = [*(v for v in self._flight.airborne if v not in spared), *back]
         waiting, later = self.waiting, self._expected(reclaim=reclaim)
         self._lead(ShowEvent.ABORT, reason, [*flying, *waiting])
-        places_m = landing_places_m(
+        places_m = landing_sites_m(
             self._flight, [vehicle for vehicle in flying if not vehicle.comes_down_alone]
         )
         left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
@@ -512,7 +512,7 @@ class Commander:
 
         def reached(vehicle: Vehicle) -> None:
             self._lead_again(ShowEvent.ABORT, reason)
-            come_down(vehicle, landing_places_m(self._flight, [vehicle]))
+            come_down(vehicle, landing_sites_m(self._flight, [vehicle]))
 
         for vehicle in flying:
             come_down(vehicle, places_m)

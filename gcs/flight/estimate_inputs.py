@@ -159,8 +159,8 @@ def speeds_of(control: ControlSettings) -> Speeds:
         level_m_s=SPEED_SHARE * min(law.speed_m_s, limits.horizontal_m_s),
         up_m_s=SPEED_SHARE * limits.up_m_s,
         down_m_s=SPEED_SHARE * limits.down_m_s,
-        place_m_s=law.speed_m_s,
-        place_rate_per_s=law.place_rate_per_s,
+        slot_m_s=law.speed_m_s,
+        slot_rate_per_s=law.slot_rate_per_s,
         radius_m_s=control.radius_rate_m_s,
         climb_m_s=law.climb_max_m_s,
     )

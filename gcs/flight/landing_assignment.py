@@ -9,10 +9,10 @@ from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Array, VehicleId
-from gcs.planning.landing_sites import distinct_places_m
+from gcs.planning.landing_sites import distinct_sites_m
 
 
-def landing_places_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
+def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
     """(3,) for each: where it comes down, clear of obstacles, of everybody's pads, and of the others."""
     if not vehicles:
         return {}
@@ -29,10 +29,10 @@ def landing_places_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[Vehicle
         )
         if place_m is not None
     ]
-    places_m = distinct_places_m(
+    places_m = distinct_sites_m(
         wanted_m,
         np.array(taken_m).reshape(-1, 2),
-        flight.config.operation.place_spacing_m,
+        flight.config.operation.landing_site_spacing_m,
         ellipses_of(flight.plan, flight.control, flight.fleet.time_s),
     )
     ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from gcs.flight.command_log import OrderBook
 from gcs.flight.control_refusal import why_never, why_not_unasked
 from gcs.flight.fleet import Fleet
-from gcs.flight.landing_assignment import landing_places_m
+from gcs.flight.landing_assignment import landing_sites_m
 from gcs.flight.maneuver_tasks import Maneuver
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.vehicle import Vehicle, require_phase
@@ -57,7 +57,7 @@ class VehicleOrders:
             VehicleAction.TAKE_CONTROL: self._maneuvers.take_control,
         }
         if action is VehicleAction.LAND:
-            place_m = landing_places_m(self._flight, [vehicle])[vehicle.id]
+            place_m = landing_sites_m(self._flight, [vehicle])[vehicle.id]
             return self._send(vehicle, self._maneuvers.descend(place_m), action)
         return self._send(vehicle, maneuvers[action], action)
 
@@ -135,7 +135,7 @@ class VehicleOrders:
     ) -> OrderRecord:
         """One order to several that may be given it: hold, return or land, each to a place of its own."""
         homeless = action is VehicleAction.RETURN
-        places_m = landing_places_m(self._flight, [v for v in vehicles if not homeless or v.home_m is None])
+        places_m = landing_sites_m(self._flight, [v for v in vehicles if not homeless or v.home_m is None])
         record = self._book.open(action, [vehicle.id for vehicle in vehicles], left_out)
         for vehicle in vehicles:
             maneuver: Maneuver = self._maneuvers.hold

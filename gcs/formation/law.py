@@ -32,7 +32,7 @@ class LawSettings(Settings):
     """Rates and bounds of the law; docs/decisions/0001 says how they were found."""
 
     speed_m_s: Positive = 4.0  # bound of what draws a drone to its place
-    place_rate_per_s: Positive = 1.0  # at which a drone's distance from its place decays
+    slot_rate_per_s: Positive = 1.0  # at which a drone's distance from its place decays
     sweeps: Annotated[int, Field(ge=1, le=100)] = 4  # of the places' descent, every tick
     pull: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0005  # of the places to the drones, each sweep
     symmetry_rad: NotNegative = 0.03  # by which at most a new drone's place is off its own direction
@@ -137,7 +137,7 @@ def directions_from(position_m: Array, center_m: Array) -> tuple[Array, Array]:
 
 
 @kernel
-def place_velocity(
+def slot_velocity(
     direction: Array,
     distance_m: Array,
     place: Array,

@@ -38,7 +38,7 @@ CLEAR_M = 3.0
 """To obstacles, as AvoidanceSettings.near_m: nearer, the ellipse would push those who come down."""
 
 
-def distinct_places_m(
+def distinct_sites_m(
     wanted_m: Array, taken_m: Array, spacing_m: float, ellipses: Mapping[str, Ellipse]
 ) -> Array:
     """Places on the ground near where everybody is, no two closer than `spacing_m`, none near an obstacle.
@@ -57,7 +57,7 @@ def distinct_places_m(
     place_m = np.array(wanted_m, dtype=np.float64)
     known = np.isfinite(place_m).all(axis=1)
     if not known.all():
-        place_m[known] = distinct_places_m(place_m[known], taken_m, spacing_m, ellipses)
+        place_m[known] = distinct_sites_m(place_m[known], taken_m, spacing_m, ellipses)
         place_m[~known] = np.nan
         return place_m
     taken_m = taken_m.reshape(-1, 2)

@@ -99,7 +99,9 @@ def test_critical_battery_lands_it_where_it_is_safe() -> None:
         pads_m = show.track.samples[0].true_m[[show.config.ids.index(name) for name in OTHERS]]
         row = show.config.ids.index("d3")
         beside_m = np.hypot(*(pads_m - show.true_m[row])[:, :2].T)
-        assert beside_m.min() > show.config.operation.place_spacing_m - 1.0, "clear of everybody's pads"
+        assert beside_m.min() > show.config.operation.landing_site_spacing_m - 1.0, (
+            "clear of everybody's pads"
+        )
         assert show.view.show is ShowPhase.RUNNING
         await lands_all(show)
 

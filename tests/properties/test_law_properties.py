@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from law_fleets import COUNTS, met_m, obstacles, places, tangent_of, vectors, within
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
-from gcs.formation.law import LawSettings, directions_from, goal_velocity, place_velocity
+from gcs.formation.law import LawSettings, directions_from, goal_velocity, slot_velocity
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.formation.orbit import Center, advance_center, orbit_velocity, within_ground_speed
 from gcs.formation.repulsion import repulsion_force, sweep
@@ -23,7 +23,7 @@ from gcs.model.frames import ShowFrame, wrap_rad
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
 from gcs.planning.feasibility import check_formation, check_orbit, smallest_formation_radius_m
-from gcs.planning.landing_sites import CLEAR_M, distinct_places_m
+from gcs.planning.landing_sites import CLEAR_M, distinct_sites_m
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
 
@@ -187,7 +187,7 @@ def test_each_term_keeps_its_bound_and_its_direction(drawn: tuple[Array, Array],
     position, center = drawn[0], drawn[1][0]
     pull = sphere_velocity(position, center, radius_m=radius_m, rate_per_s=0.8, speed_max_m_s=4.0)
     direction, distance_m = directions_from(position, center)
-    led = place_velocity(direction, distance_m, direction[::-1].copy(), radius_m, 0.8, 4.0)
+    led = slot_velocity(direction, distance_m, direction[::-1].copy(), radius_m, 0.8, 4.0)
     for term in (pull, led, goal_velocity(position, np.tile(center, (len(position), 1)), settings=LAW)):
         assert np.isfinite(term).all()
         assert (np.linalg.norm(term, axis=1) <= 4.0 + 1e-9).all()
@@ -365,7 +365,7 @@ def test_places_to_come_down_are_distinct_and_off_every_obstacle(
         str(index): Ellipse.around(box, margin_m=2.0, headroom_m=3.0)  # type: ignore[arg-type]
         for index, box in enumerate(boxes)
     }
-    place = distinct_places_m(wanted[:, :2], taken[:, :2], 4.0, ellipses)
+    place = distinct_sites_m(wanted[:, :2], taken[:, :2], 4.0, ellipses)
     everybody = np.vstack([place, taken[:, :2]])
     distance = np.linalg.norm(place[:, None] - everybody[None], axis=2)
     distance[np.arange(len(place)), np.arange(len(place))] = np.inf

@@ -10,8 +10,8 @@ SPEEDS = Speeds(
     level_m_s=4.0,
     up_m_s=2.5,
     down_m_s=1.4,
-    place_m_s=4.0,
-    place_rate_per_s=1.0,
+    slot_m_s=4.0,
+    slot_rate_per_s=1.0,
     radius_m_s=1.0,
     climb_m_s=1.0,
 )

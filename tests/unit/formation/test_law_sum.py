@@ -10,7 +10,7 @@ from gcs.formation.law import (
     goal_velocity,
     kick_of,
     kicks,
-    place_velocity,
+    slot_velocity,
 )
 from gcs.formation.repulsion import sweep
 from gcs.model.state import Array
@@ -24,7 +24,7 @@ NAMES = ("a", "b", "c", "d")
 
 def led(position: Array, place: Array) -> Array:
     direction, distance_m = directions_from(position, CENTER)
-    return place_velocity(direction, distance_m, place, 10.0, LAW.place_rate_per_s, LAW.speed_m_s)
+    return slot_velocity(direction, distance_m, place, 10.0, LAW.slot_rate_per_s, LAW.speed_m_s)
 
 
 def test_in_its_place_nobody_moves_relative_to_the_centre() -> None:
@@ -34,7 +34,7 @@ def test_in_its_place_nobody_moves_relative_to_the_centre() -> None:
 def test_near_its_place_everybody_flies_straight_there_at_the_rate() -> None:
     off = np.random.default_rng(1).normal(size=(6, 3)) * 0.01
     velocity = led(CENTER + 10.0 * OCTAHEDRON + off, OCTAHEDRON)
-    assert velocity == pytest.approx(-LAW.place_rate_per_s * off, abs=1e-4)
+    assert velocity == pytest.approx(-LAW.slot_rate_per_s * off, abs=1e-4)
 
 
 def test_the_way_to_the_other_side_leads_along_the_sphere_and_not_through_it() -> None:

@@ -11,7 +11,7 @@ from gcs.planning.landing_sites import (
     COLUMNS_APART_M,
     DRIFT_S,
     OVERSHOOT_M,
-    distinct_places_m,
+    distinct_sites_m,
     swept_segments_m,
 )
 from gcs.safety.separation import Floor
@@ -29,23 +29,23 @@ def closest_m(place_m: Array, taken_m: Array = NOBODY) -> float:
 
 def test_places_that_are_apart_already_are_kept() -> None:
     wanted = np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 9.0]])
-    assert distinct_places_m(wanted, NOBODY, 4.0, {}) == pytest.approx(wanted, abs=1e-5)
+    assert distinct_sites_m(wanted, NOBODY, 4.0, {}) == pytest.approx(wanted, abs=1e-5)
 
 
 def test_a_pair_too_close_parts_evenly() -> None:
-    place = distinct_places_m(np.array([[-1.0, 0.0], [1.0, 0.0]]), NOBODY, 4.0, {})
+    place = distinct_sites_m(np.array([[-1.0, 0.0], [1.0, 0.0]]), NOBODY, 4.0, {})
     assert place == pytest.approx(np.array([[-2.0, 0.0], [2.0, 0.0]]), abs=0.05)
 
 
 def test_a_whole_fleet_over_one_point_comes_down_apart() -> None:
-    place = distinct_places_m(np.zeros((12, 2)), NOBODY, 4.0, {})
+    place = distinct_sites_m(np.zeros((12, 2)), NOBODY, 4.0, {})
     assert closest_m(place) >= 4.0 - 1e-9
     assert np.linalg.norm(place, axis=1).max() < 10.0
 
 
 def test_places_taken_stay_and_are_respected() -> None:
     taken = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0]])
-    place = distinct_places_m(np.array([[1.0, 1.0], [2.0, 3.0]]), taken, 4.0, {})
+    place = distinct_sites_m(np.array([[1.0, 1.0], [2.0, 3.0]]), taken, 4.0, {})
     assert closest_m(place, taken) >= 4.0 - 1e-9
 
 
@@ -59,14 +59,14 @@ def test_places_taken_stay_and_are_respected() -> None:
 )
 def test_one_wedged_between_others_finds_the_nearest_free_place(taken: list[list[float]]) -> None:
     others = np.array(taken)
-    place = distinct_places_m(np.zeros((1, 2)), others, 4.0, {})
+    place = distinct_sites_m(np.zeros((1, 2)), others, 4.0, {})
     assert closest_m(place, others) >= 4.0 - 1e-9
     assert np.linalg.norm(place) < 18.0
 
 
 def test_nobody_comes_down_on_or_close_beside_an_obstacle() -> None:
     wanted = np.array([[0.0, 0.0], [1.0, 7.0], [-6.0, 0.0], [0.5, 0.0]])
-    place = distinct_places_m(wanted, NOBODY, 4.0, {"b": BOX})
+    place = distinct_sites_m(wanted, NOBODY, 4.0, {"b": BOX})
     assert (BOX.distance_m(place) >= CLEAR_M).all()
     assert closest_m(place) >= 4.0 - 1e-9
 
@@ -80,14 +80,14 @@ def test_a_pocket_between_obstacles_and_others_is_left() -> None:
         name: Ellipse.around(Obstacle(name, x, 0.0, 3.0, 30.0, 9.0), margin_m=2.0, headroom_m=3.0)
         for name, x in (("west", -6.0), ("east", 6.0))
     }
-    place = distinct_places_m(np.zeros((2, 2)), np.array([[0.0, 3.0]]), 4.0, ellipses)
+    place = distinct_sites_m(np.zeros((2, 2)), np.array([[0.0, 3.0]]), 4.0, ellipses)
     assert all((ellipse.distance_m(place) >= CLEAR_M).all() for ellipse in ellipses.values())
     assert closest_m(place, np.array([[0.0, 3.0]])) >= 4.0 - 1e-9
 
 
 def test_a_place_not_known_stays_unknown_and_disturbs_nobody() -> None:
     wanted = np.array([[np.nan, 0.0], [1.0, 1.0], [1.0, 1.5]])
-    place = distinct_places_m(wanted, NOBODY, 4.0, {})
+    place = distinct_sites_m(wanted, NOBODY, 4.0, {})
     assert np.isnan(place[0]).all()
     assert closest_m(place[1:]) >= 4.0 - 1e-9
 
@@ -101,21 +101,21 @@ def test_a_large_fleet_among_the_most_obstacles_finds_its_places(half_m: float) 
     ]
     ellipses = {box.id: Ellipse.around(box, margin_m=2.0, headroom_m=3.0) for box in boxes}
     wanted, taken = random.normal(size=(50, 2)) * 8.0, random.uniform(-30.0, 30.0, (50, 2))
-    place = distinct_places_m(wanted, taken, 4.0, ellipses)
+    place = distinct_sites_m(wanted, taken, 4.0, ellipses)
     assert closest_m(place, taken) >= 4.0 - 1e-9
     assert all((ellipse.distance_m(place) >= CLEAR_M - 1e-9).all() for ellipse in ellipses.values())
 
 
 def test_one_in_the_middle_of_an_obstacle_too_wide_to_be_pushed_out_of_is_placed_beside_it() -> None:
     wide = Ellipse.around(Obstacle("w", 0.0, 0.0, 150.0, 150.0, 10.0), margin_m=2.0, headroom_m=3.0)
-    place = distinct_places_m(np.zeros((3, 2)), NOBODY, 4.0, {"w": wide})
+    place = distinct_sites_m(np.zeros((3, 2)), NOBODY, 4.0, {"w": wide})
     assert (wide.distance_m(place) >= CLEAR_M).all()
     assert closest_m(place) >= 4.0 - 1e-9
     assert np.linalg.norm(place, axis=1).max() < 1.3 * 215.0
 
 
 def test_nobody_needs_no_place() -> None:
-    assert distinct_places_m(NOBODY, NOBODY, 4.0, {}).shape == (0, 2)
+    assert distinct_sites_m(NOBODY, NOBODY, 4.0, {}).shape == (0, 2)
 
 
 LAST, HOME = np.array([30.0, 40.0, -20.0]), np.array([1.0, 2.0, 0.5])
