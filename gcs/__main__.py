@@ -13,7 +13,7 @@ PIPE_CLOSED = 141
 
 def main() -> int:
     """Entry point. A supervisor is up before anything else is loaded. Returns: the exit code."""
-    if supervisor.is_wanted(sys.argv[1:]):
+    if supervisor.is_requested(sys.argv[1:]):
         return supervisor.run(sys.argv[1:])
     faulthandler.enable()  # what hangs and is sent SIGABRT says where
     try:

@@ -266,10 +266,10 @@ async def get_formation(desk: DeskDep) -> wire.Formation:
 @api.patch("/formation", tags=["formation"], summary="Change radius or height", responses=COMMAND)
 async def change_formation(body: wire.FormationChange, desk: DeskDep) -> wire.Formation:
     """It follows without a jump. A radius too small for the fleet is refused with the smallest that works."""
-    wanted = replace(desk.plan.formation, **body.given())
-    desk.service.set_formation(wanted)
-    desk.accepted(replace(desk.plan, formation=wanted))
-    return convert.formation(wanted, desk.view)
+    desired = replace(desk.plan.formation, **body.given())
+    desk.service.set_formation(desired)
+    desk.accepted(replace(desk.plan, formation=desired))
+    return convert.formation(desired, desk.view)
 
 
 @api.get("/target", tags=["target"], summary="Where the target is now")
@@ -283,10 +283,10 @@ async def get_target(desk: DeskDep) -> wire.Target:
 async def put_target(body: wire.TargetPut, desk: DeskDep) -> wire.Target:
     """In the show frame or as latitude and longitude. A velocity left out is 0."""
     now_s = desk.now_s()
-    wanted = convert.target_wanted(body, desk.frame, now_s)
-    desk.service.set_target(wanted)
-    desk.accepted(replace(desk.plan, target=wanted))
-    return convert.target(wanted, wanted.position_m(now_s), desk.frame)
+    desired = convert.target_desired(body, desk.frame, now_s)
+    desk.service.set_target(desired)
+    desk.accepted(replace(desk.plan, target=desired))
+    return convert.target(desired, desired.position_m(now_s), desk.frame)
 
 
 @api.get("/orbit", tags=["target"], summary="How the formation circles the target")
@@ -298,10 +298,10 @@ async def get_orbit(desk: DeskDep) -> wire.Orbit:
 @api.patch("/orbit", tags=["target"], summary="Change the orbit", responses=COMMAND)
 async def change_orbit(body: wire.OrbitChange, desk: DeskDep) -> wire.Orbit:
     """The formation follows without a jump."""
-    wanted = replace(desk.plan.orbit, **body.given())
-    desk.service.set_orbit(wanted)
-    desk.accepted(replace(desk.plan, orbit=wanted))
-    return convert.orbit(wanted)
+    desired = replace(desk.plan.orbit, **body.given())
+    desk.service.set_orbit(desired)
+    desk.accepted(replace(desk.plan, orbit=desired))
+    return convert.orbit(desired)
 
 
 @api.get("/yaw", tags=["formation"], summary="Where the vehicles look")
@@ -313,10 +313,10 @@ async def get_yaw(desk: DeskDep) -> wire.Yaw:
 @api.patch("/yaw", tags=["formation"], summary="Change where the vehicles look", responses=COMMAND)
 async def change_yaw(body: wire.YawChange, desk: DeskDep) -> wire.Yaw:
     """The policy, the heading for the policy `fixed`, or both."""
-    wanted = convert.yaw_wanted(body, desk.plan.yaw, desk.frame)
-    desk.service.set_yaw(wanted)
-    desk.accepted(replace(desk.plan, yaw=wanted))
-    return convert.yaw(wanted, desk.frame)
+    desired = convert.yaw_desired(body, desk.plan.yaw, desk.frame)
+    desk.service.set_yaw(desired)
+    desk.accepted(replace(desk.plan, yaw=desired))
+    return convert.yaw(desired, desk.frame)
 
 
 # Obstacles
@@ -350,7 +350,7 @@ async def get_obstacle(obstacle_id: ObstacleId, desk: DeskDep) -> wire.Obstacle:
 )
 async def add_obstacle(body: wire.ObstaclePost, desk: DeskDep, response: Response) -> wire.Obstacle:
     """Refused when its id is taken, or it would stand on a vehicle in the air or too close ahead of one."""
-    box = convert.obstacle_wanted(body, body.id or desk.new_obstacle_id(), desk.now_s())
+    box = convert.obstacle_desired(body, body.id or desk.new_obstacle_id(), desk.now_s())
     desk.service.add_obstacle(box)
     desk.accepted(replace(desk.plan, obstacles=(*desk.plan.obstacles, box)))
     response.headers["Location"] = f"/api/v1/obstacles/{box.id}"
@@ -367,7 +367,7 @@ async def change_obstacle(obstacle_id: ObstacleId, body: wire.ObstaclePut, desk:
     """Replace the box of this id. Refused when it would stand on a vehicle or too close ahead of one."""
     if body.id and body.id != obstacle_id:
         raise InvalidError("id", body.id, f"{obstacle_id!r}, as in the path, or absent")
-    box = convert.obstacle_wanted(body, obstacle_id, desk.now_s())
+    box = convert.obstacle_desired(body, obstacle_id, desk.now_s())
     desk.service.change_obstacle(box)
     others = desk.plan.obstacles
     desk.accepted(

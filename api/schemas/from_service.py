@@ -220,11 +220,11 @@ def order(record: OrderRecord) -> wire.Order:
     )
 
 
-def formation(wanted: plan.Formation, view: FleetView) -> wire.Formation:
+def formation(desired: plan.Formation, view: FleetView) -> wire.Formation:
     """The formation for the wire: wanted, and commanded now."""
     return wire.Formation(
-        radius_m=wanted.radius_m,
-        height_m=wanted.height_m,
+        radius_m=desired.radius_m,
+        height_m=desired.height_m,
         radius_now_m=view.radius_m,
         height_now_m=None if view.center_m is None else _above(view.center_m[2]),
     )
@@ -248,15 +248,15 @@ def center(view: FleetView, frame: ShowFrame) -> wire.Center | None:
     )
 
 
-def target(wanted: plan.Target, position_m: tuple[float, float], frame: ShowFrame) -> wire.Target:
+def target(desired: plan.Target, position_m: tuple[float, float], frame: ShowFrame) -> wire.Target:
     """The target for the wire, in both frames; `position_m` is where it is now."""
     latitude_deg, longitude_deg, _ = frame.geodetic(np.array([[*position_m, 0.0]]))
-    ned_m_s = frame.into_ned(np.array([[wanted.velocity_x_m_s, wanted.velocity_y_m_s, 0.0]]))
+    ned_m_s = frame.into_ned(np.array([[desired.velocity_x_m_s, desired.velocity_y_m_s, 0.0]]))
     return wire.Target(
         x_m=position_m[0],
         y_m=position_m[1],
-        velocity_x_m_s=wanted.velocity_x_m_s,
-        velocity_y_m_s=wanted.velocity_y_m_s,
+        velocity_x_m_s=desired.velocity_x_m_s,
+        velocity_y_m_s=desired.velocity_y_m_s,
         latitude_deg=float(latitude_deg[0]),
         longitude_deg=float(longitude_deg[0]),
         velocity_north_m_s=float(ned_m_s[0, 0]),
@@ -264,14 +264,14 @@ def target(wanted: plan.Target, position_m: tuple[float, float], frame: ShowFram
     )
 
 
-def orbit(wanted: plan.Orbit) -> wire.Orbit:
+def orbit(desired: plan.Orbit) -> wire.Orbit:
     """The orbit for the wire."""
-    return wire.Orbit(radius_m=wanted.radius_m, speed_m_s=wanted.speed_m_s, direction=wanted.direction)
+    return wire.Orbit(radius_m=desired.radius_m, speed_m_s=desired.speed_m_s, direction=desired.direction)
 
 
-def yaw(wanted: plan.Yaw, frame: ShowFrame) -> wire.Yaw:
+def yaw(desired: plan.Yaw, frame: ShowFrame) -> wire.Yaw:
     """The yaw for the wire."""
-    return wire.Yaw(policy=wanted.policy, heading_deg=heading_deg(wanted.fixed_rad, frame))
+    return wire.Yaw(policy=desired.policy, heading_deg=heading_deg(desired.fixed_rad, frame))
 
 
 def obstacle(box: plan.Obstacle, now_s: float) -> wire.Obstacle:
@@ -352,7 +352,9 @@ def interrupted(found: InterruptedFlight) -> wire_interrupted.InterruptedFlight:
     )
 
 
-def target_wanted(body: wire.ShowTarget | wire.GeodeticTarget, frame: ShowFrame, now_s: float) -> plan.Target:
+def target_desired(
+    body: wire.ShowTarget | wire.GeodeticTarget, frame: ShowFrame, now_s: float
+) -> plan.Target:
     """The target in the show frame, at `now_s`.
 
     Raises: InvalidError when a place on the globe is too far away for a flat frame.
@@ -375,14 +377,14 @@ def target_wanted(body: wire.ShowTarget | wire.GeodeticTarget, frame: ShowFrame,
     return plan.Target(x_m, y_m, float(velocity_m_s[0, 0]), float(velocity_m_s[0, 1]), now_s)
 
 
-def yaw_wanted(body: wire.YawChange, current: plan.Yaw, frame: ShowFrame) -> plan.Yaw:
+def yaw_desired(body: wire.YawChange, current: plan.Yaw, frame: ShowFrame) -> plan.Yaw:
     """The yaw after a change."""
     given = body.given()
     fixed_rad = yaw_rad(given["heading_deg"], frame) if "heading_deg" in given else current.fixed_rad
     return replace(current, policy=given.get("policy", current.policy), fixed_rad=fixed_rad)
 
 
-def obstacle_wanted(body: wire.Box, obstacle_id: str, now_s: float) -> plan.Obstacle:
+def obstacle_desired(body: wire.Box, obstacle_id: str, now_s: float) -> plan.Obstacle:
     """The box under the id that it shall have, there at `now_s`."""
     return plan.Obstacle(id=obstacle_id, **body.model_dump(exclude={"id"}), time_s=now_s)
 

@@ -135,10 +135,10 @@ def shape(truth: Truth, commanded: Commanded) -> dict[str, float]:
     Returns: energy and nearest distance over those of the best known configuration, and the mean radius
         error of the worst drone in metres.
     """
-    wanted = commanded.at(truth.time_s)
-    offset_m = truth.position_m - wanted.center_m[:, None, :]
+    desired = commanded.at(truth.time_s)
+    offset_m = truth.position_m - desired.center_m[:, None, :]
     radius_m = np.linalg.norm(offset_m, axis=2)
-    error_m = np.abs(radius_m - wanted.radius_m[:, None]).mean(axis=0).max()
+    error_m = np.abs(radius_m - desired.radius_m[:, None]).mean(axis=0).max()
     mean_m = offset_m.mean(axis=0)
     direction = mean_m / np.linalg.norm(mean_m, axis=1, keepdims=True)
     best = best_configuration(len(direction))
@@ -151,8 +151,8 @@ def shape(truth: Truth, commanded: Commanded) -> dict[str, float]:
 
 def orbit_error_m(truth: Truth, commanded: Commanded, orbit_radius_m: float) -> float:
     """Root mean square of the true centroid's distance to the true target, less the orbit's radius."""
-    wanted = commanded.at(truth.time_s)
-    distance_m = np.linalg.norm(truth.position_m.mean(axis=1)[:, :2] - wanted.target_m, axis=1)
+    desired = commanded.at(truth.time_s)
+    distance_m = np.linalg.norm(truth.position_m.mean(axis=1)[:, :2] - desired.target_m, axis=1)
     return float(np.sqrt(np.mean((distance_m - orbit_radius_m) ** 2)))
 
 

@@ -65,16 +65,16 @@ def _judge(arguments: argparse.Namespace, report: Report) -> tuple[Certificate, 
         raise GcsError(f"{truths[0]}: it does not say what holds; give flight.mcap too, or --config FILE")
     flight_read = 0.0 if data is None else READ_SHARE / 2.0 if truths else READ_SHARE
     believed = estimated(data, part_of(report, 0.0, flight_read)) if data is not None else None
-    wanted = arguments.positions or ("true" if truths else "estimated")
-    if wanted == "true" and not truths:
+    desired = arguments.positions or ("true" if truths else "estimated")
+    if desired == "true" and not truths:
         raise GcsError("--positions true: there is no truth file; gcs sim --truth writes one")
     tracks: Tracks | None = believed
-    if wanted == "true":
+    if desired == "true":
         read = part_of(report, flight_read, READ_SHARE)
         tracks = true(truths, standard.frame, believed, data.about.ids if data is not None else (), read)
     if tracks is None:
         raise GcsError("--positions estimated: there is no flight.mcap")
-    used = truths if wanted == "true" else flights
+    used = truths if desired == "true" else flights
     rest = part_of(report, READ_SHARE, 1.0)
     judged = certify(tracks, standard, by_it_alone=bool(arguments.config), on_progress=rest)
     return judged, ", ".join(str(path) for path in used)

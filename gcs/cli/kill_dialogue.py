@@ -25,10 +25,10 @@ def asked(names: Sequence[str], code: str, valid_s: float, arguments: argparse.N
         else:
             print(f"nothing has happened yet; within {valid_s:g} s: {again}")
         return False
-    wanted = "all" if arguments.all else " ".join(names)
+    desired = "all" if arguments.all else " ".join(names)
     prompt = sys.stderr if arguments.json else sys.stdout
-    print(f"type '{wanted}' to kill: ", end="", flush=True, file=prompt)
-    if sys.stdin.readline().split() == wanted.split():
+    print(f"type '{desired}' to kill: ", end="", flush=True, file=prompt)
+    if sys.stdin.readline().split() == desired.split():
         return True
     refused = "confirmation does not match; no motors were stopped"
     if arguments.json:

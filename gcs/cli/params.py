@@ -35,7 +35,7 @@ class Row:
     vehicle: VehicleId
     parameter: str
     value: ParameterValue | None  # None: could not be read
-    wanted: str
+    desired: str
     verdict: str  # "ok", "set", or what is wrong
 
     @property
@@ -165,7 +165,7 @@ async def _row(link: Link, name: VehicleId, requirement: Requirement, *, apply: 
     value: ParameterValue | None = None
 
     def row(verdict: str) -> Row:
-        return Row(name, requirement.name, value, requirement.wanted, verdict)
+        return Row(name, requirement.name, value, requirement.desired, verdict)
 
     try:
         value = await _reached(lambda: _read(link, name, requirement.name))
@@ -205,10 +205,10 @@ def table(rows: Sequence[Row]) -> str:
     """For people: aligned columns, everything that is not well at the end of its line."""
     if not rows:
         return "no vehicle was heard"
-    cells = [("vehicle", "parameter", "value", "wanted", "verdict")]
+    cells = [("vehicle", "parameter", "value", "desired", "verdict")]
     for row in rows:
         value = "?" if row.value is None else f"{row.value:g}"
-        cells.append((row.vehicle, row.parameter, value, row.wanted, row.verdict))
+        cells.append((row.vehicle, row.parameter, value, row.desired, row.verdict))
     widths = [max(len(line[column]) for line in cells) for column in range(4)]
     return "\n".join(
         "  ".join([*(cell.ljust(width) for cell, width in zip(line, widths, strict=False)), line[-1]])

@@ -28,7 +28,7 @@ from gcs.links.framed.link import MavsdkLink
 from gcs.links.mavsdk.link import MavsdkUdpLink
 from gcs.links.native.link import DirectLink
 from gcs.links.signing_keys import Signing
-from gcs.links.stream_rates import wanted
+from gcs.links.stream_rates import desired
 from gcs.model.errors import ConfigError, LinkError, RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ShowPhase
@@ -54,7 +54,7 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
             config.frame,
             deadman_s=config.deadman_s,
             heartbeat_hold_s=settings.heartbeat_hold_s,
-            rates_hz=wanted(settings.streams),
+            rates_hz=desired(settings.streams),
             record=record,
         )
     signing = settings.signing
@@ -67,7 +67,7 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
             config.frame,
             deadman_s=config.deadman_s,
             heartbeat_hold_s=settings.heartbeat_hold_s,
-            rates_hz=wanted(settings.streams),
+            rates_hz=desired(settings.streams),
             record=record,
         )
     return MavsdkLink(
@@ -77,7 +77,7 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
         config.frame,
         deadman_s=config.deadman_s,
         heartbeat_hold_s=settings.heartbeat_hold_s,
-        rates_hz=wanted(settings.streams),
+        rates_hz=desired(settings.streams),
         record=record,
         signing=None if signing is None else Signing(signing.key_file, signing.link_id),
         forward=settings.forward,

@@ -53,8 +53,8 @@ def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
     judged = judged_runs(path, scenario)
     if arguments.all or arguments.row or arguments.judged:
         judged = [run for run in judged if arguments.vehicles in (None, run.vehicles)]
-        wanted = None if arguments.seeds is None else set(arguments.seeds)
-        return [run for run in judged if wanted is None or run.seed in wanted]
+        desired = None if arguments.seeds is None else set(arguments.seeds)
+        return [run for run in judged if desired is None or run.seed in desired]
     seeds: Sequence[int] = arguments.seeds or [1 if arguments.seed is None else arguments.seed]
     vehicles = scenario.judged.vehicles[0] if arguments.vehicles is None else arguments.vehicles
     if vehicles < 1:

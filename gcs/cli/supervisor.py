@@ -42,7 +42,7 @@ HOPELESS: Final = frozenset({0, 1, 2})
 """Exit codes of one that was never ready, and will not be by another try: asked to end, refused, no sense."""
 
 
-def is_wanted(words: Sequence[str]) -> bool:
+def is_requested(words: Sequence[str]) -> bool:
     """Whether a command line asks for a supervisor."""
     return list(words[:1]) == ["serve"] and OPTION in words
 

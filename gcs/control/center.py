@@ -7,7 +7,7 @@ import numpy as np
 from gcs.control.inputs import TickInputs
 from gcs.control.memory import Memory
 from gcs.control.tasks import Task
-from gcs.formation.law import wanted_center_velocity
+from gcs.formation.law import desired_center_velocity
 from gcs.formation.orbit import CLEAR_OF_FENCE_M, Center, advance_center, held_within, target_reach_m
 from gcs.formation.way import steer_center, way_ahead
 from gcs.model.jit import kernel
@@ -34,8 +34,8 @@ def move_center(now: TickInputs, memory: Memory) -> Lead:
         center, radius_m = _begun(now), now.plan.formation.radius_m
     ahead = replace(center, position_m=center.position_m + now.dt_s * center.velocity_m_s)  # as the step ends
     sphere_m = max(radius_m, now.plan.formation.radius_m)
-    wanted_m_s, sides = _around_obstacles(now, center, ahead, radius_m, memory)
-    held_m_s = _inside_fence(now, ahead, sphere_m, wanted_m_s)
+    desired_m_s, sides = _around_obstacles(now, center, ahead, radius_m, memory)
+    held_m_s = _inside_fence(now, ahead, sphere_m, desired_m_s)
     moved = advance_center(center, held_m_s, now.dt_s, now.settings.law.center_acceleration_max_m_s2)
     change_m = now.settings.radius_rate_m_s * now.dt_s
     wider_m = min(max(now.plan.formation.radius_m - radius_m, -change_m), change_m)
@@ -75,16 +75,16 @@ def _around_obstacles(
     fleet, plan, law, moves = now.fleet, now.plan, now.settings.law, now.tasks.center_moves
     fence_m, sphere_m = now.settings.safety.fence.distance_max_m, max(radius_m, plan.formation.radius_m)
     reach_m = target_reach_m(fence_m, plan.orbit.radius_m, sphere_m)
-    wanted_m_s = wanted_center_velocity(
+    desired_m_s = desired_center_velocity(
         ahead, plan, fleet.time_s + now.dt_s, law, reach_m=reach_m, pace=memory.pace
     )
     if not moves:
-        wanted_m_s[:2] = 0.0
+        desired_m_s[:2] = 0.0
     if not now.ellipses:
-        return wanted_m_s, {}
+        return desired_m_s, {}
     return steer_center(
         center.position_m,
-        wanted_m_s,
+        desired_m_s,
         now.position_m[now.rows],
         now.ellipses,
         memory.sides,
@@ -94,13 +94,13 @@ def _around_obstacles(
     )
 
 
-def _inside_fence(now: TickInputs, ahead: Center, sphere_m: float, wanted_m_s: Array) -> Array:
+def _inside_fence(now: TickInputs, ahead: Center, sphere_m: float, desired_m_s: Array) -> Array:
     """As much of the velocity (3,) as lets the whole sphere stop inside the fence."""
     reach_m = now.settings.safety.fence.distance_max_m - sphere_m
     level_m_s = held_within(
-        wanted_m_s[:2],
+        desired_m_s[:2],
         ahead.position_m[:2],
         reach_m - CLEAR_OF_FENCE_M / 2,  # the orbit's own farthest point is farther in
         now.settings.law.center_acceleration_max_m_s2 / 2,
     )
-    return np.array([level_m_s[0], level_m_s[1], wanted_m_s[2]])
+    return np.array([level_m_s[0], level_m_s[1], desired_m_s[2]])

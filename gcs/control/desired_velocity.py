@@ -82,7 +82,7 @@ def _among_neighbours(
     )
 
 
-def wanted_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
+def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
     """(n, 3) velocities that law and goals want, obstacles avoided, within the speed limits.
 
     Args:
@@ -91,18 +91,18 @@ def wanted_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
         own_m_s: (m, 3) of the m drones in formation.
     """
     law, limits = now.settings.law, now.settings.safety.limits
-    wanted_m_s = np.zeros_like(now.position_m)
+    desired_m_s = np.zeros_like(now.position_m)
     if lead.center is not None and len(now.rows):
         along_m_s = hypot(lead.center.velocity_m_s[0], lead.center.velocity_m_s[1])
         sliding_m_s = np.full(len(own_m_s), along_m_s)
-        wanted_m_s = now.for_all(_avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s), 0.0)
+        desired_m_s = now.for_all(_avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s), 0.0)
     if now.to_goal.any():
         goers = np.flatnonzero(now.to_goal)
         to_goal_m_s = goal_velocity(now.position_m[goers], now.tasks.goal_m[goers], settings=law)
         half_m_s = 0.5 * np.hypot(to_goal_m_s[:, 0], to_goal_m_s[:, 1])
-        wanted_m_s[goers] = _avoiding(now, goers, to_goal_m_s, {}, half_m_s)
+        desired_m_s[goers] = _avoiding(now, goers, to_goal_m_s, {}, half_m_s)
     return scale_to_limits(
-        wanted_m_s,
+        desired_m_s,
         horizontal_max_m_s=limits.horizontal_m_s,
         up_max_m_s=limits.up_m_s,
         down_max_m_s=limits.down_m_s,
@@ -110,10 +110,14 @@ def wanted_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
 
 
 def _avoiding(
-    now: TickInputs, rows: NDArray[np.intp], wanted_m_s: Array, sides: Mapping[str, float], sliding_m_s: Array
+    now: TickInputs,
+    rows: NDArray[np.intp],
+    desired_m_s: Array,
+    sides: Mapping[str, float],
+    sliding_m_s: Array,
 ) -> Array:
     """(m, 3) velocities of those rows (m,), obstacles avoided; the other arguments as in `avoid_all`."""
     if not now.ellipses:
-        return wanted_m_s
+        return desired_m_s
     avoidance = now.settings.law.avoidance
-    return avoid_all(now.position_m[rows], wanted_m_s, now.ellipses, sides, sliding_m_s, avoidance)
+    return avoid_all(now.position_m[rows], desired_m_s, now.ellipses, sides, sliding_m_s, avoidance)

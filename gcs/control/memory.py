@@ -15,7 +15,7 @@ class Memory:
     time_s: float
     center: Center | None  # None until a formation flies
     radius_m: float
-    wanted_m_s: Array  # (n, 3) velocity after safety, NaN where nothing was commanded
+    desired_m_s: Array  # (n, 3) velocity after safety, NaN where nothing was commanded
     yaw_rad: Array  # (n,) commanded, NaN where nothing was
     held_yaw_rad: Array  # (n,) at engagement
     engaged_time_s: Array  # (n,) when it joined the formation, NaN outside
@@ -34,7 +34,7 @@ class Memory:
             time_s=time_s,
             center=None,
             radius_m=0.0,
-            wanted_m_s=nowhere,
+            desired_m_s=nowhere,
             yaw_rad=nothing,
             held_yaw_rad=nothing,
             engaged_time_s=nothing,

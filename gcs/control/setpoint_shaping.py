@@ -20,7 +20,7 @@ STANDING_M_S = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Answer:
+class ShapedSetpoints:
     """What is sent, and what is remembered of it."""
 
     setpoint_m_s: Array  # (n, 3) within the limits
@@ -29,7 +29,9 @@ class Answer:
     pace: float
 
 
-def answer(now: TickInputs, allowed_m_s: Array, center: Center | None, memory: Memory) -> Answer:
+def shape_setpoints(
+    now: TickInputs, allowed_m_s: Array, center: Center | None, memory: Memory
+) -> ShapedSetpoints:
     """Inner loop, lead and trim over the velocities (n, 3) that safety allows."""
     settings, limits = now.settings, now.settings.safety.limits
     base_m_s, lead_m_s2 = _known_beforehand(now, center)
@@ -58,7 +60,7 @@ def answer(now: TickInputs, allowed_m_s: Array, center: Center | None, memory: M
         settings.vertical_trim_rate_per_s,
         settings.trim_max_m_s,
     )
-    return Answer(
+    return ShapedSetpoints(
         setpoint_m_s,
         trim_m_s,
         expected_m_s,

@@ -7,16 +7,16 @@ from math import radians
 import numpy as np
 
 from gcs.control.center import move_center
-from gcs.control.desired_velocity import spread, wanted_velocity
+from gcs.control.desired_velocity import desired_velocity, spread
 from gcs.control.inputs import TickInputs
 from gcs.control.memory import Memory
-from gcs.control.setpoint_shaping import answer
+from gcs.control.setpoint_shaping import shape_setpoints
 from gcs.control.settings import ControlSettings
 from gcs.control.tasks import Task, Tasks
 from gcs.formation.kernels import warm_up as formation_warm_up
 from gcs.formation.orbit import Center
 from gcs.formation.response import limit_change
-from gcs.formation.yaw import begun_yaw, turn_towards, wanted_yaw_rad
+from gcs.formation.yaw import begun_yaw, desired_yaw_rad, turn_towards
 from gcs.model.plan import Formation, Orbit, Plan
 from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits
 from gcs.safety.filter import Surroundings, filter_velocities
@@ -60,18 +60,18 @@ def tick(
     now = TickInputs.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s)
     lead = move_center(now, memory)
     places = spread(now, lead, memory)
-    wanted_m_s = _in_traffic(now, wanted_velocity(now, lead, places.velocity_m_s))
+    desired_m_s = _in_traffic(now, desired_velocity(now, lead, places.velocity_m_s))
     possible_m_s = limit_change(
-        wanted_m_s, memory.wanted_m_s, now.velocity_m_s, settings.acceleration_max_m_s2, now.dt_s
+        desired_m_s, memory.desired_m_s, now.velocity_m_s, settings.acceleration_max_m_s2, now.dt_s
     )
     allowed_m_s, restrained_by = filter_velocities(possible_m_s, _surroundings(now), settings.safety)
-    answered = answer(now, allowed_m_s, lead.center, memory)
+    answered = shape_setpoints(now, allowed_m_s, lead.center, memory)
     yaw_rad, held_rad = _yaw(now, memory)
     remembered = Memory(
         time_s=fleet.time_s,
         center=lead.center,
         radius_m=lead.radius_m,
-        wanted_m_s=np.where(now.commanded[:, None], allowed_m_s, np.nan),
+        desired_m_s=np.where(now.commanded[:, None], allowed_m_s, np.nan),
         yaw_rad=yaw_rad,
         held_yaw_rad=held_rad,
         engaged_time_s=lead.engaged_time_s,
@@ -86,19 +86,19 @@ def tick(
     return Tick(setpoints, remembered, restrained_by, fleet.position_m, tasks.airborne, settings.safety.floor)
 
 
-def _in_traffic(now: TickInputs, wanted_m_s: Array) -> Array:
+def _in_traffic(now: TickInputs, desired_m_s: Array) -> Array:
     """(n, 3) wanted velocities, those on their way to a goal keeping right and giving way."""
     if not now.to_goal.any():
-        return wanted_m_s
+        return desired_m_s
     safety, goal_m = now.settings.safety, now.tasks.goal_m
     under_way = now.to_goal & ~now.tasks.descending
     if now.tasks.on_a_way is not None:
         under_way &= ~now.tasks.on_a_way
         if not under_way.any():
-            return wanted_m_s
+            return desired_m_s
     flatness = safety.floor.horizontal_m / safety.floor.vertical_m
     kept_m_s = keep_right(
-        wanted_m_s,
+        desired_m_s,
         now.position_m,
         now.velocity_m_s,
         goal_m,
@@ -134,9 +134,9 @@ def _yaw(now: TickInputs, memory: Memory) -> tuple[Array, Array]:
         now.commanded, memory.yaw_rad, memory.held_yaw_rad, np.array(now.fleet.yaw_rad)
     )
     target_m = np.array(now.plan.target.position_m(now.fleet.time_s))
-    wanted_rad = wanted_yaw_rad(now.plan.yaw, held_rad, now.position_m, target_m)
+    desired_rad = desired_yaw_rad(now.plan.yaw, held_rad, now.position_m, target_m)
     rate_rad_s = radians(now.settings.yaw_rate_max_deg_s)
-    return turn_towards(so_far_rad, wanted_rad, rate_rad_s, now.dt_s), held_rad
+    return turn_towards(so_far_rad, desired_rad, rate_rad_s, now.dt_s), held_rad
 
 
 def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoints:

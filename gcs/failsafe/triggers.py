@@ -53,7 +53,7 @@ class Seen:
     time_s: float
     position_m: Array  # (n, 3) show frame
     velocity_m_s: Array  # (n, 3)
-    wanted_m_s: Array  # (n, 3) that each should have had, NaN: not commanded
+    desired_m_s: Array  # (n, 3) that each should have had, NaN: not commanded
     battery: Array  # (n,) 0 to 1
     horizontal_m: Array  # (n,) accuracy as reported
     vertical_m: Array  # (n,)
@@ -168,7 +168,7 @@ def look(seen: Seen, known: Known, settings: FailsafePolicy) -> tuple[Known, Mas
     """
     dt_s = max(seen.time_s - known.time_s, 0.0)
     share = min(1.0, dt_s / SMOOTH_S)
-    error_m_s = seen.velocity_m_s[:, :2] - seen.wanted_m_s[:, :2]
+    error_m_s = seen.velocity_m_s[:, :2] - seen.desired_m_s[:, :2]
     commanded: Mask = np.asarray(np.isfinite(error_m_s).all(axis=1))
     error_m_s = np.where(commanded[:, None], error_m_s, 0.0)
     error_m_s = known.error_m_s + share * (error_m_s - known.error_m_s)
@@ -278,8 +278,8 @@ def advance(
         *_of_vehicles(vehicles, vehicles.holds(now_s, for_s[:, None]), seen, after, settings),
         *_of_the_show(show, show.holds(now_s, show_for_s), seen, after, roles, settings, losses),
     ]
-    wanted = [request for request in requests if request.action is not Action.IGNORE]
-    return after, tuple(sorted(wanted, key=lambda request: -request.severity))
+    desired = [request for request in requests if request.action is not Action.IGNORE]
+    return after, tuple(sorted(desired, key=lambda request: -request.severity))
 
 
 def _of_vehicles(

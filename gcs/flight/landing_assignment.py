@@ -16,7 +16,7 @@ def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleI
     """(3,) for each: where it comes down, clear of obstacles, of everybody's pads, and of the others."""
     if not vehicles:
         return {}
-    wanted_m = np.array([flight.position_m(vehicle)[:2] for vehicle in vehicles])
+    desired_m = np.array([flight.position_m(vehicle)[:2] for vehicle in vehicles])
     coming_down = {vehicle.id for vehicle in vehicles}
     taken_m = [
         place_m[:2]
@@ -30,7 +30,7 @@ def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleI
         if place_m is not None
     ]
     places_m = distinct_sites_m(
-        wanted_m,
+        desired_m,
         np.array(taken_m).reshape(-1, 2),
         flight.config.operation.landing_site_spacing_m,
         ellipses_of(flight.plan, flight.control, flight.fleet.time_s),

@@ -186,7 +186,7 @@ class Orchestrator:
         self._show_player.lead()
         result = self._decide()
         flight.memory = result.memory
-        flight.setpoint_gaps.note(~np.isnan(result.memory.wanted_m_s[:, 0]), now_s)
+        flight.setpoint_gaps.note(~np.isnan(result.memory.desired_m_s[:, 0]), now_s)
         for link, share in zip(flight.links, self._shares.of(result.setpoints), strict=True):
             link.send(share)
         # What follows can wait for the next tick: setpoints cannot.

@@ -88,7 +88,7 @@ class ParameterReader:
             return
         was = "" if before is None else f" from {before:g}"
         where = "in flight" if armed else "on the ground"
-        needed = f"{requirement.wanted} is needed ({requirement.why})"
+        needed = f"{requirement.desired} is needed ({requirement.why})"
         text = f"{name} was changed{was} to {value:g} {where}, {needed}"
         flight.changed_parameters.setdefault(vehicle.id, {})[name] = text
         log.warning("parameter_changed", extra={"vehicle": vehicle.id, "reason": text})

@@ -24,20 +24,20 @@ class Participants:
         self._book = book
         self._unix_s = unix_s
 
-    def choose(self, wanted: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
+    def choose(self, desired: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
         """Who flies, and why the others do not. Raises: UnknownError, RefusedError."""
         flight = self._flight
-        for name in wanted or ():
+        for name in desired or ():
             flight.vehicle(name)
-        chosen, left_out = self.could(wanted)
-        meant = set(flight.vehicles if wanted is None else wanted) - set(chosen)
+        chosen, left_out = self.could(desired)
+        meant = set(flight.vehicles if desired is None else desired) - set(chosen)
         for name, vehicle in flight.vehicles.items():
             if name not in meant:
                 continue
             exclusion = flight.excluded.get(name)
-            if exclusion is not None and wanted is not None:
+            if exclusion is not None and desired is not None:
                 raise RefusedError(f"{name} was {exclusion}; include it first")
-            if exclusion is None and (wanted is not None or vehicle.phase is not Phase.OFFLINE):
+            if exclusion is None and (desired is not None or vehicle.phase is not Phase.OFFLINE):
                 raise RefusedError(
                     f"{name} is {vehicle.phase}: {vehicle.reason.removesuffix('.')}; only standby can start"
                 )
@@ -45,11 +45,11 @@ class Participants:
             raise RefusedError("no vehicle is online")
         return chosen, left_out
 
-    def could(self, wanted: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
+    def could(self, desired: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
         """Who is meant to fly and could, and why the others do not; whatever a start would say of that."""
         chosen: list[VehicleId] = []
         left_out: dict[VehicleId, str] = {}
-        meant = None if wanted is None else frozenset(wanted)
+        meant = None if desired is None else frozenset(desired)
         for name, vehicle in self._flight.vehicles.items():
             if name in self._flight.excluded:
                 left_out[name] = str(self._flight.excluded[name])

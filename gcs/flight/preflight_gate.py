@@ -90,19 +90,19 @@ class PreflightGate:
         self._last: _Kept | None = None
         self._roomy: frozenset[VehicleId] = frozenset()  # see `gcs.preflight.room_to_wander`
 
-    def report(self, wanted: Sequence[VehicleId] | None) -> PreflightReport:
+    def report(self, desired: Sequence[VehicleId] | None) -> PreflightReport:
         """What a start of these would find: made now or within the last second, on the ground.
 
         In the air it is the one of before take-off. Raises: UnknownError; RefusedError when there is none.
         """
         flight = self._flight
-        for name in wanted or ():
+        for name in desired or ():
             flight.vehicle(name)
         if flight.show not in ON_THE_GROUND or flight.airborne:
             if self._last is None:
                 raise RefusedError(f"preflight is for the ground, and the show is {flight.show}")
             return self._last.report
-        asked = None if wanted is None else tuple(wanted)
+        asked = None if desired is None else tuple(desired)
         kept = self._last
         if kept is None or not kept.answers(asked, flight):
             kept = self._last = self._kept(asked, self._made(asked))
@@ -112,17 +112,17 @@ class PreflightGate:
         flight = self._flight
         return _Kept(flight.fleet.time_s, asked, flight.show_run, frozenset(flight.excluded), report)
 
-    def _made(self, wanted: tuple[VehicleId, ...] | None) -> PreflightReport:
+    def _made(self, desired: tuple[VehicleId, ...] | None) -> PreflightReport:
         flight, show = self._flight, self._flight.show_run
         fleet: list[Check] = []
         try:
-            chosen, left_out = self._participants.choose(wanted)
+            chosen, left_out = self._participants.choose(desired)
             fleet.append(_everybody(chosen))
         except GcsError as error:
-            chosen, left_out = self._participants.could(wanted)
+            chosen, left_out = self._participants.could(desired)
             fleet.append(_refused("vehicles", error, ON_GROUND))
         if show is not None:
-            fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(chosen, show.hash, wanted)))
+            fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(chosen, show.hash, desired)))
         looked = self._look(chosen)
         foreseen: list[Check] = []
         if chosen and all(np.isfinite(flight.position_m(flight.vehicles[name])).all() for name in chosen):
@@ -149,13 +149,13 @@ class PreflightGate:
             not_checked=tuple(looked.not_checked),
         )
 
-    def need(self, show_hash: str | None, wanted: Sequence[VehicleId] | None) -> "Cleared":
+    def need(self, show_hash: str | None, desired: Sequence[VehicleId] | None) -> "Cleared":
         """Before a start: who flies, and who does not.
 
         Raises: RefusedError, InvalidError, UnknownError with all that speaks against it.
         """
-        chosen, left_out = self._participants.choose(wanted)
-        self._need_show(chosen, show_hash, wanted)
+        chosen, left_out = self._participants.choose(desired)
+        self._need_show(chosen, show_hash, desired)
         looked = self._look(chosen)
         text = describe(
             chain(
@@ -174,7 +174,7 @@ class PreflightGate:
             fleet.append(Check(name, State.PASS, limit=limit))
         self._check_vertical_overlap(chosen)
         report = self._reported(chosen, left_out, fleet, looked)
-        self._last = self._kept(None if wanted is None else tuple(wanted), report)
+        self._last = self._kept(None if desired is None else tuple(desired), report)
         return Cleared(chosen, left_out)
 
     def need_alone(self, vehicle_id: VehicleId) -> None:
@@ -185,10 +185,10 @@ class PreflightGate:
             raise RefusedError(text)
 
     def _need_show(
-        self, chosen: Sequence[VehicleId], show_hash: str | None, wanted: Sequence[VehicleId] | None
+        self, chosen: Sequence[VehicleId], show_hash: str | None, desired: Sequence[VehicleId] | None
     ) -> None:
         self._show_player.check_start(
-            chosen, show_hash, named=wanted is not None, taken_out=len(self._flight.excluded)
+            chosen, show_hash, named=desired is not None, taken_out=len(self._flight.excluded)
         )
 
     def _look(self, chosen: Sequence[VehicleId]) -> "_Looked":

@@ -69,7 +69,7 @@ class ShowRun:
         """The cue that was played last."""
         return self.timeline.cue_at(self._within(now_s)).cue.cue
 
-    def wanted(self, now_s: float) -> Plan:
+    def desired(self, now_s: float) -> Plan:
         """What the show wants now, all its obstacles standing. Targets are told in the tick's time."""
         if not self.is_live(now_s):
             self.live = None  # what was told once says nothing of the next live target

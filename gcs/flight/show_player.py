@@ -194,18 +194,18 @@ class ShowPlayer:
         flight, show_run = self._flight, self._flight.show_run
         if show_run is None:
             return
-        wanted = show_run.wanted(flight.fleet.time_s)
+        desired = show_run.desired(flight.fleet.time_s)
         standing = {box.id for box in flight.plan.obstacles}
         own = self._own_obstacles(show_run)
         admitted, waits = [], []
-        for box in wanted.obstacles:
+        for box in desired.obstacles:
             why = "" if box.id in standing else self._in_the_way(box)
             if why:
                 waits.append(why)
             else:
                 admitted.append(box)
         self.waits = tuple(waits)
-        flight.plan = replace(wanted, obstacles=(*own, *admitted), yaw=flight.plan.yaw)
+        flight.plan = replace(desired, obstacles=(*own, *admitted), yaw=flight.plan.yaw)
 
     def _in_the_way(self, box: Obstacle) -> str:
         """Why an obstacle of the show cannot appear now; empty when it can."""

@@ -55,7 +55,7 @@ class Starting:
         self.countdown: Countdown | None = None
 
     def order(
-        self, wanted: Sequence[VehicleId] | None, show_hash: str | None, at_unix_s: float | None
+        self, desired: Sequence[VehicleId] | None, show_hash: str | None, at_unix_s: float | None
     ) -> OrderRecord:
         """Take off now, or at a clock time: everything is checked now, and then once more.
 
@@ -70,7 +70,7 @@ class Starting:
             if not 0.0 < ahead_s <= AHEAD_MAX_S:
                 allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self._unix_s():.1f} now"
                 raise InvalidError("at_unix_time_s", at_unix_s, allowed)
-        chosen, left_out = self._preflight_gate.need(show_hash, wanted)
+        chosen, left_out = self._preflight_gate.need(show_hash, desired)
         if at_unix_s is not None:
             record = self._book.open("start", chosen, left_out)
             self.countdown = Countdown(at_unix_s, record, tuple(chosen), show_hash)

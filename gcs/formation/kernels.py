@@ -10,10 +10,10 @@ from gcs.formation.way import SHORTEST_WAY_M, Way, steer_center
 
 def warm_up() -> None:
     """Run the kernels around obstacles and among neighbours once, with the types of flight."""
-    center_m, wanted_m_s = np.array([0.0, 0.0, -20.0]), np.array([2.0, 0.0, 0.0])
+    center_m, desired_m_s = np.array([0.0, 0.0, -20.0]), np.array([2.0, 0.0, 0.0])
     tower = {"tower": Ellipse(10.0, 0.0, 5.0, 5.0, top_height_m=30.0)}
     settings, way = AvoidanceSettings(), Way(None, SHORTEST_WAY_M)
-    steer_center(center_m, wanted_m_s, center_m[None], tower, {}, settings, radius_m=1.0, way=way)
-    avoid_all(center_m[None], wanted_m_s[None], tower, {}, np.zeros(1), settings)
+    steer_center(center_m, desired_m_s, center_m[None], tower, {}, settings, radius_m=1.0, way=way)
+    avoid_all(center_m[None], desired_m_s[None], tower, {}, np.zeros(1), settings)
     sight = Sight(np.zeros((1, 1, 3)), np.ones((1, 1)), 30.0)  # frozen, as in flight
     step_aside(center_m[None], center_m[None], sight.inbox_m, sight.inbox_charge, sight.range_m)

@@ -83,7 +83,7 @@ def begun(direction: Array, ids: Sequence[VehicleId], rows: NDArray[np.intp], se
     return place
 
 
-def wanted_center_velocity(
+def desired_center_velocity(
     center: Center, plan: Plan, time_s: float, settings: LawSettings, *, reach_m: float, pace: float
 ) -> Array:
     """(3,) velocity that takes the centre to its orbit round the target, and to its height.
@@ -187,7 +187,7 @@ def slot_velocity(
 
 def goal_velocity(position_m: Array, goal_m: Array, *, settings: LawSettings) -> Array:
     """Straight to the goal, (n, 3) each: proportional near it, at the law's speed from afar."""
-    wanted_m_s = settings.goal_rate_per_s * (goal_m - position_m)
-    size_m_s = np.linalg.norm(wanted_m_s, axis=1, keepdims=True)
-    velocity: Array = wanted_m_s * np.minimum(1.0, settings.speed_m_s / np.maximum(size_m_s, TINY))
+    desired_m_s = settings.goal_rate_per_s * (goal_m - position_m)
+    size_m_s = np.linalg.norm(desired_m_s, axis=1, keepdims=True)
+    velocity: Array = desired_m_s * np.minimum(1.0, settings.speed_m_s / np.maximum(size_m_s, TINY))
     return velocity

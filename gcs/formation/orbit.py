@@ -149,12 +149,12 @@ class Center:
         return Center(np.array(position_m, dtype=np.float64), np.zeros(3), np.zeros(3))
 
 
-def advance_center(center: Center, wanted_m_s: Array, dt_s: float, acceleration_max_m_s2: float) -> Center:
+def advance_center(center: Center, desired_m_s: Array, dt_s: float, acceleration_max_m_s2: float) -> Center:
     """Move the centre for `dt_s` towards the wanted velocity, (3,), no harder than the limit.
 
     The acceleration that results is fed forward to every drone, so it must be one that they can follow.
     """
-    change_m_s = wanted_m_s - center.velocity_m_s
+    change_m_s = desired_m_s - center.velocity_m_s
     size_m_s = hypot(*change_m_s.tolist())
     possible_m_s = acceleration_max_m_s2 * dt_s
     if size_m_s > possible_m_s:

@@ -42,7 +42,7 @@ def _scaled(velocity_m_s: Array, horizontal_max_m_s: float, up_max_m_s: float, d
 
 @kernel
 def compensate(
-    wanted_m_s: Array,
+    desired_m_s: Array,
     measured_m_s: Array,
     acceleration_m_s2: Array,
     gain: float,
@@ -54,7 +54,7 @@ def compensate(
     It has no state, so nothing winds up when a limit is met.
 
     Args:
-        wanted_m_s: (n, 3) velocity the vehicle should have now.
+        desired_m_s: (n, 3) velocity the vehicle should have now.
         measured_m_s: (n, 3) velocity it has.
         acceleration_m_s2: (n, 3) wanted acceleration.
         gain: how much of the horizontal velocity error is added to the setpoint; 0 trusts the autopilot.
@@ -63,22 +63,22 @@ def compensate(
 
     Returns: (n, 3) setpoints in m/s, not yet within limits.
     """
-    setpoint = np.empty_like(wanted_m_s)
-    for i in range(len(wanted_m_s)):
+    setpoint = np.empty_like(desired_m_s)
+    for i in range(len(desired_m_s)):
         for k in range(3):
-            setpoint[i, k] = wanted_m_s[i, k] + lead_s * acceleration_m_s2[i, k]
-            setpoint[i, k] += (vertical_gain if k == 2 else gain) * (wanted_m_s[i, k] - measured_m_s[i, k])
+            setpoint[i, k] = desired_m_s[i, k] + lead_s * acceleration_m_s2[i, k]
+            setpoint[i, k] += (vertical_gain if k == 2 else gain) * (desired_m_s[i, k] - measured_m_s[i, k])
     return setpoint
 
 
 @kernel
 def limit_change(
-    wanted_m_s: Array, before_m_s: Array, measured_m_s: Array, acceleration_max_m_s2: float, dt_s: float
+    desired_m_s: Array, before_m_s: Array, measured_m_s: Array, acceleration_max_m_s2: float, dt_s: float
 ) -> Array:
     """Follow the wanted velocity no harder than the acceleration limit.
 
     Args:
-        wanted_m_s: (n, 3).
+        desired_m_s: (n, 3).
         before_m_s: (n, 3) of the tick before; NaN where nothing was commanded, then `measured_m_s` counts.
         measured_m_s: (n, 3).
         acceleration_max_m_s2: of the change.
@@ -86,16 +86,16 @@ def limit_change(
 
     Returns: (n, 3) in m/s.
     """
-    followed = np.empty_like(wanted_m_s)
-    for i in range(len(wanted_m_s)):
+    followed = np.empty_like(desired_m_s)
+    for i in range(len(desired_m_s)):
         square = 0.0
         for k in range(3):
             before = before_m_s[i, k] if np.isfinite(before_m_s[i, k]) else measured_m_s[i, k]
             followed[i, k] = before
-            square += (wanted_m_s[i, k] - before) ** 2
+            square += (desired_m_s[i, k] - before) ** 2
         share = min(1.0, acceleration_max_m_s2 * dt_s / max(np.sqrt(square), TINY))
         for k in range(3):
-            followed[i, k] += share * (wanted_m_s[i, k] - followed[i, k])
+            followed[i, k] += share * (desired_m_s[i, k] - followed[i, k])
     return followed
 
 

@@ -101,18 +101,18 @@ def contacts_m(place: Array, velocity: Array, center_m: Array, semi_m: Array, mo
 
 @kernel
 def along_tangent(
-    wanted: Array, tangent_x: float, tangent_y: float, moving: Array, keep_m_s: float
+    desired: Array, tangent_x: float, tangent_y: float, moving: Array, keep_m_s: float
 ) -> tuple[float, float]:
     """The velocity whose part relative to an obstacle `moving` (2,) points along the tangent.
 
     As fast over the ground as the wanted velocity (2,) along the tangent, at least `keep_m_s`; and at least
     what is wanted relative to the obstacle.
     """
-    over_ground = max(wanted[0] * tangent_x + wanted[1] * tangent_y, keep_m_s)
+    over_ground = max(desired[0] * tangent_x + desired[1] * tangent_y, keep_m_s)
     drift = moving[0] * tangent_x + moving[1] * tangent_y
     square = drift * drift + over_ground * over_ground - moving[0] * moving[0] - moving[1] * moving[1]
     relative = np.sqrt(max(square, 0.0)) - drift
-    nearest = (wanted[0] - moving[0]) * tangent_x + (wanted[1] - moving[1]) * tangent_y
+    nearest = (desired[0] - moving[0]) * tangent_x + (desired[1] - moving[1]) * tangent_y
     relative = max(relative, nearest, 0.0)
     return moving[0] + relative * tangent_x, moving[1] + relative * tangent_y
 
@@ -181,7 +181,7 @@ def breaks_side(
 @kernel
 def best_tangent(
     place: Array,
-    wanted: Array,
+    desired: Array,
     keep_m_s: float,
     concerned: Mask,
     reach_m: Array,
@@ -196,7 +196,7 @@ def best_tangent(
     Of all tangents within reach one that meets no other ellipse; of those one that breaks no side; of those
     the one that changes least. Other arguments as in `steer`, for one vehicle.
     """
-    least, best, velocity = inf, wanted.copy(), np.empty(2)
+    least, best, velocity = inf, desired.copy(), np.empty(2)
     for j in range(len(center_m)):
         x_m, y_m = place[0] - center_m[j, 0], place[1] - center_m[j, 1]
         far = np.hypot(x_m, y_m) - max(semi_m[j, 0], semi_m[j, 1]) > reach_m[j]
@@ -204,9 +204,9 @@ def best_tangent(
             continue
         for way in (LEFT, RIGHT):
             tx, ty = tangent(x_m, y_m, semi_m[j, 0], semi_m[j, 1], way)
-            velocity[0], velocity[1] = along_tangent(wanted, tx, ty, moving_m_s[j], keep_m_s)
-            cost = np.hypot(velocity[0] - wanted[0], velocity[1] - wanted[1])
-            cost += WRONG_SIDE_M_S * (turns(wanted, velocity, moving_m_s[first]) * side[first] < 0.0)
+            velocity[0], velocity[1] = along_tangent(desired, tx, ty, moving_m_s[j], keep_m_s)
+            cost = np.hypot(velocity[0] - desired[0], velocity[1] - desired[1])
+            cost += WRONG_SIDE_M_S * (turns(desired, velocity, moving_m_s[first]) * side[first] < 0.0)
             cost += WRONG_SIDE_M_S * breaks_side(place, velocity, concerned, center_m, moving_m_s, side)
             if cost < least:
                 ahead_m, other = first_contact(
@@ -222,7 +222,7 @@ def best_tangent(
 @kernel
 def steer(
     position_m: Array,
-    wanted_m_s: Array,
+    desired_m_s: Array,
     keep_m_s: Array,
     concerned: Mask,
     reach_m: Array,
@@ -238,7 +238,7 @@ def steer(
 
     Args:
         position_m: (n, 2).
-        wanted_m_s: (n, 2).
+        desired_m_s: (n, 2).
         keep_m_s: (n,) speed to keep along a tangent.
         concerned: (n, m) True where a vehicle has to avoid an ellipse.
         reach_m: (m,) how far ahead meeting it counts.
@@ -250,18 +250,18 @@ def steer(
     Returns: (n, 2) velocities, (n,) how far ahead the wanted ones meet the first ellipse, inf: they do not,
         and are returned as they are; and (n,) which that is, -1 for none.
     """
-    turned_m_s = wanted_m_s.copy()
+    turned_m_s = desired_m_s.copy()
     met_m, met = np.full(len(position_m), inf), np.full(len(position_m), -1)
     for i in range(len(position_m)):
-        place, wanted = position_m[i], wanted_m_s[i]
+        place, desired = position_m[i], desired_m_s[i]
         met_m[i], first = first_contact(
-            place, wanted, concerned[i], reach_m, center_m, semi_m, moving_m_s, -1
+            place, desired, concerned[i], reach_m, center_m, semi_m, moving_m_s, -1
         )
         met[i] = first
         if first < 0:
             continue
         turned_m_s[i] = best_tangent(
-            place, wanted, keep_m_s[i], concerned[i], reach_m, center_m, semi_m, moving_m_s, side, first
+            place, desired, keep_m_s[i], concerned[i], reach_m, center_m, semi_m, moving_m_s, side, first
         )
     return turned_m_s, met_m, met
 
@@ -316,7 +316,7 @@ def steer_past(
     outlines: Outlines,
     sides: Mapping[str, float],
     position_m: Array,
-    wanted_m_s: Array,
+    desired_m_s: Array,
     keep_m_s: Array,
     concerned: Mask,
     reach_m: Array,
@@ -324,7 +324,7 @@ def steer_past(
     """`steer` past these outlines, with the sides (LEFT or RIGHT by name) that have been chosen."""
     return steer(
         position_m,
-        wanted_m_s,
+        desired_m_s,
         np.array(keep_m_s, dtype=np.float64),
         concerned,
         reach_m,
@@ -363,16 +363,16 @@ def avoid_all(
     if not near.any():
         return velocity_m_s
     outlines = outlines.only(near)
-    place_m, wanted_m_s = level(position_m), level(velocity_m_s)
+    place_m, desired_m_s = level(position_m), level(velocity_m_s)
     concerned = -position_m[:, 2:] < outlines.top_height_m
     reach_m = np.full(len(outlines), settings.lookahead_m)
-    turned_m_s, met_m, _ = steer_past(outlines, sides, place_m, wanted_m_s, sliding_m_s, concerned, reach_m)
+    turned_m_s, met_m, _ = steer_past(outlines, sides, place_m, desired_m_s, sliding_m_s, concerned, reach_m)
     blend_m = max(settings.lookahead_m - settings.near_m, 1e-9)
     weight = np.clip((settings.lookahead_m - met_m) / blend_m, 0.0, 1.0)[:, None]
     result = velocity_m_s.copy()
     result[:, :2] = push(
         place_m,
-        wanted_m_s + weight * (turned_m_s - wanted_m_s),
+        desired_m_s + weight * (turned_m_s - desired_m_s),
         concerned,
         outlines.center_m,
         outlines.semi_m,

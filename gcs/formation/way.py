@@ -61,7 +61,7 @@ def way_ahead(center_m: Array, plan: Plan, time_s: float, *, moves: bool, reach_
 
 def steer_center(
     center_m: Array,
-    wanted_m_s: Array,
+    desired_m_s: Array,
     drones_m: Array,
     ellipses: Mapping[str, Ellipse],
     sides: Mapping[str, float],
@@ -77,7 +77,7 @@ def steer_center(
 
     Args:
         center_m: (3,) of the sphere, show frame.
-        wanted_m_s: (3,).
+        desired_m_s: (3,).
         drones_m: (n, 3) of the formation; a side is kept while one of them is near the obstacle.
         ellipses: the obstacles, margin and headroom included.
         sides: chosen so far: LEFT or RIGHT by name.
@@ -88,30 +88,32 @@ def steer_center(
     Returns: (3,) in m/s, and the sides that count from now on: one for the whole formation.
     """
     if not ellipses:
-        return wanted_m_s, {}
+        return desired_m_s, {}
     outlines = Outlines.of(ellipses)
     tall = -center_m[2] - radius_m < outlines.top_height_m
     there_m = np.full(len(outlines), inf)
     if way.ends_m is not None:  # of one that moves nobody knows where it will be then
         there_m = np.where(outlines.stand, outlines.nearest_m(way.ends_m[None]), inf)
     grown = _grown(outlines, center_m, there_m, radius_m, settings)
-    reach_m = _reach_m(outlines, wanted_m_s, way, settings)
+    reach_m = _reach_m(outlines, desired_m_s, way, settings)
     waits = bool((there_m[tall] < 0.0).any())  # where it is nearest to what it cannot reach
-    keep_m_s = np.array([0.0 if waits else float(np.hypot(wanted_m_s[0], wanted_m_s[1]))])
+    keep_m_s = np.array([0.0 if waits else float(np.hypot(desired_m_s[0], desired_m_s[1]))])
     chosen_m_s, _, met = steer_past(
-        grown, sides, level(center_m[None]), level(wanted_m_s[None]), keep_m_s, tall[None], reach_m
+        grown, sides, level(center_m[None]), level(desired_m_s[None]), keep_m_s, tall[None], reach_m
     )
     ahead = tall & (
-        contacts_m(np.array(center_m), np.array(wanted_m_s), grown.center_m, grown.semi_m, grown.velocity_m_s)
+        contacts_m(
+            np.array(center_m), np.array(desired_m_s), grown.center_m, grown.semi_m, grown.velocity_m_s
+        )
         < reach_m
     )
     near = outlines.nearest_m(drones_m) < SIDE_KEPT * settings.lookahead_m
     kept = _sides_taken(grown, center_m, chosen_m_s[0], ahead) | dict(sides)
     if met[0] >= 0:
-        right = turns(wanted_m_s[:2], chosen_m_s[0], grown.velocity_m_s[met[0]])
+        right = turns(desired_m_s[:2], chosen_m_s[0], grown.velocity_m_s[met[0]])
         kept[grown.names[met[0]]] = RIGHT if right > 0.0 else LEFT
     counts = {name for name, counting in zip(grown.names, ahead | near, strict=True) if counting}
-    return np.append(chosen_m_s[0], wanted_m_s[2]), {n: side for n, side in kept.items() if n in counts}
+    return np.append(chosen_m_s[0], desired_m_s[2]), {n: side for n, side in kept.items() if n in counts}
 
 
 def _sides_taken(outlines: Outlines, center_m: Array, velocity_m_s: Array, ahead: Mask) -> dict[str, float]:
@@ -135,13 +137,13 @@ def _grown(
     return outlines.grown(np.clip(clear_m, 0.0, np.maximum(possible_m, 0.0)))
 
 
-def _reach_m(outlines: Outlines, wanted_m_s: Array, way: Way, settings: AvoidanceSettings) -> Array:
+def _reach_m(outlines: Outlines, desired_m_s: Array, way: Way, settings: AvoidanceSettings) -> Array:
     """(m,) how far ahead of the centre each ellipse counts: as far as it goes straight, and its lookahead.
 
     One that moves counts for FORESEEN_S too when the centre arrives before, or stands.
     """
-    speed_m_s = float(np.hypot(wanted_m_s[0], wanted_m_s[1]))
-    relative_m_s = np.hypot(*(wanted_m_s[:2] - outlines.velocity_m_s).T)
+    speed_m_s = float(np.hypot(desired_m_s[0], desired_m_s[1]))
+    relative_m_s = np.hypot(*(desired_m_s[:2] - outlines.velocity_m_s).T)
     foreseen_s = max(way.straight_m / max(speed_m_s, SLOWEST_M_S), FORESEEN_S)
     reach_m = np.where(outlines.stand, way.straight_m, relative_m_s * foreseen_s)
     return np.minimum(reach_m, settings.center_lookahead_m)

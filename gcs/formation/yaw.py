@@ -11,7 +11,7 @@ OVERHEAD_M = 2.0
 """Closer to the target than this, horizontally, its bearing means nothing: yaw is kept."""
 
 
-def wanted_yaw_rad(yaw: Yaw, held_rad: Array, position_m: Array, target_m: Array) -> Array:
+def desired_yaw_rad(yaw: Yaw, held_rad: Array, position_m: Array, target_m: Array) -> Array:
     """The yaw each vehicle should have.
 
     Args:
@@ -54,11 +54,11 @@ def begun_yaw(commanded: Mask, yaw_rad: Array, held_rad: Array, measured_rad: Ar
 
 
 @kernel
-def turn_towards(yaw_rad: Array, wanted_rad: Array, rate_max_rad_s: float, dt_s: float) -> Array:
-    """Go from `yaw_rad` (n,) to `wanted_rad` (n,) the short way round, no faster than the rate."""
+def turn_towards(yaw_rad: Array, desired_rad: Array, rate_max_rad_s: float, dt_s: float) -> Array:
+    """Go from `yaw_rad` (n,) to `desired_rad` (n,) the short way round, no faster than the rate."""
     turned_rad, most_rad = np.empty_like(yaw_rad), rate_max_rad_s * dt_s
     for i in range(len(yaw_rad)):
-        step_rad = (wanted_rad[i] - yaw_rad[i] + np.pi) % (2.0 * np.pi) - np.pi
+        step_rad = (desired_rad[i] - yaw_rad[i] + np.pi) % (2.0 * np.pi) - np.pi
         later_rad = yaw_rad[i] + min(max(step_rad, -most_rad), most_rad)
         turned_rad[i] = (later_rad + np.pi) % (2.0 * np.pi) - np.pi
     return turned_rad

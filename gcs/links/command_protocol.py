@@ -27,7 +27,7 @@ CLOSED: Final = "the link was closed"
 TIMEOUT: Final = "TIMEOUT"
 """What a `Hand` says when nobody answers."""
 
-_WANTED_MODE: Final = {
+_DESIRED_MODE: Final = {
     Verb.TAKEOFF: Mode.TAKEOFF,
     Verb.HOLD: Mode.HOLD,
     Verb.OFFBOARD: Mode.OFFBOARD,
@@ -109,7 +109,7 @@ def obeyed(verb: Verb, said: Said, landed: Landed) -> bool:
         case Verb.LAND:
             return said.mode is Mode.LAND or (landed is Landed.ON_GROUND and not said.armed)
         case _:
-            return said.mode is _WANTED_MODE[verb]
+            return said.mode is _DESIRED_MODE[verb]
 
 
 class Orders:

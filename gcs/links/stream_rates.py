@@ -36,7 +36,7 @@ _PAUSE_MAX_S: Final = 60.0
 _FRAMES_MIN: Final = 4  # in a window; rarer streams are not judged
 
 
-def wanted(streams: StreamSettings) -> dict[int, float]:
+def desired(streams: StreamSettings) -> dict[int, float]:
     """Rate in Hz of every message that is asked for; 0 is not at all."""
     return {
         GLOBAL_POSITION_INT: streams.position_hz,
@@ -65,9 +65,9 @@ class _Asked:
 class Rates:
     """When which vehicle is to be asked for what."""
 
-    def __init__(self, wanted: Mapping[int, float], system_ids: Iterable[int]) -> None:
-        """`wanted`: Hz of each message."""
-        self._wanted = dict(wanted)
+    def __init__(self, desired: Mapping[int, float], system_ids: Iterable[int]) -> None:
+        """`desired`: Hz of each message."""
+        self._desired = dict(desired)
         self._asked = {system_id: _Asked() for system_id in system_ids}
 
     def due(self, system_id: int, heard: Heard, now_s: float) -> Iterator[tuple[int, float]]:
@@ -82,20 +82,20 @@ class Rates:
             return
         elif asked.all_due:
             asked.all_due = False
-            yield from self._wanted.items()
+            yield from self._desired.items()
             self._watch(asked, heard, now_s)
         else:
-            wrong = [each for each in self._wanted.items() if self._is_wrong(asked, heard, each, now_s)]
+            wrong = [each for each in self._desired.items() if self._is_wrong(asked, heard, each, now_s)]
             asked.pause_s = min(2 * asked.pause_s, _PAUSE_MAX_S) if wrong else _WINDOW_S
             yield from wrong
             self._watch(asked, heard, now_s)
 
     def _watch(self, asked: _Asked, heard: Heard, now_s: float) -> None:
         asked.look_s, asked.began_s = now_s + asked.pause_s, now_s
-        asked.counts = {message_id: heard.counts[message_id] for message_id in self._wanted}
+        asked.counts = {message_id: heard.counts[message_id] for message_id in self._desired}
 
-    def _is_wrong(self, asked: _Asked, heard: Heard, wanted: tuple[int, float], now_s: float) -> bool:
-        message_id, rate_hz = wanted
+    def _is_wrong(self, asked: _Asked, heard: Heard, desired: tuple[int, float], now_s: float) -> bool:
+        message_id, rate_hz = desired
         window_s = now_s - asked.began_s
         came = heard.counts[message_id] - asked.counts[message_id]
         if rate_hz == 0:

@@ -39,7 +39,7 @@ CLEAR_M = 3.0
 
 
 def distinct_sites_m(
-    wanted_m: Array, taken_m: Array, spacing_m: float, ellipses: Mapping[str, Ellipse]
+    desired_m: Array, taken_m: Array, spacing_m: float, ellipses: Mapping[str, Ellipse]
 ) -> Array:
     """Places on the ground near where everybody is, no two closer than `spacing_m`, none near an obstacle.
 
@@ -47,14 +47,14 @@ def distinct_sites_m(
     the middle of others that stay), the nearest free place is taken instead.
 
     Args:
-        wanted_m: (n, 2) where they would come down by themselves, show frame.
+        desired_m: (n, 2) where they would come down by themselves, show frame.
         taken_m: (m, 2) places that others stand on or will land on; they stay.
         spacing_m: between any two.
         ellipses: obstacles with their margins; places keep CLEAR_M to them.
 
     Returns: (n, 2), row by row for those who wanted them; NaN for those whose own is not known.
     """
-    place_m = np.array(wanted_m, dtype=np.float64)
+    place_m = np.array(desired_m, dtype=np.float64)
     known = np.isfinite(place_m).all(axis=1)
     if not known.all():
         place_m[known] = distinct_sites_m(place_m[known], taken_m, spacing_m, ellipses)
@@ -133,10 +133,10 @@ def _nearest_free_m(place_m: Array, taken_m: Array, spacing_m: float, walls: _Wa
     circle = np.stack([np.cos(turn_rad), np.sin(turn_rad)], axis=1)
     around_m = [(spacing_m * rings[:, None, None] * circle).reshape(-1, 2) for rings in RINGS]
     found_m = np.array(place_m)
-    for row, wanted_m in enumerate(place_m):
+    for row, desired_m in enumerate(place_m):
         settled_m = np.vstack([found_m[:row], taken_m])
         for offset_m in (np.zeros((1, 2)), *around_m):
-            candidate_m = wanted_m + offset_m
+            candidate_m = desired_m + offset_m
             candidate_m = candidate_m[walls.distance_m(candidate_m).min(axis=1, initial=np.inf) >= CLEAR_M]
             apart_m = _offsets(candidate_m, settled_m)[1].min(axis=1, initial=np.inf)
             fit = np.flatnonzero(apart_m >= spacing_m)

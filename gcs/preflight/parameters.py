@@ -62,7 +62,7 @@ class Requirement:
         return self.least - slack <= value <= self.most + slack
 
     @property
-    def wanted(self) -> str:
+    def desired(self) -> str:
         """In words."""
         if self.choices:
             return " or ".join(str(choice) for choice in self.choices)
@@ -261,7 +261,7 @@ def _wrong(requirement: Requirement, value: ParameterValue | None) -> Check:
         State.FAIL,
         None if value is None or not isfinite(value) else float(value),
         "",
-        f"{requirement.name}: {requirement.wanted}",
-        f"{requirement.name} is {found}, {requirement.wanted} is needed ({requirement.why})",
+        f"{requirement.name}: {requirement.desired}",
+        f"{requirement.name} is {found}, {requirement.desired} is needed ({requirement.why})",
         MEND,
     )

@@ -74,12 +74,12 @@ class Surroundings:
 
 
 def filter_velocities(
-    wanted_m_s: Array, surroundings: Surroundings, settings: SafetySettings
+    desired_m_s: Array, surroundings: Surroundings, settings: SafetySettings
 ) -> tuple[Array, tuple[str, ...]]:
     """Bring the wanted velocities within every limit and constraint.
 
     Args:
-        wanted_m_s: (n, 3), show frame; rows not finite become rest, rows not commanded are ignored.
+        desired_m_s: (n, 3), show frame; rows not finite become rest, rows not commanded are ignored.
         surroundings: the same n rows.
         settings: limits and margins.
 
@@ -88,30 +88,30 @@ def filter_velocities(
     here, limits = surroundings, settings.limits
     braking = settings.braking.over_link(settings.link_delay_s)
     position_m = _later(np.array(here.position_m), np.array(here.velocity_m_s), settings.link_delay_s)
-    wanted_m_s = cap(_only(np.array(wanted_m_s), np.array(here.commanded)), limits, here.speed_max_m_s)
+    desired_m_s = cap(_only(np.array(desired_m_s), np.array(here.commanded)), limits, here.speed_max_m_s)
     walls = _walls(position_m, here, settings, braking)
-    spare_m_s = np.full(len(wanted_m_s), SPARE_M_S)
+    spare_m_s = np.full(len(desired_m_s), SPARE_M_S)
     for attempt in range(ATTEMPTS):
         if attempt == ATTEMPTS - 1:  # no velocity within the limits differs by more
-            spare_m_s = limits.fastest_m_s + np.linalg.norm(wanted_m_s, axis=1)
-        pairs = _pairs(position_m, wanted_m_s, spare_m_s, here, settings, braking)
+            spare_m_s = limits.fastest_m_s + np.linalg.norm(desired_m_s, axis=1)
+        pairs = _pairs(position_m, desired_m_s, spare_m_s, here, settings, braking)
         joined = _joined(walls, pairs)
-        allowed_m_s = shortened(cap(nearest(wanted_m_s, *joined), limits, here.speed_max_m_s), *joined)
-        changed_m_s = _lengths(wanted_m_s, allowed_m_s)
+        allowed_m_s = shortened(cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s), *joined)
+        changed_m_s = _lengths(desired_m_s, allowed_m_s)
         strays = changed_m_s > spare_m_s
         spare_m_s = np.maximum(spare_m_s, 1.5 * changed_m_s)
         if not strays.any():
             break  # nobody was led to where nobody had looked
         if strays.sum() <= FEW_STRAYS * len(strays):
-            overlooked = _pairs(position_m, wanted_m_s, spare_m_s, here, settings, braking, strays)
+            overlooked = _pairs(position_m, desired_m_s, spare_m_s, here, settings, braking, strays)
             if not any_broken(allowed_m_s, *_joined(Constraints.none(), overlooked)):
                 break  # or nothing was in the way there
-    return allowed_m_s, _reasons(wanted_m_s, changed_m_s, walls, pairs, joined, here.names)
+    return allowed_m_s, _reasons(desired_m_s, changed_m_s, walls, pairs, joined, here.names)
 
 
 def _pairs(
     position_m: Array,
-    wanted_m_s: Array,
+    desired_m_s: Array,
     spare_m_s: Array,
     here: Surroundings,
     settings: SafetySettings,
@@ -127,7 +127,7 @@ def _pairs(
         floor=settings.floor,
         braking=braking,
         uncertainty_m=here.uncertainty_m,
-        course_m_s=wanted_m_s,
+        course_m_s=desired_m_s,
         spare_m_s=spare_m_s,
         only=only,
     )
@@ -227,7 +227,7 @@ def _capped(
 
 
 def _reasons(
-    wanted_m_s: Array,
+    desired_m_s: Array,
     changed_m_s: Array,
     walls: Constraints,
     pairs: Pairs,
@@ -239,10 +239,10 @@ def _reasons(
     Who broke none was pushed by others: the constraint it came nearest to breaking.
     """
     rows = np.flatnonzero(changed_m_s > NOTICEABLE_M_S)
-    reasons = np.full(len(wanted_m_s), "", dtype=object)
+    reasons = np.full(len(desired_m_s), "", dtype=object)
     if len(rows) == 0:
         return tuple(reasons.tolist())
-    which = tightest(wanted_m_s, *joined)[rows]
+    which = tightest(desired_m_s, *joined)[rows]
     paired, walled = which >= len(walls), (which != NOBODY) & (which < len(walls))
     pair = which[paired] - len(walls)
     other = np.where(pairs.first[pair] == rows[paired], pairs.other[pair], pairs.first[pair])

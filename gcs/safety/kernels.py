@@ -13,11 +13,11 @@ def warm_up() -> None:
     """Run every kernel once, with the types of flight; the first time after a change takes seconds."""
     settings = SafetySettings()
     position_m = np.array([[0.0, 0.0, -20.0], [2.5, 0.0, -20.0], [40.0, 0.0, -20.0]])
-    wanted_m_s = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    desired_m_s = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     everybody, nobody = np.ones(3, dtype=bool), np.zeros(3, dtype=bool)
     surroundings = Surroundings(
         position_m,
-        wanted_m_s,
+        desired_m_s,
         everybody,
         everybody,
         nobody,
@@ -28,10 +28,10 @@ def warm_up() -> None:
         np.full(3, np.inf),
     )
     turned_m_s = keep_right(
-        wanted_m_s,
+        desired_m_s,
         position_m,
-        wanted_m_s,
-        position_m + 10.0 * wanted_m_s,
+        desired_m_s,
+        position_m + 10.0 * desired_m_s,
         to_goal=everybody,
         commanded=everybody,
         airborne=everybody,
@@ -41,7 +41,7 @@ def warm_up() -> None:
     given_m_s = give_way(
         turned_m_s,
         position_m,
-        position_m + 10.0 * wanted_m_s,
+        position_m + 10.0 * desired_m_s,
         to_goal=everybody,
         flatness=1.0,
         settings=settings.traffic,
@@ -49,15 +49,15 @@ def warm_up() -> None:
     filter_velocities(given_m_s, surroundings, settings)
     pairs = separation_constraints(
         position_m,
-        wanted_m_s,
+        desired_m_s,
         everybody,
         everybody,
         floor=settings.floor,
         braking=settings.braking,
         uncertainty_m=np.zeros(3),
-        course_m_s=wanted_m_s,
+        course_m_s=desired_m_s,
         spare_m_s=np.ones(3),
         only=everybody,
     )
-    any_broken(wanted_m_s, pairs.first, pairs.second, pairs.normal, pairs.bound_m_s)
+    any_broken(desired_m_s, pairs.first, pairs.second, pairs.normal, pairs.bound_m_s)
     minimum_separation(position_m, everybody, settings.floor)

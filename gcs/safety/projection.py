@@ -35,21 +35,21 @@ FEWEST = 8
 """Sweeps and shrinkings there are always."""
 
 
-def project(wanted_m_s: Array, constraints: Constraints) -> Array:
+def project(desired_m_s: Array, constraints: Constraints) -> Array:
     """Change the velocities as little as possible (least squares) so that all constraints hold.
 
     Hildreth's method, forwards and backwards in turn, until it settles: the nearest point is unique, so the
     order of the constraints does not matter. Only constraints that are broken, or were on the way, take part.
 
     Args:
-        wanted_m_s: (n, 3), finite.
+        desired_m_s: (n, 3), finite.
         constraints: over the same n rows.
 
     Returns: (n, 3) in m/s. Constraints may still be broken slightly, or where they contradict each other:
         see `shrink`.
     """
     return nearest(
-        wanted_m_s, constraints.first, constraints.second, constraints.normal, constraints.bound_m_s
+        desired_m_s, constraints.first, constraints.second, constraints.normal, constraints.bound_m_s
     )
 
 
@@ -91,17 +91,17 @@ def slack_m_s(velocity_m_s: Array, i: int, j: int, normal: Array, bound_m_s: Arr
 
 
 @kernel
-def nearest(wanted_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Array:
+def nearest(desired_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Array:
     """As `project`, on arrays: rows (k,), (k,), normals (k, 3), bounds (k,).
 
     The constraints in hand lie side by side in memory. Most rows come to rest within a few sweeps, where only
     few constraints touch each other; a sweep passes over those whose rows rest, which would not change.
     """
-    velocity_m_s = wanted_m_s.copy()
+    velocity_m_s = desired_m_s.copy()
     taken = np.zeros(len(first), np.bool_)
     row, other = np.empty(len(first), np.intp), np.empty(len(first), np.intp)
     along, least_m_s, force_m_s = np.empty((len(first), 3)), np.empty(len(first)), np.zeros(len(first))
-    moved_in = np.zeros(len(wanted_m_s), np.int64)
+    moved_in = np.zeros(len(desired_m_s), np.int64)
     many, sweep = 0, 0
     for _ in range(ROUNDS):
         before = many

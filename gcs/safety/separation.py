@@ -292,12 +292,12 @@ def _bounds(
         if not (airborne[i] and airborne[j]):  # who stands on the ground has no tracking that needs a margin
             pair_wide_m, pair_tall_m = pair_wide_m - own_wide_m, pair_tall_m - own_tall_m
         gap_m, x, y, z = _gap(position_m, i, j, pair_wide_m, pair_tall_m)
-        wanted_m_s = spare_m_s[i] + spare_m_s[j] - _along(course_m_s, i, j, x, y, z)
+        desired_m_s = spare_m_s[i] + spare_m_s[j] - _along(course_m_s, i, j, x, y, z)
         closing_m_s = -_along(measured_m_s, i, j, x, y, z)
         allowed_m_s = allowed_speed_m_s(
             gap_m - lead_s * max(closing_m_s, 0.0), reaction_s, deceleration_m_s2, escape_per_s
         )
-        if allowed_m_s > wanted_m_s:
+        if allowed_m_s > desired_m_s:
             continue
         rows[kept], others[kept] = i, j
         shared[kept] = j if commanded[j] else NOBODY

@@ -51,7 +51,7 @@ class Traffic(Settings):
 
 
 def keep_right(
-    wanted_m_s: Array,
+    desired_m_s: Array,
     position_m: Array,
     velocity_m_s: Array,
     goal_m: Array,
@@ -68,7 +68,7 @@ def keep_right(
     no memory: where the way is free again, it is flown straight.
 
     Args:
-        wanted_m_s: (n, 3), show frame: straight to the goal, or what else is wanted.
+        desired_m_s: (n, 3), show frame: straight to the goal, or what else is wanted.
         position_m: (n, 3), show frame; NaN rows take no part.
         velocity_m_s: (n, 3) measured: those who are not commanded go on with it.
         goal_m: (n, 3); only rows of `to_goal` count.
@@ -82,8 +82,8 @@ def keep_right(
     """
     turned = to_goal & np.isfinite(goal_m).all(axis=1)
     if not turned.any() or settings.angle_max_deg == 0.0:
-        return wanted_m_s
-    course_m_s = np.where(commanded[:, None], wanted_m_s, velocity_m_s)
+        return desired_m_s
+    course_m_s = np.where(commanded[:, None], desired_m_s, velocity_m_s)
     met = airborne & np.isfinite(position_m).all(axis=1) & np.isfinite(course_m_s).all(axis=1)
     turned &= met
     speed_m_s = np.linalg.norm(course_m_s, axis=1)
@@ -95,13 +95,13 @@ def keep_right(
         np.flatnonzero(met), turned, position_m * scale, course_m_s * scale, lasts_s, settings.passing_m
     )
     angle_rad = radians(settings.angle_max_deg) * -np.expm1(-meetings / settings.crowd)
-    aside_m_s = _to_the_right(wanted_m_s, goal_m - position_m, angle_rad)
-    kept: Array = np.where(turned[:, None], aside_m_s, wanted_m_s)
+    aside_m_s = _to_the_right(desired_m_s, goal_m - position_m, angle_rad)
+    kept: Array = np.where(turned[:, None], aside_m_s, desired_m_s)
     return kept
 
 
 def give_way(
-    wanted_m_s: Array, position_m: Array, goal_m: Array, *, to_goal: Mask, flatness: float, settings: Traffic
+    desired_m_s: Array, position_m: Array, goal_m: Array, *, to_goal: Mask, flatness: float, settings: Traffic
 ) -> Array:
     """Take from those with far to go what brings them nearer to somebody close by who is nearly there.
 
@@ -109,7 +109,7 @@ def give_way(
     way to one at a time, the one on whom it closes in the most. It needs no memory either.
 
     Args:
-        wanted_m_s: (n, 3), show frame.
+        desired_m_s: (n, 3), show frame.
         position_m: (n, 3), show frame; NaN rows take no part.
         goal_m: (n, 3); only rows of `to_goal` count.
         to_goal: (n,) who gives way, and to whom way is given.
@@ -119,19 +119,19 @@ def give_way(
     Returns: (n, 3) in m/s.
     """
     if settings.give_way_m == 0.0:
-        return wanted_m_s
-    left_m, speed_m_s = np.linalg.norm(goal_m - position_m, axis=1), np.linalg.norm(wanted_m_s, axis=1)
+        return desired_m_s
+    left_m, speed_m_s = np.linalg.norm(goal_m - position_m, axis=1), np.linalg.norm(desired_m_s, axis=1)
     takes_part = to_goal & np.isfinite(left_m) & (speed_m_s > STANDING_M_S)
     scale = np.array([1.0, 1.0, flatness])
     given_up_m_s = approach_given_up(
-        wanted_m_s * scale,
+        desired_m_s * scale,
         position_m * scale,
         left_m / np.maximum(speed_m_s, STANDING_M_S),
         takes_part,
         settings.give_way_fully_m,
         settings.give_way_m,
     )
-    given: Array = wanted_m_s - given_up_m_s / scale
+    given: Array = desired_m_s - given_up_m_s / scale
     return given
 
 
@@ -189,21 +189,21 @@ def count_meetings(
 
 @kernel
 def approach_given_up(
-    wanted_m_s: Array, position_m: Array, left_s: Array, takes_part: Mask, fully_m: float, begins_m: float
+    desired_m_s: Array, position_m: Array, left_s: Array, takes_part: Mask, fully_m: float, begins_m: float
 ) -> Array:
     """(n, 3) what each has to take from its wanted velocity to give way.
 
     Args:
-        wanted_m_s: (n, 3), in a metric in which the floor is a sphere.
+        desired_m_s: (n, 3), in a metric in which the floor is a sphere.
         position_m: (n, 3), likewise.
         left_s: (n,) how long each still has to go.
         takes_part: (n,) everything else of these is finite.
         fully_m: from this distance on the approach is given up wholly.
         begins_m: and from this one on in part.
     """
-    given_up_m_s = np.zeros_like(wanted_m_s)
-    most_m_s = np.zeros(len(wanted_m_s))
-    first, second = near_pairs(position_m, takes_part, np.full(len(wanted_m_s), 0.5 * begins_m))
+    given_up_m_s = np.zeros_like(desired_m_s)
+    most_m_s = np.zeros(len(desired_m_s))
+    first, second = near_pairs(position_m, takes_part, np.full(len(desired_m_s), 0.5 * begins_m))
     for k in range(len(first)):
         i, j = first[k], second[k]
         if left_s[i] < left_s[j]:
@@ -214,7 +214,7 @@ def approach_given_up(
         for axis in range(3):
             offset_m = position_m[j, axis] - position_m[i, axis]
             away_m2 += offset_m * offset_m
-            closing_m2_s += offset_m * (wanted_m_s[i, axis] - wanted_m_s[j, axis])
+            closing_m2_s += offset_m * (desired_m_s[i, axis] - desired_m_s[j, axis])
         away_m = np.sqrt(away_m2)
         share = min(1.0, (begins_m - away_m) / (begins_m - fully_m))
         slower_m_s = share * closing_m2_s / max(away_m, TINY)

@@ -81,7 +81,7 @@ def figure(figures: dict[str, object], name: str) -> object:
 def broken(figures: dict[str, object], gates: Mapping[str, Gate]) -> list[str]:
     """The gates outside of which this run's figures lie, in words."""
     return [
-        f"{name} {figure(figures, name)}: {_wanted(gate)}"
+        f"{name} {figure(figures, name)}: {_desired(gate)}"
         for name, gate in gates.items()
         if not _within(figure(figures, name), gate)
     ]
@@ -96,7 +96,7 @@ def _within(value: object, gate: Gate) -> bool:
     return above and (gate.most is None or value <= gate.most)
 
 
-def _wanted(gate: Gate) -> str:
+def _desired(gate: Gate) -> str:
     least = "" if gate.least is None else f"at least {gate.least:g}"
     most = "" if gate.most is None else f"at most {gate.most:g}"
     return " and ".join(part for part in (least, most) if part)

@@ -133,7 +133,7 @@ def _step(formation: VirtualFormation, course: Course, time_s: float, dt_s: floa
     flight, before = course.flight, formation.center
     ellipses = course.ellipses if course.near(before.position_m) else {}
     ahead_m = before.position_m + dt_s * before.velocity_m_s  # the field counts where the step ends
-    wanted_m_s, formation.sides = steer_center(
+    desired_m_s, formation.sides = steer_center(
         before.position_m,
         course.center_velocity_m_s(ahead_m, time_s + dt_s),
         formation.position_m,
@@ -143,7 +143,7 @@ def _step(formation: VirtualFormation, course: Course, time_s: float, dt_s: floa
         radius_m=flight.parameters.radius_m,
         way=Way(None, flight.orbit.radius_m),
     )
-    center = step_center(before, wanted_m_s, dt_s, flight.center_acceleration_max_m_s2)
+    center = step_center(before, desired_m_s, dt_s, flight.center_acceleration_max_m_s2)
     force_n = formation_force(
         formation.position_m, before.position_m, course.charge, flight.parameters
     ) + feed_forward_force(before.velocity_m_s, center.acceleration_m_s2, flight.parameters)

@@ -97,19 +97,19 @@ def avoiding_force(
     Returns: (n, 3) in N; exactly `force_n` where nothing is in the way.
     Source: article, section 4.3.
     """
-    wanted_m_s = velocity_m_s + ANSWER_S * acceleration(velocity_m_s, force_n, parameters)
-    turned_m_s = avoid_all(position_m, wanted_m_s, ellipses, sides, sliding_m_s, settings)
-    force: Array = force_n + parameters.mass_kg / ANSWER_S * (turned_m_s - wanted_m_s)
+    desired_m_s = velocity_m_s + ANSWER_S * acceleration(velocity_m_s, force_n, parameters)
+    turned_m_s = avoid_all(position_m, desired_m_s, ellipses, sides, sliding_m_s, settings)
+    force: Array = force_n + parameters.mass_kg / ANSWER_S * (turned_m_s - desired_m_s)
     return force
 
 
-def step_center(center: Center, wanted_m_s: Array, dt_s: float, acceleration_max_m_s2: float) -> Center:
+def step_center(center: Center, desired_m_s: Array, dt_s: float, acceleration_max_m_s2: float) -> Center:
     """Move the centre as `step_virtual` moves drones, (3,) each, no harder than the limit.
 
     With the same integration and `feed_forward_force` the drones' motion relative to the centre is exactly
     that about a centre at rest, however hard it turns.
     """
-    moved = advance_center(center, wanted_m_s, dt_s, acceleration_max_m_s2)
+    moved = advance_center(center, desired_m_s, dt_s, acceleration_max_m_s2)
     return replace(moved, position_m=center.position_m + dt_s * moved.velocity_m_s)
 
 

@@ -83,9 +83,9 @@ def _many(
     target_m = settings.length_m * ahead
     speed_m_s = random.uniform(settings.speed_min_m_s, settings.speed_max_m_s)
     boxes: list[Obstacle] = []
-    wanted = int(random.integers(1, settings.boxes_max + 1))
+    desired = int(random.integers(1, settings.boxes_max + 1))
     for _ in range(TRIES):
-        if len(boxes) == wanted:
+        if len(boxes) == desired:
             break
         place_m = random.uniform(0.0, settings.length_m) * ahead + random.uniform(-30.0, 30.0) * aside
         box = _somewhere(random, settings, place_m, speed_m_s, f"box {len(boxes) + 1}")

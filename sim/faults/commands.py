@@ -167,14 +167,14 @@ def _vehicles(fields: dict[str, object]) -> tuple[int, ...] | None:
     if ("vehicle" in fields) == ("vehicles" in fields):
         raise OrderError('either "vehicle": 3 or "vehicles": [1, 2] or "vehicles": "all" must be there')
     if "vehicle" in fields:
-        wanted: object = [fields.pop("vehicle")]
+        desired: object = [fields.pop("vehicle")]
     else:
-        wanted = fields.pop("vehicles")
-        if wanted == "all":
+        desired = fields.pop("vehicles")
+        if desired == "all":
             return None
-    if not isinstance(wanted, list) or not wanted:
-        raise OrderError(f'vehicles must be a list of numbers, or "all", not {wanted!r}')
-    for number in wanted:
+    if not isinstance(desired, list) or not desired:
+        raise OrderError(f'vehicles must be a list of numbers, or "all", not {desired!r}')
+    for number in desired:
         if isinstance(number, bool) or not isinstance(number, int) or number < 1:
             raise OrderError(f"{number!r} is no vehicle's number: they are whole, from 1")
-    return tuple(dict.fromkeys(wanted))
+    return tuple(dict.fromkeys(desired))

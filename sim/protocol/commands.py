@@ -95,10 +95,10 @@ def execute(autopilot: Commanded, command: Command) -> Result:
 
 
 def _arm(autopilot: Commanded, command: Command) -> Result:
-    wanted, force = command.values[0], command.values[1] == FORCE
-    if wanted == 1.0:
+    desired, force = command.values[0], command.values[1] == FORCE
+    if desired == 1.0:
         return autopilot.arm(force=force)
-    if wanted == 0.0:
+    if desired == 0.0:
         return autopilot.commander.disarm(force=force)
     return Result.DENIED
 
@@ -130,10 +130,10 @@ def _return(autopilot: Commanded, _command: Command) -> Result:
 
 def _reboot(autopilot: Commanded, command: Command) -> Result:
     """1 reboots the autopilot; PX4 denies it while armed, and everything else but 0."""
-    wanted = command.values[0]
-    if wanted == 0.0:
+    desired = command.values[0]
+    if desired == 0.0:
         return Result.ACCEPTED
-    return autopilot.reboot() if wanted == 1.0 else Result.DENIED
+    return autopilot.reboot() if desired == 1.0 else Result.DENIED
 
 
 def _set_interval(autopilot: Commanded, command: Command) -> Result:

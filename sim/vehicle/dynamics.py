@@ -243,15 +243,15 @@ def _delayed(
 def _control(error_m_s: Array, integral_m_s2: Array, dt_s: float, response: Response) -> tuple[Array, Array]:
     """PI per axis, bounded; returns the bounded acceleration and the next integrator, both (n, 3)."""
     proportional_per_s, integral_per_s2, limit_m_s2 = _gains(response)
-    wanted_m_s2 = proportional_per_s * error_m_s + integral_m_s2
-    size_m_s2 = np.abs(wanted_m_s2)
-    size_m_s2[:, :2] = np.hypot(wanted_m_s2[:, 0], wanted_m_s2[:, 1])[:, np.newaxis]
+    desired_m_s2 = proportional_per_s * error_m_s + integral_m_s2
+    size_m_s2 = np.abs(desired_m_s2)
+    size_m_s2[:, :2] = np.hypot(desired_m_s2[:, 0], desired_m_s2[:, 1])[:, np.newaxis]
     gain_m_s2 = dt_s * integral_per_s2 * error_m_s
     if not (size_m_s2 > limit_m_s2).any():
-        return wanted_m_s2, integral_m_s2 + gain_m_s2
+        return desired_m_s2, integral_m_s2 + gain_m_s2
     scale = np.minimum(1.0, limit_m_s2 / np.maximum(size_m_s2, 1e-12))
-    winding = (scale < 1.0) & (error_m_s * wanted_m_s2 > 0.0)
-    return wanted_m_s2 * scale, integral_m_s2 + np.where(winding, 0.0, gain_m_s2)
+    winding = (scale < 1.0) & (error_m_s * desired_m_s2 > 0.0)
+    return desired_m_s2 * scale, integral_m_s2 + np.where(winding, 0.0, gain_m_s2)
 
 
 def _per_axis(horizontal: Setting, vertical: Setting) -> Array:

@@ -68,24 +68,24 @@ class Guidance:
         entering = rows[(state.mode[rows] != state.guided_mode[rows]) | ~state.armed[rows]]
         if len(entering):
             self._enter(entering, sensed)
-        wanted_m_s = self._wanted(rows, sensed, dt_s)
-        state.last_m_s[rows] = wanted_m_s
-        demand_m_s[rows] = self._bounded(rows, wanted_m_s)
+        desired_m_s = self._desired(rows, sensed, dt_s)
+        state.last_m_s[rows] = desired_m_s
+        demand_m_s[rows] = self._bounded(rows, desired_m_s)
         return demand_m_s
 
-    def _wanted(self, rows: Rows, sensed: Sensed, dt_s: float) -> Array:
+    def _desired(self, rows: Rows, sensed: Sensed, dt_s: float) -> Array:
         """What each one's mode asks for; the automatic ones accelerate gently."""
         flown = FLOWN_AS[self._state.mode[rows]]  # before a take-off that ends in this step
         kinds = set(flown.tolist())
-        wanted_m_s = np.empty((len(rows), 3))
+        desired_m_s = np.empty((len(rows), 3))
         for kind, ask in self._ask.items():
             if kind not in kinds:
                 continue
             chosen = slice(None) if len(kinds) == 1 else flown == kind
             asked_m_s = ask(rows[chosen], sensed)
             gentle = kind not in {OFFBOARD, BY_HAND}
-            wanted_m_s[chosen] = self._slew(rows[chosen], asked_m_s, dt_s) if gentle else asked_m_s
-        return wanted_m_s
+            desired_m_s[chosen] = self._slew(rows[chosen], asked_m_s, dt_s) if gentle else asked_m_s
+        return desired_m_s
 
     def turn(self, powered: Mask, dt_s: float) -> None:
         """Turn the yaw towards what the setpoint commands, no faster than MPC_YAWRAUTO_MAX.
@@ -98,9 +98,9 @@ class Guidance:
         rows = ((state.mode == OFFBOARD) & powered).nonzero()[0]
         if not len(rows):
             return
-        yaw_rad, wanted_rad = state.yaw_rad[rows], state.order_yaw_rad[rows]
+        yaw_rad, desired_rad = state.yaw_rad[rows], state.order_yaw_rad[rows]
         by_rate_rad = state.order_yaw_rate_rad_s[rows] * dt_s
-        turn_rad = np.where(np.isnan(wanted_rad), by_rate_rad, _wrapped(wanted_rad - yaw_rad))
+        turn_rad = np.where(np.isnan(desired_rad), by_rate_rad, _wrapped(desired_rad - yaw_rad))
         turn_rad[np.isnan(turn_rad)] = 0.0
         most_rad = np.radians(self._parameters["MPC_YAWRAUTO_MAX"][rows]) * dt_s
         state.yaw_rad[rows] = _wrapped(yaw_rad + _clipped(turn_rad, -most_rad, most_rad))
@@ -215,12 +215,12 @@ class Guidance:
             state.target_m[rows[over]] = target_m[over]
             low = over & (here_m[:, 2] > target_m[:, 2] - ARRIVED_M)
             state.descend_from_s[rows[low]] = state.now_s
-        wanted_m_s = self._towards(rows, sensed)
+        desired_m_s = self._towards(rows, sensed)
         delay_s = p["RTL_LAND_DELAY"][rows]
         landing = was_returning & (delay_s >= 0.0) & (state.now_s >= state.descend_from_s[rows] + delay_s)
         if landing.any():
-            wanted_m_s[landing] = self._land(rows[landing], sensed)
-        return wanted_m_s
+            desired_m_s[landing] = self._land(rows[landing], sensed)
+        return desired_m_s
 
     def _by_hand(self, rows: Rows, _sensed: Sensed) -> Array:
         """What the sticks say; with nobody at them it sinks."""
@@ -233,18 +233,18 @@ class Guidance:
         way_m: Array = state.order_position_m[rows] - sensed.position_m[rows]
         velocity_m_s = state.order_velocity_m_s[rows]
         way_m[np.isnan(way_m)] = velocity_m_s[np.isnan(velocity_m_s)] = 0.0
-        wanted_m_s: Array = velocity_m_s + self._parameters.axes("MPC_XY_P", "MPC_Z_P")[rows] * way_m
+        desired_m_s: Array = velocity_m_s + self._parameters.axes("MPC_XY_P", "MPC_Z_P")[rows] * way_m
         if self._quirks.whole_velocity:
-            wanted_m_s[~state.order_flyable[rows]] = 0.0
-        return wanted_m_s
+            desired_m_s[~state.order_flyable[rows]] = 0.0
+        return desired_m_s
 
-    def _slew(self, rows: Rows, wanted_m_s: Array, dt_s: float) -> Array:
+    def _slew(self, rows: Rows, desired_m_s: Array, dt_s: float) -> Array:
         """The automatic modes accelerate gently."""
         bound_m_s = self._parameters.axes("MPC_ACC_HOR", "MPC_ACC_UP_MAX")[rows] * dt_s
         last_m_s = self._state.last_m_s[rows]
-        return last_m_s + _clipped(wanted_m_s - last_m_s, -bound_m_s, bound_m_s)
+        return last_m_s + _clipped(desired_m_s - last_m_s, -bound_m_s, bound_m_s)
 
-    def _bounded(self, rows: Rows, wanted_m_s: Array) -> Array:
+    def _bounded(self, rows: Rows, desired_m_s: Array) -> Array:
         """Clip each axis on its own, as recorded, which bends the direction."""
         state, p = self._state, self._parameters
         low_m_s = -p.axes("MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_UP")[rows]
@@ -255,7 +255,7 @@ class Guidance:
             climb_m_s = -low_m_s[:, 2]
             ramped_m_s = np.maximum(TAKEOFF_START_M_S + ramp * (climb_m_s - TAKEOFF_START_M_S), 0.0)
             low_m_s[:, 2] = -np.where(ramp < 1.0, ramped_m_s, climb_m_s)
-        return _clipped(wanted_m_s, low_m_s, high_m_s)
+        return _clipped(desired_m_s, low_m_s, high_m_s)
 
 
 def _clipped(values: Array, low: Array, high: Array) -> Array:

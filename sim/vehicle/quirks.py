@@ -54,11 +54,11 @@ class Quirks:
             QuirkError: no such quirk.
         """
         known = set(names())
-        wanted = dict(changes)
-        for name in wanted:
+        desired = dict(changes)
+        for name in desired:
             if name not in known:
                 raise QuirkError(f"{name}: no such quirk; there are {', '.join(names())}")
-        return replace(self, **{name.replace("-", "_"): on for name, on in wanted.items()})
+        return replace(self, **{name.replace("-", "_"): on for name, on in desired.items()})
 
 
 def names() -> tuple[str, ...]:

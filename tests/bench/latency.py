@@ -139,11 +139,11 @@ def row(transport: str, count: int) -> None:
     print(f"{transport:<10}{count:>5}{figures}{flown_m}", flush=True)
 
 
-def main(wanted: list[str]) -> None:
+def main(desired: list[str]) -> None:
     """All, or the row asked for."""
     heads = ("age p50", "age p99", "tick p99", "late p99", "m p50", "m p99")
     print(f"{'':<10}{'N':>5}" + "".join(f"{head:>10}" for head in heads) + "   (ms; metres at 5 m/s)")
-    for transport, count in [(wanted[0], int(wanted[1]))] if wanted else [("mavsdk", 8), ("direct", 8)]:
+    for transport, count in [(desired[0], int(desired[1]))] if desired else [("mavsdk", 8), ("direct", 8)]:
         row(transport, count)
 
 

@@ -80,7 +80,7 @@ class Namespace:
         self._answered = np.full(n, -1)
         self._system_ids = np.arange(1, n + 1)
         self._position_m = position_m
-        self._velocity_m_s, self._wanted_m_s = np.zeros((n, 3)), np.zeros((n, 3))
+        self._velocity_m_s, self._desired_m_s = np.zeros((n, 3)), np.zeros((n, 3))
         self._sequence: Bytes = np.zeros(n, np.uint8)
         self._packets = Packets("traffic", Listen(HOST, 0), time.monotonic)
         self._packets.open()
@@ -93,7 +93,7 @@ class Namespace:
         self.listen()
         self._stamp = round(time_s / STEP_S) % STAMPS
         self._stamped_s[self._stamp] = time.monotonic()
-        self._velocity_m_s += (self._wanted_m_s - self._velocity_m_s) * STEP_S / LAG_S
+        self._velocity_m_s += (self._desired_m_s - self._velocity_m_s) * STEP_S / LAG_S
         self._position_m = self._position_m + self._velocity_m_s * STEP_S
         if len(self._garbage):
             noise = self._random.integers(0, 256, (len(self._garbage), NOISE_BYTES), np.uint8)
@@ -116,7 +116,7 @@ class Namespace:
         frames = codec.find(arrived.data, arrived.start, arrived.length).frames
         setpoints = codec.decode(SETPOINT, arrived.data, frames[frames[:, MESSAGE] == SETPOINT])
         rows = setpoints["target_system"].astype(int) - 1
-        self._wanted_m_s[rows] = np.stack([setpoints[axis] for axis in ("vx", "vy", "vz")], axis=1)
+        self._desired_m_s[rows] = np.stack([setpoints[axis] for axis in ("vx", "vy", "vz")], axis=1)
         self.setpoints += len(setpoints)
         arrived_s = arrived.time_s[frames[frames[:, MESSAGE] == SETPOINT][:, DATAGRAM]]
         self._take_answers(rows, np.round(setpoints["yaw"] * 1e3).astype(int), arrived_s)

@@ -222,17 +222,17 @@ def describe(row: Row) -> str:
     return text
 
 
-def main(wanted: list[str]) -> int:
+def main(desired: list[str]) -> int:
     """Print the table. Returns: 1 when a row of ours has no figures."""
-    if len(wanted) >= 3:
+    if len(desired) >= 3:
         logging.disable(logging.WARNING)  # a thousand vehicles found in the air say so
         print(heads())
-        tell(Row(wanted[0], wanted[1], int(wanted[2]), float((*wanted, "20")[3])))
+        tell(Row(desired[0], desired[1], int(desired[2]), float((*desired, "20")[3])))
         return 0
     print(heads())
     missed, failed = [], []
     for row in ROWS:
-        if wanted and wanted[0] not in (row.what, row.transport):
+        if desired and desired[0] not in (row.what, row.transport):
             continue
         text = describe(row).removeprefix(heads() + "\n")
         print(text, end="", flush=True)

@@ -105,13 +105,13 @@ def tell(count: int) -> bool:
     return good
 
 
-def main(wanted: list[str]) -> None:
+def main(desired: list[str]) -> None:
     """The table."""
     logging.disable(logging.WARNING)
     if chromium() is None:
         print(f"the page was not measured: there is no Chromium here. To get one: {GET_ONE}")
         return
-    reached = [tell(count) for count in (map(int, wanted) if wanted else COUNTS)]
+    reached = [tell(count) for count in (map(int, desired) if desired else COUNTS)]
     if not all(reached):
         print("not reached: page")
 

@@ -122,12 +122,12 @@ def flat_filter(count: int) -> tuple[Callable[[], object], Callable[[], object]]
     position_m[:, 2] = -20.0
     goal_m = position_m * (-1.0, -1.0, 1.0)
     settings = ControlSettings()
-    wanted_m_s = goal_velocity(position_m, goal_m, settings=settings.law)
+    desired_m_s = goal_velocity(position_m, goal_m, settings=settings.law)
     everyone = np.ones(count, dtype=bool)
     names = [f"d{i}" for i in range(count)]
     here = Surroundings(
         position_m,
-        wanted_m_s,
+        desired_m_s,
         everyone,
         everyone,
         ~everyone,
@@ -142,9 +142,9 @@ def flat_filter(count: int) -> tuple[Callable[[], object], Callable[[], object]]
     simulator.set_agent_defaults(20.0, 10, 5.0, 5.0, settings.safety.floor.horizontal_m / 2.0, 4.0)
     for row in range(count):
         agent = simulator.add_agent(tuple(position_m[row, :2].tolist()))
-        simulator.set_agent_velocity(agent, tuple(wanted_m_s[row, :2].tolist()))
-        simulator.set_agent_pref_velocity(agent, tuple(wanted_m_s[row, :2].tolist()))
-    return lambda: filter_velocities(wanted_m_s, here, settings.safety), simulator.do_step
+        simulator.set_agent_velocity(agent, tuple(desired_m_s[row, :2].tolist()))
+        simulator.set_agent_pref_velocity(agent, tuple(desired_m_s[row, :2].tolist()))
+    return lambda: filter_velocities(desired_m_s, here, settings.safety), simulator.do_step
 
 
 def simulated_assembly(
@@ -198,12 +198,12 @@ ROWS: tuple[tuple[str, str, Callable[[int], tuple[Callable[[], object], Callable
 )
 
 
-def main(wanted: list[str]) -> None:
+def main(desired: list[str]) -> None:
     """Print the table."""
     print(f"{'what':<22}{'N':>7}{'p50 ms':>10}{'p99 ms':>10}   {'alternative':<48}{'p50 ms':>10}{'ratio':>9}")
     ticks: dict[int, Timing] = {}
     for what, alternative, make, count in ROWS:
-        if wanted and not any(name in what for name in wanted):
+        if desired and not any(name in what for name in desired):
             continue
         ours, other = (timed(call) for call in make(count))
         figures = f"{ours.p50_ms:>10.3f}{ours.p99_ms:>10.3f}   {alternative:<48}{other.p50_ms:>10.3f}"

@@ -203,15 +203,15 @@ def tell(count: int) -> bool:
     return good
 
 
-def main(wanted: list[str]) -> None:
+def main(desired: list[str]) -> None:
     """One part, or the table."""
     logging.disable(logging.WARNING)  # a thousand vehicles found in the air say so
-    if wanted[:1] == ["fly"]:
-        eventloop.run(fly(int(wanted[1])))
-    elif wanted[:1] == ["watch"]:
-        asyncio.run(watch(int(wanted[1]), wanted[2]))
+    if desired[:1] == ["fly"]:
+        eventloop.run(fly(int(desired[1])))
+    elif desired[:1] == ["watch"]:
+        asyncio.run(watch(int(desired[1]), desired[2]))
     else:
-        reached = [tell(count) for count in (map(int, wanted) if wanted else COUNTS)]
+        reached = [tell(count) for count in (map(int, desired) if desired else COUNTS)]
         if not all(reached):
             print("not reached: viewers")
 

@@ -64,11 +64,11 @@ def moved(
     drag(desk, x, y, by_px)
     desk.closes("Escape", "ghost")
     assert now() == before
-    wanted = drag(desk, x, y, by_px)
+    desired = drag(desk, x, y, by_px)
     assert now() == before
     desk.closes("Enter", "ghost")
-    wait_until(f"{word} moved", SOON_S, lambda: now() == pytest.approx(wanted))
-    return [after - each for after, each in zip(wanted, before, strict=True)]
+    wait_until(f"{word} moved", SOON_S, lambda: now() == pytest.approx(desired))
+    return [after - each for after, each in zip(desired, before, strict=True)]
 
 
 def by_hand(desk: Console, ground: Station) -> None:

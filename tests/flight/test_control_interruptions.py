@@ -87,8 +87,8 @@ def test_a_vehicle_with_stale_telemetry_is_not_commanded_and_the_others_are() ->
     again = flight.run(1.0)
     assert again[0].tick.setpoints.ids == ("d1", "d2", "d3", "d4")
     # it begins from the velocity it has, not from the one it was once given
-    wanted = again[0].tick.memory.wanted_m_s[2]
-    assert np.linalg.norm(wanted - flight.history[-20].tick.memory.wanted_m_s[2]) < 1.0
+    desired = again[0].tick.memory.desired_m_s[2]
+    assert np.linalg.norm(desired - flight.history[-20].tick.memory.desired_m_s[2]) < 1.0
 
 
 def test_a_tick_in_which_nobody_is_heard_commands_nobody_and_does_not_end_the_formation() -> None:

@@ -178,9 +178,9 @@ def test_each_check_that_fails_is_named_and_refuses_the_start(tmp_path: Path, na
 
     found = fly_show(story, config(tmp_path), noise_scale=0.2)
     assert says in found.text
-    wanted = "show" if name == "vehicles" else name  # who is offline is told by how many the show lacks
-    check = failing(found.report)[wanted]
-    assert says in check.problem or wanted == "show"
+    desired = "show" if name == "vehicles" else name  # who is offline is told by how many the show lacks
+    check = failing(found.report)[desired]
+    assert says in check.problem or desired == "show"
     assert check.limit
 
 

@@ -148,7 +148,7 @@ def test_params_check_tells_and_apply_sets_and_reads_back() -> None:
     before, during, after, held = fly(
         story, show_config(2, operation=HOLDS_WHEN_LOST), parameters={"COM_OBL_RC_ACT": 0}
     )
-    assert (before.value, before.wanted, before.good) == (0, "5", False)
+    assert (before.value, before.desired, before.good) == (0, "5", False)
     assert before.verdict.startswith("wrong: what it does without setpoints")
     assert (during.value, during.verdict) == (5, "set")
     assert (after.value, after.verdict) == (5, "ok")

@@ -96,9 +96,9 @@ def test_formation_and_orbit_are_the_timelines_at_the_shows_clock_in_every_tick(
     assert len(samples) > 700
     for sample in samples:
         assert sample.view.selected is not None
-        wanted = flight.timeline.plan_at(sample.view.selected.clock_s)
-        assert sample.view.plan.formation == wanted.formation
-        assert sample.view.plan.orbit == wanted.orbit
+        desired = flight.timeline.plan_at(sample.view.selected.clock_s)
+        assert sample.view.plan.formation == desired.formation
+        assert sample.view.plan.orbit == desired.orbit
         assert sample.view.selected.cue == flight.timeline.cue_at(sample.view.selected.clock_s).cue.cue
 
 

@@ -37,9 +37,9 @@ def test_a_start_is_refused_unless_it_names_the_show_that_was_checked(tmp_path: 
         await show.standby()
 
         async def start_refused(show_hash: str | None, *vehicles: str) -> str:
-            wanted = vehicles or None
+            desired = vehicles or None
             refusal = await refused(
-                show, lambda: service.command_show(ShowAction.START, wanted, show_hash=show_hash)
+                show, lambda: service.command_show(ShowAction.START, desired, show_hash=show_hash)
             )
             assert refusal.kind is RefusedError
             assert show.view.show is ShowPhase.IDLE

@@ -18,7 +18,7 @@ from gcs.links.counters import Direction
 from gcs.links.endpoints import Listen
 from gcs.links.native.link import DirectLink
 from gcs.links.settings import StreamSettings
-from gcs.links.stream_rates import wanted
+from gcs.links.stream_rates import desired
 from gcs.links.udp.sockets import Datagrams, Packets, host_of, port_of, socket_of, source_of
 from gcs.model.errors import LinkError
 from gcs.model.frames import ShowFrame
@@ -30,7 +30,7 @@ HOST = "127.0.0.1"
 def direct(port: int, *system_ids: int, name: str = "bench") -> DirectLink:
     vehicles = {f"{name}{system_id}": system_id for system_id in system_ids}
     frame = ShowFrame(47.4, 8.5, 500.0)
-    rates_hz = wanted(StreamSettings())
+    rates_hz = desired(StreamSettings())
     listen = Listen(HOST, port)
     return DirectLink(name, vehicles, listen, frame, rates_hz=rates_hz)
 
@@ -119,8 +119,8 @@ def test_neighbours_to_one_place_arrive_as_the_datagrams_they_are(length: int) -
             assert packets.send(data, lengths, sources[to]).all()
             for which, receiver in enumerate(receivers):
                 came = [receiver.recv(2048) for _ in range((to == which).sum())]
-                wanted = [data[row, : lengths[row]].tobytes() for row in np.flatnonzero(to == which)]
-                assert came == wanted
+                desired = [data[row, : lengths[row]].tobytes() for row in np.flatnonzero(to == which)]
+                assert came == desired
                 with pytest.raises(BlockingIOError):
                     receiver.recv(2048)
         assert packets.send_errors == 0

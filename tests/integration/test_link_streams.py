@@ -31,7 +31,7 @@ def asked(peer: Peer) -> list[tuple[int, float]]:
     ]
 
 
-WANTED = [(33, 200_000.0), (245, 200_000.0), (30, -1.0)]
+DESIRED = [(33, 200_000.0), (245, 200_000.0), (30, -1.0)]
 
 
 def test_streams_are_set_once_when_they_come_as_asked() -> None:
@@ -39,9 +39,9 @@ def test_streams_are_set_once_when_they_come_as_asked() -> None:
         async with running(link):
             await ready(link)
             await until(lambda: len(asked(peer)) == 3)
-            assert asked(peer) == WANTED
+            assert asked(peer) == DESIRED
             await asyncio.sleep(5.0)
-            assert asked(peer) == WANTED
+            assert asked(peer) == DESIRED
 
     with Peer(port := free_ports(), 1, position_s=POSITION_S) as peer:
         asyncio.run(main(peer, a_link(port, RATES_HZ)))
@@ -66,7 +66,7 @@ def test_streams_are_set_again_after_a_restart_and_orders_go_on() -> None:
             assert len(asked(peer)) == 3
             peer.boot_s = time.monotonic()
             await until(lambda: len(asked(peer)) == 6)
-            assert asked(peer) == WANTED * 2
+            assert asked(peer) == DESIRED * 2
             await do(link, Verb.ARM, "v1")
 
     with Peer(port := free_ports(), 1, position_s=POSITION_S) as peer:
@@ -82,7 +82,7 @@ def test_a_silent_vehicle_that_speaks_again_from_elsewhere_is_taken_up_again() -
             with Peer(port, 1, position_s=POSITION_S) as back:
                 await until(lambda: link.addresses["v1"].port == back.port)
                 await until(lambda: link.snapshot().armed == (False,))
-                await until(lambda: asked(back) == WANTED)
+                await until(lambda: asked(back) == DESIRED)
                 await do(link, Verb.ARM, "v1")
                 assert back.armed
 

@@ -33,8 +33,8 @@ def arrivals_s(peer: Peer) -> list[float]:
 
 def wait_for_more(peer: Peer, count: int) -> None:
     """Until so many more setpoints have come."""
-    wanted, end_s = len(arrivals_s(peer)) + count, time.monotonic() + SOON_S
-    while len(arrivals_s(peer)) < wanted:
+    desired, end_s = len(arrivals_s(peer)) + count, time.monotonic() + SOON_S
+    while len(arrivals_s(peer)) < desired:
         assert time.monotonic() < end_s, "no setpoints"
         time.sleep(0.01)
 

@@ -82,8 +82,10 @@ def fill_the_disk(root: Path, told: Connection) -> None:
         def nothing_is_recorded() -> bool:
             nonlocal full
             full = record.problems
-            wanted = ("nothing is recorded", "flight data are not recorded")
-            return len(full) == 2 and all(text in problem for text, problem in zip(wanted, full, strict=True))
+            desired = ("nothing is recorded", "flight data are not recorded")
+            return len(full) == 2 and all(
+                text in problem for text, problem in zip(desired, full, strict=True)
+            )
 
         tick_until(nothing_is_recorded)
         refused = not asyncio.run(record.audit.kept())

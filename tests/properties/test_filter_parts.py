@@ -42,40 +42,40 @@ def test_shrinking_only_shortens_and_ends_with_everything_kept(drawn: tuple[Arra
 
 @CALM
 @given(half_spaces(), vectors(4, 1.0))
-def test_no_legal_velocity_is_nearer_to_the_wanted_one_than_the_projection(
+def test_no_legal_velocity_is_nearer_to_the_desired_one_than_the_projection(
     drawn: tuple[Array, Constraints], other: Array
 ) -> None:
-    wanted, constraints = drawn
-    projected = project(wanted, constraints)
+    desired, constraints = drawn
+    projected = project(desired, constraints)
     legal = shrink(projected + other, constraints)  # any legal point near it
     assume((constraints.slack_m_s(legal) >= 0.0).all())
-    assert np.linalg.norm(projected - wanted) <= np.linalg.norm(legal - wanted) + 0.05
+    assert np.linalg.norm(projected - desired) <= np.linalg.norm(legal - desired) + 0.05
 
 
 @CALM
 @given(vectors(5, 1e6), masks(5))
-def test_whatever_is_not_finite_becomes_rest_and_the_rest_is_within_limits(wanted: Array, bad: Mask) -> None:
-    spoiled = wanted.copy()
+def test_whatever_is_not_finite_becomes_rest_and_the_rest_is_within_limits(desired: Array, bad: Mask) -> None:
+    spoiled = desired.copy()
     spoiled[bad, 1] = np.nan
     capped = cap(spoiled, LIMITS)
     assert_within_limits(capped)
     assert not capped[bad].any()
-    assert np.allclose(np.cross(capped[~bad], wanted[~bad]) / 1e6, 0.0, atol=1e-6)
+    assert np.allclose(np.cross(capped[~bad], desired[~bad]) / 1e6, 0.0, atol=1e-6)
 
 
-def exactly_nearest(wanted: Array, constraints: Constraints) -> Array:
+def exactly_nearest(desired: Array, constraints: Constraints) -> Array:
     """By Lawson and Hanson's least distance programming: the shortest change that keeps all of them."""
-    rows = np.zeros((len(constraints), *wanted.shape))
+    rows = np.zeros((len(constraints), *desired.shape))
     for k in range(len(constraints)):
         rows[k, constraints.first[k]] += constraints.normal[k]
         if constraints.second[k] != NOBODY:
             rows[k, constraints.second[k]] -= constraints.normal[k]
-    held = np.column_stack([rows.reshape(len(rows), -1), -constraints.slack_m_s(wanted)]).T
+    held = np.column_stack([rows.reshape(len(rows), -1), -constraints.slack_m_s(desired)]).T
     unit = np.zeros(len(held))
     unit[-1] = 1.0
     residual = held @ nnls(held, unit)[0] - unit
     change: Array = -residual[:-1] / residual[-1]
-    return wanted + change.reshape(wanted.shape)
+    return desired + change.reshape(desired.shape)
 
 
 @CALM
@@ -83,11 +83,11 @@ def exactly_nearest(wanted: Array, constraints: Constraints) -> Array:
 def test_the_projection_is_the_nearest_point_that_least_squares_finds(
     drawn: tuple[Array, Constraints],
 ) -> None:
-    wanted, constraints = drawn
-    exact = exactly_nearest(wanted, constraints)
+    desired, constraints = drawn
+    exact = exactly_nearest(desired, constraints)
     assume(np.abs(exact).max() < 1e3)
-    found = project(wanted, constraints)
-    event(f"changed: {not np.allclose(exact, wanted)}")
+    found = project(desired, constraints)
+    event(f"changed: {not np.allclose(exact, desired)}")
     assert np.allclose(found, exact, atol=0.02)
 
 
@@ -103,5 +103,5 @@ def test_the_projection_of_many_that_are_tied_to_each_other_is_the_nearest_point
         -rng.uniform(0.0, 1.0, 25),
         ("c",) * 25,
     )
-    wanted = rng.normal(0.0, 4.0, (10, 3))
-    assert np.allclose(project(wanted, constraints), exactly_nearest(wanted, constraints), atol=0.01)
+    desired = rng.normal(0.0, 4.0, (10, 3))
+    assert np.allclose(project(desired, constraints), exactly_nearest(desired, constraints), atol=0.01)

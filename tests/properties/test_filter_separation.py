@@ -27,8 +27,8 @@ from gcs.safety.filter import cap, filter_velocities
 def test_the_filter_never_brings_a_legal_pair_below_the_floor_in_one_step(
     fleet: tuple[Array, Array],
 ) -> None:
-    position, wanted = fleet
-    allowed, _ = filter_velocities(wanted, around(position), SAFETY)
+    position, desired = fleet
+    allowed, _ = filter_velocities(desired, around(position), SAFETY)
     assert closest(position + TICK_S * allowed) >= SAFETY.floor.horizontal_m - 1e-3
 
 
@@ -37,10 +37,10 @@ def test_the_filter_never_brings_a_legal_pair_below_the_floor_in_one_step(
 def test_whoever_keeps_floor_and_margin_keeps_them_for_the_whole_reaction_time(
     fleet: tuple[Array, Array],
 ) -> None:
-    position, wanted = fleet
+    position, desired = fleet
     apart_m = SAFETY.floor.horizontal_m + SAFETY.floor.margin_m
     assume(closest(position) >= apart_m)
-    allowed, _ = filter_velocities(wanted, around(position), SAFETY)
+    allowed, _ = filter_velocities(desired, around(position), SAFETY)
     for later_s in np.linspace(0.0, SAFETY.braking.reaction_s, 6):
         assert closest(position + later_s * allowed) >= apart_m - 2e-3
 
@@ -52,7 +52,7 @@ def test_whoever_keeps_floor_and_margin_keeps_them_for_the_whole_reaction_time(
 def test_the_filter_does_the_same_wherever_whichever_way_round_and_in_whatever_order(
     fleet: tuple[Array, Array], mask: Mask, moving: Array, permutation: list[int], turn: float, away: Array
 ) -> None:
-    position, wanted = fleet
+    position, desired = fleet
     assume(closest(position) >= SAFETY.floor.horizontal_m + SAFETY.floor.margin_m)  # a solution exists
     n = len(position)
     here = replace(around(position, commanded=mask[:n]), velocity_m_s=moving[:n])
@@ -64,9 +64,9 @@ def test_the_filter_does_the_same_wherever_whichever_way_round_and_in_whatever_o
         around((position[order] + away * (1.0, 1.0, 0.0)) @ turned.T, commanded=here.commanded[order]),
         velocity_m_s=moving[order] @ turned.T,
     )
-    allowed, _ = filter_velocities(wanted, here, OPEN)
-    again, _ = filter_velocities(wanted[order] @ turned.T, there, OPEN)
-    event(f"restrained: {not np.allclose(allowed, cap(wanted, LIMITS))}")
+    allowed, _ = filter_velocities(desired, here, OPEN)
+    again, _ = filter_velocities(desired[order] @ turned.T, there, OPEN)
+    event(f"restrained: {not np.allclose(allowed, cap(desired, LIMITS))}")
     assert np.allclose(again, allowed[order] @ turned.T, atol=0.05)
 
 
@@ -75,9 +75,9 @@ def test_the_filter_does_the_same_wherever_whichever_way_round_and_in_whatever_o
 def test_the_filter_keeps_the_limits_and_moves_nobody_it_does_not_command(
     fleet: tuple[Array, Array], mask: Mask
 ) -> None:
-    position, wanted = fleet
+    position, desired = fleet
     commanded = mask[: len(position)]
-    allowed, reasons = filter_velocities(wanted, around(position, commanded=commanded), SAFETY)
+    allowed, reasons = filter_velocities(desired, around(position, commanded=commanded), SAFETY)
     assert_within_limits(allowed)
     assert not allowed[~commanded].any()
     assert not any(reason for reason, ours in zip(reasons, commanded, strict=True) if not ours)
@@ -86,8 +86,8 @@ def test_the_filter_keeps_the_limits_and_moves_nobody_it_does_not_command(
 @CALM
 @given(legal_fleets())
 def test_velocities_that_break_nothing_come_back_unchanged(fleet: tuple[Array, Array]) -> None:
-    position, wanted = fleet
-    allowed, _ = filter_velocities(wanted, around(position), SAFETY)
+    position, desired = fleet
+    allowed, _ = filter_velocities(desired, around(position), SAFETY)
     again, reasons = filter_velocities(allowed, around(position), SAFETY)
     assume(closest(position) >= SAFETY.floor.horizontal_m + SAFETY.floor.margin_m)
     assert np.allclose(again, allowed, atol=5e-3)

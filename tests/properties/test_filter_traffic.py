@@ -66,13 +66,13 @@ def test_in_a_crowd_everybody_meets_everybody_else_whose_way_it_crosses(seed: in
 @CALM
 @given(places(4), vectors(4, 5.0), places(4), masks(4))
 def test_keeping_right_turns_no_way_by_more_than_its_angle_and_never_to_the_left(
-    position: Array, wanted: Array, goal: Array, to_goal: Mask
+    position: Array, desired: Array, goal: Array, to_goal: Mask
 ) -> None:
     way = (goal - position) * (1.0, 1.0, 0.0)
-    wanted = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9) * 3.0  # level, to the goal
+    desired = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9) * 3.0  # level, to the goal
     everybody = np.ones(4, dtype=bool)
     turned = keep_right(
-        wanted,
+        desired,
         position,
         np.zeros((4, 3)),
         goal,
@@ -82,10 +82,10 @@ def test_keeping_right_turns_no_way_by_more_than_its_angle_and_never_to_the_left
         flatness=2.0 / 3.0,
         settings=SAFETY.traffic,
     )
-    assert np.allclose(np.linalg.norm(turned, axis=1), np.linalg.norm(wanted, axis=1))
-    assert turned[~to_goal].tolist() == wanted[~to_goal].tolist()
-    right = np.stack([-wanted[:, 1], wanted[:, 0]], axis=1)
-    sideways, ahead = (turned[:, :2] * right).sum(axis=1), (turned * wanted).sum(axis=1)
+    assert np.allclose(np.linalg.norm(turned, axis=1), np.linalg.norm(desired, axis=1))
+    assert turned[~to_goal].tolist() == desired[~to_goal].tolist()
+    right = np.stack([-desired[:, 1], desired[:, 0]], axis=1)
+    sideways, ahead = (turned[:, :2] * right).sum(axis=1), (turned * desired).sum(axis=1)
     assert (sideways >= -1e-9).all()
     assert (ahead >= 9.0 * np.cos(np.radians(SAFETY.traffic.angle_max_deg)) * (way.any(axis=1)) - 1e-9).all()
 
@@ -93,19 +93,19 @@ def test_keeping_right_turns_no_way_by_more_than_its_angle_and_never_to_the_left
 @CALM
 @given(places(5), vectors(5, 5.0), places(5), masks(5), st.permutations(range(5)))
 def test_giving_way_never_closes_in_faster_and_does_not_depend_on_the_order(
-    position: Array, wanted: Array, goal: Array, to_goal: Mask, order: list[int]
+    position: Array, desired: Array, goal: Array, to_goal: Mask, order: list[int]
 ) -> None:
     flatness, traffic = 2.0 / 3.0, SAFETY.traffic
-    given_m_s = give_way(wanted, position, goal, to_goal=to_goal, flatness=flatness, settings=traffic)
-    assert given_m_s[~to_goal].tolist() == wanted[~to_goal].tolist()
-    changed = np.flatnonzero((given_m_s != wanted).any(axis=1))
+    given_m_s = give_way(desired, position, goal, to_goal=to_goal, flatness=flatness, settings=traffic)
+    assert given_m_s[~to_goal].tolist() == desired[~to_goal].tolist()
+    changed = np.flatnonzero((given_m_s != desired).any(axis=1))
     for i in changed.tolist():  # it gives up some of its approach to one, and nothing besides
-        step = given_m_s[i] - wanted[i]
+        step = given_m_s[i] - desired[i]
         away = position[i] - position
         cosine = (away @ step) / np.maximum(np.linalg.norm(away, axis=1) * np.linalg.norm(step), 1e-12)
         assert cosine.max() > 0.999
     other = give_way(
-        wanted[order],
+        desired[order],
         position[order],
         goal[order],
         to_goal=to_goal[order],
@@ -113,5 +113,5 @@ def test_giving_way_never_closes_in_faster_and_does_not_depend_on_the_order(
         settings=traffic,
     )
     scale = (1.0, 1.0, flatness)
-    given_up_m_s = np.linalg.norm((given_m_s - wanted) * scale, axis=1)[order]
-    assert np.allclose(np.linalg.norm((other - wanted[order]) * scale, axis=1), given_up_m_s, atol=1e-6)
+    given_up_m_s = np.linalg.norm((given_m_s - desired) * scale, axis=1)[order]
+    assert np.allclose(np.linalg.norm((other - desired[order]) * scale, axis=1), given_up_m_s, atol=1e-6)

@@ -40,7 +40,7 @@ def gap_to_box_m(position: Array, obstacle: Obstacle, time_s: float) -> Array:
 @CALM
 @given(obstacles(), places(4), vectors(4, 12.0), vectors(1, 2.0))
 def test_no_filtered_step_leads_into_an_obstacle_even_one_that_moves(
-    obstacle: Obstacle, position: Array, wanted: Array, moves: Array
+    obstacle: Obstacle, position: Array, desired: Array, moves: Array
 ) -> None:
     obstacle = replace(obstacle, velocity_x_m_s=moves[0, 0], velocity_y_m_s=moves[0, 1])
     ellipse = Ellipse.around(obstacle, margin_m=2.0, headroom_m=3.0)
@@ -49,7 +49,7 @@ def test_no_filtered_step_leads_into_an_obstacle_even_one_that_moves(
     lenient = SAFETY.model_copy(update={"fence": fence, "floor": floor})
     outside = gap_to_box_m(position, obstacle, 0.0) > 0.0
     assume(closest(position) >= 0.01)
-    allowed, _ = filter_velocities(wanted, around(position, ellipses={"b": ellipse}), lenient)
+    allowed, _ = filter_velocities(desired, around(position, ellipses={"b": ellipse}), lenient)
     later = position + TICK_S * allowed
     event(f"beside: {outside.any()}, inside: {(~outside).any()}")
     clear = gap_to_box_m(position, obstacle, 0.0) > 2e-3
@@ -60,7 +60,7 @@ def test_no_filtered_step_leads_into_an_obstacle_even_one_that_moves(
 @CALM
 @given(places(3), vectors(3, 12.0), vectors(2, 40.0))
 def test_no_filtered_step_leads_onto_the_path_of_a_lost_vehicle(
-    position: Array, wanted: Array, ends: Array
+    position: Array, desired: Array, ends: Array
 ) -> None:
     segment = (ends * (1.0, 1.0, 0.0) - [(0.0, 0.0, 40.0), (0.0, 0.0, 0.0)]).reshape(1, 2, 3)
     floor = SAFETY.floor.model_copy(update={"pad_height_m": 0.0})
@@ -68,7 +68,7 @@ def test_no_filtered_step_leads_onto_the_path_of_a_lost_vehicle(
     assume(closest(position) >= floor.horizontal_m + floor.margin_m)
     far = scaled_to_segment(position, segment[0]) >= floor.horizontal_m + floor.margin_m
     assume(far.all())
-    allowed, _ = filter_velocities(wanted, around(position, segments=segment), lenient)
+    allowed, _ = filter_velocities(desired, around(position, segments=segment), lenient)
     later = scaled_to_segment(position + TICK_S * allowed, segment[0])
     assert (later >= floor.horizontal_m + floor.margin_m - 2e-3).all()
 
@@ -83,7 +83,7 @@ def scaled_to_segment(position: Array, segment: Array) -> Array:
     return distance
 
 
-def filtered(wanted: Array, here: Surroundings, fastest_m_s: float) -> tuple[Array, int]:
+def filtered(desired: Array, here: Surroundings, fastest_m_s: float) -> tuple[Array, int]:
     """As `filter_velocities`, and of how many constraints."""
     pairs = separation_constraints(
         here.position_m,
@@ -93,8 +93,8 @@ def filtered(wanted: Array, here: Surroundings, fastest_m_s: float) -> tuple[Arr
         floor=SAFETY.floor,
         braking=SAFETY.braking,
         uncertainty_m=here.uncertainty_m,
-        course_m_s=np.zeros((len(wanted), 3)),
-        spare_m_s=np.full(len(wanted), fastest_m_s),
+        course_m_s=np.zeros((len(desired), 3)),
+        spare_m_s=np.full(len(desired), fastest_m_s),
     )
     separation = Constraints(pairs.first, pairs.second, pairs.normal, pairs.bound_m_s, ("pair",) * len(pairs))
     keepout = keepout_constraints(
@@ -110,7 +110,7 @@ def filtered(wanted: Array, here: Surroundings, fastest_m_s: float) -> tuple[Arr
         here.position_m, here.commanded, here.ellipses, SAFETY.braking, fastest_m_s=fastest_m_s
     )
     constraints = Constraints.joined(separation, keepout, walls)
-    asked = cap(np.where(here.commanded[:, None], wanted, 0.0), LIMITS)
+    asked = cap(np.where(here.commanded[:, None], desired, 0.0), LIMITS)
     return shrink(cap(project(asked, constraints), LIMITS), constraints), len(constraints)
 
 
@@ -123,15 +123,15 @@ def filtered(wanted: Array, here: Surroundings, fastest_m_s: float) -> tuple[Arr
     st.lists(obstacles(), min_size=1, max_size=5),
 )
 def test_what_the_filter_leaves_out_as_too_far_away_changes_nothing(
-    spread: Array, wanted: Array, commanded: Mask, ends: Array, boxes: list[Obstacle]
+    spread: Array, desired: Array, commanded: Mask, ends: Array, boxes: list[Obstacle]
 ) -> None:
     position = spread * (1.0, 1.0, 0.1) - (0.0, 0.0, 30.0)
     ellipses = {
         str(index): Ellipse.around(box, margin_m=2.0, headroom_m=3.0) for index, box in enumerate(boxes)
     }
     here = around(position, commanded=commanded, segments=ends.reshape(1, 2, 3), ellipses=ellipses)
-    kept, many = filtered(wanted, here, 1e3)
-    cut, few = filtered(wanted, here, FASTEST_M_S)
+    kept, many = filtered(desired, here, 1e3)
+    cut, few = filtered(desired, here, FASTEST_M_S)
     event(f"left out: {'some' if few < many else 'none'}")
     assert np.allclose(cut, kept, atol=2e-3)
 
@@ -139,7 +139,7 @@ def test_what_the_filter_leaves_out_as_too_far_away_changes_nothing(
 @CALM
 @given(places(4), vectors(4, 12.0), obstacles())
 def test_what_is_left_out_as_too_far_away_no_velocity_within_the_limits_could_break(
-    position: Array, wanted: Array, obstacle: Obstacle
+    position: Array, desired: Array, obstacle: Obstacle
 ) -> None:
     ellipses = {"b": Ellipse.around(obstacle, margin_m=2.0, headroom_m=3.0)}
     everybody = np.ones(4, dtype=bool)
@@ -147,5 +147,5 @@ def test_what_is_left_out_as_too_far_away_no_velocity_within_the_limits_could_br
     kept = obstacle_constraints(position, everybody, ellipses, SAFETY.braking, fastest_m_s=2.0)
     left_out = every.bound_m_s < -2.0 * 2.0
     assert len(kept) >= len(every) - left_out.sum()
-    slow = cap(wanted, LIMITS) * (2.0 / FASTEST_M_S)
+    slow = cap(desired, LIMITS) * (2.0 / FASTEST_M_S)
     assert (every.slack_m_s(slow)[left_out] > 0.0).all()

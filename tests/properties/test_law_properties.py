@@ -72,7 +72,7 @@ def tick_of(position_m: Array, ids: tuple[str, ...], about_m: Array, motion_m_s:
     for index in range(1, 4):
         fleet = FleetState(0.05 * index, ids, position_m.copy(), np.zeros((n, 3)), np.zeros(n), np.zeros(n))
         memory = tick(fleet, tasks, plan, traits, memory, WIDE).memory
-    return memory.wanted_m_s
+    return memory.desired_m_s
 
 
 @st.composite
@@ -314,24 +314,24 @@ def test_a_vector_is_scaled_to_the_limits_and_never_bent(
 
 @CALM
 @given(vectors(4, 10.0), vectors(4, 10.0), within(0.1, 5.0), within(0.01, 0.2))
-def test_the_wanted_velocity_never_jumps(
-    wanted: Array, before: Array, limit_m_s2: float, dt_s: float
+def test_the_desired_velocity_never_jumps(
+    desired: Array, before: Array, limit_m_s2: float, dt_s: float
 ) -> None:
-    after = limit_change(wanted, before, before, limit_m_s2, dt_s)
+    after = limit_change(desired, before, before, limit_m_s2, dt_s)
     assert (np.linalg.norm(after - before, axis=1) <= limit_m_s2 * dt_s * (1 + 1e-9)).all()
-    assert (np.linalg.norm(after - wanted, axis=1) <= np.linalg.norm(before - wanted, axis=1) + 1e-9).all()
+    assert (np.linalg.norm(after - desired, axis=1) <= np.linalg.norm(before - desired, axis=1) + 1e-9).all()
 
 
 @CALM
 @given(st.floats(-10, 10), st.floats(-10, 10), within(0.1, 3.0), within(0.01, 0.2))
 def test_yaw_turns_no_faster_than_its_rate_and_comes_nearer(
-    yaw_rad: float, wanted_rad: float, rate_rad_s: float, dt_s: float
+    yaw_rad: float, desired_rad: float, rate_rad_s: float, dt_s: float
 ) -> None:
-    after = turn_towards(np.array([yaw_rad]), np.array([wanted_rad]), rate_rad_s, dt_s)
+    after = turn_towards(np.array([yaw_rad]), np.array([desired_rad]), rate_rad_s, dt_s)
     turned = abs(float(wrap_rad(after - yaw_rad)[0]))
     assert turned <= rate_rad_s * dt_s + 1e-9
-    left = abs(float(wrap_rad(np.array([wanted_rad]) - after)[0]))
-    assert left <= abs(float(wrap_rad(np.array([wanted_rad - yaw_rad]))[0])) + 1e-9
+    left = abs(float(wrap_rad(np.array([desired_rad]) - after)[0]))
+    assert left <= abs(float(wrap_rad(np.array([desired_rad - yaw_rad]))[0])) + 1e-9
 
 
 # what fits
@@ -359,13 +359,13 @@ def test_an_orbit_that_is_accepted_turns_no_harder_than_the_centre_can(speed_m_s
     st.lists(obstacles(), max_size=2),
 )
 def test_places_to_come_down_are_distinct_and_off_every_obstacle(
-    wanted: Array, taken: Array, boxes: list[object]
+    desired: Array, taken: Array, boxes: list[object]
 ) -> None:
     ellipses = {
         str(index): Ellipse.around(box, margin_m=2.0, headroom_m=3.0)  # type: ignore[arg-type]
         for index, box in enumerate(boxes)
     }
-    place = distinct_sites_m(wanted[:, :2], taken[:, :2], 4.0, ellipses)
+    place = distinct_sites_m(desired[:, :2], taken[:, :2], 4.0, ellipses)
     everybody = np.vstack([place, taken[:, :2]])
     distance = np.linalg.norm(place[:, None] - everybody[None], axis=2)
     distance[np.arange(len(place)), np.arange(len(place))] = np.inf

@@ -86,7 +86,7 @@ def test_yaw_begins_where_the_vehicle_looks_and_turns_no_faster_than_its_rate(
 
 @CALM
 @given(batches())
-def test_the_wanted_velocity_of_a_tick_follows_from_the_one_before_without_a_jump(
+def test_the_desired_velocity_of_a_tick_follows_from_the_one_before_without_a_jump(
     batch: tuple[FleetState, Tasks, Plan],
 ) -> None:
     fleet, tasks, plan = batch
@@ -97,9 +97,9 @@ def test_the_wanted_velocity_of_a_tick_follows_from_the_one_before_without_a_jum
     memory = flown(fleet, alone, free).memory
     later = replace_time(fleet, fleet.time_s + TICK_S)
     after = flown(later, alone, free, memory).memory
-    both = np.isfinite(memory.wanted_m_s).all(axis=1) & np.isfinite(after.wanted_m_s).all(axis=1)
+    both = np.isfinite(memory.desired_m_s).all(axis=1) & np.isfinite(after.desired_m_s).all(axis=1)
     inside = both & (np.abs(fleet.position_m[:, 2] + 30.0) < 20.0)  # the fence does not speak up
-    change = np.linalg.norm(after.wanted_m_s - memory.wanted_m_s, axis=1)
+    change = np.linalg.norm(after.desired_m_s - memory.desired_m_s, axis=1)
     assert (change[inside] <= CONTROL.acceleration_max_m_s2 * TICK_S * (1 + 1e-9)).all()
 
 

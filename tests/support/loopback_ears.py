@@ -13,7 +13,7 @@ from gcs.model.state import Landed, Mode
 
 EXTENDED_SYS_STATE, PARAM_VALUE = 245, 22
 INT32 = 6
-WANTED_MODE = {
+DESIRED_MODE = {
     Verb.HOLD: Mode.HOLD,
     Verb.OFFBOARD: Mode.OFFBOARD,
     Verb.RETURN: Mode.RETURN,
@@ -56,7 +56,7 @@ def obeyed(verb: Verb, heard: Ears) -> bool:
         case Verb.LAND:
             return heard.mode is Mode.LAND or (heard.landed is Landed.ON_GROUND and not heard.armed)
         case _:
-            return heard.mode is WANTED_MODE[verb]
+            return heard.mode is DESIRED_MODE[verb]
 
 
 def failure(order: Order, heard: Ears, began_s: float) -> str:

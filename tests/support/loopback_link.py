@@ -302,7 +302,7 @@ class LoopbackLink:
 
     def _ask_for_less(self) -> None:
         """SET_MESSAGE_INTERVAL: what the production links ask for, and nothing that nobody here reads."""
-        rates_hz = {**rates.wanted(StreamSettings()), **dict.fromkeys(UNREAD, 0.0)}
+        rates_hz = {**rates.desired(StreamSettings()), **dict.fromkeys(UNREAD, 0.0)}
         for vehicle_id in self._system_ids:
             for message_id, rate_hz in rates_hz.items():
                 interval_us = 1e6 / rate_hz if rate_hz else -1
@@ -322,8 +322,8 @@ class LoopbackLink:
     def _post_command(self, order: Order, heard: Ears) -> None:
         match order.verb:
             case Verb.ARM | Verb.DISARM:
-                wanted = float(order.verb is Verb.ARM)
-                self._post_long(order.vehicle_id, common.MAV_CMD_COMPONENT_ARM_DISARM, wanted)
+                desired = float(order.verb is Verb.ARM)
+                self._post_long(order.vehicle_id, common.MAV_CMD_COMPONENT_ARM_DISARM, desired)
             case Verb.TAKEOFF:
                 top_m = heard.motion[2] + order.height_m
                 anywhere = (0.0, 0.0, 0.0, nan, nan, nan)

@@ -44,8 +44,8 @@ def surroundings(
     )
 
 
-def filtered(wanted: Array, around: Surroundings) -> Array:
-    return filter_velocities(wanted, around, SETTINGS)[0]
+def filtered(desired: Array, around: Surroundings) -> Array:
+    return filter_velocities(desired, around, SETTINGS)[0]
 
 
 def half_space(row: int, other: int, normal: tuple[float, float, float], bound: float) -> Constraints:

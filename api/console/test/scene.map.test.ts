@@ -89,15 +89,15 @@ test("few pictures are asked for at once, few are held, and what was dropped is 
   const shelf = new Shelf<string>((picture) => dropped.push(picture));
   const all = Array.from({ length: 100 }, (_, k) => `tile ${k}`);
   for (const first of [0, 36]) {
-    const wanted = all.slice(first, first + HELD_MAX);
+    const desired = all.slice(first, first + HELD_MAX);
     for (let round = 0; round < 30; round += 1) {
-      const due = shelf.ask(wanted, 0);
+      const due = shelf.ask(desired, 0);
       expect(due.length).toBeLessThanOrEqual(4);
-      expect(shelf.ask(wanted, 0)).toEqual([]); // those are on their way
+      expect(shelf.ask(desired, 0)).toEqual([]); // those are on their way
       for (const address of due) shelf.put(address, () => address);
       expect(shelf.size).toBeLessThanOrEqual(HELD_MAX);
     }
-    expect(wanted.every((address) => shelf.picture(address) === address)).toBe(true);
+    expect(desired.every((address) => shelf.picture(address) === address)).toBe(true);
   }
   expect(dropped.sort()).toEqual(all.slice(0, 36).sort());
   shelf.clear();
@@ -120,9 +120,9 @@ test("what could not be had is said, and asked for again a minute later, no soon
 test("what left the picture and comes back is not asked for twice: neither on its way nor after a failure", () => {
   const shelf = new Shelf<string>(() => undefined);
   const others = (from: number): string[] => Array.from({ length: HELD_MAX }, (_, k) => `tile ${from + k}`);
-  const visit = (wanted: readonly string[]): string[] => {
+  const visit = (desired: readonly string[]): string[] => {
     const all: string[] = [];
-    for (let due = shelf.ask(wanted, 0); due.length > 0; due = shelf.ask(wanted, 0)) {
+    for (let due = shelf.ask(desired, 0); due.length > 0; due = shelf.ask(desired, 0)) {
       for (const address of due) shelf.put(address, () => address);
       all.push(...due);
     }

@@ -349,9 +349,9 @@ class MavsdkLink(LinkFacts):
 
     async def _discover(self, fleet: MavsdkShards) -> None:
         """Look for vehicles that MAVSDK has met since, for ever."""
-        wanted = frozenset(self._vehicles.values())
+        desired = frozenset(self._vehicles.values())
         while True:
-            missing = wanted - self._met.keys()
+            missing = desired - self._met.keys()
             if any(heard.mode is not Mode.UNKNOWN for heard in self._heard) and missing:
                 found = await asyncio.to_thread(fleet.discover, missing)
                 if found:

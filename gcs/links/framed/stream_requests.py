@@ -33,16 +33,16 @@ def is_answer(frame: Frame) -> bool:
 
 async def keep_asking(
     heard: Mapping[int, Heard],
-    wanted: Mapping[int, float],
+    desired: Mapping[int, float],
     station_id: int,
     is_met: Callable[[int], bool],
     send: Callable[[bytes], None],
     clock: Callable[[], float],
 ) -> None:
     """Have the vehicles that are met send what is wanted, as often as wanted, for ever."""
-    rates = Rates(wanted, heard)
+    rates = Rates(desired, heard)
     turn = deque(heard.items())
-    while wanted:
+    while desired:
         asked = 0
         for _ in range(len(turn)):
             system_id, of_it = turn[0]

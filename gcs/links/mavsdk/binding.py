@@ -156,13 +156,13 @@ class MavsdkFleet:
                 raise LinkError(f"MAVSDK's connection to {self._loopback.url}: {result.name}")
             self._loopback.meet()
 
-    def discover(self, wanted: Collection[int]) -> dict[int, MavsdkVehicle]:
+    def discover(self, desired: Collection[int]) -> dict[int, MavsdkVehicle]:
         """Those of the wanted systems that MAVSDK has met, with fresh plugins."""
         found: dict[int, MavsdkVehicle] = {}
         with self._lock:
             for system in () if self._destroyed else self._mavsdk.get_systems():
                 system_id: int = system.get_system_id()
-                if system_id not in wanted or not system.has_autopilot():
+                if system_id not in desired or not system.has_autopilot():
                     system.destroy()
                     continue
                 try:

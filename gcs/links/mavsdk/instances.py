@@ -87,11 +87,11 @@ class MavsdkShards:
             fleet.loopback.give(bytes(datagram))
             frames.clear()
 
-    def discover(self, wanted: Collection[int]) -> dict[int, MavsdkVehicle]:
+    def discover(self, desired: Collection[int]) -> dict[int, MavsdkVehicle]:
         """Those of the wanted systems that have been met, with fresh plugins."""
         found: dict[int, MavsdkVehicle] = {}
         for fleet, ids in zip(self._fleets, self._ids, strict=True):
-            missing = ids.intersection(wanted)
+            missing = ids.intersection(desired)
             if missing:
                 found |= fleet.discover(missing)
         return found

@@ -26,7 +26,7 @@ from gcs.links.mavsdk.setpoint_filter import MavsdkOutlet
 from gcs.links.mavsdk.threads import Offstage
 from gcs.links.mavsdk.workers import MavsdkHand, Workers
 from gcs.links.stream_rates import SETTLE_S
-from gcs.links.udp.link import UdpLink, Wanted, Works
+from gcs.links.udp.link import SetpointBatch, UdpLink, Works
 from gcs.links.vehicle_ids import station_id
 from gcs.mavlink.kernels import BEGIN, END, Bytes, Whole
 from gcs.model.frames import ShowFrame
@@ -126,18 +126,18 @@ class MavsdkUdpLink(UdpLink):
             vehicle = self._met.get(row)
             self._healthy[row] = vehicle is not None and vehicle.healthy()
 
-    def _tell_setpoints(self, wanted: Wanted) -> None:
-        self._outlet.ask(wanted)  # and nothing that was asked before
-        began_s = wanted.until_s - self._hold_s
-        yaw_deg = np.degrees(wanted.yaw_rad)[:, None]
-        rows, values = wanted.rows.tolist(), np.hstack([wanted.velocity_ned_m_s, yaw_deg]).tolist()
+    def _tell_setpoints(self, desired: SetpointBatch) -> None:
+        self._outlet.ask(desired)  # and nothing that was asked before
+        began_s = desired.until_s - self._hold_s
+        yaw_deg = np.degrees(desired.yaw_rad)[:, None]
+        rows, values = desired.rows.tolist(), np.hstack([desired.velocity_ned_m_s, yaw_deg]).tolist()
         for part in (slice(_URGENT), slice(_URGENT, None)):
             for row, each in zip(rows[part], values[part], strict=True):
                 if not self._met[row].set_velocity(*each):
                     self._outlet.forbid(np.array([row]))  # it would be awaited in vain
-            self._await(wanted.rows[: part.stop], began_s)
+            self._await(desired.rows[: part.stop], began_s)
         self._move_bytes()
-        if self._outlet.awaits(wanted.rows):
+        if self._outlet.awaits(desired.rows):
             self._ticked.set()
 
     def _await(self, rows: Whole, began_s: float) -> None:

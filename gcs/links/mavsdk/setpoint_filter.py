@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gcs.links.counters import Counters
 from gcs.links.kill_latch import KillLatch
 from gcs.links.mmsg import Batch
-from gcs.links.udp.link import Wanted
+from gcs.links.udp.link import SetpointBatch
 from gcs.links.udp.send_times import Sent
 from gcs.links.udp.sender import Outbox
 from gcs.mavlink.codec import Frames
@@ -54,12 +54,12 @@ class MavsdkOutlet:
         """Whether anything of the newest tick is still to leave to these."""
         return bool(self._awaited[rows].any())
 
-    def ask(self, wanted: Wanted) -> None:
+    def ask(self, desired: SetpointBatch) -> None:
         """Let these leave, once each, and nothing that was asked before."""
         self._awaited[:] = False
-        self._awaited[wanted.rows] = True
-        self._velocity[wanted.rows] = _on_the_wire(wanted.velocity_ned_m_s)
-        self._until_s = wanted.until_s
+        self._awaited[desired.rows] = True
+        self._velocity[desired.rows] = _on_the_wire(desired.velocity_ned_m_s)
+        self._until_s = desired.until_s
 
     def forbid(self, rows: Whole | slice) -> None:
         """Let nothing of the newest tick leave to these any more."""

@@ -14,7 +14,7 @@ import numpy as np
 from gcs.links.command_protocol import Orders
 from gcs.links.endpoints import Listen
 from gcs.links.udp.commands import Commands
-from gcs.links.udp.link import UdpLink, Wanted, Works
+from gcs.links.udp.link import SetpointBatch, UdpLink, Works
 from gcs.links.udp.px4_commands import DirectHand
 from gcs.mavlink.codec import SYSTEM_ID
 from gcs.mavlink.outgoing import SETPOINT, setpoint_messages
@@ -71,17 +71,17 @@ class DirectLink(UdpLink):
             if recorder is not None:
                 await asyncio.to_thread(recorder.close)
 
-    def _tell_setpoints(self, wanted: Wanted) -> None:
-        rows, now_s = wanted.rows, self._clock()
+    def _tell_setpoints(self, desired: SetpointBatch) -> None:
+        rows, now_s = desired.rows, self._clock()
         if not len(rows):
             return
         messages = setpoint_messages(
-            self._system_ids[rows], wanted.velocity_ned_m_s, wanted.yaw_rad, time_s=now_s
+            self._system_ids[rows], desired.velocity_ned_m_s, desired.yaw_rad, time_s=now_s
         )
         frames = self._outbox.encode(SETPOINT, messages, rows)
-        left = self._outbox.send(frames, rows, now_s, until_s=wanted.until_s)
+        left = self._outbox.send(frames, rows, now_s, until_s=desired.until_s)
         left_s = self._clock()  # after the call: never earlier than the truth
-        if left_s > wanted.until_s:
+        if left_s > desired.until_s:
             self._counters.setpoints_dropped += int((~left).sum())
         self._sent.note(rows[left], left_s)
         self._counters.setpoints_sent += int(left.sum())

@@ -56,7 +56,7 @@ Works = Mapping[str, Coroutine[Any, Any, None]]
 """By name, what a transport does beside, for as long as the link runs."""
 
 
-class Wanted(NamedTuple):
+class SetpointBatch(NamedTuple):
     """What a tick asks of the vehicles of a link that can be told so, the most urgent first."""
 
     rows: Whole  # (k,) none twice
@@ -132,7 +132,7 @@ class UdpLink(LinkFacts, ABC):
         """Open what the transport needs, `_orders` last; close it again, `_orders` first."""
 
     @abstractmethod
-    def _tell_setpoints(self, wanted: Wanted) -> None:
+    def _tell_setpoints(self, desired: SetpointBatch) -> None:
         """Have these leave, and none that were asked for earlier; not called while the link is not open."""
 
     @abstractmethod
@@ -223,7 +223,7 @@ class UdpLink(LinkFacts, ABC):
             fit &= rows != row
         until_s = min(now_s, setpoints.time_s) + self._hold_s
         chosen = np.flatnonzero(fit)[self._by_urgency(rows[fit])]
-        self._tell_setpoints(Wanted(rows[chosen], velocity_ned_m_s[chosen], yaw_rad[chosen], until_s))
+        self._tell_setpoints(SetpointBatch(rows[chosen], velocity_ned_m_s[chosen], yaw_rad[chosen], until_s))
 
     async def execute(self, order: Order) -> None:
         """Order, and return when the vehicle is seen to obey. See `Link.execute`.

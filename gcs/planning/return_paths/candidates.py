@@ -158,9 +158,9 @@ def _follow(goal_m: Array, path_m: Array, rate_per_s: float, limits_m_s: Array) 
     """Write where a vehicle is (k, 3) that is drawn to goals (k, 3), one a step: it rounds the corners."""
     path_m[0] = goal_m[0]
     for k in range(1, len(goal_m)):
-        wanted_m_s = rate_per_s * (goal_m[k] - path_m[k - 1])
-        level_m_s = np.sqrt(wanted_m_s[0] ** 2 + wanted_m_s[1] ** 2)
+        desired_m_s = rate_per_s * (goal_m[k] - path_m[k - 1])
+        level_m_s = np.sqrt(desired_m_s[0] ** 2 + desired_m_s[1] ** 2)
         share = min(1.0, limits_m_s[0] / max(level_m_s, 1e-9))
-        share = min(share, limits_m_s[1] / max(-wanted_m_s[2], 1e-9))
-        share = min(share, limits_m_s[2] / max(wanted_m_s[2], 1e-9))
-        path_m[k] = path_m[k - 1] + STEP_S * share * wanted_m_s
+        share = min(share, limits_m_s[1] / max(-desired_m_s[2], 1e-9))
+        share = min(share, limits_m_s[2] / max(desired_m_s[2], 1e-9))
+        path_m[k] = path_m[k - 1] + STEP_S * share * desired_m_s

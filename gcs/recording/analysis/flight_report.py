@@ -266,14 +266,14 @@ def _speeds(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
 
 def _setpoints(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
     """What was commanded, tick by tick; where it is known."""
-    wanted_m_s = tracks.setpoint_m_s
-    if wanted_m_s is None:
+    desired_m_s = tracks.setpoint_m_s
+    if desired_m_s is None:
         return []
-    given: Mask = np.asarray(np.isfinite(wanted_m_s).all(axis=-1))
-    flat_m_s, up_m_s = np.hypot(wanted_m_s[..., 0], wanted_m_s[..., 1]), -wanted_m_s[..., 2]
+    given: Mask = np.asarray(np.isfinite(desired_m_s).all(axis=-1))
+    flat_m_s, up_m_s = np.hypot(desired_m_s[..., 0], desired_m_s[..., 1]), -desired_m_s[..., 2]
 
     def judged(name: str, of: Callable[[Limits], float], value: Single) -> Check:
-        at, count = tracks.setpoint_held_at, len(wanted_m_s)
+        at, count = tracks.setpoint_held_at, len(desired_m_s)
         most = _over_time(standards, at, count, lambda standard: of(standard.safety.limits))
         return _most(name, most, value, given, tracks, "m/s", 1.0 + TOLERATED_SETPOINT, 0.0, timed=False)
 

@@ -140,9 +140,9 @@ def test_one_command_reaches_a_selection_and_names_those_that_it_does_not_reach(
 def test_a_lost_vehicle_and_those_on_their_pads_are_not_counted_as_airborne(api: Api) -> None:
     api.service.phases |= {"d1": Phase.FORMATION, "d2": Phase.LOST, "d3": Phase.STANDBY}
     api.service.tick()
-    wanted = {"airborne": 1, "controlled": 1, "uncontrolled": 0, "unknown": 1, "on_ground": 1, "offline": 0}
-    assert api("GET", "/api/v1/fleet").json()["counts"] == wanted
-    assert api("GET", "/api/v1/status").json()["counts"] == wanted
+    desired = {"airborne": 1, "controlled": 1, "uncontrolled": 0, "unknown": 1, "on_ground": 1, "offline": 0}
+    assert api("GET", "/api/v1/fleet").json()["counts"] == desired
+    assert api("GET", "/api/v1/status").json()["counts"] == desired
 
 
 def test_every_vehicle_and_show_action_has_a_route(api: Api) -> None:

@@ -199,17 +199,17 @@ def test_progress_is_shown_on_a_terminal_and_nowhere_else() -> None:
 
 
 def test_a_share_is_shown_in_per_cent_and_never_goes_back() -> None:
-    def shown(*, is_terminal: bool, wanted: bool) -> str:
+    def shown(*, is_terminal: bool, desired: bool) -> str:
         console = Console(file=StringIO(), force_terminal=is_terminal, width=80)
-        with share_of("judging the flight", console, shown=wanted) as report:
+        with share_of("judging the flight", console, shown=desired) as report:
             part_of(report, 0.5, 1.0)(0.5)
             report(0.25)
         text: str = console.file.getvalue()  # type: ignore[attr-defined]
         return text
 
-    assert "judging the flight" in shown(is_terminal=True, wanted=True)
-    assert shown(is_terminal=True, wanted=True).split("%")[-2].endswith("75")
-    assert shown(is_terminal=True, wanted=False) == shown(is_terminal=False, wanted=True) == ""
+    assert "judging the flight" in shown(is_terminal=True, desired=True)
+    assert shown(is_terminal=True, desired=True).split("%")[-2].endswith("75")
+    assert shown(is_terminal=True, desired=False) == shown(is_terminal=False, desired=True) == ""
 
 
 def test_what_came_along_is_listed_and_printed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -26,7 +26,7 @@ def calm(**changes: Any) -> Seen:
         time_s=0.0,
         position_m=np.column_stack([4.0 * np.arange(N), np.zeros(N), np.full(N, -20.0)]),
         velocity_m_s=still,
-        wanted_m_s=still,
+        desired_m_s=still,
         battery=np.full(N, 0.8),
         horizontal_m=np.full(N, 0.9),
         vertical_m=np.full(N, 1.8),
@@ -81,7 +81,7 @@ def describe(requests: tuple[FailsafeRequest, ...]) -> list[tuple[Cause, Action,
     return [(request.cause, request.action, request.rows) for request in requests]
 
 
-def test_nothing_happens_and_nothing_is_wanted() -> None:
+def test_nothing_happens_and_nothing_is_desired() -> None:
     rules = Rules()
     assert rules.see(calm(), 5.0) == ()
     assert rules.was_calm
@@ -116,7 +116,7 @@ def test_a_cause_begins_when_it_has_lasted_and_ends_when_it_is_gone_for_a_while(
         {"horizontal_m": np.full(N, np.nan), "vertical_m": np.full(N, np.nan)},
         {"target_age_s": 5.0},
         {"late_s": 0.05},
-        {"wanted_m_s": np.full((N, 3), np.nan), "velocity_m_s": np.full((N, 3), 4.0) * [1, 1, 0]},
+        {"desired_m_s": np.full((N, 3), np.nan), "velocity_m_s": np.full((N, 3), 4.0) * [1, 1, 0]},
     ],
 )
 def test_at_the_threshold_and_where_nothing_is_known_nothing_happens(changes: dict[str, Any]) -> None:
@@ -187,7 +187,7 @@ def test_the_fence_is_ahead_where_the_way_leads_out_of_it(
 ) -> None:
     position_m, flown_m_s = calm().position_m.copy(), np.zeros((N, 3))
     position_m[0], flown_m_s[0] = (x_m, 0.0, -height_m), velocity_m_s
-    requests = Rules().see(calm(position_m=position_m, velocity_m_s=flown_m_s, wanted_m_s=flown_m_s), 0.5)
+    requests = Rules().see(calm(position_m=position_m, velocity_m_s=flown_m_s, desired_m_s=flown_m_s), 0.5)
     assert describe(requests) == ([(Cause.FENCE, Action.RETURN, (0,))] if crosses else [])
 
 
@@ -197,7 +197,7 @@ def test_whoever_brakes_for_the_fence_as_the_filter_allows_is_not_about_to_cross
         speed_m_s = 2.0 * (np.sqrt(0.8**2 + gap_m) - 0.8)
         position_m, flown_m_s = calm().position_m.copy(), np.zeros((N, 3))
         position_m[0, 0], flown_m_s[0, 0] = FENCE.distance_max_m - gap_m, speed_m_s + 0.3  # and noise
-        seen = calm(position_m=position_m, velocity_m_s=flown_m_s, wanted_m_s=flown_m_s)
+        seen = calm(position_m=position_m, velocity_m_s=flown_m_s, desired_m_s=flown_m_s)
         assert Rules().see(seen, 1.0) == ()
 
 
@@ -264,7 +264,7 @@ def test_without_vehicles_in_the_air_there_is_no_failsafe() -> None:
     assert rules.see(bad, 10.0) == ()
 
 
-def test_what_is_ignored_is_not_wanted() -> None:
+def test_what_is_ignored_is_not_desired() -> None:
     ignored = {"action": "ignore"}
     rules = Rules(
         low_battery=ignored, wind=ignored, vehicles_lost=ignored, target_stale=ignored, service_late=ignored

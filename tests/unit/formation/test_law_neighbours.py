@@ -95,8 +95,8 @@ def test_the_velocity_is_the_step_at_the_laws_rate_and_no_faster_than_its_bound(
     place = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(3.0), np.sin(3.0), 0.0]])
     sight = Sight(everybody(place), np.ones((2, 1)), 2.0 * RADIUS_M)
     aside = aside_of(place, 2.0 * RADIUS_M)
-    wanted = LAW.neighbours.spreading_rate_per_s * AHEAD * RADIUS_M * aside
-    assert velocity_of(place, sight) == pytest.approx(wanted, abs=1e-9)
+    desired = LAW.neighbours.spreading_rate_per_s * AHEAD * RADIUS_M * aside
+    assert velocity_of(place, sight) == pytest.approx(desired, abs=1e-9)
     close = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(1.0), np.sin(1.0), 0.0]])
     sight = Sight(everybody(close), np.ones((2, 1)), 2.0 * RADIUS_M)
     assert np.linalg.norm(velocity_of(close, sight), axis=1) == pytest.approx(LAW.speed_m_s)

@@ -55,7 +55,7 @@ def flown(
 
 def led(
     center: Array,
-    wanted: Array,
+    desired: Array,
     ellipses: dict[str, Ellipse],
     sides: dict[str, float] | None = None,
     *,
@@ -64,7 +64,7 @@ def led(
 ) -> tuple[Array, dict[str, float]]:
     """Where the centre of a sphere is led."""
     drones = center + radius_m * np.vstack([np.eye(3), -np.eye(3)])
-    return steer_center(center, wanted, drones, ellipses, sides or {}, AVOIDANCE, radius_m=radius_m, way=way)
+    return steer_center(center, desired, drones, ellipses, sides or {}, AVOIDANCE, radius_m=radius_m, way=way)
 
 
 def test_the_ellipse_is_the_articles_around_the_grown_box() -> None:
@@ -222,9 +222,9 @@ def test_one_in_the_notch_between_two_that_overlap_is_led_out_round_either_and_n
 
 def test_of_two_in_a_row_neither_is_met() -> None:
     near, far = Ellipse(5.0, 0.0, 3.0, 3.0, 100.0), Ellipse(14.0, 3.0, 4.0, 4.0, 100.0)
-    place, wanted = np.array([-0.5, 0.0, -5.0]), np.array([2.0, 0.0, 0.0])
-    around = flown(place, wanted, sliding_m_s=2.0, ellipses={"near": near, "far": far})
-    again = flown(place, wanted, sliding_m_s=2.0, ellipses={"far": far, "near": near})
+    place, desired = np.array([-0.5, 0.0, -5.0]), np.array([2.0, 0.0, 0.0])
+    around = flown(place, desired, sliding_m_s=2.0, ellipses={"near": near, "far": far})
+    again = flown(place, desired, sliding_m_s=2.0, ellipses={"far": far, "near": near})
     assert around == pytest.approx(again)
     for ellipse in (near, far):
         assert met_m(ellipse, place, around, 0.99) == inf
@@ -232,11 +232,11 @@ def test_of_two_in_a_row_neither_is_met() -> None:
 
 def test_past_an_obstacle_that_moves_the_relative_velocity_is_along_the_tangent() -> None:
     crossing = Ellipse(8.0, -8.0, 3.0, 3.0, 100.0, 0.0, 1.5)  # would be in the way just in time
-    place, wanted = np.array([2.0, 0.0, -5.0]), np.array([2.0, 0.0, 0.0])
-    around = flown(place, wanted, sliding_m_s=2.0, ellipses={"c": crossing})
-    assert around.tolist() != wanted.tolist()
-    still = flown(place, wanted, sliding_m_s=2.0, ellipses={"c": Ellipse(8.0, -8.0, 3.0, 3.0, 100.0)})
-    assert still.tolist() == wanted.tolist()
+    place, desired = np.array([2.0, 0.0, -5.0]), np.array([2.0, 0.0, 0.0])
+    around = flown(place, desired, sliding_m_s=2.0, ellipses={"c": crossing})
+    assert around.tolist() != desired.tolist()
+    still = flown(place, desired, sliding_m_s=2.0, ellipses={"c": Ellipse(8.0, -8.0, 3.0, 3.0, 100.0)})
+    assert still.tolist() == desired.tolist()
 
 
 def test_one_that_rests_makes_way_for_an_obstacle_that_comes() -> None:
@@ -247,12 +247,12 @@ def test_one_that_rests_makes_way_for_an_obstacle_that_comes() -> None:
 
 
 def test_the_side_that_turns_the_formation_least_is_chosen_and_kept() -> None:
-    center, wanted = np.array([-40.0, -2.0, -10.0]), np.array([2.0, 0.0, 0.0])
-    around, sides = led(center, wanted, {"r": ROUND})
+    center, desired = np.array([-40.0, -2.0, -10.0]), np.array([2.0, 0.0, 0.0])
+    around, sides = led(center, desired, {"r": ROUND})
     assert sides == {"r": LEFT}
     assert around[1] < 0.0
-    assert led(center * (1, -1, 1), wanted, {"r": ROUND})[1] == {"r": RIGHT}
-    kept, still = led(center * (1, -1, 1), wanted, {"r": ROUND}, sides)
+    assert led(center * (1, -1, 1), desired, {"r": ROUND})[1] == {"r": RIGHT}
+    kept, still = led(center * (1, -1, 1), desired, {"r": ROUND}, sides)
     assert still == sides
     assert kept[1] < 0.0
 
@@ -268,42 +268,44 @@ def test_the_choice_does_not_flip_where_angles_wrap(turn_rad: float) -> None:
 
 def test_all_drones_of_a_formation_pass_on_the_side_it_chose() -> None:
     swarm = np.array([[-11.0, -4.0, -5.0], [-11.0, 4.0, -5.0], [-14.0, 0.0, -5.0]])
-    wanted = np.tile([2.0, 0.0, 0.0], (3, 1))
-    around = avoid_all(swarm, wanted, {"r": ROUND}, {"r": RIGHT}, np.full(3, 2.0), AVOIDANCE)
+    desired = np.tile([2.0, 0.0, 0.0], (3, 1))
+    around = avoid_all(swarm, desired, {"r": ROUND}, {"r": RIGHT}, np.full(3, 2.0), AVOIDANCE)
     assert (around[:, 1] > 0.0).all()
 
 
 def test_the_centre_keeps_the_whole_sphere_clear() -> None:
-    center, wanted = np.array([-40.0, -2.0, -10.0]), np.array([2.0, 0.0, 0.0])
+    center, desired = np.array([-40.0, -2.0, -10.0]), np.array([2.0, 0.0, 0.0])
     for _ in range(400):
-        center = center + 0.2 * led(center, wanted, {"r": ROUND}, {"r": LEFT})[0]
+        center = center + 0.2 * led(center, desired, {"r": ROUND}, {"r": LEFT})[0]
         assert np.hypot(*center[:2]) > 5.0 + 10.0 + 2.5
         toward = np.array([60.0, 0.0, -10.0]) - center
-        wanted = 2.0 * toward / max(float(np.linalg.norm(toward)), 2.0)
+        desired = 2.0 * toward / max(float(np.linalg.norm(toward)), 2.0)
     assert center == pytest.approx([60.0, 0.0, -10.0], abs=0.5)
 
 
 def test_of_a_sphere_that_is_mostly_above_the_box_only_what_is_below_counts() -> None:
-    wanted = np.array([2.0, 0.0, 0.0])
-    assert led(np.array([-40.0, 10.0, -21.0]), wanted, {"r": ROUND})[0][1] > 0.0
-    assert led(np.array([-40.0, 10.0, -29.9]), wanted, {"r": ROUND})[0].tolist() == wanted.tolist()
-    assert led(np.array([-40.0, 0.0, -30.1]), wanted, {"r": ROUND})[0].tolist() == wanted.tolist()
+    desired = np.array([2.0, 0.0, 0.0])
+    assert led(np.array([-40.0, 10.0, -21.0]), desired, {"r": ROUND})[0][1] > 0.0
+    assert led(np.array([-40.0, 10.0, -29.9]), desired, {"r": ROUND})[0].tolist() == desired.tolist()
+    assert led(np.array([-40.0, 0.0, -30.1]), desired, {"r": ROUND})[0].tolist() == desired.tolist()
 
 
 def test_a_destination_close_to_an_obstacle_is_reached_and_one_within_it_is_not_circled() -> None:
-    wanted = np.array([2.0, 0.0, 0.0])
+    desired = np.array([2.0, 0.0, 0.0])
     beside = Way(np.array([-9.0, 0.0]), 3.0)
-    assert led(np.array([-12.0, 0.0, -10.0]), wanted, {"r": ROUND}, way=beside)[0].tolist() == wanted.tolist()
+    assert (
+        led(np.array([-12.0, 0.0, -10.0]), desired, {"r": ROUND}, way=beside)[0].tolist() == desired.tolist()
+    )
     within = Way(np.array([0.0, 0.0]), 5.5)
     waits, _ = led(np.array([-5.5, 0.0, -10.0]), np.array([2.0, 0.0, 0.0]), {"r": ROUND}, way=within)
     assert np.hypot(waits[0], waits[1]) < 0.9
 
 
 def test_a_side_is_forgotten_when_nobody_is_near_any_more_and_the_way_is_free() -> None:
-    wanted = np.array([2.0, 0.0, 0.0])
-    assert led(np.array([60.0, 1.0, -5.0]), wanted, {"r": ROUND}, {"r": LEFT})[1] == {}
-    assert led(np.array([20.0, 1.0, -5.0]), wanted, {"r": ROUND}, {"r": LEFT})[1] == {"r": LEFT}
-    assert led(np.array([-15.0, 1.0, -5.0]), -wanted, {"r": ROUND})[1] == {}
+    desired = np.array([2.0, 0.0, 0.0])
+    assert led(np.array([60.0, 1.0, -5.0]), desired, {"r": ROUND}, {"r": LEFT})[1] == {}
+    assert led(np.array([20.0, 1.0, -5.0]), desired, {"r": ROUND}, {"r": LEFT})[1] == {"r": LEFT}
+    assert led(np.array([-15.0, 1.0, -5.0]), -desired, {"r": ROUND})[1] == {}
 
 
 def test_a_side_once_chosen_is_kept_although_turning_back_would_change_less() -> None:
@@ -314,10 +316,10 @@ def test_a_side_once_chosen_is_kept_although_turning_back_would_change_less() ->
         Obstacle("far", -22.1, 79.6, 7.9, 5.9, 21.2),
     )
     ellipses = {box.id: Ellipse.around(box, margin_m=2.0, headroom_m=3.0) for box in boxes}
-    center, wanted = np.array([15.0, 110.8, -20.0]), np.array([-3.02, 0.39, 0.0])
+    center, desired = np.array([15.0, 110.8, -20.0]), np.array([-3.02, 0.39, 0.0])
     way = Way(np.array([-28.4, 116.6]), 43.8)
     for side in (LEFT, RIGHT):
-        around, sides = led(center, wanted, ellipses, {"ahead": side}, way=way)
+        around, sides = led(center, desired, ellipses, {"ahead": side}, way=way)
         assert around[1] * side < -2.5  # left of a heading along -x is +y
         assert sides["ahead"] == side
 
@@ -354,23 +356,23 @@ def test_obstacles_out_of_everybodys_reach_cost_nothing_and_change_nothing() -> 
         str(index): Ellipse(x_m, y_m, 4.0, 6.0, 100.0)
         for index, (x_m, y_m) in enumerate(random.uniform(-60.0, 60.0, (32, 2)).tolist())
     }
-    place, wanted = random.normal(size=(8, 3)) * 12.0, random.normal(size=(8, 3)) * 3.0
+    place, desired = random.normal(size=(8, 3)) * 12.0, random.normal(size=(8, 3)) * 3.0
     place[:, 2] -= 30.0
     slides = np.full(8, 2.0)
     near = {name: e for name, e in ellipses.items() if float(e.distance_m(place).min()) < 12.0}
     assert 0 < len(near) < 32
-    expected = avoid_all(place, wanted, near, {}, slides, AVOIDANCE)
-    assert avoid_all(place, wanted, ellipses, {}, slides, AVOIDANCE).tolist() == expected.tolist()
+    expected = avoid_all(place, desired, near, {}, slides, AVOIDANCE)
+    assert avoid_all(place, desired, ellipses, {}, slides, AVOIDANCE).tolist() == expected.tolist()
     far = {name: e for name, e in ellipses.items() if name not in near}
-    assert avoid_all(place, wanted, far, {}, slides, AVOIDANCE) is wanted
+    assert avoid_all(place, desired, far, {}, slides, AVOIDANCE) is desired
 
 
 def test_after_the_warm_up_nothing_is_compiled_any_more() -> None:
     warm_up()
     kernels: list[Any] = [steer, push, contacts_m]
     known = [len(each.signatures) for each in kernels]
-    place, wanted = np.array([[-8.0, 0.0, -5.0]]), np.array([[2.0, 0.0, 0.0]])
+    place, desired = np.array([[-8.0, 0.0, -5.0]]), np.array([[2.0, 0.0, 0.0]])
     place.setflags(write=False)  # as in FleetState
-    avoid_all(place, wanted, {"r": ROUND}, {}, np.array([1.0]), AVOIDANCE)
-    led(place[0], wanted[0], {"r": ROUND})
+    avoid_all(place, desired, {"r": ROUND}, {}, np.array([1.0]), AVOIDANCE)
+    led(place[0], desired[0], {"r": ROUND})
     assert [len(each.signatures) for each in kernels] == known

@@ -5,7 +5,7 @@ from math import cos, hypot, pi, sin
 import numpy as np
 import pytest
 
-from gcs.formation.law import LawSettings, wanted_center_velocity
+from gcs.formation.law import LawSettings, desired_center_velocity
 from gcs.formation.orbit import (
     PACE_LEAST,
     PACE_LOST_MAX_PER_S,
@@ -112,10 +112,10 @@ def test_a_small_change_of_the_centre_is_made_at_once() -> None:
 
 def test_the_centre_climbs_to_its_height_no_faster_than_allowed() -> None:
     plan = Plan(Formation(5.0, 30.0), Orbit(0.0, 2.0), Target(10.0, 0.0))
-    low = wanted_center_velocity(
+    low = desired_center_velocity(
         Center.at_rest(np.array([10.0, 0.0, -10.0])), plan, 0.0, LAW, reach_m=200.0, pace=1.0
     )
-    near = wanted_center_velocity(
+    near = desired_center_velocity(
         Center.at_rest(np.array([10.0, 0.0, -30.5])), plan, 0.0, LAW, reach_m=200.0, pace=1.0
     )
     assert low == pytest.approx(np.array([0.0, 0.0, -LAW.climb_max_m_s]))
@@ -125,8 +125,8 @@ def test_the_centre_climbs_to_its_height_no_faster_than_allowed() -> None:
 def test_a_moving_target_is_orbited_where_it_is_by_now() -> None:
     plan = Plan(Formation(5.0, 30.0), Orbit(10.0, 2.0), Target(0.0, 0.0, 1.0, 0.0, time_s=100.0))
     center = Center.at_rest(np.array([20.0, 10.0, -30.0]))  # at 120 s right beside the target, on the circle
-    wanted = wanted_center_velocity(center, plan, 120.0, LAW, reach_m=200.0, pace=1.0)
-    assert wanted == pytest.approx(np.array([1.0 + 2.0, 0.0, 0.0]))
+    desired = desired_center_velocity(center, plan, 120.0, LAW, reach_m=200.0, pace=1.0)
+    assert desired == pytest.approx(np.array([1.0 + 2.0, 0.0, 0.0]))
 
 
 def test_named_directions_are_what_a_person_below_a_map_would_say() -> None:
@@ -188,5 +188,5 @@ def test_the_orbit_slows_down_while_somebody_is_left_behind_and_speeds_up_again(
 def test_the_targets_own_velocity_is_not_slowed_down() -> None:
     plan = Plan(Formation(5.0, 30.0), Orbit(10.0, 2.0), Target(0.0, 0.0, 1.0, 0.0))
     center = Center.at_rest(np.array([0.0, 10.0, -30.0]))
-    wanted = wanted_center_velocity(center, plan, 0.0, LAW, reach_m=200.0, pace=0.5)
-    assert wanted == pytest.approx(np.array([1.0 + 1.0, 0.0, 0.0]))
+    desired = desired_center_velocity(center, plan, 0.0, LAW, reach_m=200.0, pace=0.5)
+    assert desired == pytest.approx(np.array([1.0 + 1.0, 0.0, 0.0]))

@@ -22,7 +22,7 @@ from gcs.formation.thomson import (
     nearest_m,
     smallest_radius_m,
 )
-from gcs.formation.yaw import turn_towards, wanted_yaw_rad
+from gcs.formation.yaw import desired_yaw_rad, turn_towards
 from gcs.model.errors import InvalidError
 from gcs.model.plan import Yaw, YawPolicy
 from gcs.model.state import Array
@@ -159,9 +159,9 @@ def test_one_point_has_no_best_configuration() -> None:
 
 
 def test_a_vector_too_fast_in_one_way_is_shortened_as_a_whole() -> None:
-    wanted = np.array([[12.0, 16.0, -1.0], [3.0, 4.0, -5.0], [3.0, 4.0, 2.8], [1.0, 1.0, 1.0]])
-    scaled = scale_to_limits(wanted, horizontal_max_m_s=10.0, up_max_m_s=2.5, down_max_m_s=1.4)
-    by_hand = wanted * np.array([[0.5], [0.5], [0.5], [1.0]])
+    desired = np.array([[12.0, 16.0, -1.0], [3.0, 4.0, -5.0], [3.0, 4.0, 2.8], [1.0, 1.0, 1.0]])
+    scaled = scale_to_limits(desired, horizontal_max_m_s=10.0, up_max_m_s=2.5, down_max_m_s=1.4)
+    by_hand = desired * np.array([[0.5], [0.5], [0.5], [1.0]])
     assert scaled == pytest.approx(by_hand)
 
 
@@ -178,20 +178,20 @@ def test_the_inner_loop_asks_for_more_where_the_vehicle_lags() -> None:
     assert setpoint == pytest.approx(np.array([[3.7, 0.0, 1.1]]))
 
 
-def test_the_wanted_velocity_changes_no_faster_than_the_acceleration() -> None:
+def test_the_desired_velocity_changes_no_faster_than_the_acceleration() -> None:
     before = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    wanted = np.array([[3.0, 4.0, 0.0], [1.05, 0.0, 0.0]])
-    followed = limit_change(wanted, before, before, 2.0, 0.1)
+    desired = np.array([[3.0, 4.0, 0.0], [1.05, 0.0, 0.0]])
+    followed = limit_change(desired, before, before, 2.0, 0.1)
     assert followed == pytest.approx(np.array([[0.12, 0.16, 0.0], [1.05, 0.0, 0.0]]))
 
 
 def test_who_was_not_commanded_before_starts_from_the_measured_velocity() -> None:
-    wanted, unknown, measured = (
+    desired, unknown, measured = (
         np.array([[3.0, 4.0, 0.0]]),
         np.full((1, 3), np.nan),
         np.array([[0.0, 1.0, 0.0]]),
     )
-    followed = limit_change(wanted, unknown, measured, 2.0, 0.1)
+    followed = limit_change(desired, unknown, measured, 2.0, 0.1)
     assert followed == pytest.approx(measured + 0.2 * np.array([[1.0, 1.0, 0.0]]) / sqrt(2.0))
 
 
@@ -268,23 +268,23 @@ PLACE = np.array([[10.0, 0.0, -20.0], [0.0, -10.0, -20.0]])
 
 
 def test_held_yaw_is_that_of_engagement() -> None:
-    yaw = wanted_yaw_rad(Yaw(YawPolicy.HELD), HELD, PLACE, np.zeros(2))
+    yaw = desired_yaw_rad(Yaw(YawPolicy.HELD), HELD, PLACE, np.zeros(2))
     assert yaw == pytest.approx(HELD)
 
 
 def test_fixed_yaw_is_the_same_for_all_and_wrapped() -> None:
-    yaw = wanted_yaw_rad(Yaw(YawPolicy.FIXED, 3.5), HELD, PLACE, np.zeros(2))
+    yaw = desired_yaw_rad(Yaw(YawPolicy.FIXED, 3.5), HELD, PLACE, np.zeros(2))
     assert yaw == pytest.approx(np.full(2, 3.5 - 2 * pi))
 
 
 def test_everybody_looks_at_the_target() -> None:
-    yaw = wanted_yaw_rad(Yaw(YawPolicy.TARGET), HELD, PLACE, np.zeros(2))
+    yaw = desired_yaw_rad(Yaw(YawPolicy.TARGET), HELD, PLACE, np.zeros(2))
     assert np.cos(yaw) == pytest.approx([-1.0, 0.0], abs=1e-9)  # one looks back along x, one along y
     assert np.sin(yaw) == pytest.approx([0.0, 1.0], abs=1e-9)
 
 
 def test_overhead_the_target_yaw_is_kept() -> None:
-    yaw = wanted_yaw_rad(Yaw(YawPolicy.TARGET), HELD, PLACE, np.array([10.0, 1.5]))
+    yaw = desired_yaw_rad(Yaw(YawPolicy.TARGET), HELD, PLACE, np.array([10.0, 1.5]))
     assert yaw[0] == pytest.approx(0.7)
 
 

@@ -2,12 +2,12 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.settings import StreamSettings
-from gcs.links.stream_rates import Rates, wanted
+from gcs.links.stream_rates import Rates, desired
 from gcs.links.telemetry import Heard
 from gcs.mavlink.framing import split
 
-WANTED = {33: 20.0, 147: 0.5, 30: 0.0}
-ALL = list(WANTED.items())
+DESIRED = {33: 20.0, 147: 0.5, 30: 0.0}
+ALL = list(DESIRED.items())
 (BEAT,) = split(
     bytes(dialect.MAVLink_heartbeat_message(2, 12, 1, 0, 4, 3).pack(dialect.MAVLink(None, 1, 1)))
 ).frames
@@ -18,11 +18,11 @@ class Vehicle:
 
     def __init__(self) -> None:
         self.heard = Heard()
-        self.rates = Rates(WANTED, [1])
+        self.rates = Rates(DESIRED, [1])
         self.now_s = 100.0
-        self.sends_hz = dict(WANTED)
+        self.sends_hz = dict(DESIRED)
         self.speaks = True
-        self._sent = dict.fromkeys(WANTED, 0.0)
+        self._sent = dict.fromkeys(DESIRED, 0.0)
 
     def run(self, seconds: float) -> list[tuple[int, float]]:
         asked: list[tuple[int, float]] = []
@@ -69,20 +69,20 @@ def test_a_wrong_rate_is_asked_for_again_ever_more_seldom(message_id: int, rate_
     vehicle.sends_hz[message_id] = rate_hz
     assert vehicle.run(2.0) == ALL
     again = vehicle.run(30.0)
-    assert set(again) == {(message_id, WANTED[message_id])}
+    assert set(again) == {(message_id, DESIRED[message_id])}
     assert 2 <= len(again) <= 4
     assert len(vehicle.run(600.0)) <= 12
-    vehicle.sends_hz = dict(WANTED)
+    vehicle.sends_hz = dict(DESIRED)
     vehicle.run(130.0)
     assert vehicle.run(600.0) == []
 
 
-def test_positions_are_wanted_ten_times_a_second_unless_configured() -> None:
-    assert wanted(StreamSettings())[33] == 10.0
-    assert wanted(StreamSettings(position_hz=4.0))[33] == 4.0
-    rates_hz = wanted(StreamSettings(others_hz=2.0))
+def test_positions_are_desired_ten_times_a_second_unless_configured() -> None:
+    assert desired(StreamSettings())[33] == 10.0
+    assert desired(StreamSettings(position_hz=4.0))[33] == 4.0
+    rates_hz = desired(StreamSettings(others_hz=2.0))
     assert (rates_hz[30], rates_hz[245], rates_hz[1]) == (2.0, 5.0, 2.0)
 
 
 def test_the_estimators_reset_counter_is_asked_for_whatever_others_want() -> None:
-    assert wanted(StreamSettings())[331] == 1.0
+    assert desired(StreamSettings())[331] == 1.0

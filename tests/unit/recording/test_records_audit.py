@@ -93,9 +93,9 @@ def test_the_last_known_of_vehicles_and_show_is_read_back(tmp_path: Path) -> Non
         home_m = np.array([1.0, 2.0, -0.5])
         places = Places(d1=Address("10.0.0.7", 14580, 0), d2=Address("/dev/ttyUSB0", 0, 0))
         record.note(sample(homes=[home_m, None]), [places])  # type: ignore[list-item]
-        wanted = Plan(Formation(radius_m=12.0, height_m=20.0))
+        desired = Plan(Formation(radius_m=12.0, height_m=20.0))
         record.note(
-            sample(time_s=101.0, phases=[Phase.FORMATION, Phase.LOST], homes=[home_m, None], plan=wanted),
+            sample(time_s=101.0, phases=[Phase.FORMATION, Phase.LOST], homes=[home_m, None], plan=desired),
             [places],  # type: ignore[list-item]
         )
     known = last_known(tmp_path)

@@ -235,12 +235,12 @@ class Name(str):
 def test_the_work_for_a_tick_grows_with_the_fleet_not_with_its_square() -> None:
     count = 1000
     ids = tuple(Name(f"d{row + 1}") for row in range(count))
-    wanted_m_s = np.arange(3.0 * count).reshape(count, 3)
+    desired_m_s = np.arange(3.0 * count).reshape(count, 3)
     one = sample(count)
     fleet = replace(one.fleet, ids=ids)
-    told = Setpoints(one.fleet.time_s, ids[::-1], wanted_m_s, np.zeros(count))
+    told = Setpoints(one.fleet.time_s, ids[::-1], desired_m_s, np.zeros(count))
     table = layout.packed(replace(one, fleet=fleet, setpoints=told))
-    np.testing.assert_allclose(layout.setpoints_m_s(table), wanted_m_s[::-1])
+    np.testing.assert_allclose(layout.setpoints_m_s(table), desired_m_s[::-1])
     assert Name.looked_up < 10 * count
 
 

@@ -87,15 +87,15 @@ def shown(file: Path, *places_s: float) -> list[FleetView]:
 def test_lights_are_replayed_as_the_show_gave_them(file: Path) -> None:
     before, early, late = shown(file, 0.5, 2.0, 8.0)
     assert [vehicle.light for vehicle in before.vehicles] == [None] * COUNT
-    wanted = {}
+    desired = {}
     for name, tick in (("early", 40), ("late", 160)):
         colour, lit = samples()[tick].lights()
         assert lit.tolist() == [True, False, True]
-        wanted[name] = ["#{:02x}{:02x}{:02x}".format(*each) for each in colour.tolist()]
+        desired[name] = ["#{:02x}{:02x}{:02x}".format(*each) for each in colour.tolist()]
     for name, view in (("early", early), ("late", late)):
         d1, d2, d3 = view.vehicles
-        assert [d1.light, d2.light, d3.light] == [wanted[name][0], None, wanted[name][2]]
-    assert wanted["early"] != wanted["late"]
+        assert [d1.light, d2.light, d3.light] == [desired[name][0], None, desired[name][2]]
+    assert desired["early"] != desired["late"]
 
 
 def test_the_fence_that_held_is_drawn(file: Path) -> None:

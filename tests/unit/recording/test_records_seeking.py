@@ -50,9 +50,9 @@ def test_from_any_time_on_the_same_ticks_come_as_from_the_beginning(file: Path) 
     places = random.Random(5)
     for from_s in [places.uniform(every[0].unix_s - 5.0, every[-1].unix_s + 1.0) for _ in range(40)]:
         found = [data.decoded(each) for each in data.samples(from_s)]
-        wanted = [tick for tick in every if tick.unix_s >= from_s]
-        assert [tick.unix_s for tick in found] == [tick.unix_s for tick in wanted]
-        for one, other in zip(found[:30], wanted[:30], strict=True):
+        desired = [tick for tick in every if tick.unix_s >= from_s]
+        assert [tick.unix_s for tick in found] == [tick.unix_s for tick in desired]
+        for one, other in zip(found[:30], desired[:30], strict=True):
             assert one.vehicles.tobytes() == other.vehicles.tobytes()
             assert (one.tick, one.status) == (other.tick, other.status)
 

@@ -47,9 +47,9 @@ def flown(return_paths: ReturnPaths, start_m: Array) -> Array:
     here_m, found = start_m.copy(), []
     for step in range(int(return_paths.down_s.max() / STEP_S) + 1):
         goal_m = np.array([return_paths.goal_m(row, step * STEP_S) for row in range(len(start_m))])
-        wanted = 0.8 * (goal_m - here_m)
-        size = np.linalg.norm(wanted, axis=1, keepdims=True)
-        here_m = here_m + STEP_S * wanted * np.minimum(1.0, 4.0 / np.maximum(size, 1e-9))
+        desired = 0.8 * (goal_m - here_m)
+        size = np.linalg.norm(desired, axis=1, keepdims=True)
+        here_m = here_m + STEP_S * desired * np.minimum(1.0, 4.0 / np.maximum(size, 1e-9))
         found.append(here_m)
     return np.array(found)
 

@@ -28,8 +28,8 @@ def closest_m(place_m: Array, taken_m: Array = NOBODY) -> float:
 
 
 def test_places_that_are_apart_already_are_kept() -> None:
-    wanted = np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 9.0]])
-    assert distinct_sites_m(wanted, NOBODY, 4.0, {}) == pytest.approx(wanted, abs=1e-5)
+    desired = np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 9.0]])
+    assert distinct_sites_m(desired, NOBODY, 4.0, {}) == pytest.approx(desired, abs=1e-5)
 
 
 def test_a_pair_too_close_parts_evenly() -> None:
@@ -65,8 +65,8 @@ def test_one_wedged_between_others_finds_the_nearest_free_place(taken: list[list
 
 
 def test_nobody_comes_down_on_or_close_beside_an_obstacle() -> None:
-    wanted = np.array([[0.0, 0.0], [1.0, 7.0], [-6.0, 0.0], [0.5, 0.0]])
-    place = distinct_sites_m(wanted, NOBODY, 4.0, {"b": BOX})
+    desired = np.array([[0.0, 0.0], [1.0, 7.0], [-6.0, 0.0], [0.5, 0.0]])
+    place = distinct_sites_m(desired, NOBODY, 4.0, {"b": BOX})
     assert (BOX.distance_m(place) >= CLEAR_M).all()
     assert closest_m(place) >= 4.0 - 1e-9
 
@@ -86,8 +86,8 @@ def test_a_pocket_between_obstacles_and_others_is_left() -> None:
 
 
 def test_a_place_not_known_stays_unknown_and_disturbs_nobody() -> None:
-    wanted = np.array([[np.nan, 0.0], [1.0, 1.0], [1.0, 1.5]])
-    place = distinct_sites_m(wanted, NOBODY, 4.0, {})
+    desired = np.array([[np.nan, 0.0], [1.0, 1.0], [1.0, 1.5]])
+    place = distinct_sites_m(desired, NOBODY, 4.0, {})
     assert np.isnan(place[0]).all()
     assert closest_m(place[1:]) >= 4.0 - 1e-9
 
@@ -100,8 +100,8 @@ def test_a_large_fleet_among_the_most_obstacles_finds_its_places(half_m: float) 
         for index, (x_m, y_m) in enumerate(random.uniform(-60.0, 60.0, (MAX_OBSTACLES, 2)).tolist())
     ]
     ellipses = {box.id: Ellipse.around(box, margin_m=2.0, headroom_m=3.0) for box in boxes}
-    wanted, taken = random.normal(size=(50, 2)) * 8.0, random.uniform(-30.0, 30.0, (50, 2))
-    place = distinct_sites_m(wanted, taken, 4.0, ellipses)
+    desired, taken = random.normal(size=(50, 2)) * 8.0, random.uniform(-30.0, 30.0, (50, 2))
+    place = distinct_sites_m(desired, taken, 4.0, ellipses)
     assert closest_m(place, taken) >= 4.0 - 1e-9
     assert all((ellipse.distance_m(place) >= CLEAR_M - 1e-9).all() for ellipse in ellipses.values())
 

@@ -111,8 +111,8 @@ def test_the_orbit_error_is_that_of_the_true_centroid_about_the_target() -> None
     circle = np.stack([5.0 + 16.0 * np.cos(angle), 16.0 * np.sin(angle), np.full_like(angle, -20.0)], axis=1)
     aside = np.array([0.0, 4.0, 0.0])
     pair = flight(circle + aside, circle - aside)
-    wanted = commanded(np.zeros(3), 4.0, np.array([5.0, 0.0]))
-    assert orbit_error_m(truth(pair), wanted, 15.0) == pytest.approx(1.0)
+    desired = commanded(np.zeros(3), 4.0, np.array([5.0, 0.0]))
+    assert orbit_error_m(truth(pair), desired, 15.0) == pytest.approx(1.0)
 
 
 def test_a_window_holds_only_its_own_times() -> None:

@@ -23,10 +23,10 @@ def test_what_closes_in_now_goes_on_for_the_lead_and_what_parts_earns_nothing() 
     lead = BRAKING.model_copy(update={"lead_s": 0.5})
     settings = SETTINGS.model_copy(update={"braking": lead})
     position = np.array([[-4.0, 0.0, -20.0], [4.0, 0.0, -20.0]])  # 5 m to floor and margin
-    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    desired = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
     for measured_m_s, gap_m in ((1.0, 4.0), (-1.0, 5.0)):
         closing = np.array([[measured_m_s, 0.0, 0.0], [-measured_m_s, 0.0, 0.0]])
-        allowed, _ = filter_velocities(wanted, surroundings(position, velocity=closing), settings)
+        allowed, _ = filter_velocities(desired, surroundings(position, velocity=closing), settings)
         expected = float(BRAKING.speed_m_s(np.array([gap_m]))[0])
         assert allowed[0, 0] - allowed[1, 0] == pytest.approx(expected, abs=2e-3)
 

@@ -10,8 +10,8 @@ from gcs.safety.filter import Limits, cap, filter_velocities
 
 
 def test_rows_not_finite_become_rest_and_long_ones_are_scaled() -> None:
-    wanted = np.array([[np.nan, 1.0, 0.0], [0.0, np.inf, 0.0], [12.0, 16.0, 0.0], [0.0, 0.0, -5.0]])
-    capped = cap(wanted, Limits(horizontal_m_s=10.0, up_m_s=2.5, down_m_s=1.4))
+    desired = np.array([[np.nan, 1.0, 0.0], [0.0, np.inf, 0.0], [12.0, 16.0, 0.0], [0.0, 0.0, -5.0]])
+    capped = cap(desired, Limits(horizontal_m_s=10.0, up_m_s=2.5, down_m_s=1.4))
     assert capped == pytest.approx(
         np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [6.0, 8.0, 0.0], [0.0, 0.0, -2.5]])
     )
@@ -19,8 +19,8 @@ def test_rows_not_finite_become_rest_and_long_ones_are_scaled() -> None:
 
 def test_every_restraint_has_its_reason_in_words() -> None:
     position = np.array([[0.0, 0.0, -20.0], [3.2, 0.0, -20.0], [0.0, 50.0, -3.1], [90.0, 0.0, -20.0]])
-    wanted = np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.4], [0.0, 1.0, 0.0]])
-    _, reasons = filter_velocities(wanted, surroundings(position), SETTINGS)
+    desired = np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.4], [0.0, 1.0, 0.0]])
+    _, reasons = filter_velocities(desired, surroundings(position), SETTINGS)
     assert reasons == ("separation from d1", "separation from d0", "least height", "")
 
 
@@ -32,10 +32,10 @@ def test_the_worst_of_several_restraints_is_the_one_that_is_told() -> None:
 
 
 def test_a_vehicles_own_speed_shortens_it_in_every_direction() -> None:
-    wanted = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, -2.0], [3.0, 4.0, 0.0]])
-    capped = cap(wanted, Limits(), np.array([2.5, 1.0, np.inf]))
+    desired = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, -2.0], [3.0, 4.0, 0.0]])
+    capped = cap(desired, Limits(), np.array([2.5, 1.0, np.inf]))
     assert capped == pytest.approx(np.array([[1.5, 2.0, 0.0], [0.0, 0.0, -1.0], [3.0, 4.0, 0.0]]))
-    assert cap(wanted, Limits(), 2.5)[2] == pytest.approx([1.5, 2.0, 0.0])
+    assert cap(desired, Limits(), 2.5)[2] == pytest.approx([1.5, 2.0, 0.0])
 
 
 def test_the_filter_keeps_each_vehicles_own_speed_even_where_it_leads_it_elsewhere() -> None:
@@ -55,24 +55,24 @@ def test_nothing_within_the_limits_is_faster_than_the_fastest_they_allow() -> No
     assert Limits(horizontal_m_s=4.0, up_m_s=1.0, down_m_s=3.0).fastest_m_s == pytest.approx(5.0)
 
 
-@pytest.mark.parametrize(("wanted_m_s", "told"), [(0.1, "least height"), (0.04, "")])
-def test_only_a_change_that_can_be_noticed_is_told(wanted_m_s: float, told: str) -> None:
+@pytest.mark.parametrize(("desired_m_s", "told"), [(0.1, "least height"), (0.04, "")])
+def test_only_a_change_that_can_be_noticed_is_told(desired_m_s: float, told: str) -> None:
     # at the least height nothing down is allowed
     _, reasons = filter_velocities(
-        np.array([[0.0, 0.0, wanted_m_s]]), surroundings(np.array([[0.0, 0.0, -3.0]])), SETTINGS
+        np.array([[0.0, 0.0, desired_m_s]]), surroundings(np.array([[0.0, 0.0, -3.0]])), SETTINGS
     )
     assert reasons == (told,)
 
 
-@pytest.mark.parametrize(("wanted_m_s", "capped_m_s"), [(-0.6, -0.6), (-0.9, -0.7), (0.6, 0.5), (0.4, 0.4)])
-def test_up_and_down_have_limits_of_their_own_however_slow(wanted_m_s: float, capped_m_s: float) -> None:
+@pytest.mark.parametrize(("desired_m_s", "capped_m_s"), [(-0.6, -0.6), (-0.9, -0.7), (0.6, 0.5), (0.4, 0.4)])
+def test_up_and_down_have_limits_of_their_own_however_slow(desired_m_s: float, capped_m_s: float) -> None:
     limits = Limits(horizontal_m_s=8.0, up_m_s=0.7, down_m_s=0.5)
-    assert cap(np.array([[0.0, 0.0, wanted_m_s]]), limits)[0, 2] == pytest.approx(capped_m_s)
+    assert cap(np.array([[0.0, 0.0, desired_m_s]]), limits)[0, 2] == pytest.approx(capped_m_s)
 
 
 def test_the_worst_restraint_is_told_to_both_of_a_pair() -> None:
     # d2 comes close to d0, less close to d1
     position = np.array([[0.0, 0.0, -20.0], [9.0, 0.0, -20.0], [3.2, 0.0, -20.0]])
-    wanted = np.array([[3.0, 0.0, 0.0], [-2.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    _, reasons = filter_velocities(wanted, surroundings(position), SETTINGS)
+    desired = np.array([[3.0, 0.0, 0.0], [-2.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    _, reasons = filter_velocities(desired, surroundings(position), SETTINGS)
     assert (reasons[0], reasons[2]) == ("separation from d2", "separation from d0")

@@ -164,5 +164,5 @@ def test_at_the_height_of_the_pads_nobody_is_exempt_any_more(heights: tuple[floa
 
 
 def reason_of(position: Array) -> str:
-    wanted = np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    return filter_velocities(wanted, surroundings(position, descending=True), SETTINGS)[1][0]
+    desired = np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    return filter_velocities(desired, surroundings(position, descending=True), SETTINGS)[1][0]

@@ -10,9 +10,9 @@ from gcs.safety.projection import SHRINKS, any_broken, project, shrink
 
 def test_a_pair_shares_the_duty_evenly_and_nothing_else_is_changed() -> None:
     # they close with 4 m/s, 1 is allowed: 1.5 each
-    wanted = np.array([[2.0, 1.0, 0.0], [-2.0, 0.0, 0.5]])
+    desired = np.array([[2.0, 1.0, 0.0], [-2.0, 0.0, 0.5]])
     closing = half_space(0, 1, (-1.0, 0.0, 0.0), -1.0)
-    assert project(wanted, closing) == pytest.approx(np.array([[0.5, 1.0, 0.0], [-0.5, 0.0, 0.5]]), abs=1e-3)
+    assert project(desired, closing) == pytest.approx(np.array([[0.5, 1.0, 0.0], [-0.5, 0.0, 0.5]]), abs=1e-3)
 
 
 def test_the_projection_onto_a_corner_is_the_nearest_point_of_it() -> None:
@@ -25,10 +25,10 @@ def test_the_projection_onto_a_corner_is_the_nearest_point_of_it() -> None:
 
 
 def test_velocities_that_break_nothing_are_left_exactly_as_they_are() -> None:
-    wanted = np.array([[0.3, -0.2, 0.1], [1.0, 0.0, 0.0]])
+    desired = np.array([[0.3, -0.2, 0.1], [1.0, 0.0, 0.0]])
     allowed = half_space(0, 1, (-1.0, 0.0, 0.0), -1.0)
-    assert project(wanted, allowed).tolist() == wanted.tolist()
-    assert shrink(wanted, allowed).tolist() == wanted.tolist()
+    assert project(desired, allowed).tolist() == desired.tolist()
+    assert shrink(desired, allowed).tolist() == desired.tolist()
 
 
 def test_what_the_projection_leaves_broken_is_shrunk_until_it_holds() -> None:
@@ -111,8 +111,8 @@ def test_a_wall_that_pushed_farther_than_needed_in_the_end_gives_that_back() -> 
     both = Constraints.joined(
         half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0), half_space(0, 1, (-1.0, 0.0, 0.0), 0.0)
     )
-    wanted = np.array([[3.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
-    assert project(wanted, both)[:, 0] == pytest.approx([1.0, 1.0], abs=1e-3)
+    desired = np.array([[3.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    assert project(desired, both)[:, 0] == pytest.approx([1.0, 1.0], abs=1e-3)
 
 
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 0)])
@@ -134,6 +134,6 @@ def test_a_push_is_passed_on_by_one_whose_constraints_had_come_to_rest() -> None
     # row 0 has to go with 5 m/s and pushes row 1, row 1 pushes row 2; at first they hardly touch
     resting = half_space(1, 2, (-1.0, 0.0, 0.0), 0.0)
     pushed = half_space(0, NOBODY, (1.0, 0.0, 0.0), 5.0), half_space(0, 1, (-1.0, 0.0, 0.0), 0.0)
-    wanted = np.array([[0.0, 0.0, 0.0], [-1.5e-6, 0.0, 0.0], [-3e-6, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    found = project(wanted, Constraints.joined(resting, *pushed))
+    desired = np.array([[0.0, 0.0, 0.0], [-1.5e-6, 0.0, 0.0], [-3e-6, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    found = project(desired, Constraints.joined(resting, *pushed))
     assert found[:, 0] == pytest.approx([5.0, 5.0, 5.0, 0.0], abs=1e-2)

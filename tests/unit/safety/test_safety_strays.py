@@ -30,17 +30,17 @@ def crowd(count: int, seed: int, *, squeezed: int) -> tuple[Array, Array]:
     side = round(count ** (1.0 / 3.0))
     lattice = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     position_m = 4.5 * lattice + random.normal(0.0, 0.2, (side**3, 3)) - (0.0, 0.0, 200.0)
-    wanted_m_s = random.normal(0.0, 0.1, (side**3, 3))
+    desired_m_s = random.normal(0.0, 0.1, (side**3, 3))
     rows = random.choice(side**3, squeezed, replace=False)
-    wanted_m_s[rows] = random.normal(0.0, 3.0, (squeezed, 3))
-    return position_m, wanted_m_s
+    desired_m_s[rows] = random.normal(0.0, 3.0, (squeezed, 3))
+    return position_m, desired_m_s
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_a_few_led_far_off_break_no_constraint_although_not_everything_is_looked_at_again(seed: int) -> None:
-    position_m, wanted_m_s = crowd(216, seed, squeezed=6)
+    position_m, desired_m_s = crowd(216, seed, squeezed=6)
     here = around(position_m, np.zeros_like(position_m))
-    allowed_m_s, _ = filter_velocities(wanted_m_s, here, SETTINGS)
+    allowed_m_s, _ = filter_velocities(desired_m_s, here, SETTINGS)
     pairs = separation_constraints(
         position_m,
         here.velocity_m_s,
@@ -63,10 +63,10 @@ def test_looking_at_everything_from_the_start_gives_the_same(
     squeezed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for seed in range(4):
-        position_m, wanted_m_s = crowd(216, seed, squeezed=squeezed)
+        position_m, desired_m_s = crowd(216, seed, squeezed=squeezed)
         here = around(position_m, np.zeros_like(position_m))
-        allowed_m_s, _ = filter_velocities(wanted_m_s, here, SETTINGS)
+        allowed_m_s, _ = filter_velocities(desired_m_s, here, SETTINGS)
         with monkeypatch.context() as patch:
             patch.setattr(whole, "SPARE_M_S", 20.0)
-            every_m_s, _ = filter_velocities(wanted_m_s, here, SETTINGS)
+            every_m_s, _ = filter_velocities(desired_m_s, here, SETTINGS)
         assert np.abs(allowed_m_s - every_m_s).max() < 2e-3

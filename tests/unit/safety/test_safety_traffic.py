@@ -11,12 +11,12 @@ from gcs.safety.traffic import Traffic, give_way, keep_right
 
 
 def to_goals(
-    position: Array, goal: Array, wanted: Array, *, turned: list[bool] | None = None, angle: float = 45.0
+    position: Array, goal: Array, desired: Array, *, turned: list[bool] | None = None, angle: float = 45.0
 ) -> Array:
     n = len(position)
     everybody = np.ones(n, dtype=bool)
     return keep_right(
-        wanted,
+        desired,
         position,
         np.zeros((n, 3)),
         goal,
@@ -32,8 +32,8 @@ HEAD_ON = np.array([[-30.0, 0.0, -20.0], [30.0, 0.0, -20.0]])
 
 
 def test_two_that_would_meet_head_on_both_keep_to_the_right() -> None:
-    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
-    turned = to_goals(HEAD_ON, HEAD_ON[::-1], wanted)
+    desired = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    turned = to_goals(HEAD_ON, HEAD_ON[::-1], desired)
     angle = np.radians(45.0) * -np.expm1(-1.0 / Traffic().crowd)
     assert turned[0] == pytest.approx([3.0 * np.cos(angle), 3.0 * np.sin(angle), 0.0])
     assert turned[1] == pytest.approx(-turned[0])
@@ -46,7 +46,7 @@ def test_straight_up_and_straight_down_part_to_different_sides() -> None:
 
 
 @pytest.mark.parametrize(
-    ("goal", "wanted"),
+    ("goal", "desired"),
     [
         (np.array([[30.0, 18.0, -20.0], [-30.0, -18.0, -20.0]]), [[3.0, 0.9, 0.0], [-3.0, -0.9, 0.0]]),
         (HEAD_ON * 2.0, [[-3.0, 0.0, 0.0], [3.0, 0.0, 0.0]]),
@@ -55,25 +55,25 @@ def test_straight_up_and_straight_down_part_to_different_sides() -> None:
     ],
     ids=["past each other at a distance", "apart", "both stop before they meet", "side by side"],
 )
-def test_who_meets_nobody_flies_straight_on(goal: Array, wanted: list[list[float]]) -> None:
-    assert to_goals(HEAD_ON, goal, np.array(wanted)).tolist() == wanted
+def test_who_meets_nobody_flies_straight_on(goal: Array, desired: list[list[float]]) -> None:
+    assert to_goals(HEAD_ON, goal, np.array(desired)).tolist() == desired
 
 
 def test_only_those_on_their_way_to_a_goal_are_turned_and_none_where_the_angle_is_zero() -> None:
-    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
-    some = to_goals(HEAD_ON, HEAD_ON[::-1], wanted, turned=[False, True])
-    assert some[0].tolist() == wanted[0].tolist()
+    desired = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    some = to_goals(HEAD_ON, HEAD_ON[::-1], desired, turned=[False, True])
+    assert some[0].tolist() == desired[0].tolist()
     assert some[1, 1] < 0.0
-    nobody = to_goals(HEAD_ON, HEAD_ON[::-1], wanted, turned=[False, False])
-    assert nobody.tolist() == wanted.tolist()
-    assert to_goals(HEAD_ON, HEAD_ON[::-1], wanted, angle=0.0).tolist() == wanted.tolist()
+    nobody = to_goals(HEAD_ON, HEAD_ON[::-1], desired, turned=[False, False])
+    assert nobody.tolist() == desired.tolist()
+    assert to_goals(HEAD_ON, HEAD_ON[::-1], desired, angle=0.0).tolist() == desired.tolist()
 
 
 def test_an_unknown_place_or_goal_turns_nobody() -> None:
-    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    desired = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
     unknown = np.where([[True], [False]], HEAD_ON, np.nan)
-    assert to_goals(unknown, HEAD_ON[::-1], wanted).tolist() == wanted.tolist()
-    assert to_goals(HEAD_ON, unknown * np.nan, wanted).tolist() == wanted.tolist()
+    assert to_goals(unknown, HEAD_ON[::-1], desired).tolist() == desired.tolist()
+    assert to_goals(HEAD_ON, unknown * np.nan, desired).tolist() == desired.tolist()
 
 
 def angle_rad(meetings: float) -> float:
@@ -111,9 +111,9 @@ def test_a_level_way_of_less_than_a_metre_has_its_own_right() -> None:
 def test_one_that_stands_is_met_where_it_is_now(speed_m_s: float, ahead_m: float) -> None:
     # d1 hardly moves: what counts is how near it is, not how near d0 would come to it
     position = np.array([[0.0, 0.0, -20.0], [ahead_m, 0.0, -20.0]])
-    wanted = np.array([[3.0, 0.0, 0.0], [-speed_m_s, 0.0, 0.0]])
+    desired = np.array([[3.0, 0.0, 0.0], [-speed_m_s, 0.0, 0.0]])
     turned = to_goals(
-        position, np.array([[40.0, 0.0, -20.0], [-40.0, 0.0, -20.0]]), wanted, turned=[True, False]
+        position, np.array([[40.0, 0.0, -20.0], [-40.0, 0.0, -20.0]]), desired, turned=[True, False]
     )
     angle = angle_rad(1.0 - (ahead_m / 8.0) ** 2)
     assert turned[0] == pytest.approx([3.0 * np.cos(angle), 3.0 * np.sin(angle), 0.0])
@@ -121,9 +121,9 @@ def test_one_that_stands_is_met_where_it_is_now(speed_m_s: float, ahead_m: float
 
 def test_one_that_creeps_does_not_stand() -> None:
     position = np.array([[0.0, 0.0, -20.0], [6.0, 0.0, -20.0]])
-    wanted = np.array([[3.0, 0.0, 0.0], [-0.5, 0.0, 0.0]])
+    desired = np.array([[3.0, 0.0, 0.0], [-0.5, 0.0, 0.0]])
     turned = to_goals(
-        position, np.array([[40.0, 0.0, -20.0], [-40.0, 0.0, -20.0]]), wanted, turned=[True, False]
+        position, np.array([[40.0, 0.0, -20.0], [-40.0, 0.0, -20.0]]), desired, turned=[True, False]
     )
     assert turned[0, 1] == pytest.approx(3.0 * np.sin(angle_rad(1.0)))
 
@@ -146,8 +146,8 @@ def test_one_that_descends_onto_a_way_is_met_where_their_ways_meet() -> None:
 
 
 def test_an_angle_of_one_degree_is_an_angle() -> None:
-    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
-    assert to_goals(HEAD_ON, HEAD_ON[::-1], wanted, angle=1.0)[0, 1] > 0.0
+    desired = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    assert to_goals(HEAD_ON, HEAD_ON[::-1], desired, angle=1.0)[0, 1] > 0.0
 
 
 @pytest.mark.parametrize("aside", [[4.0, 0.0, 0.0], [0.0, 4.0, 0.0]])
@@ -155,9 +155,9 @@ def test_passing_at_half_the_distance_of_no_concern_counts_three_quarters(aside:
     along = np.array([*aside[1::-1], 0.0])
     position = np.array([-5.0 * along, 5.0 * along + aside]) - (0.0, 0.0, 20.0)
     goal = np.array([5.0 * along, -5.0 * along + aside]) - (0.0, 0.0, 20.0)
-    wanted = np.array([0.75 * along, -0.75 * along])
-    turned = to_goals(position, goal, wanted)
-    assert turned[0] @ wanted[0] == pytest.approx(9.0 * np.cos(angle_rad(0.75)))
+    desired = np.array([0.75 * along, -0.75 * along])
+    turned = to_goals(position, goal, desired)
+    assert turned[0] @ desired[0] == pytest.approx(9.0 * np.cos(angle_rad(0.75)))
 
 
 @pytest.mark.parametrize("first_m_s", [0.0, -3.0], ids=["is not turned either", "flies away"])
@@ -165,21 +165,21 @@ def test_whom_it_meets_is_found_after_one_that_it_does_not(first_m_s: float) -> 
     # d0 is met head-on by d2, which alone is turned; d1, looked at before, is of no concern to d0
     position = np.array([[-30.0, 0.0, -20.0], [-50.0, 30.0, -20.0], [30.0, 0.0, -20.0]])
     goal = np.array([[30.0, 0.0, -20.0], [-90.0, 30.0, -20.0], [-30.0, 0.0, -20.0]])
-    wanted = np.array([[3.0, 0.0, 0.0], [first_m_s, 0.0, 0.0], [-3.0, 0.0, 0.0]])
-    turned = to_goals(position, goal, wanted, turned=[False, first_m_s < 0.0, True])
+    desired = np.array([[3.0, 0.0, 0.0], [first_m_s, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    turned = to_goals(position, goal, desired, turned=[False, first_m_s < 0.0, True])
     assert turned[2] == pytest.approx([-3.0 * np.cos(angle_rad(1.0)), -3.0 * np.sin(angle_rad(1.0)), 0.0])
 
 
 def after_giving_way(
     position: Array,
     goal: Array,
-    wanted: Array,
+    desired: Array,
     *,
     to_goal: list[bool] | None = None,
     give_way_m: float = 10.0,
 ) -> Array:
     return give_way(
-        wanted,
+        desired,
         position,
         goal,
         to_goal=np.ones(len(position), dtype=bool) if to_goal is None else np.array(to_goal),
@@ -207,8 +207,8 @@ def test_who_has_far_to_go_gives_up_closing_in_on_who_is_nearly_there(
 
 
 def test_whichever_row_it_is_in() -> None:
-    position, goal, wanted = head_on(5.0)
-    given = after_giving_way(position[::-1], goal[::-1], wanted[::-1])
+    position, goal, desired = head_on(5.0)
+    given = after_giving_way(position[::-1], goal[::-1], desired[::-1])
     assert given.tolist() == [[-3.0, 0.0, 0.0], pytest.approx([-3.0, 0.0, 0.0])]
 
 
@@ -231,25 +231,25 @@ def test_it_is_the_time_left_that_counts_and_not_the_distance() -> None:
 
 
 def test_whatever_the_direction_in_which_they_meet() -> None:
-    position, goal, wanted = (array[:, [1, 0, 2]] for array in head_on(9.0))
-    assert after_giving_way(position, goal, wanted)[0] == pytest.approx([0.0, 1.5, 0.0])
+    position, goal, desired = (array[:, [1, 0, 2]] for array in head_on(9.0))
+    assert after_giving_way(position, goal, desired)[0] == pytest.approx([0.0, 1.5, 0.0])
 
 
 def test_whom_it_lets_pass_is_found_after_one_that_it_does_not() -> None:
-    position, goal, wanted = head_on(5.0)
+    position, goal, desired = head_on(5.0)
     others = [[0.0, -4.0, -20.0]], [[60.0, -4.0, -20.0]], [[3.0, 0.0, 0.0]]
-    position, goal, wanted = (
+    position, goal, desired = (
         np.insert(array, 1, other, axis=0)
-        for array, other in zip((position, goal, wanted), others, strict=True)
+        for array, other in zip((position, goal, desired), others, strict=True)
     )
-    assert after_giving_way(position, goal, wanted)[0] == pytest.approx([-3.0, 0.0, 0.0])
+    assert after_giving_way(position, goal, desired)[0] == pytest.approx([-3.0, 0.0, 0.0])
 
 
 def test_it_is_found_among_hundreds_too() -> None:
     rng = np.random.default_rng(4)
     crowd = rng.normal(0.0, 5.0, (210, 3)) - (0.0, 0.0, 20.0)
     ahead = np.array([60.0, 0.0, 0.0])
-    position, goal, wanted = (
+    position, goal, desired = (
         np.concatenate([pair, others])
         for pair, others in zip(
             head_on(5.9),
@@ -257,66 +257,66 @@ def test_it_is_found_among_hundreds_too() -> None:
             strict=True,
         )
     )
-    assert after_giving_way(position, goal, wanted)[0] == pytest.approx([-3.0, 0.0, 0.0])
+    assert after_giving_way(position, goal, desired)[0] == pytest.approx([-3.0, 0.0, 0.0])
 
 
 def test_who_is_beyond_the_distance_is_not_drawn_back_to_whom_it_leaves() -> None:
-    position, goal, wanted = head_on(12.0)
-    wanted[0] = -4.0, 0.0, 0.0
-    assert after_giving_way(position, goal, wanted).tolist() == wanted.tolist()
+    position, goal, desired = head_on(12.0)
+    desired[0] = -4.0, 0.0, 0.0
+    assert after_giving_way(position, goal, desired).tolist() == desired.tolist()
 
 
 def test_sideways_it_goes_on() -> None:
-    position, goal, wanted = head_on(5.0)
-    wanted[0, 1] = 1.0
-    assert after_giving_way(position, goal, wanted)[0] == pytest.approx([-3.0, 1.0, 0.0])
+    position, goal, desired = head_on(5.0)
+    desired[0, 1] = 1.0
+    assert after_giving_way(position, goal, desired)[0] == pytest.approx([-3.0, 1.0, 0.0])
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        lambda position, goal, wanted: goal.__setitem__((0, 0), 11.9),  # less than twice as far to go
-        lambda position, goal, wanted: goal.__setitem__((1, 0), -26.0),  # likewise
-        lambda position, goal, wanted: wanted.__setitem__(0, [-4.0, 0.0, 0.0]),  # moves off already
-        lambda position, goal, wanted: wanted.__setitem__(1, [0.1, 0.0, 0.0]),  # stands
-        lambda position, goal, wanted: position.__setitem__(1, np.nan),
-        lambda position, goal, wanted: goal.__setitem__(1, np.nan),
+        lambda position, goal, desired: goal.__setitem__((0, 0), 11.9),  # less than twice as far to go
+        lambda position, goal, desired: goal.__setitem__((1, 0), -26.0),  # likewise
+        lambda position, goal, desired: desired.__setitem__(0, [-4.0, 0.0, 0.0]),  # moves off already
+        lambda position, goal, desired: desired.__setitem__(1, [0.1, 0.0, 0.0]),  # stands
+        lambda position, goal, desired: position.__setitem__(1, np.nan),
+        lambda position, goal, desired: goal.__setitem__(1, np.nan),
     ],
     ids=["as near", "the other as far", "moves off", "the other stands", "unknown place", "unknown goal"],
 )
 def test_to_others_nobody_gives_way(change: Callable[[Array, Array, Array], None]) -> None:
-    position, goal, wanted = head_on(5.0)
-    change(position, goal, wanted)
-    assert after_giving_way(position, goal, wanted).tolist() == wanted.tolist()
+    position, goal, desired = head_on(5.0)
+    change(position, goal, desired)
+    assert after_giving_way(position, goal, desired).tolist() == desired.tolist()
 
 
 def test_nor_to_who_is_on_no_way_and_not_at_all_at_zero() -> None:
-    position, goal, wanted = head_on(5.0)
-    assert after_giving_way(position, goal, wanted, to_goal=[True, False]).tolist() == wanted.tolist()
-    assert after_giving_way(position, goal, wanted, to_goal=[False, True]).tolist() == wanted.tolist()
-    assert after_giving_way(position, goal, wanted, give_way_m=0.0).tolist() == wanted.tolist()
+    position, goal, desired = head_on(5.0)
+    assert after_giving_way(position, goal, desired, to_goal=[True, False]).tolist() == desired.tolist()
+    assert after_giving_way(position, goal, desired, to_goal=[False, True]).tolist() == desired.tolist()
+    assert after_giving_way(position, goal, desired, give_way_m=0.0).tolist() == desired.tolist()
 
 
 @pytest.mark.parametrize("reverse", [False, True])
 def test_of_two_it_gives_way_to_the_one_it_closes_in_on_the_most(reverse: bool) -> None:
     position = np.array([[0.0, 0.0, -20.0], [5.0, 0.0, -20.0], [0.0, 7.0, -20.0]])
     goal = np.array([[60.0, 1.0, -20.0], [1.0, 0.0, -20.0], [0.0, 3.0, -20.0]])
-    wanted = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0], [0.0, -3.0, 0.0]])
+    desired = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0], [0.0, -3.0, 0.0]])
     rows = [0, 2, 1] if reverse else [0, 1, 2]
-    given = after_giving_way(position[rows], goal[rows], wanted[rows])
+    given = after_giving_way(position[rows], goal[rows], desired[rows])
     assert given[0] == pytest.approx([-3.0, 0.0, 0.0])
 
 
 def test_two_in_one_place_have_no_direction_to_give_way_in() -> None:
-    position, goal, wanted = head_on(0.0)
-    assert after_giving_way(position, goal, wanted).tolist() == wanted.tolist()
+    position, goal, desired = head_on(0.0)
+    assert after_giving_way(position, goal, desired).tolist() == desired.tolist()
 
 
 def test_it_may_begin_as_near_as_a_metre() -> None:
-    position, goal, wanted = head_on(0.4)
+    position, goal, desired = head_on(0.4)
     near = Traffic(give_way_m=1.0, give_way_fully_m=0.5)
     everybody = np.ones(2, dtype=bool)
-    given = give_way(wanted, position, goal, to_goal=everybody, flatness=1.0, settings=near)
+    given = give_way(desired, position, goal, to_goal=everybody, flatness=1.0, settings=near)
     assert given[0] == pytest.approx([-3.0, 0.0, 0.0])
 
 
@@ -331,13 +331,13 @@ def test_giving_way_begins_before_it_is_complete() -> None:
 
 def test_whom_one_is_just_passing_one_does_not_meet_any_more() -> None:
     abeam = np.array([[0.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
-    wanted = np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    desired = np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     goal = np.array([[30.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
-    assert to_goals(abeam, goal, wanted, turned=[True, False]).tolist() == wanted.tolist()
+    assert to_goals(abeam, goal, desired, turned=[True, False]).tolist() == desired.tolist()
 
 
 def test_those_who_fly_side_by_side_meet_no_sooner_for_half_a_millimetre_a_second() -> None:
     position = np.array([[0.0, 0.0, -20.0], [0.0, 5.0, -20.0]])
-    wanted = np.array([[3.0, 0.0, 0.0], [3.0, -5e-4, 0.0]])
+    desired = np.array([[3.0, 0.0, 0.0], [3.0, -5e-4, 0.0]])
     goal = np.array([[30.0, 0.0, -20.0], [30.0, 5.0, -20.0]])
-    assert to_goals(position, goal, wanted).tolist() == wanted.tolist()
+    assert to_goals(position, goal, desired).tolist() == desired.tolist()

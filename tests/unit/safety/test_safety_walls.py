@@ -13,8 +13,8 @@ from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
 
 def test_the_fence_brakes_sinking_climbing_and_leaving() -> None:
     position = np.array([[0.0, 0.0, -3.5], [0.0, 0.0, -99.0], [299.0, 0.0, -20.0]])
-    wanted = np.array([[0.0, 0.0, 1.4], [0.0, 0.0, -2.5], [5.0, 0.0, 0.0]])
-    allowed = filtered(wanted, surroundings(position))
+    desired = np.array([[0.0, 0.0, 1.4], [0.0, 0.0, -2.5], [5.0, 0.0, 0.0]])
+    allowed = filtered(desired, surroundings(position))
     half, one = BRAKING.speed_m_s(np.array([0.5, 1.0])).tolist()
     assert allowed[0, 2] == pytest.approx(half, abs=2e-3)
     assert allowed[1, 2] == pytest.approx(-one, abs=2e-3)
@@ -43,9 +43,9 @@ def test_below_its_top_an_obstacle_is_a_wall_and_above_it_a_floor() -> None:
 
 
 def test_well_above_an_obstacle_nothing_is_changed() -> None:
-    wanted = np.array([[4.0, 2.0, 1.0]])
+    desired = np.array([[4.0, 2.0, 1.0]])
     over = surroundings(np.array([[0.0, 0.0, -18.0]]), ellipses={"b": BOX})
-    assert filtered(wanted, over).tolist() == wanted.tolist()
+    assert filtered(desired, over).tolist() == desired.tolist()
 
 
 def test_inside_an_obstacle_one_is_led_out_and_does_not_sink_meanwhile() -> None:

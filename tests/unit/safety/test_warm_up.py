@@ -76,15 +76,15 @@ def fly(count: int, *, sees_all: bool, towers: tuple[Obstacle, ...], yaw: YawPol
 
 def two_head_on(count: int = 100) -> None:
     """The filter leads two of many far off what they want: it looks at what is in their way there."""
-    position_m, wanted_m_s = np.zeros((count, 3)), np.zeros((count, 3))
+    position_m, desired_m_s = np.zeros((count, 3)), np.zeros((count, 3))
     position_m[:] = (0.0, 0.0, -20.0)
     position_m[1:, 0] = 2.6 + 30.0 * np.arange(count - 1)
-    wanted_m_s[0, 0], wanted_m_s[1, 0] = 2.0, -2.0
+    desired_m_s[0, 0], desired_m_s[1, 0] = 2.0, -2.0
     everyone = np.ones(count, dtype=bool)
     ids = tuple(f"d{i}" for i in range(count))
     here = Surroundings(
         position_m,
-        wanted_m_s,
+        desired_m_s,
         everyone,
         everyone,
         ~everyone,
@@ -94,7 +94,7 @@ def two_head_on(count: int = 100) -> None:
         np.zeros(count),
         np.ones(count),
     )
-    filter_velocities(wanted_m_s, here, SafetySettings(fence=Fence(distance_max_m=1e4)))
+    filter_velocities(desired_m_s, here, SafetySettings(fence=Fence(distance_max_m=1e4)))
 
 
 def compiled_in_the_air() -> list[str]:

@@ -42,67 +42,67 @@ def test_the_shortest_glide_keeps_rate_and_acceleration_and_needs_one_of_them(
 
 
 def test_a_cue_says_what_changes_and_everything_else_goes_on() -> None:
-    wanted = timeline(GROW, {"cue": "rise", "at_s": 25, "height_m": 22})
-    early, late = wanted.plan_at(5.0), wanted.plan_at(59.0)
+    desired = timeline(GROW, {"cue": "rise", "at_s": 25, "height_m": 22})
+    early, late = desired.plan_at(5.0), desired.plan_at(59.0)
     assert (early.formation.radius_m, early.formation.height_m) == (8.0, 20.0)
     assert (late.formation.radius_m, late.formation.height_m) == (12.0, 22.0)
-    assert wanted.plan_at(15.0).formation.radius_m == pytest.approx(10.0)
+    assert desired.plan_at(15.0).formation.radius_m == pytest.approx(10.0)
 
 
 def test_before_and_after_the_first_and_the_last_moment_count() -> None:
-    wanted = timeline(GROW)
-    assert wanted.plan_at(-30.0).formation == wanted.plan_at(0.0).formation
-    assert wanted.plan_at(1e6).formation == wanted.plan_at(60.0).formation
+    desired = timeline(GROW)
+    assert desired.plan_at(-30.0).formation == desired.plan_at(0.0).formation
+    assert desired.plan_at(1e6).formation == desired.plan_at(60.0).formation
 
 
 def test_lights_are_given_in_turn_and_blended() -> None:
-    wanted = timeline(GROW)
-    assert wanted.colours_at(5.0).tolist() == [[0, 0, 0]] * 8
-    assert wanted.colours_at(20.0)[:3].tolist() == [[255, 0, 0], [0, 0, 255], [255, 0, 0]]
-    assert wanted.colours_at(15.0)[0].tolist() == [128, 0, 0]
+    desired = timeline(GROW)
+    assert desired.colours_at(5.0).tolist() == [[0, 0, 0]] * 8
+    assert desired.colours_at(20.0)[:3].tolist() == [[255, 0, 0], [0, 0, 255], [255, 0, 0]]
+    assert desired.colours_at(15.0)[0].tolist() == [128, 0, 0]
 
 
 def test_a_target_glides_at_rest_at_both_ends_and_is_told_with_its_velocity() -> None:
-    wanted = timeline({"cue": "go", "at_s": 5, "target": {"x_m": 10, "y_m": -4}})
-    assert wanted.plan_at(4.0).target.speed_m_s == 0.0
-    end_s = wanted.leg_at(20.0).to_s
-    middle = wanted.plan_at((5.0 + end_s) / 2).target
-    ahead = wanted.plan_at((5.0 + end_s) / 2 + 1e-3).target
+    desired = timeline({"cue": "go", "at_s": 5, "target": {"x_m": 10, "y_m": -4}})
+    assert desired.plan_at(4.0).target.speed_m_s == 0.0
+    end_s = desired.leg_at(20.0).to_s
+    middle = desired.plan_at((5.0 + end_s) / 2).target
+    ahead = desired.plan_at((5.0 + end_s) / 2 + 1e-3).target
     assert middle.velocity_x_m_s == pytest.approx((ahead.x_m - middle.x_m) / 1e-3, rel=1e-3)
-    assert (wanted.plan_at(end_s).target.x_m, wanted.plan_at(end_s).target.y_m) == (10.0, -4.0)
-    assert wanted.plan_at(end_s + 1.0).target.speed_m_s == 0.0
+    assert (desired.plan_at(end_s).target.x_m, desired.plan_at(end_s).target.y_m) == (10.0, -4.0)
+    assert desired.plan_at(end_s + 1.0).target.speed_m_s == 0.0
 
 
 def test_a_path_leads_through_its_points() -> None:
     path = [{"after_s": 10, "x_m": 9, "y_m": 3}, {"after_s": 25, "x_m": 0, "y_m": 12}]
-    wanted = timeline({"cue": "go", "at_s": 5, "target": {"path": path}})
-    there = wanted.plan_at(15.0).target
+    desired = timeline({"cue": "go", "at_s": 5, "target": {"path": path}})
+    there = desired.plan_at(15.0).target
     assert (there.x_m, there.y_m) == pytest.approx((9.0, 3.0))
     assert there.speed_m_s > 0.1
-    end = wanted.plan_at(40.0).target
+    end = desired.plan_at(40.0).target
     assert (end.x_m, end.y_m) == pytest.approx((0.0, 12.0))
     assert end.speed_m_s == 0.0
 
 
 def test_a_first_cue_may_begin_with_a_path_of_its_own() -> None:
     path = [{"after_s": 0, "x_m": 6, "y_m": 2}, {"after_s": 20, "x_m": 0, "y_m": 0}]
-    wanted = timeline(timeline=[BEGIN | {"target": {"path": path}}])
-    begin = wanted.plan_at(0.0).target
+    desired = timeline(timeline=[BEGIN | {"target": {"path": path}}])
+    begin = desired.plan_at(0.0).target
     assert (begin.x_m, begin.y_m) == pytest.approx((6.0, 2.0))
-    assert wanted.plan_at(30.0).target.x_m == pytest.approx(0.0)
+    assert desired.plan_at(30.0).target.x_m == pytest.approx(0.0)
 
 
 def test_a_live_target_is_the_one_that_is_told_and_stands_until_it_is() -> None:
-    wanted = timeline({"cue": "follow", "at_s": 10, "target": "live"})
+    desired = timeline({"cue": "follow", "at_s": 10, "target": "live"})
     told = Target(3.0, 4.0, 0.5, 0.0, 1000.0)
-    assert wanted.plan_at(5.0, live=told).target.x_m == 0.0
-    assert wanted.plan_at(15.0, live=told).target is told
-    assert wanted.plan_at(15.0).target.speed_m_s == 0.0
+    assert desired.plan_at(5.0, live=told).target.x_m == 0.0
+    assert desired.plan_at(15.0, live=told).target is told
+    assert desired.plan_at(15.0).target.speed_m_s == 0.0
 
 
 def test_a_stopped_clock_stops_the_target_and_times_are_the_ticks_own() -> None:
-    wanted = timeline({"cue": "go", "at_s": 5, "target": {"x_m": 10, "y_m": 0}})
-    runs, stopped = wanted.plan_at(8.0, clock_s=500.0), wanted.plan_at(8.0, clock_s=510.0, runs=False)
+    desired = timeline({"cue": "go", "at_s": 5, "target": {"x_m": 10, "y_m": 0}})
+    runs, stopped = desired.plan_at(8.0, clock_s=500.0), desired.plan_at(8.0, clock_s=510.0, runs=False)
     assert (runs.target.time_s, stopped.target.time_s) == (500.0, 510.0)
     assert runs.target.speed_m_s > 0.0
     assert stopped.target.speed_m_s == 0.0
@@ -115,8 +115,8 @@ def test_a_loop_is_written_out_and_what_follows_is_later() -> None:
         {"cue": "out", "at_s": 15, "radius_m": 8},
         {"cue": "end", "at_s": 25},
     ]
-    wanted = timeline(*cues, loops=[{"from_cue": "in", "to_cue": "end", "times": 3}])
-    names = [(one.cue.cue, one.at_s, one.passage) for one in wanted.played]
+    desired = timeline(*cues, loops=[{"from_cue": "in", "to_cue": "end", "times": 3}])
+    names = [(one.cue.cue, one.at_s, one.passage) for one in desired.played]
     assert names == [
         ("begin", 0.0, 1),
         ("in", 5.0, 1),
@@ -127,18 +127,18 @@ def test_a_loop_is_written_out_and_what_follows_is_later() -> None:
         ("out", 55.0, 3),
         ("end", 65.0, 1),
     ]
-    assert wanted.duration_s == 100.0
-    assert wanted.plan_at(34.0).formation.radius_m == pytest.approx(wanted.plan_at(14.0).formation.radius_m)
-    assert wanted.cue_at(50.0).cue.cue == "in"
+    assert desired.duration_s == 100.0
+    assert desired.plan_at(34.0).formation.radius_m == pytest.approx(desired.plan_at(14.0).formation.radius_m)
+    assert desired.cue_at(50.0).cue.cue == "in"
 
 
 def test_obstacles_appear_and_go() -> None:
     box = {"id": "mast", "x_m": 30, "y_m": 0, "half_length_x_m": 1, "half_length_y_m": 1, "height_m": 20}
-    wanted = timeline(
+    desired = timeline(
         {"cue": "up", "at_s": 10, "obstacles": {"appear": [box]}},
         {"cue": "down", "at_s": 20, "obstacles": {"go": ["mast"]}},
     )
-    seen = [[each.id for each in wanted.plan_at(t).obstacles] for t in (5.0, 10.0, 19.9, 20.0)]
+    seen = [[each.id for each in desired.plan_at(t).obstacles] for t in (5.0, 10.0, 19.9, 20.0)]
     assert seen == [[], ["mast"], ["mast"], []]
 
 

@@ -153,10 +153,10 @@ def test_a_centre_that_turns_hard_does_not_move_the_drones_relative_to_it() -> N
     led, led_m_s, center = start.copy(), np.zeros((4, 3)), Center.at_rest(np.zeros(3))
     for index in range(400):
         angle_rad = 0.01 * index
-        wanted_m_s = 12.0 * np.array([np.cos(angle_rad), np.sin(angle_rad), 0.0])
+        desired_m_s = 12.0 * np.array([np.cos(angle_rad), np.sin(angle_rad), 0.0])
         force = formation_force(at_rest, np.zeros(3), np.ones(4), SECTION_5)
         at_rest, velocity = step_virtual(at_rest, velocity, force, FINE_S, SECTION_5)
-        later = step_center(center, wanted_m_s, FINE_S, 20.0)
+        later = step_center(center, desired_m_s, FINE_S, 20.0)
         force = formation_force(led, center.position_m, np.ones(4), SECTION_5) + feed_forward_force(
             center.velocity_m_s, later.acceleration_m_s2, SECTION_5
         )

@@ -29,12 +29,12 @@ export const place = directive(Place);
 class Focus extends Directive {
   private isDone = false;
 
-  render(_wanted: boolean): typeof noChange {
+  render(_desired: boolean): typeof noChange {
     return noChange;
   }
 
-  override update(part: ElementPart, [wanted]: [boolean]): typeof noChange {
-    if (wanted && !this.isDone) queueMicrotask(() => (part.element as HTMLElement).focus());
+  override update(part: ElementPart, [desired]: [boolean]): typeof noChange {
+    if (desired && !this.isDone) queueMicrotask(() => (part.element as HTMLElement).focus());
     this.isDone = true;
     return noChange;
   }

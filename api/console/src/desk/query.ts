@@ -77,13 +77,13 @@ export function parseQuery(text: string): Query {
   return { test: (row) => tests.every((test) => test(row)), problem };
 }
 
-export function hasTerm(text: string, wanted: string): boolean {
-  return text.split(/\s+/).includes(wanted);
+export function hasTerm(text: string, desired: string): boolean {
+  return text.split(/\s+/).includes(desired);
 }
 
 /** The filter with a term more, or without it if it was there. */
-export function toggled(text: string, wanted: string): string {
+export function toggled(text: string, desired: string): string {
   const parts = text.split(/\s+/).filter((each) => each !== "");
-  const left = parts.filter((each) => each !== wanted);
-  return (left.length < parts.length ? left : [...parts, wanted]).join(" ");
+  const left = parts.filter((each) => each !== desired);
+  return (left.length < parts.length ? left : [...parts, desired]).join(" ");
 }

@@ -76,8 +76,8 @@ export function shape(state: State, actions: DeskActions): TemplateResult {
   if (!status) return html`<p class="empty">${t.none}</p>`;
   const { formation, orbit, target, yaw } = status;
   const led = whyNotShape(state, "formation");
-  const moving = (wanted: number, now: number | null | undefined): string =>
-    now !== null && now !== undefined && Math.abs(now - wanted) > 0.05 ? withUnit(now, "m") : "";
+  const moving = (desired: number, now: number | null | undefined): string =>
+    now !== null && now !== undefined && Math.abs(now - desired) > 0.05 ? withUnit(now, "m") : "";
   const target_m = frame?.target_m ?? [target.x_m ?? NaN, target.y_m ?? NaN];
   const pick = <T extends string>(id: string, label: string, all: readonly (readonly [T, string])[], now: T, send: (value: T) => void): TemplateResult =>
     html`<div class="rowed">

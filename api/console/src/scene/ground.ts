@@ -50,12 +50,12 @@ export class Ground {
     const { tiles, reach_m } = choose(origin, -focus[2], focus[0], span_m / eye.screen.free.height, map);
     this.#view.uFocus.value.set(focus[0], focus[2]);
     this.#view.uReach.value = reach_m;
-    const wanted = new Map(tiles.map((tile) => [addressOf(tile, map.tiles), tile]));
-    const addresses = [...wanted.keys()];
+    const desired = new Map(tiles.map((tile) => [addressOf(tile, map.tiles), tile]));
+    const addresses = [...desired.keys()];
     if (!moves) {
-      this.#ask(this.#shelf.ask(addresses, now_ms), wanted);
+      this.#ask(this.#shelf.ask(addresses, now_ms), desired);
     }
-    for (const [address, tile] of wanted) {
+    for (const [address, tile] of desired) {
       const sheet = this.#shelf.picture(address);
       if (sheet !== null) {
         sheet.visible = true;
@@ -76,9 +76,9 @@ export class Ground {
     }
   }
 
-  #ask(due: readonly string[], wanted: ReadonlyMap<string, Tile>): void {
+  #ask(due: readonly string[], desired: ReadonlyMap<string, Tile>): void {
     for (const address of due) {
-      const tile = wanted.get(address)!;
+      const tile = desired.get(address)!;
       void this.#load(address)
         .then(
           (picture) => this.#shelf.put(address, () => this.#sheet(tile, picture)),

@@ -110,8 +110,8 @@ function tileWidth_m(latitude_deg: number, zoom: number): number {
 
 /** The zoom at which a pixel of the map is about one of the screen. */
 export function zoomFor(latitude_deg: number, pixel_m: number, { zoom_min, zoom_max }: Zooms): number {
-  const wanted = Math.floor(Math.log2(tileWidth_m(latitude_deg, 0) / (SHOWN_PX * pixel_m)) + 0.3);
-  return Math.max(zoom_min, Math.min(zoom_max, wanted));
+  const desired = Math.floor(Math.log2(tileWidth_m(latitude_deg, 0) / (SHOWN_PX * pixel_m)) + 0.3);
+  return Math.max(zoom_min, Math.min(zoom_max, desired));
 }
 
 /** A square of tiles, with a place as near to its middle as can be; those beyond the poles left out. */

@@ -28,12 +28,12 @@ export class Shelf<Picture> {
   }
 
   /** Of what is wanted, HELD_MAX at most, what is to be asked for now. Each is answered by `put` or `fail`. */
-  ask(wanted: readonly string[], now_ms: number): string[] {
+  ask(desired: readonly string[], now_ms: number): string[] {
     for (const [address, { at_ms }] of this.#failures) {
       if (now_ms - at_ms >= RETRY_MS) this.#failures.delete(address);
     }
     const due: string[] = [];
-    for (const address of wanted) {
+    for (const address of desired) {
       if (this.#failures.has(address)) continue;
       const picture = this.#held.get(address) ?? null;
       if (picture === null && !this.#asking.has(address)) {
