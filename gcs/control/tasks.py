@@ -29,7 +29,9 @@ class Tasks:
     segments_m: Array  # (m, 2, 3), paths that lost vehicles may take
     center_moves: bool = False  # False: the centre stays (assembling)
     formation_waits: bool = False  # paused: centre and radius are kept although nobody follows them
-    on_a_way: Mask | None = None  # (n,) who flies a way found for all beforehand: no rules of the road
+    follows_planned_path: Mask | None = (
+        None  # (n,) who flies a way found for all beforehand: no rules of the road
+    )
     sight: Sight | None = None  # (n) what each drone's own law sees; None: everything
 
     def __post_init__(self) -> None:
@@ -48,5 +50,5 @@ class Tasks:
             nobody,
             np.zeros((0, 2, 3)),
             center_moves=center_moves,
-            on_a_way=nobody,
+            follows_planned_path=nobody,
         )

@@ -92,8 +92,8 @@ def _in_traffic(now: TickInputs, desired_m_s: Array) -> Array:
         return desired_m_s
     safety, goal_m = now.settings.safety, now.tasks.goal_m
     under_way = now.to_goal & ~now.tasks.descending
-    if now.tasks.on_a_way is not None:
-        under_way &= ~now.tasks.on_a_way
+    if now.tasks.follows_planned_path is not None:
+        under_way &= ~now.tasks.follows_planned_path
         if not under_way.any():
             return desired_m_s
     flatness = safety.floor.horizontal_m / safety.floor.vertical_m

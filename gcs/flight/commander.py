@@ -468,7 +468,7 @@ class Commander:
             raise RefusedError(f"show {show_run.name!r} was never started: stop brings home all vehicles")
         flight = self._flight
         advance_show(flight.show, ShowEvent.RESUME)
-        joining = self.recovery.taking_over or any(vehicle.engaging for vehicle in flight.airborne)
+        joining = self.recovery.taking_over or any(vehicle.entering_offboard for vehicle in flight.airborne)
         if not joining and not flight.in_phase(Phase.FORMATION):
             raise RefusedError("no vehicle is in formation: order take-over where it is offered, or join")
         flight.move_show(ShowEvent.RESUME, "re-forms, then goes on")

@@ -151,7 +151,7 @@ class FailsafeMonitor:
         lost = {
             vehicle.id
             for vehicle in vehicles
-            if vehicle.phase is Phase.KILLED or (vehicle.phase is Phase.LOST and not vehicle.pilots)
+            if vehicle.phase is Phase.KILLED or (vehicle.phase is Phase.LOST and not vehicle.pilot_in_control)
         }
         self._lost_before = lost if self._flight.show in ON_THE_GROUND else self._lost_before & lost
         news = lost - self._lost_before

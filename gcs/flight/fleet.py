@@ -386,12 +386,14 @@ class Fleet:
             np.concatenate([np.zeros((0, 2, 3)), *swept_m]),
             center_moves=show is ShowPhase.RUNNING,
             formation_waits=show is ShowPhase.PAUSED,
-            on_a_way=self._on_a_way(goal_m),
+            follows_planned_path=self._follows_planned_path(goal_m),
         )
 
-    def _on_a_way(self, goal_m: Array) -> Mask:
+    def _follows_planned_path(self, goal_m: Array) -> Mask:
         """(n,) who follows the way found for it; who has fallen far behind keeps the rules of the road."""
-        follows = np.array([vehicle.on_a_way for vehicle in self.vehicles.values()], dtype=np.bool_)
+        follows = np.array(
+            [vehicle.follows_planned_path for vehicle in self.vehicles.values()], dtype=np.bool_
+        )
         behind_m = np.linalg.norm(goal_m - self.fleet.position_m, axis=1)
         return np.asarray(follows & (behind_m < BEHIND_M))
 

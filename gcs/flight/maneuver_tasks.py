@@ -31,7 +31,7 @@ class ManeuverTasks:
     def stop(self, vehicle: Vehicle, reason: str) -> None:
         """End the vehicle's errand, if any; it has failed for that reason."""
         running = self._running.pop(vehicle.id, None)
-        vehicle.engaging = False
+        vehicle.entering_offboard = False
         if running is not None and not running[0].done():
             task, done = running
             task.cancel()
@@ -57,5 +57,5 @@ class ManeuverTasks:
             outcome, reason = Outcome.FAILED, str(error)
             log.warning("order_failed", extra={"vehicle": vehicle.id, "reason": reason})
         # Not reached when `stop` cancels: it has done both, and the vehicle may be on its next errand.
-        vehicle.engaging = False
+        vehicle.entering_offboard = False
         done(outcome, reason)

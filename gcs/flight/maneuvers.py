@@ -216,7 +216,10 @@ class Maneuvers(ManeuverTasks):
             if not collective_return.takes_part(vehicle):
                 await self.come_home(vehicle)
                 return
-            vehicle.on_a_way, vehicle.reason = collective_return.has_path(vehicle), "on its way home"
+            vehicle.follows_planned_path, vehicle.reason = (
+                collective_return.has_path(vehicle),
+                "on its way home",
+            )
             await self._until(
                 vehicle, lambda: self._led(vehicle, collective_return, home_m), patience_s=WAY_S
             )
@@ -340,7 +343,7 @@ class Maneuvers(ManeuverTasks):
     async def _engage(self, vehicle: Vehicle) -> None:
         """Setpoints first, standing still, then OFFBOARD: PX4 refuses it without."""
         vehicle.hold_m = self._position_m(vehicle).copy()
-        vehicle.engaging = True
+        vehicle.entering_offboard = True
         await asyncio.sleep(SETPOINTS_FIRST_S)
         for left in reversed(range(ENGAGE_TRIES)):
             await self._around.ticked()  # after a pause of ours setpoints must flow again first

@@ -68,7 +68,7 @@ class StallRecovery:
         flown = {
             vehicle.id: (vehicle.phase, vehicle.reason)
             for vehicle in flight.vehicles.values()
-            if vehicle.engaging or (vehicle.phase in FLOWN and not vehicle.handed_over)
+            if vehicle.entering_offboard or (vehicle.phase in FLOWN and not vehicle.handed_over)
         }
         self._flown = _Flown(flight.show, flight.reason, flown)
 

@@ -56,11 +56,11 @@ class Vehicle:
     home_m: Array | None = None  # (3,) show frame, where it took off
     hold_m: Array | None = None  # (3,) where it waits while the show does not move it
     goal_m: Array | None = None  # (3,) of RETURN and LANDING
-    engaging: bool = False  # in HOLD, setpoints already flow so that OFFBOARD can be accepted
+    entering_offboard: bool = False  # in HOLD, setpoints already flow so that OFFBOARD can be accepted
     frozen_until_s: float = -inf  # its position jumped: until then it stands still
-    on_a_way: bool = False  # in RETURN, its goal leads it along a way found for the whole fleet
+    follows_planned_path: bool = False  # in RETURN, its goal leads it along a way found for the whole fleet
     handed_over: bool = False  # in LANDING, the autopilot's own LAND touches down
-    pilots: bool = False  # a person's (or its failsafe's) until handed back, silent or not
+    pilot_in_control: bool = False  # a person's (or its failsafe's) until handed back, silent or not
     try_again_s: float = 0.0  # when what the service does by itself may be tried again
     cause: FailsafeCause | None = None  # while PILOT: why it is in its mode
     rejoins: bool = False  # it was in formation when it was lost, and nothing was commanded since
@@ -82,8 +82,8 @@ class Vehicle:
         self._mind_pilot()
         if self.phase not in FLOWN:
             self.goal_m = None
-        self.engaging = False
-        self.handed_over = self.on_a_way = False
+        self.entering_offboard = False
+        self.handed_over = self.follows_planned_path = False
         log.log(
             logging.WARNING if self.phase in {Phase.LOST, Phase.PILOT} else logging.INFO,
             "vehicle_phase",
@@ -93,9 +93,9 @@ class Vehicle:
     def _mind_pilot(self) -> None:
         """Whether it is to be left to a person: not where its link lost setpoints, and it just holds."""
         if self.phase is Phase.PILOT:
-            self.pilots = self.cause is not FailsafeCause.SETPOINT_LOSS
+            self.pilot_in_control = self.cause is not FailsafeCause.SETPOINT_LOSS
         elif self.phase not in {Phase.LOST, Phase.KILLED}:
-            self.pilots = False
+            self.pilot_in_control = False
 
     def explain(self, explanation: Explanation, mode: Mode, *, in_failsafe: bool) -> None:
         """While PILOT: keep what explains its mode. A mode once explained keeps its cause: texts expire."""
@@ -127,7 +127,7 @@ class Vehicle:
             return (Task.NONE, None) if self.hold_m is None else (Task.GOAL, self.hold_m)
         if self.phase in {Phase.RETURN, Phase.LANDING} and self.goal_m is not None and not self.handed_over:
             return Task.GOAL, self.goal_m
-        if self.engaging and self.hold_m is not None:
+        if self.entering_offboard and self.hold_m is not None:
             return Task.GOAL, self.hold_m
         return Task.NONE, None
 
@@ -194,7 +194,7 @@ class Vehicle:
         """Back from LOST: only one that still waits for us is taken on (by an order to HOLD)."""
         if not heard.armed:
             return Event.HEARD, "received again, on the ground, motors off"
-        if self.pilots:
+        if self.pilot_in_control:
             return Event.TAKEN_OVER, "received again; it had been taken over, and no take-control came since"
         if heard.mode not in (self.modes | {Mode.HOLD} if lost_holds else self.modes):
             self.cause, text = heard.explain()

@@ -66,7 +66,7 @@ class VehicleOrders:
         name, show = vehicle.id, self._flight.show
         if not (action is VehicleAction.HOLD and vehicle.phase is Phase.HOLD):
             require_phase(vehicle, EVENT_OF[action])
-        if action is VehicleAction.HOLD and vehicle.pilots:
+        if action is VehicleAction.HOLD and vehicle.pilot_in_control:
             raise RefusedError(
                 f"{name} was taken over before its telemetry stopped: take-control once it is received again"
             )
@@ -152,7 +152,7 @@ class VehicleOrders:
         """Raises: RefusedError when the sphere is too small for these as well."""
         flight = self._flight
         others = [other for other in flight.airborne if other not in joining]
-        formed = [other for other in others if other.engaging or other.phase is Phase.FORMATION]
+        formed = [other for other in others if other.entering_offboard or other.phase is Phase.FORMATION]
         try:
             check_formation(flight.plan.formation, len(formed) + len(joining), flight.control.safety)
         except InvalidError as error:

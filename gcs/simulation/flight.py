@@ -106,7 +106,7 @@ class SimulatedFlight:
             self.descending.copy(),
             np.zeros((0, 2, 3)),
             center_moves=self.center_moves,
-            on_a_way=self._on_a_way(),
+            follows_planned_path=self._follows_planned_path(),
             sight=self.sight(),
         )
         began_s = time.thread_time()
@@ -177,7 +177,7 @@ class SimulatedFlight:
         self.task[low] = Task.NONE
         self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
-    def _on_a_way(self) -> Mask | None:
+    def _follows_planned_path(self) -> Mask | None:
         """As `gcs.flight.fleet`."""
         if self._pace is None:
             return None

@@ -178,9 +178,9 @@ def test_nothing_that_is_heard_brings_a_killed_vehicle_back(telemetry: Heard) ->
 )
 def test_leaving_the_phases_that_are_flown_forgets_goal_and_handover(phase: Phase, event: Event) -> None:
     subject = vehicle(phase)
-    subject.goal_m, subject.engaging, subject.handed_over = HERE_M, True, True
+    subject.goal_m, subject.entering_offboard, subject.handed_over = HERE_M, True, True
     subject.apply(event, "for a test")
-    left: list[object] = [subject.goal_m, subject.engaging, subject.handed_over]
+    left: list[object] = [subject.goal_m, subject.entering_offboard, subject.handed_over]
     assert left == [None, False, False]
 
 
@@ -238,7 +238,7 @@ def test_nobody_else_is_sent_anything(phase: Phase) -> None:
 
 def test_while_it_engages_a_holding_vehicle_is_sent_its_own_place() -> None:
     subject = vehicle(Phase.HOLD)
-    subject.hold_m, subject.engaging = HERE_M, True
+    subject.hold_m, subject.entering_offboard = HERE_M, True
     task, goal_m = subject.task(ShowPhase.RUNNING, 0.0)
     assert task is Task.GOAL
     assert goal_m is HERE_M
@@ -266,9 +266,9 @@ def test_what_a_pilot_had_before_a_silence_is_the_pilots_behind_it(mode: Mode) -
     subject = vehicle(Phase.FORMATION)
     assert subject.observe(heard(mode=Mode.POSITION), SILENCE_S)
     assert subject.observe(heard(age_s=3.0), SILENCE_S)
-    assert (subject.phase, subject.pilots) == (Phase.LOST, True)
+    assert (subject.phase, subject.pilot_in_control) == (Phase.LOST, True)
     assert subject.observe(heard(mode=mode), SILENCE_S)
-    assert (subject.phase, subject.pilots) == (Phase.PILOT, True)
+    assert (subject.phase, subject.pilot_in_control) == (Phase.PILOT, True)
     assert "no take-control came since" in subject.reason
 
 
@@ -277,14 +277,14 @@ def test_control_taken_or_on_the_ground_it_is_nobodys_but_ours(ends: Event) -> N
     subject = vehicle(Phase.FORMATION)
     subject.apply(Event.TAKEN_OVER, "for a test")
     subject.apply(ends, "for a test")
-    assert not subject.pilots
+    assert not subject.pilot_in_control
 
 
 def test_a_pilots_vehicle_that_comes_down_while_silent_is_on_standby() -> None:
     subject = vehicle(Phase.PILOT)
     subject.apply(Event.SILENT, "for a test")
     assert subject.observe(ON_GROUND, SILENCE_S)
-    assert (subject.phase, subject.pilots) == (Phase.STANDBY, False)
+    assert (subject.phase, subject.pilot_in_control) == (Phase.STANDBY, False)
 
 
 def test_a_lost_vehicle_in_hold_is_the_pilots_where_its_failsafe_would_not_hold_it() -> None:
