@@ -25,7 +25,7 @@ from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.running_show import ShowRun
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
-from gcs.links import Link, Order, ParameterValue
+from gcs.links import Command, Link, ParameterValue
 from gcs.model.errors import UnknownError
 from gcs.model.fleet_counts import Whereabouts, whereabouts
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
@@ -249,9 +249,9 @@ class Fleet:
         self._ticked.set()
         self._ticked = asyncio.Event()
 
-    async def execute(self, order: Order) -> None:
+    async def execute(self, command: Command) -> None:
         """Pass an order to the vehicle's link. Raises: OrderError."""
-        await self.link_of[order.vehicle_id].execute(order)
+        await self.link_of[command.vehicle_id].execute(command)
 
     def mode(self, vehicle: Vehicle) -> Mode:
         """As its newest heartbeat says."""

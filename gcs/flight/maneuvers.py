@@ -14,7 +14,7 @@ import numpy as np
 from gcs.config.schema import OperationSettings
 from gcs.flight.maneuver_tasks import Maneuver, ManeuverTasks
 from gcs.flight.vehicle import Vehicle
-from gcs.links import Order, Verb
+from gcs.links import Command, Verb
 from gcs.model.errors import OrderError, RefusedError
 from gcs.model.lifecycle import FLOWN, Event, Phase
 from gcs.model.state import Array, FleetState, Mode
@@ -59,7 +59,7 @@ class Surroundings(Protocol):
         """Return after the next tick."""
         ...
 
-    async def execute(self, order: Order) -> None:
+    async def execute(self, command: Command) -> None:
         """Pass an order to the vehicle's link. Raises: OrderError."""
         ...
 
@@ -409,6 +409,6 @@ class Maneuvers(ManeuverTasks):
         """Execute, while both the old and the new mode count as ours."""
         obeyed = MODES_OF.get(verb, frozenset())
         vehicle.modes = vehicle.modes | obeyed
-        await self._around.execute(Order(vehicle.id, verb, height_m))
+        await self._around.execute(Command(vehicle.id, verb, height_m))
         if obeyed:
             vehicle.modes = obeyed

@@ -11,7 +11,7 @@ from gcs.flight.landing_assignment import landing_sites_m
 from gcs.flight.maneuver_tasks import Maneuver
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.vehicle import Vehicle, require_phase
-from gcs.links import Order, Verb
+from gcs.links import Command, Verb
 from gcs.model.errors import InvalidError, OrderError, RefusedError
 from gcs.model.lifecycle import FLOWN, GROUNDED, IN_THE_AIR, NEXT, Event, Phase, ShowPhase
 from gcs.model.state import VehicleId
@@ -180,7 +180,7 @@ class VehicleOrders:
 
     async def _stop_motors(self, vehicle: Vehicle) -> None:
         try:
-            await self._flight.execute(Order(vehicle.id, Verb.KILL))
+            await self._flight.execute(Command(vehicle.id, Verb.KILL))
         except OrderError as error:
             raise RefusedError(f"the kill was sent, but not seen to work: {error}") from None
 

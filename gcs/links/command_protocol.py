@@ -11,7 +11,7 @@ from math import isfinite
 from typing import Final, Protocol, TypeVar
 
 from gcs.links.kill_latch import KillLatch
-from gcs.links.link import Order, ParameterValue, Verb
+from gcs.links.link import Command, ParameterValue, Verb
 from gcs.model.errors import OrderError
 from gcs.model.state import Landed, Mode, VehicleId
 
@@ -77,7 +77,7 @@ class Hand(Protocol):
         """As it said last."""
         ...
 
-    async def command(self, order: Order, may_leave: Callable[[], None]) -> None:
+    async def command(self, command: Command, may_leave: Callable[[], None]) -> None:
         """Send what the order needs, and wait for the acknowledgement, however long the transport does.
 
         `may_leave` is called before anything leaves, when earlier calls for this vehicle have ended, on
@@ -112,7 +112,7 @@ def obeyed(verb: Verb, said: Said, landed: Landed) -> bool:
             return said.mode is _DESIRED_MODE[verb]
 
 
-class Orders:
+class CommandProtocol:
     """Executes orders; one at a time per vehicle, except KILL, which waits for nobody."""
 
     def __init__(
@@ -135,28 +135,28 @@ class Orders:
         """Send nothing more; orders under way fail. On the loop's thread."""
         self._closed = True
 
-    async def execute(self, order: Order, hand: Hand, said: Said) -> None:
+    async def execute(self, command: Command, hand: Hand, said: Said) -> None:
         """Order, and return when the vehicle's heartbeat shows that it obeyed. Raises: OrderError."""
-        ticket = self._latch.ticket(self._system_ids[order.vehicle_id])
+        ticket = self._latch.ticket(self._system_ids[command.vehicle_id])
 
         def may_leave() -> None:
-            if not self._latch.redeem(self._system_ids[order.vehicle_id], ticket):
+            if not self._latch.redeem(self._system_ids[command.vehicle_id], ticket):
                 raise OrderError("killed meanwhile")
             if self._closed:
                 raise OrderError(CLOSED)
 
         with self._awaiting():
-            async with self._locks[order.vehicle_id]:
-                _refuse_the_impossible(order, said)
+            async with self._locks[command.vehicle_id]:
+                _refuse_the_impossible(command, said)
                 began_s = self._clock()
                 cause: str | None = None
                 try:
-                    await hand.command(order, may_leave)
+                    await hand.command(command, may_leave)
                 except OrderError as error:
                     cause = str(error)
                 wait_s = CONFIRM_S if cause is None else _REASON_S
-                if not await self._confirmed(order.verb, hand, said, began_s, wait_s):
-                    raise OrderError(self._failure(order, cause, said, began_s))
+                if not await self._confirmed(command.verb, hand, said, began_s, wait_s):
+                    raise OrderError(self._failure(command, cause, said, began_s))
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str], hand: Hand
@@ -172,20 +172,20 @@ class Orders:
         with self._awaiting():
             await _about(vehicle_id, name, hand.set_parameter(name, value))
 
-    async def kill(self, order: Order, said: Said, send_kill: Callable[[], None]) -> None:
+    async def kill(self, command: Command, said: Said, send_kill: Callable[[], None]) -> None:
         """Send the kill command now and again until the heartbeat says disarmed. Raises: OrderError.
 
         Not as one command among others: this one goes out at once, and shuts the latch behind it.
         """
         began_s = self._clock()
-        self._latch.shut(self._system_ids[order.vehicle_id])
+        self._latch.shut(self._system_ids[command.vehicle_id])
         with self._awaiting():
             while self._clock() - began_s < CONFIRM_S:
                 send_kill()
                 await _news(said, _KILL_REPEAT_S)
                 if said.heartbeat_time_s > began_s and not said.armed:
                     return
-            raise OrderError(self._failure(order, None, said, began_s))
+            raise OrderError(self._failure(command, None, said, began_s))
 
     @contextmanager
     def _awaiting(self) -> Iterator[None]:
@@ -207,7 +207,7 @@ class Orders:
             await _news(said, left_s)
         return False
 
-    def _failure(self, order: Order, cause: str | None, said: Said, began_s: float) -> str:
+    def _failure(self, command: Command, cause: str | None, said: Said, began_s: float) -> str:
         """Why an order failed, in words, with what the vehicle itself said since."""
         silent_s = self._clock() - said.heartbeat_time_s
         state = f"it reports {said.mode}, {'armed' if said.armed else 'disarmed'}"
@@ -215,7 +215,7 @@ class Orders:
             state = f"silent for {silent_s:.1f} s" if isfinite(silent_s) else "never heard"
         words = f'; it says "{said.text}"' if said.text_time_s >= began_s else ""
         failure = "sent, but not seen to happen" if cause is None else f"failed ({cause})"
-        return f"{order.vehicle_id}: {order.verb} {failure}: {state}{words}"
+        return f"{command.vehicle_id}: {command.verb} {failure}: {state}{words}"
 
 
 async def _about(vehicle_id: VehicleId, name: str, answer: Awaitable[T]) -> T:
@@ -237,9 +237,11 @@ async def _news(said: Said, wait_s: float) -> None:
         return
 
 
-def _refuse_the_impossible(order: Order, said: Said) -> None:
-    if order.verb is Verb.TAKEOFF:
-        if not (isfinite(order.height_m) and order.height_m > 0):
-            raise OrderError(f"{order.vehicle_id}: takeoff to {order.height_m} m; a height above 0 is needed")
+def _refuse_the_impossible(command: Command, said: Said) -> None:
+    if command.verb is Verb.TAKEOFF:
+        if not (isfinite(command.height_m) and command.height_m > 0):
+            raise OrderError(
+                f"{command.vehicle_id}: takeoff to {command.height_m} m; a height above 0 is needed"
+            )
         if not said.armed:  # PX4 would accept, and climb whenever it is armed next
-            raise OrderError(f"{order.vehicle_id}: takeoff while disarmed; arm it first")
+            raise OrderError(f"{command.vehicle_id}: takeoff while disarmed; arm it first")

@@ -26,7 +26,7 @@ class Verb(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class Command:
     """One order to one vehicle."""
 
     vehicle_id: VehicleId
@@ -83,7 +83,7 @@ class Link(Protocol):
         """
         ...
 
-    async def execute(self, order: Order) -> None:
+    async def execute(self, command: Command) -> None:
         """Order, and return when the vehicle is seen to obey (by its heartbeat).
 
         OFFBOARD needs setpoints already flowing for that vehicle. TAKEOFF returns when the climb has begun.

@@ -59,13 +59,13 @@ class Asked:
         """Nothing is asked of anybody."""
         self._orders: Mapping[int, bytes] = {}
 
-    def replace(self, orders: Mapping[int, bytes]) -> None:
+    def replace(self, setpoints: Mapping[int, bytes]) -> None:
         """By system id, as it stands on the wire; never to be changed afterwards."""
-        self._orders = orders
+        self._orders = setpoints
 
-    def is_newest(self, system_id: int, order: bytes) -> bool:
+    def is_newest(self, system_id: int, setpoint: bytes) -> bool:
         """Whether that is what was asked last."""
-        return self._orders.get(system_id) == order
+        return self._orders.get(system_id) == setpoint
 
 
 class Pulse:

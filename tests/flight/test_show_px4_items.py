@@ -6,7 +6,7 @@ Items that other tests show are listed with them in docs/operations.md.
 import pytest
 from virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
-from gcs.links import Order, Verb
+from gcs.links import Command, Verb
 from gcs.model.errors import OrderError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction, VehicleAction
@@ -28,7 +28,7 @@ def test_item_4_offboard_is_not_ordered_of_a_vehicle_that_gets_no_setpoints() ->
     async def story(show: Show) -> str:
         await show.standby()
         with pytest.raises(OrderError) as refusal:
-            await show.link.execute(Order("d1", Verb.OFFBOARD))
+            await show.link.execute(Command("d1", Verb.OFFBOARD))
         return str(refusal.value)
 
     assert fly(story, show_config(2)) == "d1: offboard refused: no setpoints are flowing to it"
@@ -78,10 +78,10 @@ def test_item_11_takeoff_is_not_ordered_of_a_disarmed_vehicle_nor_disarming_of_o
     async def story(show: Show) -> tuple[str, str]:
         await show.standby()
         with pytest.raises(OrderError) as takeoff:
-            await show.link.execute(Order("d1", Verb.TAKEOFF, 5.0))
+            await show.link.execute(Command("d1", Verb.TAKEOFF, 5.0))
         await show.start()
         with pytest.raises(OrderError) as disarm:
-            await show.link.execute(Order("d1", Verb.DISARM))
+            await show.link.execute(Command("d1", Verb.DISARM))
         return str(takeoff.value), str(disarm.value)
 
     takeoff, disarm = fly(story, show_config(2))

@@ -8,7 +8,7 @@ from link_bench import EVERY, PERIOD_S, AnyLink, Ticks, a_link, do, ready, repea
 from link_peer import Peer
 from machine import STALL_S, Witness, free_ports
 
-from gcs.links import Link, Order, Verb
+from gcs.links import Command, Link, Verb
 from gcs.model.errors import LinkError, OrderError, UnknownError
 from gcs.model.state import Landed, Mode, Setpoints
 
@@ -117,8 +117,8 @@ def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
         async with running(link):
             await ready(link)
             peer.answers = False
-            arming = asyncio.create_task(link.execute(Order("v1", Verb.ARM)))
-            queued = asyncio.create_task(link.execute(Order("v1", Verb.ARM)))
+            arming = asyncio.create_task(link.execute(Command("v1", Verb.ARM)))
+            queued = asyncio.create_task(link.execute(Command("v1", Verb.ARM)))
             await until(lambda: [m for _, m in peer.messages("COMMAND_LONG") if m.command == 400])
             peer.armed = peer.answers = True
             peer.acknowledges = False
@@ -148,7 +148,7 @@ def test_a_silent_vehicle_delays_nobody() -> None:
                 await until(lambda: link.setpoint_times_s("v1") and link.setpoint_times_s("v2"))
                 silent.speaks = silent.answers = False
                 silent_s = time.monotonic()
-                lost = asyncio.create_task(link.execute(Order("v1", Verb.ARM)))
+                lost = asyncio.create_task(link.execute(Command("v1", Verb.ARM)))
                 await asyncio.sleep(0.05)
                 for verb in (Verb.ARM, Verb.OFFBOARD, Verb.HOLD, Verb.DISARM):
                     await until(lambda: time.monotonic() - ticks.last_s < PERIOD_S)
@@ -218,7 +218,7 @@ def test_a_link_can_be_closed_during_an_order_and_opened_again() -> None:
         async with running(link):
             await ready(link)
             peer.answers = False
-            order = asyncio.create_task(link.execute(Order("v1", Verb.ARM)))
+            order = asyncio.create_task(link.execute(Command("v1", Verb.ARM)))
             await asyncio.sleep(0.05)
         with pytest.raises(OrderError):
             await order

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from gcs.links import Order, ParameterValue
+from gcs.links import Command, ParameterValue
 from gcs.links.address_book import Address
 from gcs.model.errors import OrderError
 from gcs.model.state import Landed, Mode, Setpoints, Telemetry, VehicleId
@@ -66,7 +66,7 @@ class SilentLink:
         """No vehicle answers."""
         return {}
 
-    async def execute(self, order: Order) -> None:
+    async def execute(self, command: Command) -> None:
         """No vehicle answers."""
 
     async def read_parameters(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gcs.links import Order, Verb
+from gcs.links import Command, Verb
 from gcs.links.endpoints import Listen
 from gcs.links.framed.link import MavsdkLink
 from gcs.links.mavsdk.link import MavsdkUdpLink
@@ -95,7 +95,7 @@ async def repeated(link: AnyLink, times: int, *, since: int) -> None:
 
 def is_open(link: AnyLink) -> bool:
     """Whether it can be ordered something."""
-    return link._orders is not None
+    return link._protocol is not None
 
 
 async def ready(link: AnyLink) -> None:
@@ -105,7 +105,7 @@ async def ready(link: AnyLink) -> None:
 
 async def do(link: AnyLink, verb: Verb, *vehicle_ids: str, height_m: float = 0.0) -> None:
     """One order to several vehicles at the same time."""
-    await asyncio.gather(*(link.execute(Order(vehicle_id, verb, height_m)) for vehicle_id in vehicle_ids))
+    await asyncio.gather(*(link.execute(Command(vehicle_id, verb, height_m)) for vehicle_id in vehicle_ids))
 
 
 class Ticks:

@@ -6,7 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-from gcs.links import Order, ParameterValue, Verb
+from gcs.links import Command, ParameterValue, Verb
 from gcs.links.telemetry import Heard
 from gcs.mavlink.framing import Frame
 from gcs.model.state import Landed, Mode
@@ -59,11 +59,11 @@ def obeyed(verb: Verb, heard: Ears) -> bool:
             return heard.mode is DESIRED_MODE[verb]
 
 
-def failure(order: Order, heard: Ears, began_s: float) -> str:
+def failure(command: Command, heard: Ears, began_s: float) -> str:
     """Why an order failed, with what the vehicle itself said since."""
     said = f'; it says "{heard.text}"' if heard.text_time_s >= began_s else ""
     state = f"it reports {heard.mode}, {'armed' if heard.armed else 'disarmed'}"
-    return f"{order.vehicle_id}: {order.verb} sent, but not seen to happen: {state}{said}"
+    return f"{command.vehicle_id}: {command.verb} sent, but not seen to happen: {state}{said}"
 
 
 async def news(heard: Ears, wait_s: float) -> None:

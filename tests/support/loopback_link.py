@@ -15,7 +15,7 @@ import numpy as np
 from loopback_ears import INT32, Ears, failure, news, obeyed
 from pymavlink.dialects.v20 import common
 
-from gcs.links import Order, ParameterValue, Verb
+from gcs.links import Command, ParameterValue, Verb
 from gcs.links import stream_rates as rates
 from gcs.links.address_book import Address
 from gcs.links.parameter_updates import ParameterNews
@@ -192,26 +192,26 @@ class LoopbackLink:
             loop: Any = asyncio.get_running_loop()  # async_solipsism's: time passes while this one works
             loop._selector.clock.advance(self.takes_s)
 
-    async def execute(self, order: Order) -> None:
+    async def execute(self, command: Command) -> None:
         """Order, and return when the vehicle's heartbeat shows that it obeyed. Raises: OrderError."""
-        if order.vehicle_id not in self._system_ids:
-            raise UnknownError(f"{order.vehicle_id} is not on link {self._name}")
+        if command.vehicle_id not in self._system_ids:
+            raise UnknownError(f"{command.vehicle_id} is not on link {self._name}")
         loop = asyncio.get_running_loop()
-        heard = self._ears[order.vehicle_id]
-        self.orders[order.vehicle_id].append(SentOrder(loop.time(), order.verb))
-        if order.verb is Verb.KILL:
-            await self._kill(order, heard)
+        heard = self._ears[command.vehicle_id]
+        self.orders[command.vehicle_id].append(SentOrder(loop.time(), command.verb))
+        if command.verb is Verb.KILL:
+            await self._kill(command, heard)
             return
-        async with self._locks[order.vehicle_id]:
+        async with self._locks[command.vehicle_id]:
             began_s = loop.time()
-            if (order.vehicle_id, order.verb) in self.refusing:
-                raise OrderError(f"{order.vehicle_id}: {order.verb} refused: COMMAND_DENIED")
-            self._refuse_the_impossible(order, heard, began_s)
-            self._post_command(order, heard)
-            while not (heard.heartbeat_time_s > began_s and obeyed(order.verb, heard)):
+            if (command.vehicle_id, command.verb) in self.refusing:
+                raise OrderError(f"{command.vehicle_id}: {command.verb} refused: COMMAND_DENIED")
+            self._refuse_the_impossible(command, heard, began_s)
+            self._post_command(command, heard)
+            while not (heard.heartbeat_time_s > began_s and obeyed(command.verb, heard)):
                 left_s = began_s + CONFIRM_S - loop.time()
                 if left_s <= STEP_S:  # shorter sleeps are below the clock's resolution
-                    raise OrderError(failure(order, heard, began_s))
+                    raise OrderError(failure(command, heard, began_s))
                 await news(heard, left_s)
 
     async def read_parameters(
@@ -319,40 +319,40 @@ class LoopbackLink:
         self._setpoint_s[vehicle_id] = now_s
         self.sent[vehicle_id].append(SentSetpoint(now_s, (north_m_s, east_m_s, down_m_s), yaw_rad))
 
-    def _post_command(self, order: Order, heard: Ears) -> None:
-        match order.verb:
+    def _post_command(self, command: Command, heard: Ears) -> None:
+        match command.verb:
             case Verb.ARM | Verb.DISARM:
-                desired = float(order.verb is Verb.ARM)
-                self._post_long(order.vehicle_id, common.MAV_CMD_COMPONENT_ARM_DISARM, desired)
+                desired = float(command.verb is Verb.ARM)
+                self._post_long(command.vehicle_id, common.MAV_CMD_COMPONENT_ARM_DISARM, desired)
             case Verb.TAKEOFF:
-                top_m = heard.motion[2] + order.height_m
+                top_m = heard.motion[2] + command.height_m
                 anywhere = (0.0, 0.0, 0.0, nan, nan, nan)
-                self._post_long(order.vehicle_id, common.MAV_CMD_NAV_TAKEOFF, *anywhere, top_m)
+                self._post_long(command.vehicle_id, common.MAV_CMD_NAV_TAKEOFF, *anywhere, top_m)
             case Verb.LAND:
-                self._post_long(order.vehicle_id, common.MAV_CMD_NAV_LAND)
+                self._post_long(command.vehicle_id, common.MAV_CMD_NAV_LAND)
             case _:
                 self._post_long(
-                    order.vehicle_id, common.MAV_CMD_DO_SET_MODE, 129.0, *MODE_NUMBERS[order.verb]
+                    command.vehicle_id, common.MAV_CMD_DO_SET_MODE, 129.0, *MODE_NUMBERS[command.verb]
                 )
 
-    def _refuse_the_impossible(self, order: Order, heard: Ears, now_s: float) -> None:
-        fed = now_s - self._setpoint_s[order.vehicle_id] <= self._deadman_s
-        if order.verb is Verb.OFFBOARD and not fed:
-            raise OrderError(f"{order.vehicle_id}: offboard refused: no setpoints are flowing to it")
-        if order.verb is Verb.TAKEOFF and not heard.armed:
-            raise OrderError(f"{order.vehicle_id}: takeoff while disarmed; arm it first")
+    def _refuse_the_impossible(self, command: Command, heard: Ears, now_s: float) -> None:
+        fed = now_s - self._setpoint_s[command.vehicle_id] <= self._deadman_s
+        if command.verb is Verb.OFFBOARD and not fed:
+            raise OrderError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
+        if command.verb is Verb.TAKEOFF and not heard.armed:
+            raise OrderError(f"{command.vehicle_id}: takeoff while disarmed; arm it first")
 
-    async def _kill(self, order: Order, heard: Ears) -> None:
+    async def _kill(self, command: Command, heard: Ears) -> None:
         loop = asyncio.get_running_loop()
-        began_s, target = loop.time(), self._system_ids[order.vehicle_id]
+        began_s, target = loop.time(), self._system_ids[command.vehicle_id]
         while loop.time() - began_s < CONFIRM_S:
             system, component = STATION
             frame = kill_frame(target, sequence=0, source_system=system, source_component=component)
-            self._uplink.append((order.vehicle_id, frame))
+            self._uplink.append((command.vehicle_id, frame))
             await news(heard, KILL_REPEAT_S)
             if heard.heartbeat_time_s > began_s and not heard.armed:
                 return
-        raise OrderError(failure(order, heard, began_s))
+        raise OrderError(failure(command, heard, began_s))
 
     def _deliver(self) -> None:
         """Every vehicle is a circle of its own; what is sent on a broken link goes through its faults."""

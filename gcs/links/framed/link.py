@@ -17,13 +17,13 @@ import numpy as np
 
 from gcs.links.address_book import SILENT_AFTER_S
 from gcs.links.base import LinkFacts
-from gcs.links.command_protocol import Orders
+from gcs.links.command_protocol import CommandProtocol
 from gcs.links.counters import Observer
 from gcs.links.endpoints import Place
 from gcs.links.framed.router import Wire
 from gcs.links.framed.stream_requests import is_answer, keep_asking
 from gcs.links.kill_latch import KillLatch
-from gcs.links.link import Order, ParameterValue, Verb
+from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.mavsdk.binding import COMPONENT_ID, MavsdkVehicle
 from gcs.links.mavsdk.instances import MavsdkShards
 from gcs.links.mavsdk.threads import Offstage
@@ -121,7 +121,7 @@ class MavsdkLink(LinkFacts):
         self._id_of = {system_id: vehicle_id for vehicle_id, system_id in vehicles.items()}
         self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkShards | None = None
-        self._orders: Orders | None = None
+        self._protocol: CommandProtocol | None = None
         self._workers: Workers | None = None
         self._met: Mapping[int, MavsdkVehicle] = {}
         self._kills = 0
@@ -151,15 +151,15 @@ class MavsdkLink(LinkFacts):
         wire.open()
         self._pulse.beat(self._clock())  # time to begin
         fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0])
-        orders, workers = Orders(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
+        protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         recorder = self._recorder
         stop_recording = None if recorder is None else self.observe(recorder.record)
         offstage = Offstage(fleet, recorder, self._signing)
         try:
             await asyncio.to_thread(offstage.open)
-            self._fleet, self._orders, self._workers = fleet, orders, workers
+            self._fleet, self._protocol, self._workers = fleet, protocol, workers
             async with asyncio.TaskGroup() as group:
-                group.create_task(self._receive(orders), name=f"link/{self._name}/receive")
+                group.create_task(self._receive(protocol), name=f"link/{self._name}/receive")
                 group.create_task(self._pass_on_behind_ticks(fleet), name=f"link/{self._name}/pass on")
                 group.create_task(self._discover(fleet), name=f"link/{self._name}/discover")
                 asking = keep_asking(
@@ -167,7 +167,7 @@ class MavsdkLink(LinkFacts):
                 )
                 group.create_task(asking, name=f"link/{self._name}/ask")
         finally:
-            await self._shut(offstage, orders, workers)
+            await self._shut(offstage, protocol, workers)
             if stop_recording is not None:
                 stop_recording()
 
@@ -249,43 +249,43 @@ class MavsdkLink(LinkFacts):
         if self._fleet is not None:
             self._fleet.pass_on(self._wire)
 
-    async def execute(self, order: Order) -> None:
+    async def execute(self, command: Command) -> None:
         """Order, and return when the vehicle is seen to obey. See `Link.execute`.
 
         Raises: UnknownError for a vehicle of another link; OrderError.
         """
-        orders, system_id = self._orders_for(order.vehicle_id, f"{order.verb} impossible")
+        protocol, system_id = self._protocol_for(command.vehicle_id, f"{command.verb} impossible")
         heard = self._wire.heard[system_id]
-        if order.verb is Verb.KILL:
-            await orders.kill(order, heard, lambda: self._send_kill(system_id))
+        if command.verb is Verb.KILL:
+            await protocol.kill(command, heard, lambda: self._send_kill(system_id))
             return
-        hand = self._hand(order.vehicle_id, f"{order.verb} impossible")
-        if order.verb is Verb.OFFBOARD and not self._deadman.allows(system_id, self._clock()):
-            raise OrderError(f"{order.vehicle_id}: offboard refused: no setpoints are flowing to it")
-        await orders.execute(order, hand, heard)
+        hand = self._hand(command.vehicle_id, f"{command.verb} impossible")
+        if command.verb is Verb.OFFBOARD and not self._deadman.allows(system_id, self._clock()):
+            raise OrderError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
+        await protocol.execute(command, hand, heard)
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
         """See `Link.read_parameters`."""
-        orders, _ = self._orders_for(vehicle_id, "its parameters cannot be read")
+        protocol, _ = self._protocol_for(vehicle_id, "its parameters cannot be read")
         hand = self._hand(vehicle_id, "its parameters cannot be read")
-        return await orders.read_parameters(vehicle_id, names, hand)
+        return await protocol.read_parameters(vehicle_id, names, hand)
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
         """See `Link.set_parameter`."""
-        orders, _ = self._orders_for(vehicle_id, f"{name} cannot be set")
+        protocol, _ = self._protocol_for(vehicle_id, f"{name} cannot be set")
         hand = self._hand(vehicle_id, f"{name} cannot be set")
-        await orders.set_parameter(vehicle_id, name, value, hand)
+        await protocol.set_parameter(vehicle_id, name, value, hand)
 
-    def _orders_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[Orders, int]:
+    def _protocol_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[CommandProtocol, int]:
         """Who executes orders, and the vehicle's system id. Raises: UnknownError, OrderError."""
         system_id = self._vehicles.get(vehicle_id)
         if system_id is None:
             raise UnknownError(f"{vehicle_id} is not on link {self._name}")
-        if self._orders is None:
+        if self._protocol is None:
             raise OrderError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
-        return self._orders, system_id
+        return self._protocol, system_id
 
     def _hand(self, vehicle_id: VehicleId, otherwise: str) -> MavsdkHand:
         """What moves the vehicle. Raises: OrderError for one that MAVSDK has not met."""
@@ -341,10 +341,10 @@ class MavsdkLink(LinkFacts):
                 await asyncio.sleep(wait_s)
             fleet.pass_on(self._wire)
 
-    async def _receive(self, orders: Orders) -> None:
+    async def _receive(self, protocol: CommandProtocol) -> None:
         while True:
             self._take_in()
-            is_idle = len(self._met) == len(self._ids) and not orders.awaited
+            is_idle = len(self._met) == len(self._ids) and not protocol.awaited
             await asyncio.sleep(_IDLE_S if is_idle else _BUSY_S)
 
     async def _discover(self, fleet: MavsdkShards) -> None:
@@ -359,12 +359,12 @@ class MavsdkLink(LinkFacts):
                     log.info("vehicles_met", extra={"link": self._name, "system_ids": tuple(sorted(found))})
             await asyncio.sleep(_DISCOVER_S)
 
-    async def _shut(self, offstage: Offstage, orders: Orders, workers: Workers) -> None:
+    async def _shut(self, offstage: Offstage, protocol: CommandProtocol, workers: Workers) -> None:
         """Stop, inside out: no setpoints, no calls, no MAVSDK, no sockets."""
         self._deadman.refresh((), self._clock())
-        self._fleet, self._orders, self._workers, self._met = None, None, None, {}
+        self._fleet, self._protocol, self._workers, self._met = None, None, None, {}
         self._healthy = [False] * len(self._ids)
-        orders.close()
+        protocol.close()
         workers.close()
 
         def end() -> None:

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from gcs.links import mmsg
-from gcs.links.command_protocol import Orders
+from gcs.links.command_protocol import CommandProtocol
 from gcs.links.endpoints import Listen
 from gcs.links.mavsdk.binding import MavsdkVehicle
 from gcs.links.mavsdk.frame_filter import Shown
@@ -105,14 +105,14 @@ class MavsdkUdpLink(UdpLink):
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[Works]:
         fleet = MavsdkShards(tuple(self._system_ids.tolist()), self._station_id)
-        orders, workers = Orders(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
+        protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         offstage = Offstage(fleet, self._recorder, None)
         try:
             await asyncio.to_thread(offstage.open)
-            self._fleet, self._orders, self._workers = fleet, orders, workers
+            self._fleet, self._protocol, self._workers = fleet, protocol, workers
             yield {"pass on": self._pass_on_behind_ticks(), "discover": self._discover(fleet)}
         finally:
-            await self._shut(offstage, orders, workers)
+            await self._shut(offstage, protocol, workers)
 
     def snapshot(self) -> Telemetry:
         """See `UdpLink`; vehicles not yet discovered by MAVSDK have no position: they take no commands."""
@@ -161,7 +161,7 @@ class MavsdkUdpLink(UdpLink):
         return self._is_met
 
     def _is_awaiting(self) -> bool:
-        return (self._orders is not None and self._orders.awaited) or bool(self._to_meet().any())
+        return (self._protocol is not None and self._protocol.awaited) or bool(self._to_meet().any())
 
     def _to_meet(self) -> Mask:
         """(n,) who was heard, but not by MAVSDK."""
@@ -222,12 +222,12 @@ class MavsdkUdpLink(UdpLink):
                     log.info("vehicles_met", extra={"link": self._name, "system_ids": tuple(sorted(found))})
             await asyncio.sleep(_DISCOVER_S)
 
-    async def _shut(self, offstage: Offstage, orders: Orders, workers: Workers) -> None:
+    async def _shut(self, offstage: Offstage, protocol: CommandProtocol, workers: Workers) -> None:
         """Stop, inside out: no setpoints, no calls, no MAVSDK; then the link closes the sockets."""
         self._outlet.forbid(slice(None))
-        self._fleet, self._orders, self._workers, self._met = None, None, None, {}
+        self._fleet, self._protocol, self._workers, self._met = None, None, None, {}
         self._is_met[:], self._healthy[:], self._since_s[:] = False, False, inf
-        orders.close()
+        protocol.close()
         workers.close()
 
         def end() -> None:

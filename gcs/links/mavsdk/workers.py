@@ -7,7 +7,7 @@ from functools import partial
 from typing import Final, Protocol, TypeVar
 
 from gcs.links.command_protocol import CLOSED
-from gcs.links.link import Order, ParameterValue, Verb
+from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.mavsdk.binding import MavsdkVehicle
 from gcs.model.errors import OrderError
 from gcs.model.state import Landed, VehicleId
@@ -33,7 +33,7 @@ class Workers:
     def __init__(self, vehicle_ids: Iterable[VehicleId]) -> None:
         self._closed = False
         self._workers = {
-            vehicle_id: ThreadPoolExecutor(1, thread_name_prefix=f"order/{vehicle_id}")
+            vehicle_id: ThreadPoolExecutor(1, thread_name_prefix=f"command/{vehicle_id}")
             for vehicle_id in vehicle_ids
         }
 
@@ -66,12 +66,12 @@ class MavsdkHand:
         """As it said last."""
         return self._heard.landed
 
-    async def command(self, order: Order, may_leave: Callable[[], None]) -> None:
+    async def command(self, command: Command, may_leave: Callable[[], None]) -> None:
         """Run MAVSDK's call on the vehicle's worker. Raises: OrderError."""
-        tries = _OFFBOARD_TRIES if order.verb is Verb.OFFBOARD else 1
+        tries = _OFFBOARD_TRIES if command.verb is Verb.OFFBOARD else 1
         for left in reversed(range(tries)):
             try:
-                await self._run(partial(self._call, order, may_leave))
+                await self._run(partial(self._call, command, may_leave))
             except OrderError as error:
                 # Outside OFFBOARD, MAVSDK forgets a setpoint after 3 s, until the next tick sets it again.
                 if not left or str(error) != "NO_SETPOINT_SET":
@@ -100,7 +100,7 @@ class MavsdkHand:
             raise OrderError(CLOSED)
         return await asyncio.get_running_loop().run_in_executor(self._worker, unless_closed)
 
-    def _call(self, order: Order, may_leave: Callable[[], None]) -> None:
+    def _call(self, command: Command, may_leave: Callable[[], None]) -> None:
         """On the worker: any earlier call has ended here, even one whose order was cancelled."""
         may_leave()
-        self._vehicle.command(order.verb, order.height_m)
+        self._vehicle.command(command.verb, command.height_m)

@@ -11,7 +11,7 @@ from time import monotonic
 
 import numpy as np
 
-from gcs.links.command_protocol import Orders
+from gcs.links.command_protocol import CommandProtocol
 from gcs.links.endpoints import Listen
 from gcs.links.udp.commands import Commands
 from gcs.links.udp.link import SetpointBatch, UdpLink, Works
@@ -57,16 +57,16 @@ class DirectLink(UdpLink):
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[Works]:
         recorder = self._recorder
-        orders = Orders(self._vehicles, self._latch, self._clock)
+        protocol = CommandProtocol(self._vehicles, self._latch, self._clock)
         self._commands = self._inbox.commands = Commands(self._system_ids, self._tell)
         try:
             if recorder is not None:
                 recorder.open()
-            self._orders = orders
+            self._protocol = protocol
             yield {}
         finally:
-            self._orders, self._inbox.commands = None, None
-            orders.close()
+            self._protocol, self._inbox.commands = None, None
+            protocol.close()
             self._commands.close()
             if recorder is not None:
                 await asyncio.to_thread(recorder.close)

@@ -16,11 +16,11 @@ import numpy as np
 
 from gcs.links.address_book import SILENT_AFTER_S
 from gcs.links.base import LinkFacts
-from gcs.links.command_protocol import Hand, Orders
+from gcs.links.command_protocol import CommandProtocol, Hand
 from gcs.links.counters import Counters, Observer
 from gcs.links.endpoints import Listen
 from gcs.links.kill_latch import KillLatch
-from gcs.links.link import Order, ParameterValue, Verb
+from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.setpoint_watchdog import before_it_leaves_s
 from gcs.links.stream_rates import ASKING_COMPONENT
 from gcs.links.tlog import Recorder
@@ -122,14 +122,14 @@ class UdpLink(LinkFacts, ABC):
         self._ticked_s = -np.inf
         self._received_s = -np.inf
         self._asked_s = self._asked_before_s = -np.inf  # the newest snapshots
-        self._orders: Orders | None = None  # while the link is open
+        self._protocol: CommandProtocol | None = None  # while the link is open
         codec.warm_up()
 
     # what transports do differently
 
     @abstractmethod
     def _opened(self) -> AbstractAsyncContextManager[Works]:
-        """Open what the transport needs, `_orders` last; close it again, `_orders` first."""
+        """Open what the transport needs, `_protocol` last; close it again, `_protocol` first."""
 
     @abstractmethod
     def _tell_setpoints(self, desired: SetpointBatch) -> None:
@@ -191,14 +191,14 @@ class UdpLink(LinkFacts, ABC):
     def snapshot(self) -> Telemetry:
         """The newest known of every vehicle, with arrival times: what waits in the sockets is read first."""
         self._hear()
-        return self._heard.telemetry(may_be_ready=self._orders is not None)
+        return self._heard.telemetry(may_be_ready=self._protocol is not None)
 
     def _hear(self) -> None:
         """Read what waits in the sockets: a tick wants it, and the next one will in as long again."""
         self._receive()
         self._asked_before_s, self._asked_s = self._asked_s, self._received_s
         ahead_s = 2.0 * self._asked_s - self._asked_before_s - _AHEAD_S
-        if self._orders is not None and self._asked_s < ahead_s < self._asked_s + _IDLE_S:
+        if self._protocol is not None and self._asked_s < ahead_s < self._asked_s + _IDLE_S:
             asyncio.get_running_loop().call_at(ahead_s, self._receive)
 
     def send(self, setpoints: Setpoints) -> None:
@@ -210,7 +210,7 @@ class UdpLink(LinkFacts, ABC):
         """
         now_s = self._clock()
         self._ticked_s = now_s
-        if self._orders is None:
+        if self._protocol is None:
             return
         if setpoints.ids != self._listed[0]:
             self._listed = self._places(setpoints.ids)
@@ -225,47 +225,47 @@ class UdpLink(LinkFacts, ABC):
         chosen = np.flatnonzero(fit)[self._by_urgency(rows[fit])]
         self._tell_setpoints(SetpointBatch(rows[chosen], velocity_ned_m_s[chosen], yaw_rad[chosen], until_s))
 
-    async def execute(self, order: Order) -> None:
+    async def execute(self, command: Command) -> None:
         """Order, and return when the vehicle is seen to obey. See `Link.execute`.
 
         Raises: UnknownError for a vehicle of another link; OrderError.
         """
-        otherwise = f"{order.verb} impossible"
-        orders, row = self._orders_for(order.vehicle_id, otherwise)
+        otherwise = f"{command.verb} impossible"
+        protocol, row = self._protocol_for(command.vehicle_id, otherwise)
         said = self._heard.said(row)
-        if order.verb is Verb.KILL:
+        if command.verb is Verb.KILL:
             self._killed.add(row)
-            killing = orders.kill(order, said, lambda: self._send_kill(row))
+            killing = protocol.kill(command, said, lambda: self._send_kill(row))
             self._forget_commands(row)
             await killing
             return
         hand = self._hand(row, otherwise)
-        if order.verb is Verb.OFFBOARD and not self._clock() - self._sent.newest_s[row] <= self._hold_s:
-            raise OrderError(f"{order.vehicle_id}: offboard refused: no setpoints are flowing to it")
-        await orders.execute(order, hand, said)
+        if command.verb is Verb.OFFBOARD and not self._clock() - self._sent.newest_s[row] <= self._hold_s:
+            raise OrderError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
+        await protocol.execute(command, hand, said)
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
         """See `Link.read_parameters`."""
         otherwise = "its parameters cannot be read"
-        orders, row = self._orders_for(vehicle_id, otherwise)
-        return await orders.read_parameters(vehicle_id, names, self._hand(row, otherwise))
+        protocol, row = self._protocol_for(vehicle_id, otherwise)
+        return await protocol.read_parameters(vehicle_id, names, self._hand(row, otherwise))
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
         """See `Link.set_parameter`."""
         otherwise = f"{name} cannot be set"
-        orders, row = self._orders_for(vehicle_id, otherwise)
-        await orders.set_parameter(vehicle_id, name, value, self._hand(row, otherwise))
+        protocol, row = self._protocol_for(vehicle_id, otherwise)
+        await protocol.set_parameter(vehicle_id, name, value, self._hand(row, otherwise))
 
-    def _orders_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[Orders, int]:
+    def _protocol_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[CommandProtocol, int]:
         """Who executes orders, and the vehicle's row. Raises: UnknownError, OrderError."""
         row = self._row.get(vehicle_id)
         if row is None:
             raise UnknownError(f"{vehicle_id} is not on link {self._name}")
-        if self._orders is None:
+        if self._protocol is None:
             raise OrderError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
-        return self._orders, row
+        return self._protocol, row
 
     def _never_heard(self, row: int, otherwise: str) -> OrderError:
         return OrderError(f"{self._ids[row]}: {otherwise}: never heard on link {self._name}")
@@ -278,8 +278,8 @@ class UdpLink(LinkFacts, ABC):
     def _by_urgency(self, rows: Whole) -> Whole:
         """(k,) an order of `rows`: the oldest newest telemetry first, vehicles without any last."""
         news_s = self._heard.position_time_s[rows]
-        order: Whole = np.argsort(np.where(news_s > self._asked_before_s, news_s, np.inf), kind="stable")
-        return order
+        command: Whole = np.argsort(np.where(news_s > self._asked_before_s, news_s, np.inf), kind="stable")
+        return command
 
     def _connected(self, now_s: float) -> Mask:
         """(n,) vehicles with a sign of life and a known mode."""

@@ -6,7 +6,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.link import Order, ParameterValue, Verb
+from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.udp.commands import Commands
 from gcs.links.udp.telemetry import Said
 from gcs.mavlink.codec import Records, records
@@ -47,11 +47,11 @@ class DirectHand:
         """As it said last."""
         return self._said.landed
 
-    async def command(self, order: Order, may_leave: Callable[[], None]) -> None:
+    async def command(self, given: Command, may_leave: Callable[[], None]) -> None:
         """Send it and wait for the acknowledgement. Raises: OrderError."""
-        if order.verb is Verb.TAKEOFF:
-            await self._commands.set_parameter(self._row, TAKEOFF_HEIGHT, float(order.height_m), may_leave)
-        command, values = _COMMANDS[order.verb]
+        if given.verb is Verb.TAKEOFF:
+            await self._commands.set_parameter(self._row, TAKEOFF_HEIGHT, float(given.height_m), may_leave)
+        command, values = _COMMANDS[given.verb]
         await self._commands.command(self._row, command, values, may_leave)
 
     async def parameter(self, name: str) -> ParameterValue:
