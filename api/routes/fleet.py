@@ -13,7 +13,7 @@ from gcs.api.context import Desk, DeskDep
 from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.api.schemas import from_service as convert
 from gcs.api.schemas import rest as wire
-from gcs.api.schemas.path_names import ObstacleId, OrderId, VehicleId
+from gcs.api.schemas.path_names import CommandId, ObstacleId, VehicleId
 from gcs.api.schemas.stream import Access, Status
 from gcs.model.errors import InvalidError, UnknownError
 from gcs.model.interrupted_flight import Offer
@@ -103,21 +103,21 @@ SHOW_SUMMARY: Final = {
 }
 
 
-def _accepted(response: Response, order: wire.Order) -> wire.Order:
-    response.headers["Location"] = f"/api/v1/orders/{order.id}"
-    return order
+def _accepted(response: Response, command: wire.Command) -> wire.Command:
+    response.headers["Location"] = f"/api/v1/commands/{command.id}"
+    return command
 
 
-def _vehicle_command(action: VehicleAction) -> Callable[..., Awaitable[wire.Order]]:
-    async def command(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> wire.Order:
-        return _accepted(response, convert.order(desk.service.command_vehicle(vehicle_id, action)))
+def _vehicle_command(action: VehicleAction) -> Callable[..., Awaitable[wire.Command]]:
+    async def command(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> wire.Command:
+        return _accepted(response, convert.command(desk.service.command_vehicle(vehicle_id, action)))
 
     return command
 
 
-def _show_command(action: ShowAction) -> Callable[..., Awaitable[wire.Order]]:
-    async def command(desk: DeskDep, response: Response) -> wire.Order:
-        return _accepted(response, convert.order(desk.service.command_show(action)))
+def _show_command(action: ShowAction) -> Callable[..., Awaitable[wire.Command]]:
+    async def command(desk: DeskDep, response: Response) -> wire.Command:
+        return _accepted(response, convert.command(desk.service.command_show(action)))
 
     return command
 
@@ -146,10 +146,10 @@ GROUP_SUMMARY: Final = {
 }
 
 
-def _group_command(action: VehicleAction) -> Callable[..., Awaitable[wire.Order]]:
-    async def command(desk: DeskDep, response: Response, body: wire.GroupBody | None = None) -> wire.Order:
+def _group_command(action: VehicleAction) -> Callable[..., Awaitable[wire.Command]]:
+    async def command(desk: DeskDep, response: Response, body: wire.GroupBody | None = None) -> wire.Command:
         given = None if body is None else body.vehicles
-        return _accepted(response, convert.order(desk.service.command_vehicles(action, given)))
+        return _accepted(response, convert.command(desk.service.command_vehicles(action, given)))
 
     return command
 
@@ -187,7 +187,7 @@ async def get_show(desk: DeskDep) -> wire.Show:
     status_code=HTTPStatus.ACCEPTED,
     responses=COMMAND | errors(404),
 )
-async def start_show(desk: DeskDep, response: Response, body: wire.StartBody | None = None) -> wire.Order:
+async def start_show(desk: DeskDep, response: Response, body: wire.StartBody | None = None) -> wire.Command:
     """With the vehicles named, or all online; now, or at a clock time. A selected show by its hash."""
     given = body or wire.StartBody()
     record = desk.service.command_show(
@@ -196,7 +196,7 @@ async def start_show(desk: DeskDep, response: Response, body: wire.StartBody | N
         show_hash=given.show_hash,
         at_unix_time_s=given.at_unix_time_s,
     )
-    return _accepted(response, convert.order(record))
+    return _accepted(response, convert.command(record))
 
 
 for _show_action, _summary in SHOW_SUMMARY.items():
@@ -220,9 +220,9 @@ OFFER_SUMMARY: Final = {
 }
 
 
-def _offer_command(offer: Offer) -> Callable[..., Awaitable[wire.Order]]:
-    async def command(desk: DeskDep, response: Response) -> wire.Order:
-        return _accepted(response, convert.order(desk.service.settle(offer)))
+def _offer_command(offer: Offer) -> Callable[..., Awaitable[wire.Command]]:
+    async def command(desk: DeskDep, response: Response) -> wire.Command:
+        return _accepted(response, convert.command(desk.service.settle(offer)))
 
     return command
 
@@ -242,16 +242,16 @@ for _offer, _summary in OFFER_SUMMARY.items():
     )
 
 
-@api.get("/orders", tags=["show"], summary="The last orders")
-async def list_orders(desk: DeskDep) -> list[wire.Order]:
+@api.get("/commands", tags=["show"], summary="The last orders")
+async def list_commands(desk: DeskDep) -> list[wire.Command]:
     """The newest first, as many as are remembered."""
-    return [convert.order(record) for record in desk.service.orders()]
+    return [convert.command(record) for record in desk.service.commands()]
 
 
-@api.get("/orders/{order_id}", tags=["show"], summary="An order's outcome", responses=READ | errors(404))
-async def get_order(order_id: OrderId, desk: DeskDep) -> wire.Order:
+@api.get("/commands/{command_id}", tags=["show"], summary="An order's outcome", responses=READ | errors(404))
+async def get_command(command_id: CommandId, desk: DeskDep) -> wire.Command:
     """How far an accepted order has got, vehicle by vehicle."""
-    return convert.order(desk.service.order(order_id))
+    return convert.command(desk.service.command_record(command_id))
 
 
 # Formation, target, orbit, yaw

@@ -42,9 +42,9 @@ async def arm_kill(desk: DeskDep, body: wire_kill.KillBody | None = None) -> wir
     status_code=HTTPStatus.ACCEPTED,
     responses=COMMAND,
 )
-async def confirm_kill(body: wire_kill.KillConfirmation, desk: DeskDep, response: Response) -> wire.Order:
+async def confirm_kill(body: wire_kill.KillConfirmation, desk: DeskDep, response: Response) -> wire.Command:
     """Those that the code names. Accepted as an order; a code works once, and for a short time."""
     vehicles = desk.kill_switch.confirm(body.code, WHO.get(), desk.now_s())
-    order = convert.order(desk.service.kill(vehicles))
-    response.headers["Location"] = f"/api/v1/orders/{order.id}"
-    return order
+    command = convert.command(desk.service.kill(vehicles))
+    response.headers["Location"] = f"/api/v1/commands/{command.id}"
+    return command

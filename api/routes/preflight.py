@@ -73,12 +73,12 @@ async def get_preflight(desk: DeskDep, vehicles: Named = None) -> wire_preflight
 )
 async def exclude_vehicle(
     vehicle_id: VehicleId, desk: DeskDep, response: Response, body: wire_preflight.ExcludeBody | None = None
-) -> wire.Order:
+) -> wire.Command:
     """On the ground: no start takes it along until it is included again. An order, with who gave it."""
     reason = "" if body is None else body.reason
     record = desk.service.exclude(vehicle_id, reason)
-    response.headers["Location"] = f"/api/v1/orders/{record.id}"
-    return convert.order(record)
+    response.headers["Location"] = f"/api/v1/commands/{record.id}"
+    return convert.command(record)
 
 
 @router.post(
@@ -89,8 +89,8 @@ async def exclude_vehicle(
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def include_vehicle(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> wire.Order:
+async def include_vehicle(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> wire.Command:
     """On the ground: it has to pass every check, as everybody else."""
     record = desk.service.include(vehicle_id)
-    response.headers["Location"] = f"/api/v1/orders/{record.id}"
-    return convert.order(record)
+    response.headers["Location"] = f"/api/v1/commands/{record.id}"
+    return convert.command(record)

@@ -40,7 +40,7 @@ class Alarm(BaseModel):
             " they are acknowledged; they do not count for the state of the whole."
         )
     )
-    order_id: str | None = Field(description="The command that the service gave because of it; null: none.")
+    command_id: str | None = Field(description="The command that the service gave because of it; null: none.")
 
 
 class AlarmList(BaseModel):

@@ -44,7 +44,7 @@ def alarm(known: Alarm) -> WireAlarm:
         acknowledged_by=known.acknowledged_by,
         acknowledged_unix_time_s=known.acknowledged_unix_s,
         ended_unix_time_s=known.ended_unix_s,
-        order_id=known.order_id,
+        command_id=known.command_id,
     )
 
 

@@ -17,8 +17,8 @@ from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
 from gcs.service import (
+    CommandRecord,
     FleetView,
-    OrderRecord,
     SelectedShow,
     ShowAction,
     ShowCheck,
@@ -205,16 +205,16 @@ def show_check(check: ShowCheck) -> wire_shows.ShowCheck:
     return wire_shows.ShowCheck(**asdict(check))
 
 
-def order(record: OrderRecord) -> wire.Order:
+def command(record: CommandRecord) -> wire.Command:
     """An order for the wire."""
-    return wire.Order(
+    return wire.Command(
         id=record.id,
         action=record.action,
         by=record.by,
         accepted_unix_time_s=record.accepted_time_s,
         outcome=record.outcome,
         vehicles={
-            vehicle_id: wire.OrderPart(outcome=part.outcome, reason=part.reason)
+            vehicle_id: wire.CommandPart(outcome=part.outcome, reason=part.reason)
             for vehicle_id, part in record.outcomes.items()
         },
     )

@@ -8,5 +8,5 @@ from gcs.api.schemas.names import NAME_MAX
 
 VehicleId = Annotated[str, Path(max_length=NAME_MAX, examples=["d1"])]
 ObstacleId = Annotated[str, Path(max_length=NAME_MAX, examples=["tower"])]
-OrderId = Annotated[str, Path(max_length=NAME_MAX)]
+CommandId = Annotated[str, Path(max_length=NAME_MAX)]
 AlarmId = Annotated[str, Path(max_length=NAME_MAX)]

@@ -365,14 +365,14 @@ class Show(Outward):
     countdown_s: float | None
 
 
-class OrderPart(Outward):
+class CommandPart(Outward):
     """One vehicle's part of an order."""
 
     outcome: Outcome
     reason: str
 
 
-class Order(Outward):
+class Command(Outward):
     """An accepted order and what has become of it."""
 
     id: str
@@ -380,7 +380,7 @@ class Order(Outward):
     by: str = Field(description="Whose token; `local` without any, `service` when nobody called.")
     accepted_unix_time_s: float
     outcome: Outcome = Field(description="pending while any vehicle is, then failed if any has, else done.")
-    vehicles: dict[str, OrderPart]
+    vehicles: dict[str, CommandPart]
 
 
 class Formation(Outward):

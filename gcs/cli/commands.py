@@ -164,8 +164,8 @@ CALLS: Final = (
         "playback certificate", "playback.certificate", "what the flight kept and broke; ask until it is done"
     ),
     Call("playback marks", "playback.marks", "phases, cues, alarms and idle time of the record"),
-    Call("order list", "orders", "the last orders, the newest first"),
-    Call("order show", "order", "how far an order has got"),
+    Call("command list", "commands", "the last orders, the newest first"),
+    Call("command show", "command_record", "how far an order has got"),
     Call("state", "fleet", "everything at one instant"),
     Call("phase", "show", "where the show stands"),
     Call("facts", "status", "what changes seldom: the fence, home places, cues, events"),
@@ -184,7 +184,7 @@ GROUPS: Final = {
     "obstacle": "what the fleet keeps clear of",
     "shows": "show files that the service keeps, and the one that is flown next",
     "playback": "how gcs replay plays its record, and what the flight kept",
-    "order": "what was ordered, and what became of it",
+    "command": "what was commanded, and what became of it",
     "vehicle": "what is known of each vehicle",
 }
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from gcs.client import Client
 from gcs.formation.orbit import orbit_velocity
-from gcs.model.errors import GcsError, OrderError, RefusedError
+from gcs.model.errors import CommandError, GcsError, RefusedError
 from gcs.model.plan import Direction, Obstacle
 
 ORBIT_RADIUS_M = 15.0
@@ -93,7 +93,7 @@ class Story:
         self._stopped = True
 
     def fly(self) -> None:
-        """The whole flight. Raises: OrderError when vehicles do not connect, start or land in time."""
+        """The whole flight. Raises: CommandError when vehicles do not connect, start or land in time."""
         try:
             self._take_off()
             if self._whole:
@@ -109,11 +109,11 @@ class Story:
 
     def _take_off(self) -> None:
         self._until("every vehicle ready", CONNECT_S, lambda: all(v.ready for v in self._client.vehicles()))
-        order = self._client.start()
-        self._say(f"start: {len(order.vehicles)} vehicles take off, one after the other, straight up")
+        command = self._client.start()
+        self._say(f"start: {len(command.vehicles)} vehicles take off, one after the other, straight up")
         self._until(
             "take-off",
-            READY_S + 2.0 * len(order.vehicles),
+            READY_S + 2.0 * len(command.vehicles),
             lambda: self._phase() in {"assembling", "running"},
         )
         self._say("all up; they organise themselves on the sphere")
@@ -168,7 +168,7 @@ class Story:
             self._turn_away(box)
             self._sleep(TURN_S)
             return
-        raise OrderError("no place for the obstacle was accepted")
+        raise CommandError("no place for the obstacle was accepted")
 
     def _stay(self) -> None:
         steady_s = time.monotonic()
@@ -208,7 +208,7 @@ class Story:
         while not reached():
             self._check_stopped()
             if time.monotonic() > end_s:
-                raise OrderError(f"{what}: not within {seconds:g} s ({self._client.show().reason})")
+                raise CommandError(f"{what}: not within {seconds:g} s ({self._client.show().reason})")
             time.sleep(0.25)
 
     def _check_stopped(self) -> None:
@@ -219,7 +219,7 @@ class Story:
         """Where the formation's centre will be, by its own law."""
         fleet = self._client.fleet()
         if fleet.center is None:
-            raise OrderError("no formation flies")
+            raise CommandError("no formation flies")
         target = fleet.target
         center_m = np.array([fleet.center.position.x_m, fleet.center.position.y_m], dtype=np.float64)
         target_m = np.array([target.x_m, target.y_m], dtype=np.float64)

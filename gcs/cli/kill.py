@@ -55,13 +55,13 @@ def _through_service(client: Client, arguments: argparse.Namespace) -> int:
         if not asked(armed.vehicles, armed.code, armed.valid_s, arguments):
             return REFUSED
         code = armed.code
-    order = client.confirm_kill(code)
+    command = client.confirm_kill(code)
     try:
-        order = client.wait_for(order.id, WAIT_S)
+        command = client.wait_for(command.id, WAIT_S)
     except GcsError as error:  # it was given: how far it got is told below
         note(str(error), as_json=arguments.json)
-        order = client.order(order.id)
-    return describe({name: (part.outcome, part.reason) for name, part in order.vehicles.items()}, arguments)
+        command = client.command_record(command.id)
+    return describe({name: (part.outcome, part.reason) for name, part in command.vehicles.items()}, arguments)
 
 
 def _without_service(arguments: argparse.Namespace) -> int:

@@ -37,10 +37,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise RefusedError(f"{arguments.confirm!r} does not confirm {', '.join(names)}: leave --confirm out")
     who = f"gcs kill ({getpass.getuser()})"
     with Outside(Path(arguments.record), known, who) as record:
-        order_id = record.opened("kill", names)
+        command_id = record.opened("kill", names)
         outcomes = direct_kill(config, chosen)
         for name, part in outcomes.items():
-            record.closed(order_id, name, part)
+            record.closed(command_id, name, part)
             if part.outcome is Outcome.DONE:
                 record.killed(name)
     if record.problem:

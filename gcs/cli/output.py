@@ -16,12 +16,12 @@ from typing import Any, Final, NoReturn
 
 from gcs.model.errors import (
     AccessError,
+    CommandError,
     ConfigError,
     FileError,
     GcsError,
     InvalidError,
     LinkError,
-    OrderError,
     ShowError,
 )
 from gcs.model.quoting import quoted
@@ -34,7 +34,7 @@ EXIT_CODES: Final[dict[type[GcsError], int]] = {
     AccessError: 4,
     ConfigError: WRONG,
     InvalidError: WRONG,
-    OrderError: REFUSED,
+    CommandError: REFUSED,
     LinkError: 3,
 }
 

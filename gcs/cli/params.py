@@ -16,7 +16,7 @@ from gcs.cli.serve import make_link
 from gcs.config.schema import Config
 from gcs.links import Link, ParameterValue
 from gcs.links.supervision import leaves
-from gcs.model.errors import ConfigError, LinkError, OrderError
+from gcs.model.errors import CommandError, ConfigError, LinkError
 from gcs.model.state import Mode, Setpoints, VehicleId
 from gcs.preflight.parameters import Requirement, requirements
 
@@ -177,7 +177,7 @@ async def _row(link: Link, name: VehicleId, requirement: Requirement, *, apply: 
             return row("wrong, and not set: the vehicle is armed")
         await link.set_parameter(name, requirement.name, requirement.set_to)
         value = await _read(link, name, requirement.name)
-    except OrderError as error:
+    except CommandError as error:
         return row(str(error).removeprefix(f"{name}: "))
     return row(
         "set" if requirement.holds(value) else f"set to {requirement.set_to:g}, but the vehicle keeps it"
@@ -195,7 +195,7 @@ async def _reached(ask: Callable[[], Awaitable[ParameterValue]]) -> ParameterVal
     while True:
         try:
             return await ask()
-        except OrderError as error:
+        except CommandError as error:
             if "never heard" not in str(error) or loop.time() >= until_s:
                 raise
         await asyncio.sleep(POLL_S)

@@ -52,8 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
         parser.description = call.text
         method = _method(call)
         parameters = _add_parameters(parser, call, method)
-        is_order = method.__annotations__.get("return") == "wire.Order"
-        _add_common(parser, is_order=is_order)
+        is_command = method.__annotations__.get("return") == "wire.Command"
+        _add_common(parser, is_command=is_command)
         parser.set_defaults(run=partial(_run, call, parameters))
         return
     action = next(each for each in ACTIONS if each.name == name)
@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
     parser.add_argument("vehicles", metavar="VEHICLE", nargs="*")
     if action.all_:
         parser.add_argument("--all", action="store_true", help="every vehicle that it can apply to")
-    _add_common(parser, is_order=True)
+    _add_common(parser, is_command=True)
     parser.set_defaults(run=partial(_command, parser, name))
 
 
@@ -112,8 +112,8 @@ def watched_json(ask: Callable[[], BaseModel], period_s: float, arguments: argpa
         return 0
 
 
-def _add_common(parser: argparse.ArgumentParser, *, is_order: bool) -> None:
-    if is_order:
+def _add_common(parser: argparse.ArgumentParser, *, is_command: bool) -> None:
+    if is_command:
         parser.add_argument("--wait", type=float, metavar="SECONDS", help="until it is done, at most so long")
     add_connection(parser)
 
@@ -170,7 +170,7 @@ def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int
     }
     with connected(arguments) as client:
         answer = attrgetter(call.method)(client)(**given)
-        if isinstance(answer, wire.Order):
+        if isinstance(answer, wire.Command):
             return _told(client, [answer], arguments)
     _print(answer, arguments)
     return 0
@@ -195,42 +195,42 @@ def _commanded(client: Client, action: str, arguments: argparse.Namespace) -> in
     if not names and not arguments.all:
         return _told(client, [client.abort()], arguments)
     try:
-        order = client.command_vehicles(action, names or None)
+        command = client.command_vehicles(action, names or None)
     except UnknownError:  # a name that is misspelt does not keep the others from the command
         return _one_by_one(client, action, arguments)
-    missed = any(order.vehicles[name].outcome == NOT_INCLUDED for name in names)
-    return _told(client, [order], arguments) or (REFUSED if missed else 0)
+    missed = any(command.vehicles[name].outcome == NOT_INCLUDED for name in names)
+    return _told(client, [command], arguments) or (REFUSED if missed else 0)
 
 
 def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> int:
-    orders: list[wire.Order] = []
+    commands: list[wire.Command] = []
     errors: list[GcsError] = []
     for name in arguments.vehicles:
         try:
-            orders.append(client.command(name, action))
+            commands.append(client.command(name, action))
         except GcsError as error:
             errors.append(error)
-    if not orders and len(errors) == 1:
+    if not commands and len(errors) == 1:
         raise errors[0]
     code = exit_code(errors[-1]) if errors else 0
     if errors and arguments.json:  # one document, whatever was refused
         fail("; ".join(map(str, errors)), code, as_json=True)
     for each in () if arguments.json else errors:
         failed(each, arguments)
-    return (_told(client, orders, arguments) if orders else 0) or code
+    return (_told(client, commands, arguments) if commands else 0) or code
 
 
-def _told(client: Client, orders: Sequence[wire.Order], arguments: argparse.Namespace) -> int:
+def _told(client: Client, commands: Sequence[wire.Command], arguments: argparse.Namespace) -> int:
     """Print orders, waited for if that was asked. Returns: the exit code."""
     if arguments.wait is not None:
-        orders = [client.wait_for(order.id, arguments.wait) for order in orders]
+        commands = [client.wait_for(command.id, arguments.wait) for command in commands]
     if arguments.json:  # one document, whatever was commanded
-        _print(orders[0] if len(orders) == 1 else orders, arguments)
-    for order in () if arguments.json else orders:
-        print(f"{order.id} {order.action}: {order.outcome}")
-        for vehicle_id, part in order.vehicles.items():
+        _print(commands[0] if len(commands) == 1 else commands, arguments)
+    for command in () if arguments.json else commands:
+        print(f"{command.id} {command.action}: {command.outcome}")
+        for vehicle_id, part in command.vehicles.items():
             print(f"  {vehicle_id}: {part.outcome}{f', {part.reason}' if part.reason else ''}")
-    return REFUSED if any(order.outcome == FAILED for order in orders) else 0
+    return REFUSED if any(command.outcome == FAILED for command in commands) else 0
 
 
 def _print(answer: BaseModel | Sequence[BaseModel] | str | None, arguments: argparse.Namespace) -> None:

@@ -27,7 +27,7 @@ from gcs.client.http import Exchange
 from gcs.client.preflight import Preflight
 from gcs.client.replay import Playback
 from gcs.client.shows import Shows
-from gcs.model.errors import LinkError, OrderError
+from gcs.model.errors import CommandError, LinkError
 
 if TYPE_CHECKING:
     import pydantic
@@ -135,27 +135,27 @@ class Client:
         """One vehicle."""
         return self.one(lambda: wire.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
 
-    def command(self, vehicle_id: str, action: str) -> wire.Order:
+    def command(self, vehicle_id: str, action: str) -> wire.Command:
         """Order one vehicle: hold, join, return, land, take-control or confirm-down."""
         path = f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}"
-        return self.one(lambda: wire.Order, "POST", path, urgent=action in URGENT)
+        return self.one(lambda: wire.Command, "POST", path, urgent=action in URGENT)
 
-    def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> wire.Order:
+    def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> wire.Command:
         """Order several at once: hold, join, return, land or take-control. None: all that it can apply to.
 
         Those that the order does not reach are in it as `not-included`, with the reason.
         """
         path, body = f"/api/v1/fleet/{_part(action)}", _given(vehicles=vehicles)
-        return self.one(lambda: wire.Order, "POST", path, body or None, urgent=action in URGENT)
+        return self.one(lambda: wire.Command, "POST", path, body or None, urgent=action in URGENT)
 
     def arm_kill(self, vehicles: list[str] | None = None) -> wire_kill.KillArmed:
         """The first step of a kill: whom the code will kill. None: all that are not offline."""
         body = _given(vehicles=vehicles)
         return self.one(lambda: wire_kill.KillArmed, "POST", "/api/v1/kill", body or None, urgent=True)
 
-    def confirm_kill(self, code: str) -> wire.Order:
+    def confirm_kill(self, code: str) -> wire.Command:
         """The second step: their motors stop, even in the air."""
-        return self.one(lambda: wire.Order, "POST", "/api/v1/kill/confirm", {"code": code}, urgent=True)
+        return self.one(lambda: wire.Command, "POST", "/api/v1/kill/confirm", {"code": code}, urgent=True)
 
     def show(self) -> wire.Show:
         """Where the show stands."""
@@ -167,34 +167,34 @@ class Client:
         *,
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
-    ) -> wire.Order:
+    ) -> wire.Command:
         """Start with `vehicles`, or with all that are online; a selected show by its hash; now, or later."""
         body = _given(vehicles=vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s)
-        return self.one(lambda: wire.Order, "POST", "/api/v1/show/start", body or None)
+        return self.one(lambda: wire.Command, "POST", "/api/v1/show/start", body or None)
 
-    def stop(self) -> wire.Order:
+    def stop(self) -> wire.Command:
         """Everybody comes home and lands."""
-        return self.one(lambda: wire.Order, "POST", "/api/v1/show/stop", urgent=True)
+        return self.one(lambda: wire.Command, "POST", "/api/v1/show/stop", urgent=True)
 
-    def pause(self) -> wire.Order:
+    def pause(self) -> wire.Command:
         """Everybody stands still."""
-        return self.one(lambda: wire.Order, "POST", "/api/v1/show/pause", urgent=True)
+        return self.one(lambda: wire.Command, "POST", "/api/v1/show/pause", urgent=True)
 
-    def resume(self) -> wire.Order:
+    def resume(self) -> wire.Command:
         """Go on after a pause."""
-        return self.one(lambda: wire.Order, "POST", "/api/v1/show/resume")
+        return self.one(lambda: wire.Command, "POST", "/api/v1/show/resume")
 
-    def abort(self) -> wire.Order:
+    def abort(self) -> wire.Command:
         """Everybody descends to distinct places, now."""
-        return self.one(lambda: wire.Order, "POST", "/api/v1/show/abort", urgent=True)
+        return self.one(lambda: wire.Command, "POST", "/api/v1/show/abort", urgent=True)
 
-    def take_over(self) -> wire.Order:
+    def take_over(self) -> wire.Command:
         """Go on with a flight that was cut off: into the formation, which stands until `resume`."""
-        return self.one(lambda: wire.Order, "POST", "/api/v1/show/take-over")
+        return self.one(lambda: wire.Command, "POST", "/api/v1/show/take-over")
 
-    def bring_home(self) -> wire.Order:
+    def bring_home(self) -> wire.Command:
         """Bring a flight that was cut off home to where it took off."""
-        return self.one(lambda: wire.Order, "POST", "/api/v1/show/bring-home", urgent=True)
+        return self.one(lambda: wire.Command, "POST", "/api/v1/show/bring-home", urgent=True)
 
     def interrupted(self) -> InterruptedFlight | None:
         """A flight that was cut off and is not settled, and what can be ordered; None: there is none."""
@@ -213,28 +213,28 @@ class Client:
         """Acknowledge all alarms; returns those that were not acknowledged before."""
         return self.many(lambda: wire_alarms.Alarm, "/api/v1/alarms/acknowledge", "POST", urgent=True)
 
-    def orders(self) -> list[wire.Order]:
+    def commands(self) -> list[wire.Command]:
         """The last orders, the newest first."""
-        return self.many(lambda: wire.Order, "/api/v1/orders")
+        return self.many(lambda: wire.Command, "/api/v1/commands")
 
-    def order(self, order_id: str) -> wire.Order:
+    def command_record(self, command_id: str) -> wire.Command:
         """How far an order has got."""
-        return self.one(lambda: wire.Order, "GET", f"/api/v1/orders/{_part(order_id)}")
+        return self.one(lambda: wire.Command, "GET", f"/api/v1/commands/{_part(command_id)}")
 
-    def wait_for(self, order_id: str, timeout_s: float) -> wire.Order:
+    def wait_for(self, command_id: str, timeout_s: float) -> wire.Command:
         """The order once it is done or has failed, which its `outcome` says.
 
-        Raises: OrderError naming the vehicles that are still at it after `timeout_s`.
+        Raises: CommandError naming the vehicles that are still at it after `timeout_s`.
         """
         deadline_s = time.monotonic() + timeout_s
         while True:
-            order = self.order(order_id)
-            if order.outcome != PENDING:
-                return order
+            command = self.command_record(command_id)
+            if command.outcome != PENDING:
+                return command
             left_s = deadline_s - time.monotonic()
             if left_s <= 0:
-                pending = [name for name, part in order.vehicles.items() if part.outcome == PENDING]
-                raise OrderError(f"{order.action} not done after {timeout_s:g} s by {', '.join(pending)}")
+                pending = [name for name, part in command.vehicles.items() if part.outcome == PENDING]
+                raise CommandError(f"{command.action} not done after {timeout_s:g} s by {', '.join(pending)}")
             time.sleep(min(ASK_AGAIN_S, left_s))
 
     def formation(self) -> wire.Formation:

@@ -41,14 +41,14 @@ class Preflight:
         named = f"?{urlencode([('vehicles', name) for name in vehicles])}" if vehicles else ""
         return self._caller.one(lambda: wire_preflight.Preflight, "GET", f"/api/v1/preflight{named}")
 
-    def exclude(self, vehicle_id: str, *, reason: str | None = None) -> wire.Order:
+    def exclude(self, vehicle_id: str, *, reason: str | None = None) -> wire.Command:
         """Take a vehicle out of the show, on the ground."""
         body = None if reason is None else {"reason": reason}
-        return self._caller.one(lambda: wire.Order, "POST", f"{_path(vehicle_id)}/exclude", body)
+        return self._caller.one(lambda: wire.Command, "POST", f"{_path(vehicle_id)}/exclude", body)
 
-    def include(self, vehicle_id: str) -> wire.Order:
+    def include(self, vehicle_id: str) -> wire.Command:
         """Take it into the show again."""
-        return self._caller.one(lambda: wire.Order, "POST", f"{_path(vehicle_id)}/include")
+        return self._caller.one(lambda: wire.Command, "POST", f"{_path(vehicle_id)}/include")
 
 
 def _path(vehicle_id: str) -> str:

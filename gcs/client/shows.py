@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 from urllib.parse import quote
 
 from gcs.client.deferred import Deferred
-from gcs.model.errors import InvalidError, OrderError
+from gcs.model.errors import CommandError, InvalidError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -84,7 +84,7 @@ class Shows:
         return self._caller.one(lambda: wire_shows.ShowCheck, "GET", f"{_path(name)}/check")
 
     def wait_for_check(self, name: str, timeout_s: float) -> wire_shows.ShowCheck:
-        """The check once it is done or has failed. Raises: OrderError after `timeout_s`."""
+        """The check once it is done or has failed. Raises: CommandError after `timeout_s`."""
         deadline_s = time.monotonic() + timeout_s
         while True:
             check = self.checked(name)
@@ -92,7 +92,7 @@ class Shows:
                 return check
             left_s = deadline_s - time.monotonic()
             if left_s <= 0:
-                raise OrderError(f"the check of {name} is not done after {timeout_s:g} s")
+                raise CommandError(f"the check of {name} is not done after {timeout_s:g} s")
             time.sleep(min(ASK_AGAIN_S, left_s))
 
     def select(self, name: str, show_hash: str) -> wire.SelectedShow:

@@ -19,7 +19,7 @@ from gcs.flight.vehicle import Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import VehicleId
-from gcs.service import WHO, ActiveFailsafe, OrderRecord, Outcome
+from gcs.service import WHO, ActiveFailsafe, CommandRecord, Outcome
 from gcs.service.alarms import (
     Alarm,
     AlarmBook,
@@ -118,12 +118,12 @@ class AlarmMonitor:
     """The alarms of one flight. Used on the event loop alone."""
 
     def __init__(
-        self, flight: Fleet, unix_s: Callable[[], float], orders: Callable[[], Sequence[OrderRecord]]
+        self, flight: Fleet, unix_s: Callable[[], float], commands: Callable[[], Sequence[CommandRecord]]
     ) -> None:
-        """`orders` are the newest commands, the newest first."""
+        """`commands` are the newest commands, the newest first."""
         self._flight = flight
         self._unix_s = unix_s
-        self._orders = orders
+        self._commands = commands
         self._book = AlarmBook()
         self._due_s = -np.inf
         self._poor = np.zeros(len(flight.vehicles), np.bool_)
@@ -179,14 +179,14 @@ class AlarmMonitor:
         named = () if lost is None else lost.vehicles
         for vehicle in vehicles:
             if vehicle.phase is Phase.LOST:
-                order_id = lost.order_id if lost is not None and vehicle.id in named else None
+                command_id = lost.command_id if lost is not None and vehicle.id in named else None
                 consequence = follows if vehicle.id in named else ""
                 yield Condition(
                     AlarmCause.VEHICLE_LOST,
                     vehicle.reason,
                     (vehicle.id,),
                     consequence,
-                    order_id=order_id,
+                    command_id=command_id,
                 )
             elif vehicle.phase is Phase.PILOT and vehicle.cause not in {None, FailsafeCause.UNKNOWN}:
                 because, _, advice = vehicle.reason.removeprefix(f"{vehicle.id} ").partition(". ")
@@ -213,26 +213,26 @@ class AlarmMonitor:
 
     def _of_a_kill(self, vehicle: Vehicle) -> Condition:
         """A kill that has not worked must not read as if it had."""
-        order = self._kill_of(vehicle.id)
-        outcome = None if order is None else order.outcomes[vehicle.id].outcome
+        command = self._kill_of(vehicle.id)
+        outcome = None if command is None else command.outcomes[vehicle.id].outcome
         because = "motors stopped on command"
         if outcome is Outcome.PENDING:
             because = "motors are being stopped on command"
         elif outcome is Outcome.FAILED:
             because = "motors were not seen to stop; commanded"
-        by = "" if order is None else f" by {order.by}"
+        by = "" if command is None else f" by {command.by}"
         return Condition(
             AlarmCause.KILLED,
             f"{because}{by}",
             (vehicle.id,),
             "Other vehicles keep clear of where it was.",
             "Other vehicles keep clear of where they were.",
-            order_id=None if order is None else order.id,
+            command_id=None if command is None else command.id,
         )
 
-    def _kill_of(self, vehicle_id: VehicleId) -> OrderRecord | None:
-        kills = (order for order in self._orders() if order.action == "kill")
-        return next((order for order in kills if vehicle_id in order.outcomes), None)
+    def _kill_of(self, vehicle_id: VehicleId) -> CommandRecord | None:
+        kills = (command for command in self._commands() if command.action == "kill")
+        return next((command for command in kills if vehicle_id in command.outcomes), None)
 
     def _of_distances(self, tick: Tick) -> Iterator[Condition]:
         """Pairs inside the floor."""
@@ -288,7 +288,7 @@ def _of_failsafes(failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
             each.reason,
             each.vehicles,
             follows.get(action, ""),
-            order_id=each.order_id,
+            command_id=each.command_id,
         )
 
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from gcs.model.errors import UnknownError
 from gcs.model.state import VehicleId
-from gcs.service import WHO, OrderRecord, Outcome, VehicleOutcome
+from gcs.service import WHO, CommandRecord, Outcome, VehicleOutcome
 
 KEPT = 1000
 
@@ -16,30 +16,30 @@ KEPT = 1000
 class Listener(Protocol):
     """Who is told of every order and outcome; never raises, never waits."""
 
-    def opened(self, record: OrderRecord, who: str) -> None:
+    def opened(self, record: CommandRecord, who: str) -> None:
         """An order was accepted."""
         ...
 
-    def closed(self, order_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:
+    def closed(self, command_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:
         """One vehicle's part of it has ended."""
         ...
 
 
-class OrderBook:
+class CommandLog:
     """The last orders, oldest forgotten first."""
 
     def __init__(self, listener: Listener | None = None) -> None:
         self._listener = listener
-        self._records: OrderedDict[str, OrderRecord] = OrderedDict()
+        self._records: OrderedDict[str, CommandRecord] = OrderedDict()
         self._next = 1
 
     def open(
         self, action: str, vehicles: Iterable[VehicleId], left_out: Mapping[VehicleId, str]
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """Note an order: pending for `vehicles`, not including those `left_out` for the reasons given."""
         outcomes = {vehicle_id: VehicleOutcome(Outcome.PENDING) for vehicle_id in vehicles}
         outcomes |= {name: VehicleOutcome(Outcome.NOT_INCLUDED, why) for name, why in left_out.items()}
-        record = OrderRecord(f"o{self._next}", action, time.time(), outcomes, WHO.get())
+        record = CommandRecord(f"o{self._next}", action, time.time(), outcomes, WHO.get())
         self._next += 1
         self._records[record.id] = record
         while len(self._records) > KEPT:
@@ -48,26 +48,26 @@ class OrderBook:
             self._listener.opened(record, WHO.get())
         return record
 
-    def close(self, order_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str = "") -> None:
+    def close(self, command_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str = "") -> None:
         """Note one vehicle's outcome, once: only what is pending changes."""
-        record = self._records.get(order_id)
+        record = self._records.get(command_id)
         if record is not None and record.outcomes[vehicle_id].outcome is Outcome.PENDING:
             changed = record.outcomes | {vehicle_id: VehicleOutcome(outcome, reason)}
-            self._records[order_id] = replace(record, outcomes=changed)
+            self._records[command_id] = replace(record, outcomes=changed)
             if self._listener is not None:
-                self._listener.closed(order_id, vehicle_id, outcome, reason)
+                self._listener.closed(command_id, vehicle_id, outcome, reason)
 
-    def closer(self, record: OrderRecord, vehicle_id: VehicleId) -> Callable[[Outcome, str], None]:
+    def closer(self, record: CommandRecord, vehicle_id: VehicleId) -> Callable[[Outcome, str], None]:
         """Closes one vehicle's part, once its outcome and the reason are known."""
         return lambda outcome, reason: self.close(record.id, vehicle_id, outcome, reason)
 
-    def newest(self) -> Sequence[OrderRecord]:
+    def newest(self) -> Sequence[CommandRecord]:
         """All that are kept, the newest first."""
         return tuple(reversed(self._records.values()))
 
-    def get(self, order_id: str) -> OrderRecord:
+    def get(self, command_id: str) -> CommandRecord:
         """The record as it stands. Raises: UnknownError."""
         try:
-            return self._records[order_id]
+            return self._records[command_id]
         except KeyError:
-            raise UnknownError(f"there is no order {order_id}") from None
+            raise UnknownError(f"there is no command {command_id}") from None

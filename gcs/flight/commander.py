@@ -6,7 +6,7 @@ from concurrent.futures import Executor
 from typing import Final
 
 from gcs.flight.collective_return import CollectiveReturn
-from gcs.flight.command_log import OrderBook
+from gcs.flight.command_log import CommandLog
 from gcs.flight.control_refusal import why_never
 from gcs.flight.failsafe_monitor import FailsafeMonitor
 from gcs.flight.fleet import Fleet
@@ -23,13 +23,13 @@ from gcs.flight.telemetry_monitor import TelemetryMonitor
 from gcs.flight.ticker import TickClock
 from gcs.flight.uncontrolled import follow
 from gcs.flight.vehicle import Vehicle
-from gcs.flight.vehicle_commands import VehicleOrders
-from gcs.model.errors import InvalidError, OrderError, RefusedError
+from gcs.flight.vehicle_commands import VehicleCommands
+from gcs.model.errors import CommandError, InvalidError, RefusedError
 from gcs.model.interrupted_flight import Interruption, Offer
 from gcs.model.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import Array, VehicleId
-from gcs.service import ActiveFailsafe, OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import ActiveFailsafe, CommandRecord, Outcome, ShowAction, VehicleAction
 
 log = logging.getLogger(__name__)
 
@@ -50,7 +50,7 @@ class Commander:
         self,
         flight: Fleet,
         maneuvers: Maneuvers,
-        book: OrderBook,
+        book: CommandLog,
         parameter_reader: ParameterReader,
         show_player: ShowPlayer,
         unix_s: Callable[[], float],
@@ -71,7 +71,7 @@ class Commander:
             flight, parameter_reader, show_player, self._participants, unix_s
         )
         self._starting = Starting(flight, maneuvers, book, self._preflight_gate, show_player, unix_s)
-        self._vehicle_orders = VehicleOrders(flight, maneuvers, book)
+        self._vehicle_commands = VehicleCommands(flight, maneuvers, book)
         self._collective_return: CollectiveReturn | None = None
         self._commanded: ShowEvent | None = None  # the newest command to all, where vehicles may be awaited
         self.recovery = Recovery(flight, maneuvers, book, show_player, found, self._bring_home, unix_s)
@@ -134,9 +134,9 @@ class Commander:
     async def _rejoin(self, vehicle: Vehicle) -> None:
         """Back into the formation that it was lost from, if that still has room for it."""
         try:
-            self._vehicle_orders.check_room([vehicle])
+            self._vehicle_commands.check_room([vehicle])
             await self._maneuvers.join(vehicle)
-        except (OrderError, RefusedError) as error:
+        except (CommandError, RefusedError) as error:
             vehicle.reason = f"back, and holds: {error}"
             raise
         log.info("rejoined", extra={"vehicle": vehicle.id})
@@ -182,11 +182,11 @@ class Commander:
         """Those whose causes last, the most severe first."""
         return self._failsafe_monitor.active
 
-    def execute_failsafe(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> OrderRecord:
+    def execute_failsafe(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> CommandRecord:
         """One order to several vehicles: hold, return or land."""
-        return self._vehicle_orders.command_some(vehicles, action)
+        return self._vehicle_commands.command_some(vehicles, action)
 
-    def execute_show_failsafe(self, action: ShowAction, reason: str) -> OrderRecord:
+    def execute_show_failsafe(self, action: ShowAction, reason: str) -> CommandRecord:
         """Pause, stop or abort, by the service itself: vehicles that come down already go on doing so.
 
         Control of what is out of control is not taken without an operator's command.
@@ -198,11 +198,11 @@ class Commander:
             return self._stop(reason, spared, reclaim=False)
         return self._abort(reason, spared, reclaim=False)
 
-    def note_re_formed(self) -> OrderRecord:
+    def note_re_formed(self) -> CommandRecord:
         """The others close a gap; nothing needs to be sent for that."""
         return self._done("re-form", self._not_ours())
 
-    def note_target_held(self) -> OrderRecord:
+    def note_target_held(self) -> CommandRecord:
         """All vehicles follow a target that stands now."""
         return self._done("hold-target")
 
@@ -212,12 +212,12 @@ class Commander:
         """What a start would find. Raises: UnknownError, RefusedError."""
         return self._preflight_gate.report(vehicles)
 
-    def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
         """Take a vehicle out of the show. Raises: UnknownError, RefusedError, InvalidError."""
         self._need_no_countdown()
         return self._participants.exclude(vehicle_id, reason)
 
-    def include(self, vehicle_id: VehicleId) -> OrderRecord:
+    def include(self, vehicle_id: VehicleId) -> CommandRecord:
         """Take it into the show again. Raises: UnknownError, RefusedError."""
         self._need_no_countdown()
         return self._participants.include(vehicle_id)
@@ -240,37 +240,37 @@ class Commander:
         *,
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """Carry out an order to the whole show. Raises: RefusedError, UnknownError, InvalidError."""
         given = {"vehicles": vehicles, "show_hash": show_hash, "at_unix_time_s": at_unix_time_s}
         for field, value in given.items():
             if value is not None and action is not ShowAction.START:
                 raise InvalidError(field, value, "only with start")
-        orders = {
+        commands = {
             ShowAction.STOP: self._stop,
             ShowAction.PAUSE: self._pause,
             ShowAction.RESUME: self._resume,
             ShowAction.ABORT: self._abort,
         }
         if action is ShowAction.START:
-            return self._starting.order(vehicles, show_hash, at_unix_time_s)
+            return self._starting.begin(vehicles, show_hash, at_unix_time_s)
         if self.countdown is not None and action in {ShowAction.STOP, ShowAction.ABORT}:
             return self._starting.call_off(action)
-        return orders[action]()
+        return commands[action]()
 
-    def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
+    def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         """Carry out an order to one vehicle. Raises: RefusedError, UnknownError."""
-        return self._vehicle_orders.command(vehicle_id, action)
+        return self._vehicle_commands.command(vehicle_id, action)
 
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """Carry out an order to several vehicles. Raises: RefusedError, UnknownError, InvalidError."""
-        return self._vehicle_orders.command_group(action, vehicles)
+        return self._vehicle_commands.command_group(action, vehicles)
 
-    def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+    def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
         """Stop the motors of these. Raises: RefusedError, UnknownError."""
-        return self._vehicle_orders.kill(vehicle_ids)
+        return self._vehicle_commands.kill(vehicle_ids)
 
     def _reclaimed(self, *, reclaim: bool) -> list[Vehicle]:
         """Airborne vehicles outside control that a command reaches: it takes control of them first.
@@ -294,7 +294,7 @@ class Commander:
         *,
         reclaim: bool = True,
         action: str = ShowAction.STOP.value,
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """All vehicles home but those spared; those that have not left the ground stay there."""
         back = self._reclaimed(reclaim=reclaim)
         flying = [*(v for v in self._flight.airborne if v not in spared), *back]
@@ -319,7 +319,7 @@ class Commander:
 
     def _expect(
         self,
-        record: OrderRecord,
+        record: CommandRecord,
         later: Sequence[Vehicle],
         reached: Callable[[Vehicle], None],
         event: ShowEvent,
@@ -339,7 +339,7 @@ class Commander:
 
         self.recovery.expect(later, reached, missed, reaches_fallen=reclaim)
 
-    def _closer(self, record: OrderRecord, vehicle: Vehicle) -> Done:
+    def _closer(self, record: CommandRecord, vehicle: Vehicle) -> Done:
         """Closes the vehicle's part of a command to all, unless a stall before it has only delayed it."""
 
         def done(outcome: Outcome, reason: str) -> None:
@@ -363,12 +363,12 @@ class Commander:
             return
         flight.move_show(event, reason)
 
-    def _bring_home(self, reason: str) -> OrderRecord:
+    def _bring_home(self, reason: str) -> CommandRecord:
         """What was cut off in flight comes under control, and home together with the others."""
         return self._stop(reason, action=Offer.BRING_HOME.value)
 
     def _send_home(
-        self, record: OrderRecord, flying: Sequence[Vehicle], later: Sequence[Vehicle]
+        self, record: CommandRecord, flying: Sequence[Vehicle], later: Sequence[Vehicle]
     ) -> CollectiveReturn:
         """These together above their own starts and down; down where they are when those are not known.
 
@@ -384,7 +384,7 @@ class Commander:
 
     def _send_one_home(
         self,
-        record: OrderRecord,
+        record: CommandRecord,
         vehicle: Vehicle,
         collective_return: CollectiveReturn,
         places_m: Mapping[VehicleId, Array],
@@ -410,7 +410,7 @@ class Commander:
                 left_out[vehicle.id] = why
         return left_out
 
-    def _pause(self, reason: str = "all vehicles hold in place", *, reclaim: bool = True) -> OrderRecord:
+    def _pause(self, reason: str = "all vehicles hold in place", *, reclaim: bool = True) -> CommandRecord:
         """All vehicles stop in place: also those on their way home or down, but for those touching down."""
         flight, maneuvers = self._flight, self._maneuvers
         advance_show(flight.show, ShowEvent.PAUSE)
@@ -462,7 +462,7 @@ class Commander:
         )
         return place_m
 
-    def _resume(self) -> OrderRecord:
+    def _resume(self) -> CommandRecord:
         show_run = self._flight.show_run
         if show_run is not None and not show_run.started:
             raise RefusedError(f"show {show_run.name!r} was never started: stop brings home all vehicles")
@@ -476,7 +476,7 @@ class Commander:
         self.recovery.replace()
         return self._done("resume")
 
-    def _done(self, action: str, left_out: Mapping[VehicleId, str] | None = None) -> OrderRecord:
+    def _done(self, action: str, left_out: Mapping[VehicleId, str] | None = None) -> CommandRecord:
         """An order that the next tick carries out for all of the formation."""
         formed = self._flight.in_phase(Phase.FORMATION)
         record = self._book.open(action, [vehicle.id for vehicle in formed], left_out or {})
@@ -490,7 +490,7 @@ class Commander:
         spared: Sequence[Vehicle] = (),
         *,
         reclaim: bool = True,
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """A filtered descent of all vehicles but those spared, lowest first, to distinct places."""
         back = self._reclaimed(reclaim=reclaim)
         flying = [*(v for v in self._flight.airborne if v not in spared), *back]

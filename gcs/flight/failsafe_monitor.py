@@ -15,7 +15,7 @@ from gcs.flight.show_player import ShowPlayer
 from gcs.flight.ticker import TickClock
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
-from gcs.service import ActiveFailsafe, OrderRecord, ShowAction, VehicleAction
+from gcs.service import ActiveFailsafe, CommandRecord, ShowAction, VehicleAction
 
 log = logging.getLogger(__name__)
 
@@ -56,19 +56,19 @@ FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 class FailsafeCommands(Protocol):
     """What can be ordered, see `gcs.flight.commander`."""
 
-    def execute_failsafe(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> OrderRecord:
+    def execute_failsafe(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> CommandRecord:
         """One order to several vehicles."""
         ...
 
-    def execute_show_failsafe(self, action: ShowAction, reason: str) -> OrderRecord:
+    def execute_show_failsafe(self, action: ShowAction, reason: str) -> CommandRecord:
         """Pause, stop or abort."""
         ...
 
-    def note_re_formed(self) -> OrderRecord:
+    def note_re_formed(self) -> CommandRecord:
         """The others close a gap."""
         ...
 
-    def note_target_held(self) -> OrderRecord:
+    def note_target_held(self) -> CommandRecord:
         """The target stands."""
         ...
 
@@ -205,7 +205,7 @@ class FailsafeMonitor:
         able = frozenset() if not led else frozenset(possible)
         return Standing(of_show, severities, able)
 
-    def _of_show(self, request: FailsafeRequest) -> OrderRecord:
+    def _of_show(self, request: FailsafeRequest) -> CommandRecord:
         if request.action is Action.RE_FORM:
             return self._commands.note_re_formed()
         if request.action is Action.HOLD_TARGET:
@@ -227,7 +227,7 @@ class FailsafeMonitor:
             vehicles = [self._flight.at_row(row) for row in able]
             self._note(request, self._commands.execute_failsafe(vehicles, VEHICLE_COMMAND[request.action]))
 
-    def _note(self, request: FailsafeRequest, record: OrderRecord) -> None:
+    def _note(self, request: FailsafeRequest, record: CommandRecord) -> None:
         """Remember that it was ordered, and say so."""
         for key in keys(request):
             self._acted[key] = max(self._acted.get(key, 0), request.severity)

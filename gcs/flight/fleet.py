@@ -250,7 +250,7 @@ class Fleet:
         self._ticked = asyncio.Event()
 
     async def execute(self, command: Command) -> None:
-        """Pass an order to the vehicle's link. Raises: OrderError."""
+        """Pass an order to the vehicle's link. Raises: CommandError."""
         await self.link_of[command.vehicle_id].execute(command)
 
     def mode(self, vehicle: Vehicle) -> Mode:

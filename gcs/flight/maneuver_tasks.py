@@ -6,7 +6,7 @@ from collections.abc import Callable, Coroutine
 from typing import TypeAlias
 
 from gcs.flight.vehicle import Vehicle
-from gcs.model.errors import OrderError, RefusedError
+from gcs.model.errors import CommandError, RefusedError
 from gcs.service import Outcome
 
 log = logging.getLogger(__name__)
@@ -53,9 +53,9 @@ class ManeuverTasks:
         outcome, reason = Outcome.DONE, ""
         try:
             await maneuver(vehicle)
-        except (OrderError, RefusedError) as error:
+        except (CommandError, RefusedError) as error:
             outcome, reason = Outcome.FAILED, str(error)
-            log.warning("order_failed", extra={"vehicle": vehicle.id, "reason": reason})
+            log.warning("command_failed", extra={"vehicle": vehicle.id, "reason": reason})
         # Not reached when `stop` cancels: it has done both, and the vehicle may be on its next errand.
         vehicle.entering_offboard = False
         done(outcome, reason)

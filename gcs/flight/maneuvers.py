@@ -15,7 +15,7 @@ from gcs.config.schema import OperationSettings
 from gcs.flight.maneuver_tasks import Maneuver, ManeuverTasks
 from gcs.flight.vehicle import Vehicle
 from gcs.links import Command, Verb
-from gcs.model.errors import OrderError, RefusedError
+from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import FLOWN, Event, Phase
 from gcs.model.state import Array, FleetState, Mode
 from gcs.planning.return_paths import IN_PLACE_M, WELL_IN_PLACE_M, is_above, may_hand_over
@@ -60,7 +60,7 @@ class Surroundings(Protocol):
         ...
 
     async def execute(self, command: Command) -> None:
-        """Pass an order to the vehicle's link. Raises: OrderError."""
+        """Pass an order to the vehicle's link. Raises: CommandError."""
         ...
 
     @property
@@ -128,11 +128,11 @@ class Maneuvers(ManeuverTasks):
             await asyncio.sleep(delay_s)
             check(vehicle)
             # after a landing PX4 reverts to OFFBOARD, and refuses to arm
-            await self._order(vehicle, Verb.HOLD)
+            await self._command(vehicle, Verb.HOLD)
             await self._turn()
-            await self._order(vehicle, Verb.ARM)
+            await self._command(vehicle, Verb.ARM)
             if vehicle.phase is not Phase.STANDBY:
-                await self._order(vehicle, Verb.DISARM)
+                await self._command(vehicle, Verb.DISARM)
                 raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
             vehicle.apply(Event.TAKE_OFF, "climbs straight up")
             await self._climb(vehicle)
@@ -140,7 +140,7 @@ class Maneuvers(ManeuverTasks):
             await self._until(vehicle, self._all_up, frozenset({Phase.HOLD}))
             try:
                 await self.join(vehicle)
-            except OrderError as error:
+            except CommandError as error:
                 vehicle.reason = f"up, but cannot join: {error}"
                 raise
 
@@ -155,16 +155,16 @@ class Maneuvers(ManeuverTasks):
             await asyncio.sleep(wait_s)
 
     async def _climb(self, vehicle: Vehicle) -> None:
-        """Straight up, to hold there; where that fails it is landed. Raises: OrderError, saying why."""
+        """Straight up, to hold there; where that fails it is landed. Raises: CommandError, saying why."""
         height_m, timeout_s = self._settings.takeoff_height_m, self._settings.takeoff_timeout_s
         try:
-            await self._order(vehicle, Verb.TAKEOFF, height_m)
+            await self._command(vehicle, Verb.TAKEOFF, height_m)
             async with asyncio.timeout(timeout_s):
                 await self._until(vehicle, lambda: self._is_up(vehicle), frozenset({Phase.TAKEOFF}))
-            await self._order(vehicle, Verb.HOLD)
+            await self._command(vehicle, Verb.HOLD)
         except TimeoutError:
             reason = f"{vehicle.id} did not reach {height_m:g} m within {timeout_s:g} s"
-        except OrderError as error:
+        except CommandError as error:
             reason = str(error)
         else:
             return
@@ -172,7 +172,7 @@ class Maneuvers(ManeuverTasks):
         if vehicle.phase is Phase.TAKEOFF:
             vehicle.apply(Event.DESCEND, f"its take-off failed, its autopilot lands it: {reason}")
             await self.autopilot_land(vehicle)
-        raise OrderError(reason)
+        raise CommandError(reason)
 
     async def join(self, vehicle: Vehicle) -> None:
         """From HOLD under the service's control, at first in place."""
@@ -254,21 +254,21 @@ class Maneuvers(ManeuverTasks):
 
     async def hold(self, vehicle: Vehicle) -> None:
         """Leave whatever it does; the autopilot holds position."""
-        await self._order(vehicle, Verb.HOLD)
+        await self._command(vehicle, Verb.HOLD)
         if vehicle.phase is not Phase.HOLD:
             vehicle.apply(Event.HOLD, "holds on order")
 
     async def stay_down(self, vehicle: Vehicle) -> None:
         """Not in the air yet, and no longer wanted there: motors off, should they run already."""
-        await self._order(vehicle, Verb.DISARM)
+        await self._command(vehicle, Verb.DISARM)
 
     async def rest(self, vehicle: Vehicle) -> None:
         """On the ground: leave OFFBOARD, to which PX4 reverts, and in which it does not pass its checks."""
-        await self._order(vehicle, Verb.HOLD)
+        await self._command(vehicle, Verb.HOLD)
 
     async def take_control(self, vehicle: Vehicle) -> None:
         """A vehicle in the air comes under this station's control, in HOLD."""
-        await self._order(vehicle, Verb.HOLD)
+        await self._command(vehicle, Verb.HOLD)
         vehicle.apply(Event.TAKE_CONTROL, "under this station's control again, holds")
 
     def take_control_first(self, then: Maneuver) -> Maneuver:
@@ -348,8 +348,8 @@ class Maneuvers(ManeuverTasks):
         for left in reversed(range(ENGAGE_TRIES)):
             await self._around.ticked()  # after a pause of ours setpoints must flow again first
             try:
-                await self._order(vehicle, Verb.OFFBOARD)
-            except OrderError:
+                await self._command(vehicle, Verb.OFFBOARD)
+            except CommandError:
                 if left == 0:
                     raise
                 await asyncio.sleep(RETRY_S)
@@ -365,7 +365,7 @@ class Maneuvers(ManeuverTasks):
         if vehicle.phase is Phase.HOLD or not obeys:
             try:
                 await self._engage(vehicle)
-            except OrderError as error:
+            except CommandError as error:
                 log.error("offboard_refused", extra={"vehicle": vehicle.id, "reason": str(error)})
                 await self.autopilot_land(vehicle)
                 return False
@@ -393,8 +393,8 @@ class Maneuvers(ManeuverTasks):
     async def _touch_down(self, vehicle: Vehicle) -> None:
         while vehicle.phase is Phase.LANDING:
             try:
-                await self._order(vehicle, Verb.LAND)
-            except OrderError as error:
+                await self._command(vehicle, Verb.LAND)
+            except CommandError as error:
                 log.warning("land_refused", extra={"vehicle": vehicle.id, "reason": str(error)})
                 await asyncio.sleep(RETRY_S)
                 continue
@@ -405,7 +405,7 @@ class Maneuvers(ManeuverTasks):
         if vehicle.phase is not Phase.STANDBY:
             raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
 
-    async def _order(self, vehicle: Vehicle, verb: Verb, height_m: float = 0.0) -> None:
+    async def _command(self, vehicle: Vehicle, verb: Verb, height_m: float = 0.0) -> None:
         """Execute, while both the old and the new mode count as ours."""
         obeyed = MODES_OF.get(verb, frozenset())
         vehicle.modes = vehicle.modes | obeyed

@@ -19,7 +19,7 @@ from gcs.config.schema import Config
 from gcs.control import Tick, tick, warm_up
 from gcs.flight.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.alternatives import instead
-from gcs.flight.command_log import OrderBook
+from gcs.flight.command_log import CommandLog
 from gcs.flight.commander import Commander
 from gcs.flight.estimate_inputs import Estimating
 from gcs.flight.fleet import Fleet
@@ -45,10 +45,10 @@ from gcs.planning.return_paths import warm_up as warm_up_paths
 from gcs.recording.session import Record
 from gcs.service import (
     Audit,
+    CommandRecord,
     FleetView,
     Latest,
     NoAudit,
-    OrderRecord,
     SelectedShow,
     ShowAction,
     VehicleAction,
@@ -111,7 +111,7 @@ class Orchestrator:
             known = self._flight.vehicles.keys()
             self._flight.excluded |= {name: out for name, out in record.excluded.items() if name in known}
         self._audit: Audit = NoAudit() if record is None else record.audit
-        self._book = OrderBook(None if record is None else record.audit)
+        self._book = CommandLog(None if record is None else record.audit)
         self._unix_s = unix_s
         self._heart = heart
         self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
@@ -291,11 +291,11 @@ class Orchestrator:
         """This is no replay."""
         return None
 
-    def order(self, order_id: str) -> OrderRecord:
+    def command_record(self, command_id: str) -> CommandRecord:
         """An accepted order. Raises: UnknownError."""
-        return self._book.get(order_id)
+        return self._book.get(command_id)
 
-    def orders(self) -> Sequence[OrderRecord]:
+    def commands(self) -> Sequence[CommandRecord]:
         """The last orders, the newest first."""
         return self._book.newest()
 
@@ -310,7 +310,7 @@ class Orchestrator:
         *,
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """Order the whole show."""
         with instead(self._flight):
             return self._running().command_show(
@@ -339,14 +339,14 @@ class Orchestrator:
         if self._running().countdown is not None:
             raise RefusedError("a start is being counted down: stop cancels it")
 
-    def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
+    def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         """Order one vehicle."""
         with instead(self._flight, vehicle_id):
             return self._running().command_vehicle(vehicle_id, action)
 
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """Order several vehicles at once."""
         with instead(self._flight):
             return self._running().command_vehicles(action, vehicles)
@@ -356,17 +356,17 @@ class Orchestrator:
         with instead(self._flight):
             return self._running().preflight(vehicles)
 
-    def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
         """Take a vehicle out of the show."""
         with instead(self._flight):
             return self._running().exclude(vehicle_id, reason)
 
-    def include(self, vehicle_id: VehicleId) -> OrderRecord:
+    def include(self, vehicle_id: VehicleId) -> CommandRecord:
         """Take it into the show again."""
         with instead(self._flight):
             return self._running().include(vehicle_id)
 
-    def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+    def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
         """Motors off, now."""
         with instead(self._flight):
             return self._running().kill(vehicle_ids)
@@ -379,7 +379,7 @@ class Orchestrator:
         """Acknowledge all alarms."""
         return self._alarms.acknowledge_all()
 
-    def settle(self, offer: Offer) -> OrderRecord:
+    def settle(self, offer: Offer) -> CommandRecord:
         """Go on with a flight that was cut off, or bring it home."""
         with instead(self._flight):
             return self._running().recovery.settle(offer)

@@ -15,7 +15,7 @@ import numpy as np
 from gcs.flight.fleet import Columns, Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.links import ParameterValue
-from gcs.model.errors import OrderError
+from gcs.model.errors import CommandError
 from gcs.model.preflight_report import Check
 from gcs.model.state import Mask, VehicleId
 from gcs.preflight.parameters import Requirement, parameter_checks, requirements
@@ -128,7 +128,7 @@ class ParameterReader:
         names = [requirement.name for requirement in self._needed]
         try:
             values = await flight.link_of[vehicle.id].read_parameters(vehicle.id, names)
-        except OrderError as error:
+        except CommandError as error:
             flight.parameter_problems[vehicle.id] = str(error)
             self._not_before_s[row] = flight.fleet.time_s + RETRY_S
             self._due[row] = True

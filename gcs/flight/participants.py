@@ -3,13 +3,13 @@
 import logging
 from collections.abc import Callable, Sequence
 
-from gcs.flight.command_log import OrderBook
+from gcs.flight.command_log import CommandLog
 from gcs.flight.fleet import Fleet
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import VehicleId
-from gcs.service import WHO, OrderRecord, Outcome
+from gcs.service import WHO, CommandRecord, Outcome
 
 log = logging.getLogger(__name__)
 
@@ -19,7 +19,7 @@ REASON_MAX = 200
 class Participants:
     """Says who would fly, and lets an operator take vehicles out."""
 
-    def __init__(self, flight: Fleet, book: OrderBook, unix_s: Callable[[], float]) -> None:
+    def __init__(self, flight: Fleet, book: CommandLog, unix_s: Callable[[], float]) -> None:
         self._flight = flight
         self._book = book
         self._unix_s = unix_s
@@ -61,7 +61,7 @@ class Participants:
                 left_out[name] = f"{vehicle.phase}: {vehicle.reason}"
         return chosen, left_out
 
-    def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
         """Take a vehicle out of the show, until it is included again.
 
         Raises: UnknownError, InvalidError; RefusedError unless everybody is on the ground.
@@ -74,7 +74,7 @@ class Participants:
         log.warning("excluded", extra={"vehicle": vehicle_id, "by": exclusion.by, "reason": reason})
         return self._noted("exclude", vehicle_id, str(exclusion))
 
-    def include(self, vehicle_id: VehicleId) -> OrderRecord:
+    def include(self, vehicle_id: VehicleId) -> CommandRecord:
         """Take it into the show again.
 
         Raises: UnknownError; RefusedError when it is in, or unless everybody is on the ground.
@@ -85,7 +85,7 @@ class Participants:
         log.info("included", extra={"vehicle": vehicle_id, "by": WHO.get()})
         return self._noted("include", vehicle_id, "")
 
-    def _noted(self, action: str, vehicle_id: VehicleId, reason: str) -> OrderRecord:
+    def _noted(self, action: str, vehicle_id: VehicleId, reason: str) -> CommandRecord:
         record = self._book.open(action, [vehicle_id], {})
         self._book.close(record.id, vehicle_id, Outcome.DONE, reason)
         return self._book.get(record.id)

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from gcs.flight.awaited_vehicles import REPLACED, AwaitedVehicles, Missed, Reached
-from gcs.flight.command_log import OrderBook
+from gcs.flight.command_log import CommandLog
 from gcs.flight.control_refusal import why_never, why_not_touching_down, why_not_without_heartbeat
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
@@ -36,7 +36,7 @@ from gcs.model.interrupted_flight import (
 )
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.state import VehicleId
-from gcs.service import OrderRecord, Outcome
+from gcs.service import CommandRecord, Outcome
 
 log = logging.getLogger(__name__)
 
@@ -50,7 +50,7 @@ COMES_DOWN: Final = frozenset({ShowPhase.RETURNING, ShowPhase.ABORTING})
 class _Batch:
     """Vehicles that are handed back together, for an order."""
 
-    records: list[OrderRecord]  # the take-over's, and of commands that go along with it
+    records: list[CommandRecord]  # the take-over's, and of commands that go along with it
     awaited: set[VehicleId]
     handed: list[Vehicle] = field(default_factory=list)
 
@@ -62,10 +62,10 @@ class Recovery:
         self,
         flight: Fleet,
         maneuvers: Maneuvers,
-        book: OrderBook,
+        book: CommandLog,
         show_player: ShowPlayer,
         found: Interruption | None,
-        send_home: Callable[[str], OrderRecord],
+        send_home: Callable[[str], CommandRecord],
         unix_s: Callable[[], float],
     ) -> None:
         """Restores the pads, nothing else. `send_home` brings vehicles that hold home together."""
@@ -280,7 +280,7 @@ class Recovery:
 
     # orders
 
-    def settle(self, offer: Offer) -> OrderRecord:
+    def settle(self, offer: Offer) -> CommandRecord:
         """Carry out an offer. Raises: RefusedError when it is not offered."""
         found, shown = self._found, self.view()
         if found is None or shown is None:
@@ -338,7 +338,7 @@ class Recovery:
         handed = {one.id for one in self._batch.handed}
         return [one for one in self._flight.vehicles.values() if one.id in self._batch.awaited | handed]
 
-    def go_along(self, record: OrderRecord) -> None:
+    def go_along(self, record: CommandRecord) -> None:
         """Close the parts of `record` as those of the take-over that is carried out."""
         if self._batch is not None:
             self._batch.records.append(record)

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from gcs.flight.command_log import OrderBook
+from gcs.flight.command_log import CommandLog
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.preflight_gate import Cleared, PreflightGate
@@ -13,7 +13,7 @@ from gcs.flight.uncontrolled import reason, uncontrolled
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import ShowEvent, advance_show
 from gcs.model.state import VehicleId
-from gcs.service import OrderRecord, Outcome, ShowAction
+from gcs.service import CommandRecord, Outcome, ShowAction
 
 log = logging.getLogger(__name__)
 
@@ -29,7 +29,7 @@ class Countdown:
     """A start that is ordered for a clock time."""
 
     at_unix_s: float
-    record: OrderRecord
+    record: CommandRecord
     chosen: tuple[VehicleId, ...]
     show_hash: str | None
 
@@ -41,7 +41,7 @@ class Starting:
         self,
         flight: Fleet,
         maneuvers: Maneuvers,
-        book: OrderBook,
+        book: CommandLog,
         preflight_gate: PreflightGate,
         show_player: ShowPlayer,
         unix_s: Callable[[], float],
@@ -54,9 +54,9 @@ class Starting:
         self._unix_s = unix_s
         self.countdown: Countdown | None = None
 
-    def order(
+    def begin(
         self, desired: Sequence[VehicleId] | None, show_hash: str | None, at_unix_s: float | None
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """Take off now, or at a clock time: everything is checked now, and then once more.
 
         Raises: RefusedError, UnknownError, InvalidError.
@@ -83,7 +83,7 @@ class Starting:
         return record
 
     def _take_off(
-        self, record: OrderRecord, chosen: Sequence[VehicleId], left_out: dict[VehicleId, str]
+        self, record: CommandRecord, chosen: Sequence[VehicleId], left_out: dict[VehicleId, str]
     ) -> None:
         flight = self._flight
         self._show_player.begin(chosen)
@@ -97,7 +97,7 @@ class Starting:
             maneuver = self._maneuvers.take_off(delay_s, lambda one: self._preflight_gate.need_alone(one.id))
             self._maneuvers.start(vehicle, maneuver, self._closer(record, name))
 
-    def _closer(self, record: OrderRecord, name: VehicleId) -> Callable[[Outcome, str], None]:
+    def _closer(self, record: CommandRecord, name: VehicleId) -> Callable[[Outcome, str], None]:
         """Closes one vehicle's part; who did not get up is told with those who do not fly."""
         close = self._book.closer(record, name)
 
@@ -140,7 +140,7 @@ class Starting:
         for name in countdown.chosen:
             self._book.close(countdown.record.id, name, Outcome.FAILED, reason)
 
-    def call_off(self, action: ShowAction) -> OrderRecord:
+    def call_off(self, action: ShowAction) -> CommandRecord:
         """Nobody has left the ground, and nobody will."""
         if self.countdown is not None:
             self._end_countdown(self.countdown, "called off")

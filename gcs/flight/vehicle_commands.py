@@ -4,7 +4,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from gcs.flight.command_log import OrderBook
+from gcs.flight.command_log import CommandLog
 from gcs.flight.control_refusal import why_never, why_not_unasked
 from gcs.flight.fleet import Fleet
 from gcs.flight.landing_assignment import landing_sites_m
@@ -12,11 +12,11 @@ from gcs.flight.maneuver_tasks import Maneuver
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.vehicle import Vehicle, require_phase
 from gcs.links import Command, Verb
-from gcs.model.errors import InvalidError, OrderError, RefusedError
+from gcs.model.errors import CommandError, InvalidError, RefusedError
 from gcs.model.lifecycle import FLOWN, GROUNDED, IN_THE_AIR, NEXT, Event, Phase, ShowPhase
 from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_formation
-from gcs.service import OrderRecord, Outcome, VehicleAction
+from gcs.service import CommandRecord, Outcome, VehicleAction
 
 log = logging.getLogger(__name__)
 
@@ -30,15 +30,15 @@ EVENT_OF = {
 }
 
 
-class VehicleOrders:
+class VehicleCommands:
     """Turns orders to one vehicle into errands."""
 
-    def __init__(self, flight: Fleet, maneuvers: Maneuvers, book: OrderBook) -> None:
+    def __init__(self, flight: Fleet, maneuvers: Maneuvers, book: CommandLog) -> None:
         self._flight = flight
         self._maneuvers = maneuvers
         self._book = book
 
-    def command(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
+    def command(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         """Carry out an order to one vehicle. Raises: RefusedError, UnknownError."""
         vehicle = self._flight.vehicle(vehicle_id)
         self._require(vehicle, action)
@@ -79,7 +79,7 @@ class VehicleOrders:
         if action is VehicleAction.TAKE_CONTROL and (why := why_never(self._flight, vehicle)):
             raise RefusedError(f"control of {name} is not taken: {why}")
 
-    def command_group(self, action: VehicleAction, names: Sequence[VehicleId] | None) -> OrderRecord:
+    def command_group(self, action: VehicleAction, names: Sequence[VehicleId] | None) -> CommandRecord:
         """One command for several vehicles; None: for all that it can apply to.
 
         Raises: UnknownError, InvalidError; RefusedError when it reaches none of them.
@@ -132,7 +132,7 @@ class VehicleOrders:
         vehicles: Sequence[Vehicle],
         action: VehicleAction,
         left_out: Mapping[VehicleId, str] = MappingProxyType({}),
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """One order to several that may be given it: hold, return or land, each to a place of its own."""
         homeless = action is VehicleAction.RETURN
         places_m = landing_sites_m(self._flight, [v for v in vehicles if not homeless or v.home_m is None])
@@ -159,7 +159,7 @@ class VehicleOrders:
             named = ", ".join(vehicle.id for vehicle in joining)
             raise RefusedError(f"{named} cannot join: {error}") from None
 
-    def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+    def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
         """Motors off. The phases change at once: nothing else is sent from here on.
 
         Raises: UnknownError; RefusedError when none of them can be reached.
@@ -181,10 +181,10 @@ class VehicleOrders:
     async def _stop_motors(self, vehicle: Vehicle) -> None:
         try:
             await self._flight.execute(Command(vehicle.id, Verb.KILL))
-        except OrderError as error:
+        except CommandError as error:
             raise RefusedError(f"the kill was sent, but not seen to work: {error}") from None
 
-    def _send(self, vehicle: Vehicle, maneuver: Maneuver, action: str) -> OrderRecord:
+    def _send(self, vehicle: Vehicle, maneuver: Maneuver, action: str) -> CommandRecord:
         record = self._book.open(action, [vehicle.id], {})
         self._maneuvers.start(vehicle, maneuver, self._book.closer(record, vehicle.id))
         return record

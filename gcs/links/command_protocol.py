@@ -12,7 +12,7 @@ from typing import Final, Protocol, TypeVar
 
 from gcs.links.kill_latch import KillLatch
 from gcs.links.link import Command, ParameterValue, Verb
-from gcs.model.errors import OrderError
+from gcs.model.errors import CommandError
 from gcs.model.state import Landed, Mode, VehicleId
 
 T = TypeVar("T")
@@ -81,18 +81,18 @@ class Hand(Protocol):
         """Send what the order needs, and wait for the acknowledgement, however long the transport does.
 
         `may_leave` is called before anything leaves, when earlier calls for this vehicle have ended, on
-        whichever thread sends it; it raises OrderError when nothing may any more.
+        whichever thread sends it; it raises CommandError when nothing may any more.
 
-        Raises: OrderError with a name for the failure.
+        Raises: CommandError with a name for the failure.
         """
         ...
 
     async def parameter(self, name: str) -> ParameterValue:
-        """What the autopilot holds. Raises: OrderError with a name for the failure."""
+        """What the autopilot holds. Raises: CommandError with a name for the failure."""
         ...
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Change it, and wait for the answer. Raises: OrderError with a name for the failure."""
+        """Change it, and wait for the answer. Raises: CommandError with a name for the failure."""
         ...
 
 
@@ -136,14 +136,14 @@ class CommandProtocol:
         self._closed = True
 
     async def execute(self, command: Command, hand: Hand, said: Said) -> None:
-        """Order, and return when the vehicle's heartbeat shows that it obeyed. Raises: OrderError."""
+        """Order, and return when the vehicle's heartbeat shows that it obeyed. Raises: CommandError."""
         ticket = self._latch.ticket(self._system_ids[command.vehicle_id])
 
         def may_leave() -> None:
             if not self._latch.redeem(self._system_ids[command.vehicle_id], ticket):
-                raise OrderError("killed meanwhile")
+                raise CommandError("killed meanwhile")
             if self._closed:
-                raise OrderError(CLOSED)
+                raise CommandError(CLOSED)
 
         with self._awaiting():
             async with self._locks[command.vehicle_id]:
@@ -152,28 +152,28 @@ class CommandProtocol:
                 cause: str | None = None
                 try:
                     await hand.command(command, may_leave)
-                except OrderError as error:
+                except CommandError as error:
                     cause = str(error)
                 wait_s = CONFIRM_S if cause is None else _REASON_S
                 if not await self._confirmed(command.verb, hand, said, began_s, wait_s):
-                    raise OrderError(self._failure(command, cause, said, began_s))
+                    raise CommandError(self._failure(command, cause, said, began_s))
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str], hand: Hand
     ) -> Mapping[str, ParameterValue]:
-        """One after the other: orders pass in between. Raises: OrderError naming the parameter."""
+        """One after the other: orders pass in between. Raises: CommandError naming the parameter."""
         with self._awaiting():
             return {name: await _about(vehicle_id, name, hand.parameter(name)) for name in names}
 
     async def set_parameter(
         self, vehicle_id: VehicleId, name: str, value: ParameterValue, hand: Hand
     ) -> None:
-        """Change one. Raises: OrderError naming it."""
+        """Change one. Raises: CommandError naming it."""
         with self._awaiting():
             await _about(vehicle_id, name, hand.set_parameter(name, value))
 
     async def kill(self, command: Command, said: Said, send_kill: Callable[[], None]) -> None:
-        """Send the kill command now and again until the heartbeat says disarmed. Raises: OrderError.
+        """Send the kill command now and again until the heartbeat says disarmed. Raises: CommandError.
 
         Not as one command among others: this one goes out at once, and shuts the latch behind it.
         """
@@ -185,7 +185,7 @@ class CommandProtocol:
                 await _news(said, _KILL_REPEAT_S)
                 if said.heartbeat_time_s > began_s and not said.armed:
                     return
-            raise OrderError(self._failure(command, None, said, began_s))
+            raise CommandError(self._failure(command, None, said, began_s))
 
     @contextmanager
     def _awaiting(self) -> Iterator[None]:
@@ -219,13 +219,16 @@ class CommandProtocol:
 
 
 async def _about(vehicle_id: VehicleId, name: str, answer: Awaitable[T]) -> T:
-    """The answer about a parameter. A name that does not exist is simply not answered. Raises: OrderError."""
+    """The answer about a parameter.
+
+    A name that does not exist is simply not answered. Raises: CommandError.
+    """
     try:
         return await answer
-    except OrderError as error:
+    except CommandError as error:
         silent = "no answer; there is no such parameter, or the vehicle is not heard"
         why = silent if str(error) == TIMEOUT else str(error)
-        raise OrderError(f"{vehicle_id}: parameter {name}: {why}") from error
+        raise CommandError(f"{vehicle_id}: parameter {name}: {why}") from error
 
 
 async def _news(said: Said, wait_s: float) -> None:
@@ -240,8 +243,8 @@ async def _news(said: Said, wait_s: float) -> None:
 def _refuse_the_impossible(command: Command, said: Said) -> None:
     if command.verb is Verb.TAKEOFF:
         if not (isfinite(command.height_m) and command.height_m > 0):
-            raise OrderError(
+            raise CommandError(
                 f"{command.vehicle_id}: takeoff to {command.height_m} m; a height above 0 is needed"
             )
         if not said.armed:  # PX4 would accept, and climb whenever it is armed next
-            raise OrderError(f"{command.vehicle_id}: takeoff while disarmed; arm it first")
+            raise CommandError(f"{command.vehicle_id}: takeoff while disarmed; arm it first")

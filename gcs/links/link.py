@@ -87,7 +87,7 @@ class Link(Protocol):
         """Order, and return when the vehicle is seen to obey (by its heartbeat).
 
         OFFBOARD needs setpoints already flowing for that vehicle. TAKEOFF returns when the climb has begun.
-        Raises: OrderError with a reason a person can act on, when it refuses or does not answer in time.
+        Raises: CommandError with a reason a person can act on, when it refuses or does not answer in time.
         """
         ...
 
@@ -96,8 +96,8 @@ class Link(Protocol):
     ) -> Mapping[str, ParameterValue]:
         """What the autopilot holds now, for every one of `names`. Takes seconds, and blocks nobody else.
 
-        Raises: UnknownError for a vehicle of another link; OrderError naming the parameter, when there is no
-        such one or the vehicle does not answer (which cannot be told apart).
+        Raises: UnknownError for a vehicle of another link; CommandError naming the parameter, when there is
+        no such one or the vehicle does not answer (which cannot be told apart).
         """
         ...
 
@@ -112,6 +112,6 @@ class Link(Protocol):
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
         """Change one; an int only where the autopilot holds an INT32. Whoever needs to be sure reads it back.
 
-        Raises: UnknownError for a vehicle of another link; OrderError naming the parameter.
+        Raises: UnknownError for a vehicle of another link; CommandError naming the parameter.
         """
         ...

@@ -10,7 +10,7 @@ GcsError
 ├── RefusedError     a proper request at the wrong moment; says why
 ├── UnknownError     a vehicle, obstacle or order that does not exist
 └── LinkError        a transport does not work; the supervisor retries
-    └── OrderError   a vehicle refused an order or did not answer
+    └── CommandError   a vehicle refused an order or did not answer
 """
 
 from collections.abc import Sequence
@@ -102,5 +102,5 @@ class LinkError(GcsError):
     """A transport failed; whoever supervises the link retries."""
 
 
-class OrderError(LinkError):
+class CommandError(LinkError):
     """A vehicle refused an order, or its obedience was not seen in time."""

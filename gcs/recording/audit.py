@@ -15,7 +15,7 @@ from gcs.model.state import Array, Mode, VehicleId
 from gcs.recording.interrupted_session import FOUND, PAD
 from gcs.recording.sample import Sample, Told
 from gcs.recording.sqlite_writer import Journal, Row, Value
-from gcs.service import Call, OrderRecord, Outcome
+from gcs.service import Call, CommandRecord, Outcome
 
 BODY_MAX: Final = 4096
 
@@ -92,20 +92,20 @@ class Audit:
         """Return once all that was noted so far is on the disk; False: it is not."""
         return await self._journal.kept()
 
-    def opened(self, record: OrderRecord, who: str) -> None:
+    def opened(self, record: CommandRecord, who: str) -> None:
         """Note an accepted order, and what it is for every vehicle at first."""
         at_s = record.accepted_time_s
         values = (self._session, record.id, at_s, who, record.action)
-        order = Row("INSERT INTO orders VALUES (?, ?, ?, ?, ?)", values)
+        command = Row("INSERT INTO commands VALUES (?, ?, ?, ?, ?)", values)
         parts = [
             Row(_OUTCOME, (self._session, record.id, name, at_s, part.outcome.value, part.reason))
             for name, part in record.outcomes.items()
         ]
-        self._journal.put([order, *parts])
+        self._journal.put([command, *parts])
 
-    def closed(self, order_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:
+    def closed(self, command_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:
         """Note what became of one vehicle's part."""
-        self._put(_OUTCOME, self._session, order_id, vehicle_id, time.time(), outcome.value, reason)
+        self._put(_OUTCOME, self._session, command_id, vehicle_id, time.time(), outcome.value, reason)
 
     def event(
         self, unix_s: float, level: str, event: str, vehicle: str | None, detail: Mapping[str, object]

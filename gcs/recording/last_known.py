@@ -66,7 +66,7 @@ class LastKnown:
 
 
 @dataclass(frozen=True, slots=True)
-class PastOrder:
+class PastCommand:
     """An accepted order, with its last outcome for each vehicle: (outcome, reason)."""
 
     session: str
@@ -100,15 +100,15 @@ def last_known(path: Path) -> LastKnown:
     )
 
 
-def orders(path: Path) -> list[PastOrder]:
+def commands(path: Path) -> list[PastCommand]:
     """Every accepted order, oldest first. Raises: GcsError."""
     outcomes: dict[tuple[str, str], dict[VehicleId, tuple[str, str]]] = {}
     for row in rows(path, "SELECT * FROM outcomes ORDER BY rowid"):
-        parts = outcomes.setdefault((row["session"], row["order_id"]), {})
+        parts = outcomes.setdefault((row["session"], row["command_id"]), {})
         parts[row["vehicle"]] = (row["outcome"], row["reason"])
     return [
-        PastOrder(**dict(row), outcomes=outcomes.get((row["session"], row["id"]), {}))
-        for row in rows(path, "SELECT * FROM orders ORDER BY accepted_unix_s, session, length(id), id")
+        PastCommand(**dict(row), outcomes=outcomes.get((row["session"], row["id"]), {}))
+        for row in rows(path, "SELECT * FROM commands ORDER BY accepted_unix_s, session, length(id), id")
     ]
 
 

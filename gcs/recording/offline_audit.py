@@ -10,7 +10,7 @@ from gcs.model.state import VehicleId
 from gcs.recording.audit import Audit
 from gcs.recording.last_known import LastKnown, audit_file
 from gcs.recording.sqlite_writer import Journal, Row
-from gcs.service import OrderRecord, Outcome, VehicleOutcome
+from gcs.service import CommandRecord, Outcome, VehicleOutcome
 
 REASON = "motors stopped by gcs kill, without the service"
 
@@ -41,13 +41,13 @@ class Outside:
         """Note an order. Returns: its id, which no order of a service has."""
         now_s = time.time()
         parts = {name: VehicleOutcome(Outcome.PENDING) for name in vehicles}
-        order = OrderRecord(f"outside-{now_s:.3f}", action, now_s, parts, self._who)
-        self._audit.opened(order, self._who)
-        return order.id
+        command = CommandRecord(f"outside-{now_s:.3f}", action, now_s, parts, self._who)
+        self._audit.opened(command, self._who)
+        return command.id
 
-    def closed(self, order_id: str, vehicle_id: VehicleId, part: VehicleOutcome) -> None:
+    def closed(self, command_id: str, vehicle_id: VehicleId, part: VehicleOutcome) -> None:
         """Note what became of one vehicle's part."""
-        self._audit.closed(order_id, vehicle_id, part.outcome, part.reason)
+        self._audit.closed(command_id, vehicle_id, part.outcome, part.reason)
 
     def killed(self, vehicle_id: VehicleId) -> None:
         """Its motors are off: whoever starts next finds it so."""

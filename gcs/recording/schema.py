@@ -32,7 +32,7 @@ CREATE TABLE calls (               -- of the REST API: all that may change somet
   body TEXT NOT NULL,              -- shortened when long
   status INTEGER NOT NULL
 );
-CREATE TABLE orders (
+CREATE TABLE commands (
   session TEXT NOT NULL,
   id TEXT NOT NULL,                -- as the API names it: o1, o2 ...; counted anew in every session
   accepted_unix_s REAL NOT NULL,
@@ -42,13 +42,13 @@ CREATE TABLE orders (
 ) WITHOUT ROWID;
 CREATE TABLE outcomes (            -- one row for each change, the first when the order is accepted
   session TEXT NOT NULL,
-  order_id TEXT NOT NULL,
+  command_id TEXT NOT NULL,
   vehicle TEXT NOT NULL,
   unix_s REAL NOT NULL,
   outcome TEXT NOT NULL,           -- pending, done, failed, not-included
   reason TEXT NOT NULL
 );
-CREATE INDEX outcomes_of ON outcomes (session, order_id);
+CREATE INDEX outcomes_of ON outcomes (session, command_id);
 CREATE TABLE events (              -- what the service's log says, and changes of mode, arming and plan
   session TEXT NOT NULL,
   unix_s REAL NOT NULL,

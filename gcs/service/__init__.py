@@ -5,7 +5,7 @@ a process of its own without a change on their side.
 """
 
 from gcs.estimation.time_estimates import Estimates
-from gcs.service.commands import WHO, OrderRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
+from gcs.service.commands import WHO, CommandRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
 from gcs.service.interface import Audit, Call, NoAudit, Replaying, Service, Shows
 from gcs.service.latest import Latest
 from gcs.service.replay_marks import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
@@ -30,6 +30,7 @@ __all__ = [
     "Call",
     "Certification",
     "CheckState",
+    "CommandRecord",
     "CueMark",
     "Estimates",
     "EventMark",
@@ -39,7 +40,6 @@ __all__ = [
     "IdleSpan",
     "Latest",
     "NoAudit",
-    "OrderRecord",
     "Outcome",
     "PhaseSpan",
     "Playback",

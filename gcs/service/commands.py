@@ -50,7 +50,7 @@ class VehicleOutcome:
 
 
 @dataclass(frozen=True, slots=True)
-class OrderRecord:
+class CommandRecord:
     """An accepted order and what has become of it, vehicle by vehicle."""
 
     id: str

@@ -37,7 +37,7 @@ WORDS: Final[Mapping[str, str]] = {
     "mavsdk": "MAVSDK: {said}",
     "no_progress": "no progress in phase {phase}",
     "offboard_refused": "OFFBOARD was refused, its autopilot lands it: {reason}",
-    "order_failed": "command failed: {reason}",
+    "command_failed": "command failed: {reason}",
     "parameters_read": "parameters read",
     "position_reset": "{reason}",
     "failsafe": "{action}[ of {vehicles}] by the service: {cause} ({reason})",

@@ -10,7 +10,7 @@ from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
 from gcs.service.alarms import Alarm
-from gcs.service.commands import OrderRecord, ShowAction, VehicleAction
+from gcs.service.commands import CommandRecord, ShowAction, VehicleAction
 from gcs.service.event_log import LogEvent
 from gcs.service.latest import Latest
 from gcs.service.replay_marks import ReplayMarks
@@ -158,7 +158,7 @@ class Service(Protocol):
         *,
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """Order the whole show.
 
         Args:
@@ -181,13 +181,13 @@ class Service(Protocol):
         """Have the selected show begin at a cue; on the ground only."""
         ...
 
-    def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
+    def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         """Order one vehicle."""
         ...
 
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """One command for a selection: hold, join, return, land or take control.
 
         Args:
@@ -201,15 +201,15 @@ class Service(Protocol):
         """What a start of these, or of all, would find: everything that is checked, vehicle by vehicle."""
         ...
 
-    def exclude(self, vehicle_id: VehicleId, reason: str) -> OrderRecord:
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
         """Take a vehicle out of the show, on the ground, until it is included again."""
         ...
 
-    def include(self, vehicle_id: VehicleId) -> OrderRecord:
+    def include(self, vehicle_id: VehicleId) -> CommandRecord:
         """Take it into the show again."""
         ...
 
-    def kill(self, vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+    def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
         """Motors off, now, of everybody named; who cannot be reached is told in the order."""
         ...
 
@@ -221,15 +221,15 @@ class Service(Protocol):
         """Acknowledge all alarms; returns those that were not acknowledged before."""
         ...
 
-    def settle(self, offer: Offer) -> OrderRecord:
+    def settle(self, offer: Offer) -> CommandRecord:
         """Go on with a flight that was cut off, or bring it home, as it is offered."""
         ...
 
-    def order(self, order_id: str) -> OrderRecord:
+    def command_record(self, command_id: str) -> CommandRecord:
         """An accepted order, with its newest outcomes."""
         ...
 
-    def orders(self) -> Sequence[OrderRecord]:
+    def commands(self) -> Sequence[CommandRecord]:
         """The last orders, the newest first."""
         ...
 

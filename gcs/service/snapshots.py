@@ -96,7 +96,7 @@ class ActiveFailsafe:
     vehicles: tuple[VehicleId, ...]  # whom it concerns; empty: nobody in particular
     since_s: float  # loop clock
     since_unix_s: float
-    order_id: str | None  # None: nothing was ordered, for what goes on is no weaker, or it waits
+    command_id: str | None  # None: nothing was ordered, for what goes on is no weaker, or it waits
 
 
 @dataclass(frozen=True, slots=True)

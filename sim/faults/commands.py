@@ -14,7 +14,7 @@ Value: TypeAlias = float | str
 LONGEST_LINE = 65536
 
 
-class OrderError(ValueError):
+class FaultCommandError(ValueError):
     """An order that cannot be carried out; the message says why."""
 
 
@@ -27,13 +27,15 @@ class Number:
     default: float | None = None
 
     def read(self, name: str, value: object) -> Value:
-        """The number, or an OrderError."""
+        """The number, or an FaultCommandError."""
         if (
             isinstance(value, bool)
             or not isinstance(value, int | float)
             or not self.low <= value <= self.high
         ):
-            raise OrderError(f"{name} must be a number from {self.low:g} to {self.high:g}, not {value!r}")
+            raise FaultCommandError(
+                f"{name} must be a number from {self.low:g} to {self.high:g}, not {value!r}"
+            )
         return float(value)
 
 
@@ -49,9 +51,9 @@ class Choice:
         return self.words[0]
 
     def read(self, name: str, value: object) -> Value:
-        """The word, or an OrderError."""
+        """The word, or an FaultCommandError."""
         if not isinstance(value, str) or value not in self.words:
-            raise OrderError(f"{name} must be one of {', '.join(self.words)}, not {value!r}")
+            raise FaultCommandError(f"{name} must be one of {', '.join(self.words)}, not {value!r}")
         return value
 
 
@@ -114,7 +116,7 @@ FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType({**LINK_FAULTS, **V
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class FaultCommand:
     """One fault for some vehicles. for_s is inf where it lasts until it is taken back."""
 
     fault: str
@@ -123,49 +125,53 @@ class Order:
     for_s: float = math.inf
 
 
-def parse(line: str | bytes) -> Order:
+def parse(line: str | bytes) -> FaultCommand:
     """Read one line of JSON.
 
     Raises:
-        OrderError: it is none, names something unknown, or a value is out of range.
+        FaultCommandError: it is none, names something unknown, or a value is out of range.
     """
     if len(line) > LONGEST_LINE:
-        raise OrderError(f"a line of {len(line)} bytes; at most {LONGEST_LINE} are read")
+        raise FaultCommandError(f"a line of {len(line)} bytes; at most {LONGEST_LINE} are read")
     try:
         fields = json.loads(line)
     except (ValueError, RecursionError) as error:
-        raise OrderError(f"not JSON: {error}") from None
+        raise FaultCommandError(f"not JSON: {error}") from None
     if not isinstance(fields, dict):
-        raise OrderError('an order is an object, as in {"vehicle": 3, "fault": "loss", "share": 0.3}')
+        raise FaultCommandError('an order is an object, as in {"vehicle": 3, "fault": "loss", "share": 0.3}')
     fault = fields.pop("fault", None)
     if not isinstance(fault, str) or fault not in FAULTS:
-        raise OrderError(f"fault must be one of {', '.join(FAULTS)}, not {fault!r}")
+        raise FaultCommandError(f"fault must be one of {', '.join(FAULTS)}, not {fault!r}")
     vehicles = _vehicles(fields)
     for_s = math.inf
     if "for_s" in fields:
         if fault in EVENTS:
-            raise OrderError(f"{fault} happens once: for_s does not go with it")
+            raise FaultCommandError(f"{fault} happens once: for_s does not go with it")
         for_s = float(Number(0.0, 1e6).read("for_s", fields.pop("for_s")))
     form = FAULTS[fault]
     for name in fields:
         if name not in form:
             takes = ", ".join(["vehicle", "vehicles", "fault", "for_s", *form])
-            raise OrderError(f"{name}: {fault} has no such field; it takes {takes}")
-    return Order(fault, vehicles, {name: _value(fields, name, field) for name, field in form.items()}, for_s)
+            raise FaultCommandError(f"{name}: {fault} has no such field; it takes {takes}")
+    return FaultCommand(
+        fault, vehicles, {name: _value(fields, name, field) for name, field in form.items()}, for_s
+    )
 
 
 def _value(fields: Mapping[str, object], name: str, field: Field) -> Value:
     if name in fields:
         return field.read(name, fields[name])
     if field.default is None:
-        raise OrderError(f"{name} is missing")
+        raise FaultCommandError(f"{name} is missing")
     return field.default
 
 
 def _vehicles(fields: dict[str, object]) -> tuple[int, ...] | None:
     """The numbers, from 1; taken out of the fields."""
     if ("vehicle" in fields) == ("vehicles" in fields):
-        raise OrderError('either "vehicle": 3 or "vehicles": [1, 2] or "vehicles": "all" must be there')
+        raise FaultCommandError(
+            'either "vehicle": 3 or "vehicles": [1, 2] or "vehicles": "all" must be there'
+        )
     if "vehicle" in fields:
         desired: object = [fields.pop("vehicle")]
     else:
@@ -173,8 +179,8 @@ def _vehicles(fields: dict[str, object]) -> tuple[int, ...] | None:
         if desired == "all":
             return None
     if not isinstance(desired, list) or not desired:
-        raise OrderError(f'vehicles must be a list of numbers, or "all", not {desired!r}')
+        raise FaultCommandError(f'vehicles must be a list of numbers, or "all", not {desired!r}')
     for number in desired:
         if isinstance(number, bool) or not isinstance(number, int) or number < 1:
-            raise OrderError(f"{number!r} is no vehicle's number: they are whole, from 1")
+            raise FaultCommandError(f"{number!r} is no vehicle's number: they are whole, from 1")
     return tuple(dict.fromkeys(desired))

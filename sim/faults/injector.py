@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from gcs.sim.faults.commands import FIXES, LINK_FAULTS, SENSORS, Order, OrderError, parse
+from gcs.sim.faults.commands import FIXES, LINK_FAULTS, SENSORS, FaultCommand, FaultCommandError, parse
 from gcs.sim.faults.link_faults import Channel, Ills
 from gcs.sim.vehicle.commander import Stuck
 from gcs.sim.vehicle.modes import Mode
@@ -51,12 +51,12 @@ class Trouble:
         Returns: a line of JSON, with "ok", and with "error" where nothing changed.
         """
         try:
-            order = parse(line)
-            rows = self._rows(order)
-        except OrderError as error:
+            command = parse(line)
+            rows = self._rows(command)
+        except FaultCommandError as error:
             return json.dumps({"ok": False, "error": str(error)})
-        unmoved = [row for row in rows if not self._apply(row, order)]
-        answer: dict[str, object] = {"ok": True, "fault": order.fault, "vehicles": self._numbers(rows)}
+        unmoved = [row for row in rows if not self._apply(row, command)]
+        answer: dict[str, object] = {"ok": True, "fault": command.fault, "vehicles": self._numbers(rows)}
         if unmoved:
             answer["unmoved"] = self._numbers(unmoved)
         return json.dumps(answer)
@@ -69,27 +69,27 @@ class Trouble:
             if self._fleet.time_s >= end_s:
                 self._end(row, fault)
 
-    def _rows(self, order: Order) -> list[int]:
+    def _rows(self, command: FaultCommand) -> list[int]:
         first, count = self._fleet.settings.first, self._fleet.settings.count
-        if order.vehicles is None:
+        if command.vehicles is None:
             return list(range(count))
-        for number in order.vehicles:
+        for number in command.vehicles:
             if not first < number <= first + count:
-                raise OrderError(f"vehicle {number}: there are {first + 1} to {first + count}")
-        return [number - first - 1 for number in order.vehicles]
+                raise FaultCommandError(f"vehicle {number}: there are {first + 1} to {first + count}")
+        return [number - first - 1 for number in command.vehicles]
 
     def _numbers(self, rows: list[int]) -> list[int]:
         return [row + self._fleet.settings.first + 1 for row in rows]
 
-    def _apply(self, row: int, order: Order) -> bool:
+    def _apply(self, row: int, command: FaultCommand) -> bool:
         """Returns: whether it took effect; False where the vehicle's own settings prevent it."""
-        fault, values = order.fault, order.values
+        fault, values = command.fault, command.values
         if fault == "none":
             self._mend(row)
             return True
-        took = self._break_link(row, fault, values) if fault in LINK_FAULTS else self._befall(row, order)
-        if took and order.for_s < math.inf:
-            self._ends[row, fault] = self._fleet.time_s + order.for_s
+        took = self._break_link(row, fault, values) if fault in LINK_FAULTS else self._befall(row, command)
+        if took and command.for_s < math.inf:
+            self._ends[row, fault] = self._fleet.time_s + command.for_s
         else:
             self._ends.pop((row, fault), None)
         return took
@@ -109,9 +109,9 @@ class Trouble:
                 _sicken(ills, fault, values)
         return True
 
-    def _befall(self, row: int, order: Order) -> bool:
+    def _befall(self, row: int, command: FaultCommand) -> bool:
         """What happens to the vehicle itself."""
-        state, values, fault = self._fleet.state, order.values, order.fault
+        state, values, fault = self._fleet.state, command.values, command.fault
         if fault in {"gps-jump", "position-reset"}:
             state.offset_m[row] += [float(values[name]) for name in ("north_m", "east_m", "down_m")]
             if fault == "position-reset":

@@ -79,19 +79,19 @@ class Ears:
             found = frames.setpoints(b"".join([batch[place][1] for place in places]))
             if found is None:
                 return set()
-        orders, sender, good = found
+        messages, sender, good = found
         counts = [len(batch[place][1]) // frames.SETPOINT_FRAME for place in places]
         owner = np.repeat(np.arange(len(places)), counts)
-        plain = good & (orders["target_system"] != EVERYONE)
+        plain = good & (messages["target_system"] != EVERYONE)
         fit = np.ones(len(places), dtype=np.bool_)
         fit[owner[~plain]] = False
         circle = np.array([batch[place][0] for place in places])[owner]
-        row = self._row_of[circle, orders["target_system"]].astype(np.intp)
-        component = orders["target_component"]
+        row = self._row_of[circle, messages["target_system"]].astype(np.intp)
+        component = messages["target_component"]
         meant = fit[owner] & (row != NOBODY) & ((component == EVERYONE) | (component == AUTOPILOT_COMPONENT))
         itself = (sender[:, 0] == self._state.system_id[row]) & (sender[:, 1] == AUTOPILOT_COMPONENT)
         meant &= ~itself
-        for invalid in setpoints.obey(self._state, row[meant], orders[meant]):
+        for invalid in setpoints.obey(self._state, row[meant], messages[meant]):
             self._autopilots[invalid].say_invalid()
         read = {place for place, whole in zip(places, fit.tolist(), strict=True) if whole}
         for place in read:
@@ -124,6 +124,6 @@ class Ears:
     def _hear_setpoint(self, rows: Sequence[int], message: Message) -> None:
         heard = np.array([row for row in rows if not self._autopilots[row].is_sender(message)], dtype=np.intp)
         if len(heard):
-            order = np.repeat(frames.record(message), len(heard))
-            for invalid in setpoints.obey(self._state, heard, order):
+            message = np.repeat(frames.record(message), len(heard))
+            for invalid in setpoints.obey(self._state, heard, message):
                 self._autopilots[invalid].say_invalid()

@@ -18,7 +18,7 @@ AXES = 9  # of position, velocity and acceleration: the lowest bits of the mask,
 FIRST_AXIS_AT = 4
 
 
-def obey(state: State, rows: Rows, orders: NDArray[np.void]) -> Rows:
+def obey(state: State, rows: Rows, messages: NDArray[np.void]) -> Rows:
     """Take the orders (m,), one for each of these rows (m,); of several for one vehicle the last counts.
 
     A frame other than local or body NED is refused, silently. A body frame is turned by the vehicle's yaw;
@@ -26,14 +26,14 @@ def obey(state: State, rows: Rows, orders: NDArray[np.void]) -> Rows:
 
     Returns: the rows whose order commands nothing (item 10): they are unchanged.
     """
-    frame = orders["coordinate_frame"]
+    frame = messages["coordinate_frame"]
     known = (frame == LOCAL_NED) | (frame == BODY_NED)
     if not known.all():
-        rows, orders, frame = rows[known], orders[known], frame[known]
-    orders_si = _given(orders)
-    position_m, velocity_m_s, acceleration_m_s2 = orders_si
-    mask = orders["type_mask"]
-    yaw_rad: Array = np.where(mask & IGNORE_YAW, np.nan, _finite(orders["yaw"]))
+        rows, messages, frame = rows[known], messages[known], frame[known]
+    messages_si = _given(messages)
+    position_m, velocity_m_s, acceleration_m_s2 = messages_si
+    mask = messages["type_mask"]
+    yaw_rad: Array = np.where(mask & IGNORE_YAW, np.nan, _finite(messages["yaw"]))
     body = frame == BODY_NED
     if body.any():
         heading_rad = state.yaw_rad[rows[body]]
@@ -41,29 +41,29 @@ def obey(state: State, rows: Rows, orders: NDArray[np.void]) -> Rows:
         velocity_m_s[body] = _turned(velocity_m_s[body], heading_rad)
         acceleration_m_s2[body] = _turned(acceleration_m_s2[body], heading_rad)
         yaw_rad[body] += heading_rad
-    given: Mask = ~np.isnan(orders_si)
+    given: Mask = ~np.isnan(messages_si)
     says: Mask = np.any(given, axis=(0, 2))
     pairs: Mask = np.equal(given[:, :, 0], given[:, :, 1])  # north and east come together
     flyable: Mask = np.all(pairs, axis=0) & np.all(np.any(given, axis=0), axis=1)
     heard = rows if says.all() else rows[says]
     state.setpoint_s[heard] = state.now_s
     state.setpoint_seen[heard] = True
-    state.order_position_m[heard] = position_m[says]
-    state.order_velocity_m_s[heard] = velocity_m_s[says]
-    state.order_flyable[heard] = flyable[says]
-    state.order_yaw_rad[heard] = yaw_rad[says]
-    rate_rad_s = np.where(mask & IGNORE_YAW_RATE, np.nan, _finite(orders["yaw_rate"]))
-    state.order_yaw_rate_rad_s[heard] = rate_rad_s[says]
+    state.setpoint_position_m[heard] = position_m[says]
+    state.setpoint_velocity_m_s[heard] = velocity_m_s[says]
+    state.setpoint_flyable[heard] = flyable[says]
+    state.setpoint_yaw_rad[heard] = yaw_rad[says]
+    rate_rad_s = np.where(mask & IGNORE_YAW_RATE, np.nan, _finite(messages["yaw_rate"]))
+    state.setpoint_yaw_rate_rad_s[heard] = rate_rad_s[says]
     return rows[~says]
 
 
-def _given(orders: NDArray[np.void]) -> Array:
+def _given(messages: NDArray[np.void]) -> Array:
     """(3, m, 3): positions, velocities and accelerations, NaN where an axis is ignored or no number."""
-    raw = orders.view(np.uint8).reshape(len(orders), orders.itemsize)[
+    raw = messages.view(np.uint8).reshape(len(messages), messages.itemsize)[
         :, FIRST_AXIS_AT : FIRST_AXIS_AT + 4 * AXES
     ]
     values = _finite(np.ascontiguousarray(raw).view("<f4"))
-    ignored = orders["type_mask"][:, np.newaxis] >> np.arange(AXES, dtype=np.uint16) & 1
+    ignored = messages["type_mask"][:, np.newaxis] >> np.arange(AXES, dtype=np.uint16) & 1
     values[ignored != 0] = np.nan
     return np.ascontiguousarray(values.reshape(-1, 3, 3).transpose(1, 0, 2))
 

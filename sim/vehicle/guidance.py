@@ -98,8 +98,8 @@ class Guidance:
         rows = ((state.mode == OFFBOARD) & powered).nonzero()[0]
         if not len(rows):
             return
-        yaw_rad, desired_rad = state.yaw_rad[rows], state.order_yaw_rad[rows]
-        by_rate_rad = state.order_yaw_rate_rad_s[rows] * dt_s
+        yaw_rad, desired_rad = state.yaw_rad[rows], state.setpoint_yaw_rad[rows]
+        by_rate_rad = state.setpoint_yaw_rate_rad_s[rows] * dt_s
         turn_rad = np.where(np.isnan(desired_rad), by_rate_rad, _wrapped(desired_rad - yaw_rad))
         turn_rad[np.isnan(turn_rad)] = 0.0
         most_rad = np.radians(self._parameters["MPC_YAWRAUTO_MAX"][rows]) * dt_s
@@ -127,11 +127,11 @@ class Guidance:
     def _takeoff_down_m(self, rows: Rows, sensed: Sensed) -> Array:
         """The takeoff altitude in local NED; never below the vehicle."""
         state, down_m = self._state, sensed.position_m[rows, 2]
-        ordered_m = state.takeoff_altitude_amsl_m[rows]
+        commanded_m = state.takeoff_altitude_amsl_m[rows]
         target_m: Array = state.home_m[rows, 2] - self._parameters["MIS_TAKEOFF_ALT"][rows]
-        if not np.isnan(ordered_m).all():
-            above_m = ordered_m - sensed.place(rows)[:, 2]
-            target_m = np.where(np.isnan(ordered_m), target_m, down_m - above_m)
+        if not np.isnan(commanded_m).all():
+            above_m = commanded_m - sensed.place(rows)[:, 2]
+            target_m = np.where(np.isnan(commanded_m), target_m, down_m - above_m)
         lowest_m: Array = np.minimum(down_m, target_m)
         return lowest_m
 
@@ -230,12 +230,12 @@ class Guidance:
     def _offboard(self, rows: Rows, sensed: Sensed) -> Array:
         """Follow the setpoint; one that cannot be flown is not followed at all (item 10)."""
         state = self._state
-        way_m: Array = state.order_position_m[rows] - sensed.position_m[rows]
-        velocity_m_s = state.order_velocity_m_s[rows]
+        way_m: Array = state.setpoint_position_m[rows] - sensed.position_m[rows]
+        velocity_m_s = state.setpoint_velocity_m_s[rows]
         way_m[np.isnan(way_m)] = velocity_m_s[np.isnan(velocity_m_s)] = 0.0
         desired_m_s: Array = velocity_m_s + self._parameters.axes("MPC_XY_P", "MPC_Z_P")[rows] * way_m
         if self._quirks.whole_velocity:
-            desired_m_s[~state.order_flyable[rows]] = 0.0
+            desired_m_s[~state.setpoint_flyable[rows]] = 0.0
         return desired_m_s
 
     def _slew(self, rows: Rows, desired_m_s: Array, dt_s: float) -> Array:

@@ -103,11 +103,11 @@ class State:
 
     def _receive(self, count: int) -> None:
         """The last orders, and what the receiver is made to believe."""
-        self.order_position_m = np.full((count, 3), np.nan)  # the last setpoint; NaN: not given
-        self.order_velocity_m_s = np.full((count, 3), np.nan)
-        self.order_flyable = _no(count)
-        self.order_yaw_rad = np.full(count, np.nan)
-        self.order_yaw_rate_rad_s = np.full(count, np.nan)
+        self.setpoint_position_m = np.full((count, 3), np.nan)  # the last setpoint; NaN: not given
+        self.setpoint_velocity_m_s = np.full((count, 3), np.nan)
+        self.setpoint_flyable = _no(count)
+        self.setpoint_yaw_rad = np.full(count, np.nan)
+        self.setpoint_yaw_rate_rad_s = np.full(count, np.nan)
 
         self.offset_m = np.zeros((count, 3))  # what a fault adds to the estimated position
         self.frozen_m = np.full((count, 3), np.nan)  # the estimate that a frozen receiver repeats

@@ -85,7 +85,7 @@ class Station:
         return ticks
 
 
-def order(number: int, *values: float) -> Any:
+def frames_of(number: int, *values: float) -> Any:
     padded = [*values, *[0.0] * (7 - len(values))]
     return lambda system: common.MAVLink_command_long_message(system, 1, number, 0, *padded)
 
@@ -116,7 +116,7 @@ def measure(count: int, shared: bool) -> str:
             station.hear()
             time.sleep(TICK_S)
         station.tick(setpoints, 0.5)
-        for frames in (order(SET_MODE, 1, OFFBOARD), order(ARM, 1)):
+        for frames in (frames_of(SET_MODE, 1, OFFBOARD), frames_of(ARM, 1)):
             station.say(station.frames(frames))
             station.tick(setpoints, 1.0)
         station.tick(setpoints, 2.0)

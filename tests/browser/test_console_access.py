@@ -85,7 +85,7 @@ def test_a_vehicle_is_chosen_and_a_kill_is_armed_and_disarmed_by_keyboard(
         desk.part("kill-disarm").focus()
         desk.page.keyboard.press("Enter")
         expect(desk.part("kill-hold")).to_be_hidden()
-        assert not [order for order in ground.client.orders() if order.action == "kill"]
+        assert not [command for command in ground.client.commands() if command.action == "kill"]
 
 
 def touch(desk: Console, *places: tuple[float, float]) -> None:

@@ -102,10 +102,10 @@ def broken_fleet(folder: Path, count: int = COUNT) -> Iterator[Field]:
     command += ["--origin", ORIGIN, "--grid-columns", "4", "--quirk", "late-ready=off"]
     command += ["--control", str(control), *proper(config)]
 
-    def fault(**order: Any) -> None:
+    def fault(**sequence: Any) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
             outlet.settimeout(30.0)
-            outlet.sendto(json.dumps(order).encode(), ("127.0.0.1", control))
+            outlet.sendto(json.dumps(sequence).encode(), ("127.0.0.1", control))
             answer = json.loads(outlet.recv(2000))
         assert answer["ok"], answer
 
@@ -264,10 +264,10 @@ def test_twelve_alarms_three_at_once_are_all_on_screen_the_most_severe_on_top(
         desk.page.keyboard.press("Escape")
         take_off(field, "d12")
         inject = injections(field, stack)
-        order = list(inject)
-        random.Random(seed).shuffle(order)
-        for first in range(0, len(order), 3):
-            batch = order[first : first + 3]
+        sequence = list(inject)
+        random.Random(seed).shuffle(sequence)
+        for first in range(0, len(sequence), 3):
+            batch = sequence[first : first + 3]
             for cause in batch:
                 inject[cause]()
             wait_until(f"{batch} of seed {seed} are alarms", SOON_S, partial(all_are, ground, batch))
@@ -276,7 +276,7 @@ def test_twelve_alarms_three_at_once_are_all_on_screen_the_most_severe_on_top(
                 expect(row.first).to_be_attached(timeout=SOON_MS)
             assert not_shown_in_time(desk) == []
             assert desk.page.evaluate(WHOLE)["alarms"][0], "the most severe is on screen"
-        expected = {*order, "not-flying", "service-note"}
+        expected = {*sequence, "not-flying", "service-note"}
         there = listed(desk)
         assert {each["cause"] for each in there} >= expected
         ranks = [(each["ended"], SEVERITIES.index(each["severity"])) for each in there]
@@ -390,7 +390,7 @@ def test_a_box_dragged_in_the_scene_selects_the_vehicles_in_it_and_no_others(
         expect(desk.page.locator("tr.selected")).to_have_count(1, timeout=SOON_MS)
         assert selected(desk) == {"row-d4"}
         assert desk.wrong == []
-        assert ground.client.orders() == [], "a selection commands nothing"
+        assert ground.client.commands() == [], "a selection commands nothing"
 
 
 def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser, tmp_path: Path) -> None:
@@ -418,7 +418,7 @@ def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser
         assert phases("formation") == {"d1", "d3", "d5"}
         desk.part("selection-open").click()
         for name in ("d2", "d4"):
-            expect(desk.part(f"selected-order-{name}")).to_contain_text("done", timeout=SOON_MS)
+            expect(desk.part(f"selected-command-{name}")).to_contain_text("done", timeout=SOON_MS)
         assert desk.serious() == []
 
         desk.opens("Shift+K", "kill-arm")
@@ -431,7 +431,7 @@ def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser
         desk.opens("Shift+K", "kill-arm")
         expect(desk.part("kill-arm")).to_have_attribute("aria-disabled", "true")  # nothing is selected
         desk.closes("Escape", "sheet-kill")
-        assert [order.action for order in client.orders()][:2] == ["return", "hold"]
+        assert [sequence.action for sequence in client.commands()][:2] == ["return", "hold"]
         desk.press("stop")
         desk.says("show-phase", "landed", FLIGHT_MS)
         assert desk.wrong == []

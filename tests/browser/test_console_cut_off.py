@@ -83,7 +83,7 @@ def kill(desk: Console, client: Client, name: str) -> None:
     expect(desk.part("kill-code")).to_be_visible(timeout=SOON_MS)
     expect(desk.part("kill-names")).to_have_text(name)
     expect(desk.part("airborne")).to_contain_text("3/3")
-    assert not [order for order in client.orders() if order.action == "kill"]
+    assert not [command for command in client.commands() if command.action == "kill"]
     desk.part("kill-hold").focus()
     desk.page.keyboard.down(" ")
     expect(desk.part(f"row-{name}")).to_contain_text("killed", timeout=SOON_MS)
@@ -130,4 +130,4 @@ def test_a_show_that_was_started_by_the_clock_and_cut_off_is_taken_over_by_keybo
             desk.phase("Shift+L", "landing now")
             for name in ("d1", "d2"):
                 expect(desk.part(f"row-{name}")).to_contain_text("landing", timeout=FLIGHT_MS)
-            assert [order.action for order in client.orders()] == ["abort", "kill", "take-over"]
+            assert [command.action for command in client.commands()] == ["abort", "kill", "take-over"]

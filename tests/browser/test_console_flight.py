@@ -129,5 +129,7 @@ def test_a_show_is_flown_by_the_page_alone(chrome: Browser, tmp_path: Path) -> N
         desk.phase("Shift+H", re.compile("returning home|landed"))
         desk.says("show-phase", "landed", FLIGHT_MS)
         expect(desk.part("airborne")).to_contain_text("0/4")
-        assert [order.action for order in ground.client.orders()] == [*("stop", "resume", "pause", "start")]
+        assert [command.action for command in ground.client.commands()] == [
+            *("stop", "resume", "pause", "start")
+        ]
         assert desk.wrong == []

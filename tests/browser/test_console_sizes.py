@@ -139,7 +139,7 @@ def test_a_kill_is_armed_and_disarmed_on_a_small_phone(chrome: Browser, flying: 
             assert desk.page.evaluate(UNREACHABLE, ["kill-hold"]) == []
             desk.part("kill-disarm").tap()
             desk.part("kill-cancel").tap()
-        assert not [order for order in flying.client.orders() if order.action == "kill"]
+        assert not [command for command in flying.client.commands() if command.action == "kill"]
 
 
 def test_a_press_on_a_phone_says_why_a_command_is_unavailable(chrome: Browser, flying: Station) -> None:

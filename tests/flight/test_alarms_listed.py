@@ -123,13 +123,13 @@ async def all_shown(show: Show, feed: Feed, troubles: Mapping[AlarmCause, Troubl
             if troubles[cause].is_known(show):
                 known_s[cause] = show.now_s
         message = json.loads(feed.status(show.now_s)[1])
-        check_order(message)
+        check_command(message)
         waits -= {AlarmCause(alarm["cause"]) for alarm in message["alarms"]}
         for cause in waits & known_s.keys():
             assert show.now_s - known_s[cause] < WITHIN_S, cause
 
 
-def check_order(message: Mapping[str, Any]) -> None:
+def check_command(message: Mapping[str, Any]) -> None:
     """The most severe on top, and the state of the whole is that; texts end once, without the advice."""
     texts = [alarm["text"] for alarm in message["alarms"]]
     assert not [text for text in texts if ".." in text or "when the pilot agrees" in text]
@@ -180,7 +180,7 @@ def test_a_lost_vehicle_is_an_alarm_with_its_cause_first_until_it_is_back() -> N
         assert alarm is not None
         assert alarm.text.startswith("Vehicle d3 lost: ")
         assert alarm.text.endswith(". Formation closes the gap.")
-        assert alarm.order_id is not None
+        assert alarm.command_id is not None
         acknowledged = show.service.acknowledge_alarm(alarm.id)
         assert acknowledged.acknowledged_by == "service"
         await show.wait(5.0)
@@ -199,20 +199,20 @@ def test_a_lost_vehicle_is_an_alarm_with_its_cause_first_until_it_is_back() -> N
 def test_a_kill_is_an_emergency_until_the_vehicle_was_seen_on_the_ground() -> None:
     async def story(show: Show) -> None:
         await show.start()
-        order = show.service.kill(["d2"])
+        command = show.service.kill(["d2"])
         await show.until(lambda: listed(show, AlarmCause.KILLED) is not None, WITHIN_S)
         alarm = show.view.alarms[0]
         assert (alarm.severity, alarm.vehicles) == (AlarmSeverity.EMERGENCY, ("d2",))
         assert alarm.text.startswith("Vehicle d2 killed: motors are being stopped on command by service")
-        assert alarm.order_id == order.id
-        await show.settled(order)
+        assert alarm.command_id == command.id
+        await show.settled(command)
         await show.wait(0.5)
         assert alarm_texts(show)[0].startswith("Vehicle d2 killed: motors stopped on command by service.")
         await show.show(ShowAction.STOP)
         await show.wait(20.0)
         assert show.view.alarms[0].cause is AlarmCause.KILLED
         show.service.acknowledge_alarms()
-        await show.order("d2", VehicleAction.CONFIRM_DOWN)
+        await show.command("d2", VehicleAction.CONFIRM_DOWN)
         await show.until(lambda: listed(show, AlarmCause.KILLED) is None, WITHIN_S)
 
     fly(story)

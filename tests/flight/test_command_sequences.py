@@ -11,7 +11,7 @@ from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.modes import Mode as PilotMode
 
 NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
@@ -104,7 +104,7 @@ def test_on_the_way_down_after_a_restart_the_recorded_obstacles_stand(tmp_path: 
     async def go_on(show: Show) -> None:
         await found(show)
         show.service.add_obstacle(NEW)
-        commanded: Callable[[Show], OrderRecord] = COMMANDS[command]
+        commanded: Callable[[Show], CommandRecord] = COMMANDS[command]
         record = commanded(show)
         assert set(record.outcomes) == set(ALL)
         await show.wait(0.2)

@@ -14,7 +14,7 @@ from gcs.config.schema import Config
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.preflight_report import Check, PreflightReport
-from gcs.recording.last_known import orders
+from gcs.recording.last_known import commands
 from gcs.recording.session import Record
 from gcs.service import WHO, Outcome, ShowAction
 
@@ -223,7 +223,7 @@ def test_a_show_at_a_clock_time_is_called_off_by_what_fails_until_then(tmp_path:
         show.befall("d2", "fix", type="none")
         await show.until(lambda: show.view.show is ShowPhase.IDLE, 20.0)
         assert "its receiver's fix is none" in show.view.reason
-        assert show.service.order(record.id).outcome is Outcome.FAILED
+        assert show.service.command_record(record.id).outcome is Outcome.FAILED
 
     fly_show(story, config(tmp_path))
 
@@ -265,7 +265,7 @@ def test_who_is_taken_out_stays_on_the_ground_and_is_named_with_whoever_did_it(t
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(asked.ids)}
     with Record(tmp_path / "runs", asked.model_dump_json(), vehicles) as record:
         fly_show(story, asked, record=record, noise_scale=0.3)
-    noted = [(each.action, each.who) for each in orders(tmp_path / "runs")]
+    noted = [(each.action, each.who) for each in commands(tmp_path / "runs")]
     assert ("exclude", "anna") in noted
     assert ("include", "anna") in noted
 

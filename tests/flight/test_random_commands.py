@@ -58,15 +58,15 @@ def vars_of(show: Show) -> tuple[int, ...]:
 
 async def play(show: Show, chance: random.Random, story: list[str]) -> None:
     """Random commands and events; a command that is refused in the air names one that is accepted."""
-    orders: list[Step] = [
+    issued: list[Step] = [
         *commands(),
-        *((action.value, partial(_order, action)) for action in (ShowAction.PAUSE, ShowAction.STOP)),
+        *((action.value, partial(_command, action)) for action in (ShowAction.PAUSE, ShowAction.STOP)),
     ]
     for _ in range(STEPS):
-        step = chance.choice([*events(show, chance)]) if chance.random() < 0.5 else chance.choice(orders)
+        step = chance.choice([*events(show, chance)]) if chance.random() < 0.5 else chance.choice(issued)
         text, act = step
         story.append(f"{show.now_s:.1f} s {show.view.show}: {text}")
-        if step in orders:
+        if step in issued:
             in_the_air = show.view.counts.airborne > 0
             refused = refusal_of(show, text, act)  # which sends what the refusal names
             if refused and in_the_air:
@@ -78,7 +78,7 @@ async def play(show: Show, chance: random.Random, story: list[str]) -> None:
         assert_true(show, story)
 
 
-def _order(action: ShowAction, show: Show) -> object:
+def _command(action: ShowAction, show: Show) -> object:
     return show.service.command_show(action)
 
 

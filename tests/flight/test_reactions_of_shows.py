@@ -41,7 +41,7 @@ def test_too_much_wind_pauses_the_show_and_an_operator_resumes_it() -> None:
         await show.until(lambda: failsafe(show, Cause.WIND) is None)
         await show.wait(10.0)
         assert show.view.show is ShowPhase.PAUSED, "no vehicle flies on by itself"
-        assert [order.action for order in by_itself(show)[1:]] == ["pause"]
+        assert [command.action for command in by_itself(show)[1:]] == ["pause"]
         show.service.command_show(ShowAction.RESUME)
         await show.reach(ShowPhase.RUNNING)
         assert off_sphere_m(show, *show.config.ids) < 1.5
@@ -63,8 +63,8 @@ def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
         told = await reacts(show, Cause.WIND)
         assert told.action == "return"
         storm(show, 4.0)
-        order = await carried_out(show, told)
-        assert (order.action, order.by, order.outcome) == ("stop", "service", Outcome.DONE)
+        command = await carried_out(show, told)
+        assert (command.action, command.by, command.outcome) == ("stop", "service", Outcome.DONE)
         await home(show)
 
     fly(story)
@@ -95,10 +95,10 @@ def test_too_many_vehicles_lost_brings_the_show_home() -> None:
         told = await reacts(show, Cause.VEHICLES_LOST)
         assert (told.action, told.vehicles) == ("return", ("d2", "d5"))
         assert "2 of 6" in told.reason
-        order = await carried_out(show, told)
-        assert (order.action, order.by) == ("stop", "service")
-        assert {order.outcomes[name].outcome for name in ("d2", "d5")} == {Outcome.NOT_INCLUDED}
-        assert {order.outcomes[name].outcome for name in ("d1", "d3", "d4", "d6")} == {Outcome.DONE}
+        command = await carried_out(show, told)
+        assert (command.action, command.by) == ("stop", "service")
+        assert {command.outcomes[name].outcome for name in ("d2", "d5")} == {Outcome.NOT_INCLUDED}
+        assert {command.outcomes[name].outcome for name in ("d1", "d3", "d4", "d6")} == {Outcome.DONE}
         assert max(off_pad_m(show, name) for name in ("d1", "d3", "d4", "d6")) < 1.5
         assert show.floor_violations() == 0
 
@@ -139,8 +139,8 @@ def test_target_stale_is_held_where_it_is_until_it_is_told_again(tmp_path: Path)
         assert (told.action, told.vehicles) == ("hold-target", ())
         assert 4.9 < show.now_s - told_s < 5.5
         await show.wait(0.1)
-        order = await carried_out(show, told)
-        assert (order.action, order.by) == ("hold-target", "service")
+        command = await carried_out(show, told)
+        assert (command.action, command.by) == ("hold-target", "service")
         assert show.view.plan.target.speed_m_s == 0.0
         stands_m = show.view.target_m
         assert np.allclose(stands_m, (13.5, 1.0), atol=0.2)
@@ -179,8 +179,8 @@ def test_service_late_pauses_the_show_then_brings_it_home() -> None:
         await show.reach(ShowPhase.RETURNING, 12.0)
         told = await reacts(show, Cause.SERVICE_LATE)
         assert told.action == "return"
-        order = await carried_out(show, told)
-        assert (order.action, order.by, order.outcome) == ("stop", "service", Outcome.DONE)
+        command = await carried_out(show, told)
+        assert (command.action, command.by, command.outcome) == ("stop", "service", Outcome.DONE)
         await home(show)
 
     fly(story)

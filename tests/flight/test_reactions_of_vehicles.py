@@ -27,10 +27,12 @@ def test_vehicle_lost_the_rest_re_form() -> None:
         show.link.silence("d3")
         told = await reacts(show, Cause.VEHICLE_LOST)
         assert (told.action, told.vehicles) == ("re-form", ("d3",))
-        order = await carried_out(show, told)
-        assert (order.action, order.by) == ("re-form", "service")
-        assert {name for name, part in order.outcomes.items() if part.outcome is Outcome.DONE} == set(OTHERS)
-        assert order.outcomes["d3"].outcome is Outcome.NOT_INCLUDED
+        command = await carried_out(show, told)
+        assert (command.action, command.by) == ("re-form", "service")
+        assert {name for name, part in command.outcomes.items() if part.outcome is Outcome.DONE} == set(
+            OTHERS
+        )
+        assert command.outcomes["d3"].outcome is Outcome.NOT_INCLUDED
         await show.wait(12.0)
         assert off_sphere_m(show, *OTHERS) < 1.2
         assert nearest_m(show, *OTHERS) > before_m + 0.2
@@ -70,10 +72,10 @@ def test_low_battery_leaves_the_formation_and_goes_home_while_the_rest_re_form()
         told = await reacts(show, Cause.LOW_BATTERY)
         assert (told.action, told.vehicles) == ("return", ("d3",))
         assert "15%" in told.reason
-        order = await carried_out(show, told)
-        assert (order.action, order.by) == ("return", "service")
-        assert order.outcomes.keys() == {"d3"}
-        assert order.outcome is Outcome.DONE
+        command = await carried_out(show, told)
+        assert (command.action, command.by) == ("return", "service")
+        assert command.outcomes.keys() == {"d3"}
+        assert command.outcome is Outcome.DONE
         assert show.track.phases("d3")[-3:] == [Phase.RETURN, Phase.LANDING, Phase.STANDBY]
         assert off_pad_m(show, "d3") < 1.5
         await show.wait(8.0)
@@ -93,8 +95,8 @@ def test_critical_battery_lands_it_where_it_is_safe() -> None:
         show.befall("d3", "battery", remaining=0.09)
         told = await reacts(show, Cause.CRITICAL_BATTERY)
         assert (told.action, told.vehicles) == ("land", ("d3",))
-        order = await carried_out(show, told)
-        assert (order.action, order.by, order.outcome) == ("land", "service", Outcome.DONE)
+        command = await carried_out(show, told)
+        assert (command.action, command.by, command.outcome) == ("land", "service", Outcome.DONE)
         assert Phase.RETURN not in show.track.phases("d3")
         pads_m = show.track.samples[0].true_m[[show.config.ids.index(name) for name in OTHERS]]
         row = show.config.ids.index("d3")
@@ -114,12 +116,12 @@ def test_low_battery_overruled_by_an_operator_acts_again_only_when_it_is_critica
         show.befall("d2", "battery", remaining=0.18)
         told = await reacts(show, Cause.LOW_BATTERY)
         await show.phase("d2", Phase.RETURN)
-        await show.order("d2", VehicleAction.HOLD)
-        assert (await show.order("d2", VehicleAction.JOIN)).outcome is Outcome.DONE
+        await show.command("d2", VehicleAction.HOLD)
+        assert (await show.command("d2", VehicleAction.JOIN)).outcome is Outcome.DONE
         await show.wait(12.0)
         assert show.vehicle("d2").phase is Phase.FORMATION
         assert failsafe(show, Cause.LOW_BATTERY) is not None, "and it is still told"
-        assert show.service.order(str(told.order_id)).outcome is Outcome.FAILED
+        assert show.service.command_record(str(told.command_id)).outcome is Outcome.FAILED
         show.befall("d2", "battery", remaining=0.08)
         await show.phase("d2", Phase.LANDING)
         await show.phase("d2", Phase.STANDBY)
@@ -151,10 +153,10 @@ def test_low_battery_of_a_pilots_vehicle_is_the_pilots_business() -> None:
         await show.start()
         show.befall("d2", "pilot", mode="POSITION")
         await show.phase("d2", Phase.PILOT)
-        orders = len(show.link.orders["d2"])
+        commands = len(show.link.commands["d2"])
         show.befall("d2", "battery", remaining=0.05)
         await show.wait(10.0)
-        assert len(show.link.orders["d2"]) == orders
+        assert len(show.link.commands["d2"]) == commands
         assert show.view.failsafes == ()
         assert show.view.show is ShowPhase.RUNNING
 
@@ -167,8 +169,8 @@ def test_low_battery_on_the_way_up_is_landed_straight_down_and_the_others_go_on(
         show.service.command_show(ShowAction.START)
         await show.phase("d2", Phase.TAKEOFF)
         show.befall("d2", "battery", remaining=0.18)
-        order = await carried_out(show, await reacts(show, Cause.LOW_BATTERY))
-        assert (order.action, order.by, order.outcome) == ("return", "service", Outcome.DONE)
+        command = await carried_out(show, await reacts(show, Cause.LOW_BATTERY))
+        assert (command.action, command.by, command.outcome) == ("return", "service", Outcome.DONE)
         assert show.track.phases("d2")[-3:] == [Phase.TAKEOFF, Phase.LANDING, Phase.STANDBY]
         assert off_pad_m(show, "d2") < 1.0
         await show.reach(ShowPhase.RUNNING)
@@ -201,7 +203,7 @@ def test_bad_position_holds_then_lands() -> None:
         assert (held.action, held.by, held.outcome) == ("hold", "service", Outcome.DONE)
         assert show.vehicle("d3").phase is Phase.HOLD
         await show.phase("d3", Phase.STANDBY)
-        assert [order.action for order in by_itself(show)[1:]] == ["hold", "land"]
+        assert [command.action for command in by_itself(show)[1:]] == ["hold", "land"]
         assert (await show.settled(by_itself(show)[-1])).outcome is Outcome.DONE
         assert show.view.show is ShowPhase.RUNNING
         assert off_sphere_m(show, *OTHERS) < 1.2
@@ -219,7 +221,7 @@ def test_bad_position_that_gets_better_leaves_it_holding_until_it_is_told_to_joi
         await show.until(lambda: failsafe(show, Cause.BAD_POSITION) is None)
         await show.wait(10.0)
         assert show.vehicle("d2").phase is Phase.HOLD
-        assert (await show.order("d2", VehicleAction.JOIN)).outcome is Outcome.DONE
+        assert (await show.command("d2", VehicleAction.JOIN)).outcome is Outcome.DONE
         await lands_all(show)
 
     fly(story)
@@ -269,8 +271,8 @@ def test_fence_about_to_be_crossed_brings_it_back(action: str) -> None:
         told = await reacts(show, Cause.FENCE)
         assert (told.action, told.vehicles) == (action, (blown,))
         show.befall(blown, "wind")
-        order = await carried_out(show, told)
-        assert (order.action, order.by, order.outcome) == (action, "service", Outcome.DONE)
+        command = await carried_out(show, told)
+        assert (command.action, command.by, command.outcome) == (action, "service", Outcome.DONE)
         row = show.config.ids.index(blown)
         away_m = np.hypot(*show.track.true_m[:, row, :2].T).max()
         assert away_m < FENCE_M + 2.0

@@ -7,7 +7,7 @@ from virtual_show import Show, fly, show_config
 
 from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import ShowPhase
-from gcs.recording.last_known import events, orders
+from gcs.recording.last_known import commands, events
 from gcs.recording.session import Record
 from gcs.service import ShowAction
 
@@ -25,11 +25,11 @@ def test_a_reaction_is_in_the_audit_as_an_order_of_the_services_with_its_cause(t
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
     with Record(tmp_path, config.model_dump_json(), vehicles) as record:
         fly(low_battery, config, record=record)
-    (order,) = [each for each in orders(tmp_path) if each.action == "return"]
-    assert (order.who, dict(order.outcomes)) == ("service", {"d2": ("done", "")})
+    (command,) = [each for each in commands(tmp_path) if each.action == "return"]
+    assert (command.who, dict(command.outcomes)) == ("service", {"d2": ("done", "")})
     (told,) = [event["detail"] for event in events(tmp_path) if event["event"] == "failsafe"]
     assert told["cause"] == "low battery"
-    assert told["order"] == order.id
+    assert told["command"] == command.id
     assert told["vehicles"] == ["d2"]
     assert told["reason"] == "battery at 17%, below 20%"
     assert [event["detail"]["cause"] for event in events(tmp_path) if event["event"] == "failsafe_over"] == [

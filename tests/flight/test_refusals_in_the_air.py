@@ -77,7 +77,7 @@ async def piloted(show: Show) -> None:
 async def one_on_its_pad(show: Show) -> None:
     """d1 alone flies; d2 has landed and d3 has fallen silent."""
     await running(show)
-    await show.order("d2", VehicleAction.LAND)
+    await show.command("d2", VehicleAction.LAND)
     show.link.silence("d3")
     await show.phase("d3", Phase.LOST)
 

@@ -55,7 +55,7 @@ async def refusals(show: Show) -> dict[str, Refusal]:
         "resume": lambda: service.command_show(ShowAction.RESUME),
         "start": lambda: service.command_show(ShowAction.START),
         "chosen stop": lambda: service.command_show(ShowAction.STOP, ["d1"]),
-        "unknown order": lambda: service.order("o999"),
+        "unknown order": lambda: service.command_record("o999"),
     }
     return {name: await refused(show, request) for name, request in requests.items()}
 
@@ -214,7 +214,7 @@ def test_nobody_is_ever_truly_inside_the_floor_whatever_changes(flight: Flight) 
         ("resume", RefusedError, "it is from paused"),
         ("start", RefusedError, "it is from countdown, idle, landed"),
         ("chosen stop", InvalidError, "only with start"),
-        ("unknown order", UnknownError, "no order o999"),
+        ("unknown order", UnknownError, "no command o999"),
     ],
 )
 def test_what_cannot_be_done_is_refused_with_what_could_and_changes_nothing(

@@ -11,7 +11,7 @@ from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 
 NARROW = {"radius_m": 3.5, "height_m": 12.0}  # narrower than the spacing on the ground
 
@@ -19,28 +19,29 @@ NARROW = {"radius_m": 3.5, "height_m": 12.0}  # narrower than the spacing on the
 class Descent(NamedTuple):
     track: Track  # of everything
     coming_down: Track  # from the order on
-    record: OrderRecord
-    started: OrderRecord
+    record: CommandRecord
+    started: CommandRecord
     floor_violations: int
-    arm_orders: dict[str, int]
+    arm_commands: dict[str, int]
 
 
-async def ordered(show: Show, action: ShowAction, started: OrderRecord) -> Descent:
+async def ordered(show: Show, action: ShowAction, started: CommandRecord) -> Descent:
     """Order, and wait until the show has landed."""
     began_s = show.now_s
     record = await show.show(action)
     await show.reach(ShowPhase.LANDED)
     await show.wait(8.0)
-    arm_orders = {
-        name: sum(order.verb is Verb.ARM for order in orders) for name, orders in show.link.orders.items()
+    arm_commands = {
+        name: sum(command.verb is Verb.ARM for command in commands)
+        for name, commands in show.link.commands.items()
     }
     return Descent(
         show.track,
         show.track.between(began_s),
         record,
-        show.service.order(started.id),
+        show.service.command_record(started.id),
         show.floor_violations(),
-        arm_orders,
+        arm_commands,
     )
 
 
@@ -165,7 +166,7 @@ def test_who_waits_for_its_turn_never_takes_off_after_a_stop_or_an_abort(
     how: str, request: pytest.FixtureRequest
 ) -> None:
     descent: Descent = request.getfixturevalue(how)
-    assert descent.arm_orders["d4"] == 0
+    assert descent.arm_commands["d4"] == 0
     assert (-descent.track.true_m[:, 3, 2]).max() < 0.1
     assert descent.coming_down.phases("d4") == [Phase.STANDBY]
 
@@ -196,7 +197,7 @@ def test_an_abort_in_the_same_breath_as_the_start_leaves_nothing_pending_and_nob
 
 class Mixed(NamedTuple):
     track: Track
-    stopped: OrderRecord
+    stopped: CommandRecord
     landing_at_m: Array  # (2,)
     refusal: str
 
@@ -216,7 +217,7 @@ async def stop_while_some_come_down_already(show: Show) -> Mixed:
         show.service.command_vehicle("d1", VehicleAction.RETURN)
     stopped = await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
-    assert show.service.order(landing.id).outcome is not Outcome.PENDING
+    assert show.service.command_record(landing.id).outcome is not Outcome.PENDING
     return Mixed(show.track, stopped, landing_at_m, str(refusal.value))
 
 

@@ -10,14 +10,14 @@ from virtual_show import Show, Track, fly, show_config
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 
 TIMEOUT_S = 8.0
 
 
 class Failed(NamedTuple):
     track: Track
-    record: OrderRecord
+    record: CommandRecord
     reason: str  # of the vehicle, while it comes down
     setpoints: int  # that were sent to it
     violations: int
@@ -112,7 +112,7 @@ async def hold_refused_by_one_that_climbs(show: Show) -> tuple[Outcome, Phase]:
     show.service.command_show(ShowAction.START)
     await climbing(show, "d2")
     show.link.refusing.add(("d2", Verb.HOLD))
-    held = await show.order("d2", VehicleAction.HOLD)
+    held = await show.command("d2", VehicleAction.HOLD)
     await show.reach(ShowPhase.RUNNING)
     return held.outcome, show.vehicle("d1").phase
 
@@ -121,7 +121,7 @@ def test_one_whose_climb_nobody_watches_any_more_keeps_nobody_waiting() -> None:
     assert fly(hold_refused_by_one_that_climbs, show_config(3)) == (Outcome.FAILED, Phase.FORMATION)
 
 
-async def one_alone(show: Show) -> tuple[list[ShowPhase], OrderRecord]:
+async def one_alone(show: Show) -> tuple[list[ShowPhase], CommandRecord]:
     await show.standby()
     record = show.service.command_show(ShowAction.START)
     await climbing(show, "d1")

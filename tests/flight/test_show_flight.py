@@ -4,14 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from loopback_link import SentOrder, SentSetpoint
+from loopback_link import SentCommand, SentSetpoint
 from virtual_show import HEADING_DEG, JUMP_M_S, TAKEOFF_HEIGHT_M, TARGET_M, Show, Track, fly
 
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Orbit
 from gcs.model.state import VehicleId
-from gcs.service import OrderRecord, Outcome, ShowAction
+from gcs.service import CommandRecord, Outcome, ShowAction
 
 FLIERS = ("d1", "d2", "d3")
 ORBIT_M = 5.0
@@ -19,15 +19,15 @@ ORBIT_M = 5.0
 
 class Flight(NamedTuple):
     track: Track  # of the first flight
-    started: OrderRecord
-    stopped: OrderRecord
+    started: CommandRecord
+    stopped: CommandRecord
     running_s: tuple[float, float]  # standing still, before the orbit
     orbiting_s: tuple[float, float]
     stop_s: float
     floor_violations: int
     sent: dict[VehicleId, list[SentSetpoint]]
-    orders: dict[VehicleId, list[SentOrder]]
-    second_start: OrderRecord
+    commands: dict[VehicleId, list[SentCommand]]
+    second_start: CommandRecord
     second: Track
 
 
@@ -44,21 +44,21 @@ async def two_flights(show: Show) -> Flight:
     await show.reach(ShowPhase.LANDED)
     first, violations = show.track, show.floor_violations()
     sent = {name: list(setpoints) for name, setpoints in show.link.sent.items()}
-    orders = {name: list(given) for name, given in show.link.orders.items()}
+    commands = {name: list(given) for name, given in show.link.commands.items()}
     await show.wait(9.0)  # where they say that they stand drifts by half a metre
     again_s = show.now_s
     second_start = await show.start()
     return Flight(
         first,
-        show.service.order(started.id),
+        show.service.command_record(started.id),
         stopped,
         running_s,
         orbiting_s,
         stop_s,
         violations,
         sent,
-        orders,
-        show.service.order(second_start.id),
+        commands,
+        show.service.command_record(second_start.id),
         show.track.between(again_s),
     )
 
@@ -103,14 +103,14 @@ def test_a_vehicle_never_heard_is_named_as_not_included_and_gets_nothing(flight:
     assert left_out.outcome is Outcome.NOT_INCLUDED
     assert "not heard" in left_out.reason
     assert flight.sent["d4"] == []
-    assert flight.orders["d4"] == []
+    assert flight.commands["d4"] == []
 
 
 def test_vehicles_take_their_turns_to_take_off(flight: Flight) -> None:
-    turns_s = [flight.orders[name][0].time_s for name in FLIERS]
+    turns_s = [flight.commands[name][0].time_s for name in FLIERS]
     assert np.diff(turns_s) == pytest.approx([1.0, 1.0])
     for name in FLIERS:
-        verbs = [order.verb for order in flight.orders[name]]
+        verbs = [command.verb for command in flight.commands[name]]
         assert verbs[: verbs.index(Verb.TAKEOFF) + 1] == [Verb.HOLD, Verb.ARM, Verb.TAKEOFF]
 
 

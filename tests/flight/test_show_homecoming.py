@@ -10,7 +10,7 @@ import pytest
 from virtual_show import AtOnce, Show, Track, fly, show_config
 
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 
 T = TypeVar("T")
@@ -24,7 +24,7 @@ class Return(NamedTuple):
     track: Track
     stop_s: float
     landed_s: float
-    order: OrderRecord
+    command: CommandRecord
     start_m: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
     floor_violations: int
 
@@ -36,8 +36,8 @@ async def whole_return(show: Show) -> Return:
     stop_s = show.now_s
     record = show.service.command_show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED, 120.0)
-    order = await show.settled(record)
-    return Return(show.track, stop_s, show.now_s, order, start_m, show.floor_violations())
+    command = await show.settled(record)
+    return Return(show.track, stop_s, show.now_s, command, start_m, show.floor_violations())
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def flight() -> Return:
 
 
 def test_everybody_is_home_and_nobody_was_inside_the_floor(flight: Return) -> None:
-    assert flight.order.outcome is Outcome.DONE
+    assert flight.command.outcome is Outcome.DONE
     off_m = np.linalg.norm((flight.track.samples[-1].true_m - flight.start_m)[:, :2], axis=1)
     assert off_m.max() < 1.5
     assert flight.floor_violations == 0
@@ -71,14 +71,14 @@ def test_they_stand_before_they_set_out(flight: Return) -> None:
 def test_who_holds_and_who_is_stopped_on_the_way_are_part_of_it_or_left_out() -> None:
     async def story(show: Show) -> None:
         await show.start()
-        await show.order("d1", VehicleAction.HOLD)
+        await show.command("d1", VehicleAction.HOLD)
         record = show.service.command_show(ShowAction.STOP)
         await show.until(lambda: show.vehicle("d2").reason == "on its way home")
         assert show.vehicle("d1").reason == "on its way home"
-        await show.order("d2", VehicleAction.HOLD)
+        await show.command("d2", VehicleAction.HOLD)
         again = show.service.command_show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED, 120.0)
-        assert show.service.order(record.id).outcomes["d2"].outcome is Outcome.FAILED
+        assert show.service.command_record(record.id).outcomes["d2"].outcome is Outcome.FAILED
         assert {part.outcome for part in (await show.settled(again)).outcomes.values()} == {Outcome.DONE}
         assert show.floor_violations() == 0
 
@@ -122,7 +122,7 @@ def test_who_is_stopped_while_the_ways_are_planned_is_not_waited_for() -> None:
         await show.start()
         show.service.command_show(ShowAction.STOP)
         await show.wait(STOPPING_S)
-        await show.order("d1", VehicleAction.HOLD)
+        await show.command("d1", VehicleAction.HOLD)
         await show.until(lambda: show.vehicle("d2").phase is Phase.STANDBY, 60.0)
         assert show.vehicle("d1").phase is Phase.HOLD
         again = show.service.command_show(ShowAction.STOP)

@@ -33,7 +33,7 @@ from gcs.preflight.parameters import requirements, settings_of
 from gcs.recording.exclusions import exclusions
 from gcs.recording.interrupted_session import interruption
 from gcs.recording.session import Record
-from gcs.service import WHO, OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import WHO, CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.fleet import Fleet, Settings
 
@@ -328,8 +328,8 @@ def test_whom_a_pilot_has_is_left_to_the_pilot(tmp_path: Path) -> None:
 def test_a_single_vehicle_control_taken_returns_to_where_it_took_off(tmp_path: Path) -> None:
     async def one_by_one(show: Show) -> None:
         await found(show)
-        await show.order("d1", VehicleAction.TAKE_CONTROL)
-        record = await show.order("d1", VehicleAction.RETURN)
+        await show.command("d1", VehicleAction.TAKE_CONTROL)
+        record = await show.command("d1", VehicleAction.RETURN)
         assert record.outcomes["d1"].outcome is Outcome.DONE
 
     sessions(tmp_path, (four(), fly_for_a_while), (four(), one_by_one))
@@ -340,7 +340,7 @@ async def received_first(show: Show) -> None:
     await show.until(lambda: [show.vehicle(name).phase for name in ("d1", "d2")] == [Phase.PILOT] * 2)
 
 
-COMMANDS: dict[str, Callable[[Show], OrderRecord]] = {
+COMMANDS: dict[str, Callable[[Show], CommandRecord]] = {
     "take-over": lambda show: show.service.settle(Offer.TAKE_OVER),
     "bring-home": lambda show: show.service.settle(Offer.BRING_HOME),
     "stop": lambda show: show.service.command_show(ShowAction.STOP),
@@ -403,7 +403,7 @@ def test_a_later_command_replaces_one_that_still_awaits_vehicles(tmp_path: Path)
         show.link.restore(*LATE)
         record = await show.settled(stopped, 150.0)
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
-        assert show.service.order(take_over.id).outcome is Outcome.FAILED
+        assert show.service.command_record(take_over.id).outcome is Outcome.FAILED
         await show.reach(ShowPhase.LANDED)
         assert show.floor_violations() == 0
 

@@ -8,18 +8,18 @@ from virtual_show import Refusal, Show, Track, fly, refused
 
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 
 
 class Killed(NamedTuple):
     track: Track
     kill_s: float
     off_s: float
-    outcome: OrderRecord
-    again: OrderRecord
+    outcome: CommandRecord
+    again: CommandRecord
     sent: int
     start: Refusal
-    confirmed: OrderRecord
+    confirmed: CommandRecord
 
 
 async def killed(show: Show) -> Killed:
@@ -37,7 +37,7 @@ async def killed(show: Show) -> Killed:
     await show.reach(ShowPhase.LANDED)
     await show.wait(3.0)
     start = await refused(show, lambda: show.service.command_show(ShowAction.START))
-    confirmed = await show.order("d2", VehicleAction.CONFIRM_DOWN)
+    confirmed = await show.command("d2", VehicleAction.CONFIRM_DOWN)
     await show.wait(1.0)
     return Killed(show.track, kill_s, off_s, outcome, again, sent, start, confirmed)
 

@@ -10,11 +10,11 @@ from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Mode
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.modes import Mode as PilotMode
 
 
-async def hold_overtaken_by_stop(show: Show) -> tuple[OrderRecord, ShowPhase, list[bool]]:
+async def hold_overtaken_by_stop(show: Show) -> tuple[CommandRecord, ShowPhase, list[bool]]:
     """HOLD is on its way to d1 when the whole show is ordered home."""
     await show.start()
     show.service.command_vehicle("d1", VehicleAction.HOLD)
@@ -34,7 +34,7 @@ async def hold_that_comes_late(show: Show) -> tuple[list[Phase], int]:
     """An order to hold is refused, and its autopilot holds a while later nevertheless."""
     await show.start()
     show.link.refusing.add(("d1", Verb.HOLD))
-    held = await show.order("d1", VehicleAction.HOLD)
+    held = await show.command("d1", VehicleAction.HOLD)
     assert held.outcome is Outcome.FAILED
     show.link.pilot("d1", PilotMode.HOLD)
     await show.phase("d1", Phase.HOLD, 5.0)
@@ -50,7 +50,7 @@ def test_a_hold_that_seemed_to_have_failed_is_noticed_when_it_comes_through() ->
 
 
 class Refused(NamedTuple):
-    record: OrderRecord
+    record: CommandRecord
     verbs: list[Verb]
     show: ShowPhase
     armed: list[bool]
@@ -59,12 +59,12 @@ class Refused(NamedTuple):
 async def offboard_refused_on_the_way_down(show: Show) -> Refused:
     """d2 holds; when all are to come down its autopilot refuses OFFBOARD, again and again."""
     await show.start()
-    await show.order("d2", VehicleAction.HOLD)
+    await show.command("d2", VehicleAction.HOLD)
     show.link.refusing.add(("d2", Verb.OFFBOARD))
     began_s = show.now_s
     record = await show.settled(show.service.command_show(ShowAction.ABORT), 120.0)
     await show.reach(ShowPhase.LANDED)
-    verbs = [order.verb for order in show.link.orders["d2"] if order.time_s > began_s]
+    verbs = [command.verb for command in show.link.commands["d2"] if command.time_s > began_s]
     return Refused(record, verbs, show.view.show, [vehicle.armed for vehicle in show.view.vehicles])
 
 
@@ -75,7 +75,7 @@ def test_where_offboard_stays_refused_the_autopilots_own_land_is_the_last_resort
     assert (flight.show, flight.armed) == (ShowPhase.LANDED, [False] * 3)
 
 
-async def offboard_refused_after_the_climb(show: Show) -> OrderRecord:
+async def offboard_refused_after_the_climb(show: Show) -> CommandRecord:
     """d2 climbs, and then its autopilot refuses OFFBOARD: the others assemble without it."""
     await show.standby()
     show.link.refusing.add(("d2", Verb.OFFBOARD))
@@ -108,7 +108,7 @@ async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
         await show.phase(name, Phase.PILOT)
     await show.wait(1.0)
     taken = show.view.show
-    await show.order("d1", VehicleAction.TAKE_CONTROL)
+    await show.command("d1", VehicleAction.TAKE_CONTROL)
     await show.wait(0.2)
     given_back = show.view.show
     turned_down = await refused(show, lambda: show.service.command_show(ShowAction.START))
@@ -127,7 +127,7 @@ def test_a_vehicle_control_taken_after_the_show_can_still_be_brought_down() -> N
     assert (flight.landed, flight.armed) == (ShowPhase.UNCONTROLLED, [False, True])
 
 
-async def stop_again_and_again(show: Show) -> list[OrderRecord]:
+async def stop_again_and_again(show: Show) -> list[CommandRecord]:
     """Stop, abort, abort and stop while all are on their way down."""
     await show.start()
     records = []
@@ -137,7 +137,7 @@ async def stop_again_and_again(show: Show) -> list[OrderRecord]:
     await show.reach(ShowPhase.LANDED, 120.0)
     await show.wait(0.2)
     assert show.floor_violations() == 0
-    return [show.service.order(record.id) for record in records]
+    return [show.service.command_record(record.id) for record in records]
 
 
 def test_coming_home_and_coming_down_can_be_ordered_at_any_time_in_the_air() -> None:
@@ -155,16 +155,18 @@ async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
     show.link.restore("d2")
     await show.settled(show.service.command_show(ShowAction.STOP), 120.0)
     await show.reach(ShowPhase.LANDED)
-    attempts = sum(order.verb is Verb.HOLD for order in show.link.orders["d2"])
-    next_order = show.service.kill(["d1"]).id
-    return show.view.show, attempts, next_order
+    attempts = sum(command.verb is Verb.HOLD for command in show.link.commands["d2"])
+    next_command = show.service.kill(["d1"]).id
+    return show.view.show, attempts, next_command
 
 
 def test_one_vehicle_that_never_obeys_does_not_keep_the_show_from_ending() -> None:
-    phase, attempts, next_order = fly(refuses_to_hold_when_lost, show_config(3, operation=HOLDS_WHEN_LOST))
+    phase, attempts, next_command = fly(refuses_to_hold_when_lost, show_config(3, operation=HOLDS_WHEN_LOST))
     assert phase is ShowPhase.LANDED
     assert 3 <= attempts <= 20, "now and then, not without pause"
-    assert next_order == "o4", "start, re-form, stop; that it tries again by itself is no order of anybody's"
+    assert next_command == "o4", (
+        "start, re-form, stop; that it tries again by itself is no order of anybody's"
+    )
 
 
 async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
@@ -174,7 +176,7 @@ async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
     show.link.pilot("d1", PilotMode.HOLD)
     await show.phase("d1", Phase.PILOT)
     vehicle.home_m = None
-    await show.order("d1", VehicleAction.TAKE_CONTROL)
+    await show.command("d1", VehicleAction.TAKE_CONTROL)
     turned_down = await refused(show, lambda: show.service.command_vehicle("d1", VehicleAction.RETURN))
     await show.settled(show.service.command_show(ShowAction.STOP), 120.0)
     await show.reach(ShowPhase.LANDED)
@@ -188,7 +190,7 @@ def test_a_vehicle_whose_start_is_unknown_lands_where_it_is() -> None:
     assert armed == [False, False]
 
 
-async def turn_comes_late(show: Show) -> OrderRecord:
+async def turn_comes_late(show: Show) -> CommandRecord:
     """While d1 climbs, d2's position freezes: its turn comes when it may no longer fly."""
     await show.standby()
     record = show.service.command_show(ShowAction.START)

@@ -11,7 +11,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Target
 from gcs.model.state import Mode
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 
 OTHERS = ("d1", "d3", "d4")
 
@@ -26,7 +26,7 @@ class Silence(NamedTuple):
     verbs: list[Verb]  # ordered since
     holding: Track  # from then until it holds
     back: Track  # from the moment it is heard again
-    joins: list[OrderRecord]  # that anybody gave
+    joins: list[CommandRecord]  # that anybody gave
     refusals: dict[str, Refusal]
     floor_violations: int
 
@@ -52,8 +52,8 @@ async def silent_for_a_while(show: Show) -> Silence:
     sent_before_hold = sum(heard_s < setpoint.time_s < holds_s for setpoint in show.link.sent["d2"])
     holding = show.track.between(heard_s)
     await show.phase("d2", Phase.FORMATION, 10.0)
-    verbs = [order.verb for order in show.link.orders["d2"] if order.time_s > heard_s]
-    joins = [order for order in show.service.orders() if order.action == "join"]
+    verbs = [command.verb for command in show.link.commands["d2"] if command.time_s > heard_s]
+    joins = [command for command in show.service.commands() if command.action == "join"]
     await show.wait(6.0)
     return Silence(
         show.track,
@@ -231,7 +231,7 @@ async def back_when_all_others_are_down(show: Show, action: ShowAction) -> tuple
     show.link.restore("d2")
     await show.phase("d2", Phase.STANDBY, 120.0)
     await show.reach(ShowPhase.LANDED)
-    return show, back_s, [order.verb for order in show.link.orders["d2"] if order.time_s > back_s]
+    return show, back_s, [command.verb for command in show.link.commands["d2"] if command.time_s > back_s]
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,7 @@ async def back_after_each_was_landed(show: Show) -> tuple[ShowPhase, str, Phase]
     show.link.silence("d2")
     await show.phase("d2", Phase.LOST)
     for name in ("d1", "d3"):
-        await show.order(name, VehicleAction.LAND)
+        await show.command(name, VehicleAction.LAND)
     await show.reach(ShowPhase.LANDED)
     show.link.restore("d2")
     await show.phase("d2", Phase.HOLD)
@@ -278,13 +278,13 @@ def test_a_lost_vehicle_that_nobody_ordered_down_holds_until_ordered_and_the_sho
     assert "d2" in reason
 
 
-async def confirmed_down_while_silent(show: Show) -> tuple[list[Phase], OrderRecord]:
+async def confirmed_down_while_silent(show: Show) -> tuple[list[Phase], CommandRecord]:
     await show.start()
     show.link.silence("d2")
     await show.phase("d2", Phase.LOST)
     began_s = show.now_s
     await show.wait(30.0)  # by its own failsafe it sinks and disarms meanwhile
-    confirmed = await show.order("d2", VehicleAction.CONFIRM_DOWN)
+    confirmed = await show.command("d2", VehicleAction.CONFIRM_DOWN)
     show.link.restore("d2")
     await show.phase("d2", Phase.STANDBY)
     await show.wait(0.1)

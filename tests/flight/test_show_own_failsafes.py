@@ -31,7 +31,7 @@ async def three_flat(show: Show) -> dict[str, Any]:
     await show.until(lambda: all(show.vehicle(name).phase is Phase.STANDBY for name in ("d1", "d2", "d3")))
     landed_s = {name: show.track.between(began_s).since(name, Phase.STANDBY) for name in ("d1", "d2", "d3")}
     verbs = {
-        name: [each.verb for each in show.link.orders[name] if began_s < each.time_s < landed_s[name]]
+        name: [each.verb for each in show.link.commands[name] if began_s < each.time_s < landed_s[name]]
         for name in ("d1", "d2", "d3")
     }
     violations = show.floor_violations()

@@ -5,7 +5,7 @@ import pytest
 from virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 from gcs.cli.params import Row, inspect
-from gcs.model.errors import OrderError, RefusedError
+from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 
@@ -58,7 +58,7 @@ def test_what_px4_is_delivered_with_is_refused() -> None:
 def test_a_vehicle_whose_parameters_cannot_be_read_is_neither_ready_nor_flown() -> None:
     async def story(show: Show) -> tuple[Refusal, bool, bool]:
         async def no_answer(vehicle_id: str, names: object) -> dict[str, float]:
-            raise OrderError(f"{vehicle_id}: parameter GF_ACTION: no answer")
+            raise CommandError(f"{vehicle_id}: parameter GF_ACTION: no answer")
 
         show.link.read_parameters = no_answer  # type: ignore[method-assign]
         await show.wait(9.0)

@@ -9,7 +9,7 @@ from gcs.links import Verb
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.modes import Mode as PilotMode
 
 
@@ -18,9 +18,9 @@ class TakenOver(NamedTuple):
     change_s: dict[VehicleId, float]
     pilot_s: dict[VehicleId, float]
     sent_to_pilots: dict[VehicleId, int]  # setpoints after the takeover was seen
-    orders_to_pilots: dict[VehicleId, int]
-    stopped: OrderRecord
-    control_taken: OrderRecord
+    commands_to_pilots: dict[VehicleId, int]
+    stopped: CommandRecord
+    control_taken: CommandRecord
     after_take_control: Track
     refusals: dict[str, Refusal]
 
@@ -38,7 +38,7 @@ async def taken_over(show: Show) -> TakenOver:
     await show.phase("d1", Phase.PILOT)
     pilot_s["d1"] = show.now_s
     show.link.restore("d1")
-    orders_before = {name: len(show.link.orders[name]) for name in ("d1", "d3")}
+    commands_before = {name: len(show.link.commands[name]) for name in ("d1", "d3")}
     await show.wait(4.0)
     refusals = {
         name: await refused(show, lambda action=action: show.service.command_vehicle("d3", action))  # type: ignore[misc]
@@ -48,16 +48,16 @@ async def taken_over(show: Show) -> TakenOver:
         name: sum(setpoint.time_s > pilot_s[name] for setpoint in show.link.sent[name])
         for name in ("d1", "d3")
     }
-    orders = {name: len(show.link.orders[name]) - orders_before[name] for name in ("d1", "d3")}
+    commands = {name: len(show.link.commands[name]) - commands_before[name] for name in ("d1", "d3")}
     back_s = show.now_s
-    control_taken = await show.order("d3", VehicleAction.TAKE_CONTROL)
+    control_taken = await show.command("d3", VehicleAction.TAKE_CONTROL)
     await show.wait(2.0)
-    await show.order("d3", VehicleAction.JOIN)
+    await show.command("d3", VehicleAction.JOIN)
     await show.wait(5.0)
     after = show.track.between(back_s)
     stopped = await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
-    return TakenOver(show.track, change_s, pilot_s, sent, orders, stopped, control_taken, after, refusals)
+    return TakenOver(show.track, change_s, pilot_s, sent, commands, stopped, control_taken, after, refusals)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_the_autopilots_own_failsafe_counts_as_a_pilot(recovery: TakenOver) -> N
 @pytest.mark.parametrize("name", ["d1", "d3"])
 def test_a_pilots_vehicle_gets_neither_setpoints_nor_orders(recovery: TakenOver, name: VehicleId) -> None:
     assert recovery.sent_to_pilots[name] == 0
-    assert recovery.orders_to_pilots[name] == 0
+    assert recovery.commands_to_pilots[name] == 0
 
 
 def test_orders_to_a_pilots_vehicle_are_refused(recovery: TakenOver) -> None:
@@ -109,16 +109,16 @@ def test_a_vehicle_that_fails_safe_and_sinks_to_the_ground_is_on_standby_again(r
     assert recovery.track.phases("d1")[-2:] == [Phase.PILOT, Phase.STANDBY]
 
 
-async def taken_over_while_it_joins(show: Show) -> tuple[OrderRecord, set[Verb]]:
+async def taken_over_while_it_joins(show: Show) -> tuple[CommandRecord, set[Verb]]:
     """The pilot is heard of while setpoints flow already, and OFFBOARD is about to be ordered."""
     await show.start()
-    await show.order("d1", VehicleAction.HOLD)
+    await show.command("d1", VehicleAction.HOLD)
     await show.until(lambda: 0.9 < (show.vehicle("d1").heartbeat_age_s or 0.0) < 0.98)
     began_s = show.now_s
     show.link.pilot("d1", PilotMode.RETURN)
-    joined = await show.order("d1", VehicleAction.JOIN)
+    joined = await show.command("d1", VehicleAction.JOIN)
     await show.wait(2.0)
-    return joined, {order.verb for order in show.link.orders["d1"] if order.time_s > began_s}
+    return joined, {command.verb for command in show.link.commands["d1"] if command.time_s > began_s}
 
 
 def test_a_takeover_ends_what_the_vehicle_was_about_to_do() -> None:
@@ -136,7 +136,7 @@ class SilentPilot(NamedTuple):
     sent: int  # setpoints and orders since the takeover
     hold_while_lost: Refusal
     reason: str
-    control_taken: OrderRecord
+    control_taken: CommandRecord
     after_take_control: list[Phase]
 
 
@@ -159,9 +159,9 @@ async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> 
     await show.wait(30.0)
     track = show.track.between(back_s)
     sent = sum(setpoint.time_s > taken_s for setpoint in show.link.sent["d2"])
-    sent += sum(order.time_s > taken_s for order in show.link.orders["d2"])
+    sent += sum(command.time_s > taken_s for command in show.link.commands["d2"])
     given_s = show.now_s
-    control_taken = await show.order("d2", VehicleAction.TAKE_CONTROL)
+    control_taken = await show.command("d2", VehicleAction.TAKE_CONTROL)
     await show.wait(5.0)
     return SilentPilot(track, sent, hold, reason, control_taken, show.track.between(given_s).phases("d2"))
 
@@ -190,7 +190,7 @@ async def heard_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
     back_s = show.now_s
     show.link.restore("d2")
     await show.wait(10.0)
-    verbs = [order.verb for order in show.link.orders["d2"] if order.time_s > back_s]
+    verbs = [command.verb for command in show.link.commands["d2"] if command.time_s > back_s]
     return show.track.between(back_s).phases("d2"), verbs
 
 

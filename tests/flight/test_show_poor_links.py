@@ -35,7 +35,7 @@ async def poor_links(show: Show, loss: float) -> Poor:
     track = show.track.between(began_s)
     texts = {alarm.text for sample in track.samples for alarm in sample.view.alarms}
     phases = {name: track.phases(name) for name in show.config.ids}
-    joins = sum(order.action == "join" for order in show.service.orders())
+    joins = sum(command.action == "join" for command in show.service.commands())
     if show.view.show is ShowPhase.PAUSED:
         show.service.command_show(ShowAction.RESUME)
         await show.wait(5.0)
@@ -117,11 +117,11 @@ async def taken_while_beatless(show: Show) -> tuple[list[Phase], list[Verb]]:
     await show.wait(6.0)
     show.link.beatless.clear()
     await show.wait(10.0)
-    orders = [order.verb for order in show.link.orders["d2"] if order.time_s > began_s]
-    return show.track.between(began_s).phases("d2"), orders
+    commands = [command.verb for command in show.link.commands["d2"] if command.time_s > began_s]
+    return show.track.between(began_s).phases("d2"), commands
 
 
 def test_a_pilot_that_takes_over_while_heartbeats_are_missing_keeps_it() -> None:
-    phases, orders = fly(taken_while_beatless, show_config(4, operation=HOLDS_WHEN_LOST))
+    phases, commands = fly(taken_while_beatless, show_config(4, operation=HOLDS_WHEN_LOST))
     assert phases == [Phase.FORMATION, Phase.PILOT]
-    assert orders == []
+    assert commands == []

@@ -7,7 +7,7 @@ import pytest
 from virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 from gcs.links import Command, Verb
-from gcs.model.errors import OrderError
+from gcs.model.errors import CommandError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction, VehicleAction
 
@@ -18,7 +18,7 @@ def test_item_3_an_acknowledgement_that_the_heartbeat_does_not_bear_out_is_not_b
     async def story(show: Show) -> str:
         await show.start()
         show.befall("d1", "stuck-mode", answer="accepted")
-        record = await show.order("d1", VehicleAction.HOLD)
+        record = await show.command("d1", VehicleAction.HOLD)
         return record.outcomes["d1"].reason
 
     assert "d1: hold sent, but not seen to happen: it reports offboard, armed" in fly(story, show_config(2))
@@ -27,7 +27,7 @@ def test_item_3_an_acknowledgement_that_the_heartbeat_does_not_bear_out_is_not_b
 def test_item_4_offboard_is_not_ordered_of_a_vehicle_that_gets_no_setpoints() -> None:
     async def story(show: Show) -> str:
         await show.standby()
-        with pytest.raises(OrderError) as refusal:
+        with pytest.raises(CommandError) as refusal:
             await show.link.execute(Command("d1", Verb.OFFBOARD))
         return str(refusal.value)
 
@@ -51,7 +51,7 @@ def test_item_6_a_vehicle_that_failed_safe_is_flown_on_through_hold_and_not_by_m
         await show.wait(0.2)
         track = show.track.between(began_s)
         sent = sum(began_s < each.time_s < track.since("d2", Phase.HOLD) for each in show.link.sent["d2"])
-        verbs = [order.verb for order in show.link.orders["d2"] if order.time_s > began_s]
+        verbs = [command.verb for command in show.link.commands["d2"] if command.time_s > began_s]
         return track.phases("d2"), sent, verbs
 
     phases, sent, verbs = fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
@@ -77,10 +77,10 @@ def test_item_7_after_landing_from_offboard_the_show_can_be_started_again() -> N
 def test_item_11_takeoff_is_not_ordered_of_a_disarmed_vehicle_nor_disarming_of_one_in_the_air() -> None:
     async def story(show: Show) -> tuple[str, str]:
         await show.standby()
-        with pytest.raises(OrderError) as takeoff:
+        with pytest.raises(CommandError) as takeoff:
             await show.link.execute(Command("d1", Verb.TAKEOFF, 5.0))
         await show.start()
-        with pytest.raises(OrderError) as disarm:
+        with pytest.raises(CommandError) as disarm:
             await show.link.execute(Command("d1", Verb.DISARM))
         return str(takeoff.value), str(disarm.value)
 

@@ -11,7 +11,7 @@ from gcs.cli.main import main
 from gcs.links.address_book import Address
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.recording import mcap_layout as layout
-from gcs.recording.last_known import events, last_known, orders
+from gcs.recording.last_known import commands, events, last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import ShowAction, VehicleAction
@@ -23,8 +23,8 @@ async def a_show(show: Show) -> Track:
     show.link.addresses["d1"] = Address("10.0.0.7", 14580, 0)
     await show.start()
     await show.wait(5.0)
-    await show.order("d2", VehicleAction.HOLD)
-    await show.order("d2", VehicleAction.JOIN)
+    await show.command("d2", VehicleAction.HOLD)
+    await show.command("d2", VehicleAction.JOIN)
     await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
     return show.track
@@ -42,7 +42,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Track]:
 
 def test_every_order_is_there_with_its_outcome_per_vehicle(flown: tuple[Path, Track]) -> None:
     done = dict.fromkeys(CONFIG.ids, ("done", ""))
-    assert [(order.action, order.who, dict(order.outcomes)) for order in orders(flown[0])] == [
+    assert [(command.action, command.who, dict(command.outcomes)) for command in commands(flown[0])] == [
         ("start", "service", done),
         ("hold", "service", {"d2": ("done", "")}),
         ("join", "service", {"d2": ("done", "")}),

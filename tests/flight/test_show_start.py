@@ -12,10 +12,10 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import Mode
 from gcs.planning.vertical_overlap import column_m, overlapping
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 
 
-def start_of(*names: str) -> Callable[[Show], Callable[[], OrderRecord]]:
+def start_of(*names: str) -> Callable[[Show], Callable[[], CommandRecord]]:
     """A request to start with these vehicles, or with all."""
     return lambda show: lambda: show.service.command_show(ShowAction.START, names or None)
 
@@ -113,7 +113,7 @@ def test_a_start_that_cannot_be_is_refused_with_its_reason(
 
 class Start(NamedTuple):
     track: Track
-    started: OrderRecord
+    started: CommandRecord
     running: bool
 
 
@@ -121,7 +121,7 @@ async def chosen_only(show: Show) -> Start:
     await show.standby()
     record = show.service.command_show(ShowAction.START, ["d1", "d3"])
     await show.reach(ShowPhase.RUNNING)
-    return Start(show.track, show.service.order(record.id), running=True)
+    return Start(show.track, show.service.command_record(record.id), running=True)
 
 
 def test_only_the_chosen_take_off_and_the_others_are_named() -> None:
@@ -164,7 +164,7 @@ def test_one_that_does_not_get_up_is_told_to_have_failed_and_the_others_fly(
         record = show.service.command_show(ShowAction.START)
         fault(show)
         await show.reach(ShowPhase.RUNNING)
-        return Start(show.track, show.service.order(record.id), running=True)
+        return Start(show.track, show.service.command_record(record.id), running=True)
 
     start = fly(story, show_config(3))
     outcomes = start.started.outcomes
@@ -182,7 +182,7 @@ async def holds_below(show: Show) -> Start:
     await show.until(lambda: show.vehicle("d2").mode is Mode.TAKEOFF)
     show.fleet.state.target_m[1, 2] += 1.0
     await show.reach(ShowPhase.ASSEMBLING)
-    return Start(show.track, show.service.order(record.id), running=True)
+    return Start(show.track, show.service.command_record(record.id), running=True)
 
 
 def test_who_holds_below_the_height_that_was_ordered_is_up() -> None:
@@ -197,7 +197,7 @@ async def nobody_gets_up(show: Show) -> Start:
     show.fleet.state.ready_at_s[:] = np.inf
     await show.reach(ShowPhase.LANDED)
     await show.wait(0.1)
-    return Start(show.track, show.service.order(record.id), running=False)
+    return Start(show.track, show.service.command_record(record.id), running=False)
 
 
 def test_a_show_in_which_nobody_gets_up_is_over() -> None:
@@ -209,7 +209,7 @@ def test_a_show_in_which_nobody_gets_up_is_over() -> None:
 class Arming(NamedTuple):
     too_small: Refusal
     on_a_pad: Refusal
-    held: OrderRecord
+    held: CommandRecord
     phase: Phase
 
 
@@ -222,7 +222,7 @@ async def changes_on_the_way_up(show: Show) -> Arming:
     crate = Obstacle("crate", float(pad_m[0]), float(pad_m[1]), 0.5, 0.5, 1.0)
     too_small = await refused(show, lambda: show.service.set_formation(Formation(2.0, 14.0)))
     on_a_pad = await refused(show, lambda: show.service.add_obstacle(crate))
-    held = await show.order("d1", VehicleAction.HOLD)
+    held = await show.command("d1", VehicleAction.HOLD)
     return Arming(too_small, on_a_pad, held, show.vehicle("d1").phase)
 
 

@@ -10,7 +10,7 @@ from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.state import Array, Mode, VehicleId
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 
 HOLD, JOIN, RETURN, LAND, TAKE_CONTROL, CONFIRM_DOWN = (
     VehicleAction.HOLD,
@@ -24,7 +24,7 @@ HOLD, JOIN, RETURN, LAND, TAKE_CONTROL, CONFIRM_DOWN = (
 
 class Flight(NamedTuple):
     track: Track
-    records: dict[str, OrderRecord]
+    records: dict[str, CommandRecord]
     held: Track
     sent_in_hold: int
     joined: Track
@@ -34,7 +34,7 @@ class Flight(NamedTuple):
     floor_violations: int
 
 
-async def orders(show: Show) -> Flight:
+async def commands(show: Show) -> Flight:
     service, records, turned_down = show.service, {}, {}
 
     async def try_all(when: str, name: VehicleId, *actions: VehicleAction) -> None:
@@ -49,14 +49,14 @@ async def orders(show: Show) -> Flight:
     await try_all("formation", "d1", JOIN, TAKE_CONTROL, CONFIRM_DOWN)
     await try_all("unknown", "d9", HOLD)
 
-    records["hold"] = await show.order("d1", HOLD)
+    records["hold"] = await show.command("d1", HOLD)
     began_s = show.now_s
     await show.wait(5.0)
     held = show.track.between(began_s + 3.0)
     sent_in_hold = sum(setpoint.time_s > began_s for setpoint in show.link.sent["d1"])
-    records["hold again"] = await show.order("d1", HOLD)
+    records["hold again"] = await show.command("d1", HOLD)
     began_s = show.now_s
-    records["join"] = await show.order("d1", JOIN)
+    records["join"] = await show.command("d1", JOIN)
     await show.wait(6.0)
     joined = show.track.between(began_s)
 
@@ -64,7 +64,7 @@ async def orders(show: Show) -> Flight:
     service.command_vehicle("d2", RETURN)
     landing = service.command_vehicle("d3", LAND)
     await show.phase("d2", Phase.RETURN)
-    records["return again"] = await show.order("d2", RETURN)
+    records["return again"] = await show.command("d2", RETURN)
     records["land"] = await show.settled(landing)
     landed_at_m = show.true_m[2].copy()
     await try_all("landed", "d3", JOIN)
@@ -87,7 +87,7 @@ async def orders(show: Show) -> Flight:
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:
-    return fly(orders, show_config(3))
+    return fly(commands, show_config(3))
 
 
 def test_every_order_is_done(flight: Flight) -> None:
@@ -157,7 +157,7 @@ def test_an_order_to_a_vehicle_that_does_not_exist_names_those_that_do(flight: F
     assert refusal.text == "there is no vehicle d9; there are d1, d2, d3"
 
 
-async def no_room(show: Show) -> tuple[Refusal, OrderRecord]:
+async def no_room(show: Show) -> tuple[Refusal, CommandRecord]:
     """The sphere shrinks while one is out of our hands; then it wants to come back."""
     await show.start()
     show.link.silence("d4")
@@ -167,7 +167,7 @@ async def no_room(show: Show) -> tuple[Refusal, OrderRecord]:
     await show.phase("d4", Phase.HOLD)
     refusal = await refused(show, lambda: show.service.command_vehicle("d4", JOIN))
     show.service.set_formation(Formation(3.2, 14.0))
-    return refusal, await show.order("d4", JOIN)
+    return refusal, await show.command("d4", JOIN)
 
 
 def test_joining_a_sphere_too_small_for_one_more_is_refused_with_the_radius_that_would_do() -> None:
@@ -179,10 +179,10 @@ def test_joining_a_sphere_too_small_for_one_more_is_refused_with_the_radius_that
 
 async def join_without_a_show(show: Show) -> Refusal:
     await show.start()
-    await show.order("d1", HOLD)
+    await show.command("d1", HOLD)
     show.service.command_show(ShowAction.STOP)
     await show.phase("d1", Phase.RETURN)
-    await show.order("d1", HOLD)
+    await show.command("d1", HOLD)
     return await refused(show, lambda: show.service.command_vehicle("d1", JOIN))
 
 

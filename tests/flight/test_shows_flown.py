@@ -15,7 +15,7 @@ from gcs.recording import last_known
 from gcs.recording.last_known import events
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
-from gcs.service import OrderRecord, Outcome, SelectedShow, ShowAction
+from gcs.service import CommandRecord, Outcome, SelectedShow, ShowAction
 from gcs.shows import Timeline, parse
 
 GUEST_M = (12.0, 4.0)
@@ -26,7 +26,7 @@ CRANE = Obstacle("crane", 60.0, -60.0, 2.0, 2.0, 20.0)
 class Flight(NamedTuple):
     timeline: Timeline
     track: Track
-    started: OrderRecord
+    started: CommandRecord
     paused_s: tuple[float, float]
     refusals: dict[str, str]
     floor_violations: int
@@ -59,7 +59,7 @@ async def whole_show(show: Show) -> Flight:
     return Flight(
         Timeline.of(parse(TEXT, NAME).show),
         show.track,
-        service.order(started.id),
+        service.command_record(started.id),
         (pause_s, resume_s),
         {what: refusal.text for what, refusal in refusals.items()},
         show.floor_violations(),

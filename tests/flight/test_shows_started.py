@@ -57,7 +57,7 @@ def test_a_start_is_refused_unless_it_names_the_show_that_was_checked(tmp_path: 
         keep(show)
         record = service.command_show(ShowAction.START, ALL[:3], show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING)
-        assert service.order(record.id).outcomes["d4"].reason == "not chosen"
+        assert service.command_record(record.id).outcomes["d4"].reason == "not chosen"
         assert show.vehicle("d4").light is None
         assert [show.vehicle(name).light for name in ALL[:3]] == ["#ff0000", "#0000ff", "#ff0000"]
 
@@ -212,14 +212,14 @@ def test_a_start_at_a_clock_time_counts_down_and_takes_off_then(tmp_path: Path) 
         assert show.view.show is ShowPhase.COUNTDOWN
         assert show.view.start_unix_time_s == at_s
         assert show.view.countdown_s == pytest.approx(AHEAD_S / 2, abs=0.1)
-        assert service.order(record.id).outcome is Outcome.PENDING
+        assert service.command_record(record.id).outcome is Outcome.PENDING
         for change in (lambda: service.seek_show("turn"), service.deselect_show):
             assert "counted down" in (await refused(show, change)).text
         await show.reach(ShowPhase.ARMING)
         assert show.now_s - begun_s == pytest.approx(AHEAD_S, abs=0.1)
         assert show.view.countdown_s is None
         await show.reach(ShowPhase.RUNNING)
-        assert service.order(record.id).outcome is Outcome.DONE
+        assert service.command_record(record.id).outcome is Outcome.DONE
 
     fly(story, config(tmp_path))
 
@@ -235,7 +235,9 @@ def test_a_countdown_that_is_called_off_fails_its_order_and_nobody_takes_off(tmp
         service.command_show(ShowAction.STOP)
         await show.wait(2.0 * AHEAD_S)
         assert show.view.show is ShowPhase.IDLE
-        assert {part.outcome for part in service.order(record.id).outcomes.values()} == {Outcome.FAILED}
+        assert {part.outcome for part in service.command_record(record.id).outcomes.values()} == {
+            Outcome.FAILED
+        }
         assert not any(show.fleet.autopilots[row].commander.armed for row in range(4))
 
     fly(story, config(tmp_path))
@@ -262,7 +264,7 @@ def test_what_has_changed_until_the_clock_time_calls_the_start_off_and_is_said(
         await show.until(lambda: show.view.show is ShowPhase.IDLE, 2.0 * AHEAD_S)
         expected = {"silent": "d3 is offline", "changed": "has changed", "clock": "missed by"}[what]
         assert expected in show.view.reason
-        assert expected in service.order(record.id).outcomes["d1"].reason
+        assert expected in service.command_record(record.id).outcomes["d1"].reason
 
     fly(story, config(tmp_path))
 
@@ -317,7 +319,7 @@ def test_a_vehicle_found_in_the_air_does_not_begin_a_show_that_was_never_started
         show.link.silence("d1")
         await show.until(lambda: show.vehicle("d1").phase == "lost")
         for name in show.config.ids[1:]:
-            await show.order(name, VehicleAction.LAND)
+            await show.command(name, VehicleAction.LAND)
         await show.reach(ShowPhase.LANDED)
         show_hash = check(show)
         service.select_show(NAME, show_hash)

@@ -16,7 +16,7 @@ from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
 from gcs.preflight.parameters import requirements, settings_of
-from gcs.service import OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet, Settings
 
 FIRST = ("d1", "d2", "d3")
@@ -93,7 +93,7 @@ def test_a_vehicle_taken_by_a_pilot_before_or_during_the_stall_stays_the_pilots(
 def test_what_is_taken_by_a_pilot_long_after_the_stall_is_not_explained_by_it() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
-        await show.order("d1", VehicleAction.TAKE_CONTROL)
+        await show.command("d1", VehicleAction.TAKE_CONTROL)
         show.befall("d1", "pilot")
         await show.phase("d1", Phase.PILOT)
         record = show.service.command_show(ShowAction.STOP)
@@ -140,7 +140,7 @@ def test_take_offs_that_a_stall_has_held_up_follow_one_another() -> None:
         stall(show, 4.0)
         await show.until(lambda: all(seen.armed for seen in show.view.vehicles), 30.0)
         return sorted(
-            next(order.time_s for order in show.link.orders[name] if order.verb == "arm")
+            next(command.time_s for command in show.link.commands[name] if command.verb == "arm")
             for name in show.config.ids
         )
 
@@ -184,7 +184,7 @@ def test_a_stop_while_a_take_over_waits_for_one_vehicle_counts_for_those_that_ho
         assert {name: part.reason for name, part in record.outcomes.items() if part.reason} == {}
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
         await show.reach(ShowPhase.LANDED)
-        assert {part.outcome for part in show.service.order(take_over.id).outcomes.values()} == {
+        assert {part.outcome for part in show.service.command_record(take_over.id).outcomes.values()} == {
             Outcome.FAILED
         }
 
@@ -200,7 +200,7 @@ def test_a_take_over_that_is_repeated_leaves_no_part_of_the_first_pending() -> N
         show.link.restore("d4")
         second = await show.settled(show.service.settle(Offer.TAKE_OVER))
         assert {part.outcome for part in second.outcomes.values()} == {Outcome.DONE}
-        assert show.service.order(first.id).outcome is Outcome.FAILED
+        assert show.service.command_record(first.id).outcome is Outcome.FAILED
 
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
@@ -214,8 +214,8 @@ def test_a_vehicle_without_heartbeats_is_reached_by_no_command_to_all() -> None:
         await show.wait(4.0)
         assert show.vehicle("d1").phase is Phase.PILOT
         assert show.vehicle("d1").mode is Mode.HOLD, "nothing is known of the pilot"
-        sent = len(show.link.orders["d1"])
-        commands: tuple[Callable[[], OrderRecord], ...] = (
+        sent = len(show.link.commands["d1"])
+        commands: tuple[Callable[[], CommandRecord], ...] = (
             lambda: show.service.settle(Offer.TAKE_OVER),
             lambda: show.service.command_vehicles(VehicleAction.TAKE_CONTROL),
             lambda: show.service.command_show(ShowAction.PAUSE),
@@ -227,7 +227,7 @@ def test_a_vehicle_without_heartbeats_is_reached_by_no_command_to_all() -> None:
             assert "take-control d1" in record.outcomes["d1"].reason
             await show.wait(0.1)
         await show.settled(record, 150.0)
-        assert len(show.link.orders["d1"]) == sent
+        assert len(show.link.commands["d1"]) == sent
 
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
@@ -242,8 +242,8 @@ def test_the_end_of_a_written_show_takes_control_of_nothing(tmp_path: Path) -> N
         stall(show, 4.0)
         await show.wait(1.0)
         for name in FIRST:
-            await show.order(name, VehicleAction.TAKE_CONTROL)
-            await show.order(name, VehicleAction.JOIN)
+            await show.command(name, VehicleAction.TAKE_CONTROL)
+            await show.command(name, VehicleAction.JOIN)
         await show.show(ShowAction.RESUME)
         await show.reach(ShowPhase.RETURNING, 300.0)
         await show.wait(5.0)

@@ -102,7 +102,7 @@ def test_a_viewer_whose_token_is_revoked_is_shown_out(station: Station) -> None:
     asyncio.run(main())
 
 
-def orders_over_the_lane(station: Station) -> None:
+def commands_over_the_lane(station: Station) -> None:
     url, lane = f"http://127.0.0.1:{station.port}", f"http://127.0.0.1:{station.lane_port}"
     with Client(lane, token=station.token[Role.EMERGENCY]) as client:
         assert client.stop().by == "emergency"
@@ -128,7 +128,7 @@ def test_the_client_sends_emergencies_down_their_lane_and_otherwise_where_somebo
     async def main() -> None:
         async with station.serving():
             station.service.fly()
-            await asyncio.to_thread(orders_over_the_lane, station)
+            await asyncio.to_thread(commands_over_the_lane, station)
 
     asyncio.run(main())
     assert station.service.show is ShowPhase.ABORTING

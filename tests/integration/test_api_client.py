@@ -14,7 +14,7 @@ from api_fake_service import FakeService
 
 from gcs.api.app import create_app
 from gcs.client import Client
-from gcs.model.errors import GcsError, InvalidError, LinkError, OrderError, RefusedError, UnknownError
+from gcs.model.errors import CommandError, GcsError, InvalidError, LinkError, RefusedError, UnknownError
 from gcs.service import Outcome
 from gcs.shows import load, shipped
 
@@ -116,12 +116,12 @@ def test_the_client_keeps_checks_and_selects_shows(tmp_path: Path) -> None:
 def test_the_client_waits_for_an_order_and_names_who_is_late() -> None:
     service = FakeService()
     with client_of(service) as client:
-        order = client.start()
-        with pytest.raises(OrderError, match=r"show start not done after 0\.3 s by d1, d2, d3"):
-            client.wait_for(order.id, timeout_s=0.3)
-        timer = threading.Timer(0.3, service.finish, (order.id, Outcome.FAILED, "no GPS"))
+        command = client.start()
+        with pytest.raises(CommandError, match=r"show start not done after 0\.3 s by d1, d2, d3"):
+            client.wait_for(command.id, timeout_s=0.3)
+        timer = threading.Timer(0.3, service.finish, (command.id, Outcome.FAILED, "no GPS"))
         timer.start()
-        ended = client.wait_for(order.id, timeout_s=30)
+        ended = client.wait_for(command.id, timeout_s=30)
         timer.join()
         assert (ended.outcome, ended.vehicles["d1"].reason) == ("failed", "no GPS")
 

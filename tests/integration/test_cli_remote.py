@@ -291,9 +291,9 @@ def test_an_order_is_told_with_who_takes_part_and_what_is_read_is_json(
         assert main(["start", "d1", "d2"]) == 0
         assert capsys.readouterr().out == "o1 show start: pending\n  d1: pending\n  d2: pending\n"
         service.finish("o1", Outcome.FAILED, "no GPS")
-        assert main(["order", "show", "o1"]) == 1
+        assert main(["command", "show", "o1"]) == 1
         assert capsys.readouterr().out.endswith("  d1: failed, no GPS\n  d2: failed, no GPS\n")
-        assert main(["order", "show", "o1", "--json"]) == 1
+        assert main(["command", "show", "o1", "--json"]) == 1
         assert json.loads(capsys.readouterr().out)["vehicles"]["d1"]["reason"] == "no GPS"
         service.tick()
         assert main(["state"]) == 0
@@ -306,7 +306,7 @@ def test_an_order_can_be_waited_for_and_what_fails_is_the_exit_code(
     service = FakeService()
 
     def fail_o2() -> None:
-        while "o2" not in service.orders_by_id:
+        while "o2" not in service.commands_by_id:
             time.sleep(0.05)
         service.finish("o2", Outcome.FAILED, "it did not land")
 
@@ -331,7 +331,7 @@ def test_an_order_can_be_waited_for_and_what_fails_is_the_exit_code(
         ("pause", 1, "not possible while the show is idle"),
         ("kill d9", 1, "there is no vehicle 'd9'"),
         ("vehicle show ../d1", 1, "there is no /api/v1/vehicles/../d1 here"),
-        ("order show o9", 1, "there is no order 'o9'"),
+        ("order show o9", 1, "there is no command 'o9'"),
         ("state --url http://127.0.0.1:9", 3, "no answer from http://127.0.0.1:9"),
         ("state --url nonsense", 3, "no answer from nonsense"),
         ("state --ca-file none.pem", 2, "none.pem: no PEM certificate"),

@@ -9,7 +9,7 @@ from link_peer import Peer
 from machine import STALL_S, Witness, free_ports
 
 from gcs.links import Command, Link, Verb
-from gcs.model.errors import LinkError, OrderError, UnknownError
+from gcs.model.errors import CommandError, LinkError, UnknownError
 from gcs.model.state import Landed, Mode, Setpoints
 
 pytestmark = pytest.mark.usefixtures("transport")
@@ -81,7 +81,7 @@ def test_a_refusal_carries_the_vehicles_own_words() -> None:
     async def main(link: AnyLink) -> None:
         async with running(link):
             await ready(link)
-            with pytest.raises(OrderError, match=r"v1: arm failed \(COMMAND_DENIED\).*the test says so"):
+            with pytest.raises(CommandError, match=r"v1: arm failed \(COMMAND_DENIED\).*the test says so"):
                 await do(link, Verb.ARM, "v1")
 
     with Peer(port := free_ports(), 1, refuses=True):
@@ -90,19 +90,19 @@ def test_a_refusal_carries_the_vehicles_own_words() -> None:
 
 def test_orders_that_make_no_sense_are_refused_before_they_leave() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
-        with pytest.raises(OrderError, match="not open"):
+        with pytest.raises(CommandError, match="not open"):
             await do(link, Verb.ARM, "v1")
         with pytest.raises(UnknownError, match="v9"):
             await do(link, Verb.ARM, "v9")
         async with running(link):
             await until(lambda: link.snapshot().ready[0])
-            with pytest.raises(OrderError, match="never heard"):
+            with pytest.raises(CommandError, match="never heard"):
                 await do(link, Verb.ARM, "v2")
-            with pytest.raises(OrderError, match="arm it first"):
+            with pytest.raises(CommandError, match="arm it first"):
                 await do(link, Verb.TAKEOFF, "v1", height_m=3.0)
-            with pytest.raises(OrderError, match="height above 0"):
+            with pytest.raises(CommandError, match="height above 0"):
                 await do(link, Verb.TAKEOFF, "v1", height_m=float("nan"))
-            with pytest.raises(OrderError, match="no setpoints are flowing"):
+            with pytest.raises(CommandError, match="no setpoints are flowing"):
                 await do(link, Verb.OFFBOARD, "v1")
         commands = {message.command for _, message in peer.messages("COMMAND_LONG")}
         assert commands <= {511, 512, 520}  # MAVSDK's own questions
@@ -126,7 +126,7 @@ def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
             await do(link, Verb.KILL, "v1")
             assert machine.awake_s(killed_s, time.monotonic()) < 0.4  # an order waits 0.5 s for its answer
             for task in (arming, queued):
-                with pytest.raises(OrderError):
+                with pytest.raises(CommandError):
                     await task
             after = [m for at_s, m in peer.messages("COMMAND_LONG") if m.command == 400 and at_s > killed_s]
             assert {(m.param1, m.param2) for m in after} == {(0.0, 21196.0)}
@@ -156,7 +156,7 @@ def test_a_silent_vehicle_delays_nobody() -> None:
                     await do(link, verb, "v2")
                     # v1's order waits 0.5 s for its answer, three times
                     assert machine.awake_s(began_s, time.monotonic()) < 0.45
-                with pytest.raises(OrderError, match=r"arm failed \(TIMEOUT\)"):
+                with pytest.raises(CommandError, match=r"arm failed \(TIMEOUT\)"):
                     await lost
                 await until(lambda: time.monotonic() - link.snapshot().life_time_s[0] > 3.1)
                 # silent for 3 s: not commanded, while the other one is
@@ -218,10 +218,10 @@ def test_a_link_can_be_closed_during_an_order_and_opened_again() -> None:
         async with running(link):
             await ready(link)
             peer.answers = False
-            order = asyncio.create_task(link.execute(Command("v1", Verb.ARM)))
+            command = asyncio.create_task(link.execute(Command("v1", Verb.ARM)))
             await asyncio.sleep(0.05)
-        with pytest.raises(OrderError):
-            await order
+        with pytest.raises(CommandError):
+            await command
         peer.answers = True
         async with running(link):
             await ready(link)

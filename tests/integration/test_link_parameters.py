@@ -11,7 +11,7 @@ import pytest
 from link_bench import AnyLink, a_link, is_open, running, until
 from machine import free_ports
 
-from gcs.model.errors import OrderError, UnknownError
+from gcs.model.errors import CommandError, UnknownError
 
 pytestmark = pytest.mark.usefixtures("transport")
 
@@ -57,13 +57,13 @@ def test_what_cannot_be_read_or_set_says_why() -> None:
     async def story(link: AnyLink) -> None:
         async def unread() -> None:
             nothing_such = r"v1: parameter NO_SUCH: no answer; there is no such parameter"
-            with pytest.raises(OrderError, match=nothing_such):
+            with pytest.raises(CommandError, match=nothing_such):
                 await link.read_parameters("v1", ("NO_SUCH",))
 
         async def unset() -> None:
-            with pytest.raises(OrderError, match="v2: parameter NO_SUCH: "):
+            with pytest.raises(CommandError, match="v2: parameter NO_SUCH: "):
                 await link.set_parameter("v2", "NO_SUCH", 1)
-            with pytest.raises(OrderError, match="v2: parameter COM_OBL_RC_ACT: "):
+            with pytest.raises(CommandError, match="v2: parameter COM_OBL_RC_ACT: "):
                 await link.set_parameter("v2", "COM_OBL_RC_ACT", 0.5)  # it is a whole number
 
         await asyncio.gather(unread(), unset())  # each waits in vain for an answer
@@ -76,11 +76,11 @@ def test_what_cannot_be_read_or_set_says_why() -> None:
 def test_a_link_that_is_not_open_or_a_vehicle_never_heard_says_so() -> None:
     async def main() -> None:
         link = a_link(free_ports(1), [1])
-        with pytest.raises(OrderError, match="v1: its parameters cannot be read: link bench is not open"):
+        with pytest.raises(CommandError, match="v1: its parameters cannot be read: link bench is not open"):
             await link.read_parameters("v1", ("COM_OBL_RC_ACT",))
         async with running(link):
             await until(lambda: is_open(link))
-            with pytest.raises(OrderError, match="v1: COM_OBL_RC_ACT cannot be set: never heard"):
+            with pytest.raises(CommandError, match="v1: COM_OBL_RC_ACT cannot be set: never heard"):
                 await link.set_parameter("v1", "COM_OBL_RC_ACT", 5)
 
     asyncio.run(main())

@@ -102,8 +102,8 @@ def test_another_station_must_sign_too(signing: Signing) -> None:
                 await until(lambda: made.wire.counters.refused_from_others == 1)
                 other = a_packer(255)
                 other.signing.timestamp = signing._signer.time
-                order = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
-                raw = bytes(order.pack(other))
+                given = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+                raw = bytes(given.pack(other))
                 station.sendto(raw, ground)
                 assert await arrived(vehicle) == raw, "signed by whoever sent it"
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.flight.command_log import OrderBook
+from gcs.flight.command_log import CommandLog
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import FleetState, Landed, Mode, Setpoints
-from gcs.recording.last_known import last_known, orders
+from gcs.recording.last_known import commands, last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.replay.service import NOTHING_COUNTED
 from gcs.recording.sample import Sample
@@ -75,7 +75,7 @@ def fill_the_disk(root: Path, told: Connection) -> None:
             time.sleep(0.01)
 
     with Record(root, "{}", VEHICLES) as record:
-        book = OrderBook(record.audit)
+        book = CommandLog(record.audit)
         assert asyncio.run(record.audit.kept())
         full: tuple[str, ...] = ()
 
@@ -107,8 +107,8 @@ def test_a_full_disk_is_told_of_and_the_record_goes_on_when_there_is_room(tmp_pa
     assert "flight data are not recorded" in full[1]
     assert refused
     assert kept
-    found = orders(tmp_path)
-    assert [order.id for order in found] == [f"o{number}" for number in range(1, len(found) + 1)], (
+    found = commands(tmp_path)
+    assert [command.id for command in found] == [f"o{number}" for number in range(1, len(found) + 1)], (
         "none is lost"
     )
     assert (found[-1].id, found[-1].action) == (last, "stop")

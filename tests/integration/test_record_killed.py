@@ -8,8 +8,8 @@ import signal
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from gcs.flight.command_log import OrderBook
-from gcs.recording.last_known import last_known, orders
+from gcs.flight.command_log import CommandLog
+from gcs.recording.last_known import commands, last_known
 from gcs.recording.session import Record
 from gcs.service import Outcome
 
@@ -17,23 +17,23 @@ KILLS = 20
 VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 21)}
 
 
-def order_for_ever(root: Path, told: Connection) -> None:
+def command_for_ever(root: Path, told: Connection) -> None:
     """Accept orders as fast as the disk takes them, four at a time, and tell of each once it is kept."""
 
-    async def orders_of_one(record: Record, book: OrderBook) -> None:
+    async def commands_of_one(record: Record, book: CommandLog) -> None:
         while True:
-            order = book.open("hold", list(VEHICLES), {})
+            command = book.open("hold", list(VEHICLES), {})
             for name in VEHICLES:
-                book.close(order.id, name, Outcome.DONE)
+                book.close(command.id, name, Outcome.DONE)
             assert await record.audit.kept()
-            told.send((record.session, order.id))
+            told.send((record.session, command.id))
 
     async def main() -> None:
         with Record(root, "{}", VEHICLES) as record:
-            book = OrderBook(record.audit)
+            book = CommandLog(record.audit)
             async with asyncio.TaskGroup() as group:
                 for _ in range(4):
-                    group.create_task(orders_of_one(record, book))
+                    group.create_task(commands_of_one(record, book))
 
     asyncio.run(main())
 
@@ -44,7 +44,7 @@ def test_no_order_that_was_acknowledged_is_missing_after_kill_9_at_any_moment(tm
     samples, acknowledged = random.Random(5), set()
     for _ in range(KILLS):
         hear, tell = context.Pipe(duplex=False)
-        process = context.Process(target=order_for_ever, args=(tmp_path, tell))
+        process = context.Process(target=command_for_ever, args=(tmp_path, tell))
         process.start()
         tell.close()
         acknowledged.add(hear.recv())  # it works
@@ -57,7 +57,7 @@ def test_no_order_that_was_acknowledged_is_missing_after_kill_9_at_any_moment(tm
                 acknowledged.add(hear.recv())
             except (EOFError, OSError):  # killed while it told
                 break
-    kept = {(order.session, order.id): order for order in orders(tmp_path)}
+    kept = {(command.session, command.id): command for command in commands(tmp_path)}
     assert len({session for session, _ in acknowledged}) == KILLS
     assert len(acknowledged) > KILLS, "some were killed at work"
     assert not acknowledged - kept.keys()

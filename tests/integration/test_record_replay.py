@@ -131,11 +131,11 @@ def test_the_stream_shows_the_flight_in_its_time_and_orders_are_refused(recorded
         with pytest.raises(RefusedError, match=r"this is a replay of .*: it keeps no shows"):
             client.shows.upload("small", "about: nothing")
         seek = partial(client.shows.seek, "stand")
-        for order in (client.stop, client.start, lambda: client.change_orbit(radius_m=5.0), seek):
+        for command in (client.stop, client.start, lambda: client.change_orbit(radius_m=5.0), seek):
             with pytest.raises(
                 RefusedError, match=r"this is a replay of .*: nothing can be ordered or changed"
             ):
-                order()
+                command()
         seen = asyncio.run(watched(address, 10))
         passed_s = float(str(seen[-1]["unix_time_s"])) - float(str(seen[0]["unix_time_s"]))
         live_s = float(str(seen[-1]["time_s"])) - float(str(seen[0]["time_s"]))

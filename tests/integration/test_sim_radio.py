@@ -97,10 +97,12 @@ def test_each_namespace_has_a_port_and_ids_from_one() -> None:
         assert [heard(each, 60) for each in (one, two, three)] == [{1, 2, 3}, {1, 2, 3}, {1}]
 
 
-def ask(control: int, order: Any) -> dict[str, Any]:
+def ask(control: int, command: Any) -> dict[str, Any]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as operator:
         operator.settimeout(LIMIT_S)
-        operator.sendto((order if isinstance(order, str) else json.dumps(order)).encode(), (LOCAL, control))
+        operator.sendto(
+            (command if isinstance(command, str) else json.dumps(command)).encode(), (LOCAL, control)
+        )
         return dict(json.loads(operator.recv(65536)))
 
 

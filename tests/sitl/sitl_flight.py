@@ -104,8 +104,8 @@ class SitlFlight:
 
     def _assemble(self) -> None:
         self._until("every vehicle ready", self._pace.ready_s, self._all_ready)
-        order = self._client.start()
-        self._say(f"start: {len(order.vehicles)} vehicles")
+        command = self._client.start()
+        self._say(f"start: {len(command.vehicles)} vehicles")
         self._reach("running", self._pace.up_s + self._pace.formed_s)
         self._judge_steady("assembled")
 
@@ -237,7 +237,7 @@ class SitlFlight:
         self.account.steady[name] = (begin_s, time.monotonic())
         self._say(f"steady: {name}")
 
-    def _accept(self, name: str, command: Callable[[], wire.Order]) -> None:
+    def _accept(self, name: str, command: Callable[[], wire.Command]) -> None:
         """Send a command; note a refusal, which the verdict counts."""
         try:
             command()

@@ -25,12 +25,12 @@ from gcs.service import (
     Audit,
     Certification,
     CheckState,
+    CommandRecord,
     FleetView,
     FlightEnvelope,
     Histogram,
     Latest,
     NoAudit,
-    OrderRecord,
     Outcome,
     Playback,
     Replaying,
@@ -109,7 +109,7 @@ class FakeService:
         self._clock_s = clock_s
         self.shows = ShowLibrary(folder)
         self.phases: dict[str, Phase] = {}
-        self.orders_by_id: dict[str, OrderRecord] = {}
+        self.commands_by_id: dict[str, CommandRecord] = {}
         self.ticks = 0
         self.control_alive = True
         self.audit: Audit = NoAudit()
@@ -144,7 +144,7 @@ class FakeService:
         self.conditions: tuple[Condition, ...] = ()
         self.book = AlarmBook()
         self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
-        self.orders_by_id = {}
+        self.commands_by_id = {}
         self.excluded: dict[str, Exclusion] = {}
         self.happened: tuple[LogEvent, ...] = ()
         self.battery = 0.9
@@ -155,10 +155,10 @@ class FakeService:
         self.book.look(self.conditions, self._clock_s(), time.time())
         self._view.set(self._look())
 
-    def finish(self, order_id: str, outcome: Outcome = Outcome.DONE, reason: str = "") -> None:
+    def finish(self, command_id: str, outcome: Outcome = Outcome.DONE, reason: str = "") -> None:
         """Let an order come to its end with every vehicle."""
-        record = self.orders_by_id[order_id]
-        self.orders_by_id[order_id] = replace(
+        record = self.commands_by_id[command_id]
+        self.commands_by_id[command_id] = replace(
             record, outcomes={name: VehicleOutcome(outcome, reason) for name in record.outcomes}
         )
 
@@ -175,7 +175,7 @@ class FakeService:
         *,
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         for name in vehicles or ():
             self._require(name)
         if show_hash != (None if self.selected is None else self.selected.hash):
@@ -225,25 +225,25 @@ class FakeService:
             ("start pattern: there is none",),
         )
 
-    def exclude(self, vehicle_id: str, reason: str) -> OrderRecord:
+    def exclude(self, vehicle_id: str, reason: str) -> CommandRecord:
         self._require(vehicle_id)
         if self.show is not ShowPhase.IDLE:
             raise RefusedError("vehicles can be excluded or included only on the ground")
         self.excluded[vehicle_id] = Exclusion(WHO.get(), reason, time.time())
         return self._accept("exclude", (vehicle_id,))
 
-    def include(self, vehicle_id: str) -> OrderRecord:
+    def include(self, vehicle_id: str) -> CommandRecord:
         self._require(vehicle_id)
         if self.excluded.pop(vehicle_id, None) is None:
             raise RefusedError(f"{vehicle_id} was not taken out of the show")
         return self._accept("include", (vehicle_id,))
 
-    def command_vehicle(self, vehicle_id: str, action: VehicleAction) -> OrderRecord:
+    def command_vehicle(self, vehicle_id: str, action: VehicleAction) -> CommandRecord:
         self._require(vehicle_id)
         self.phases[vehicle_id] = advance(self.phases[vehicle_id], EVENT[action])
         return self._accept(f"{action} {vehicle_id}", (vehicle_id,))
 
-    def command_vehicles(self, action: VehicleAction, vehicles: Sequence[str] | None = None) -> OrderRecord:
+    def command_vehicles(self, action: VehicleAction, vehicles: Sequence[str] | None = None) -> CommandRecord:
         for name in vehicles or ():
             self._require(name)
         reached, left_out = [], {}
@@ -257,16 +257,16 @@ class FakeService:
         if not reached:
             raise RefusedError(f"{action} reaches no vehicle")
         record = self._accept(f"{action} of several", reached)
-        self.orders_by_id[record.id] = replace(record, outcomes=record.outcomes | left_out)
-        return self.orders_by_id[record.id]
+        self.commands_by_id[record.id] = replace(record, outcomes=record.outcomes | left_out)
+        return self.commands_by_id[record.id]
 
-    def kill(self, vehicle_ids: Sequence[str]) -> OrderRecord:
+    def kill(self, vehicle_ids: Sequence[str]) -> CommandRecord:
         for name in vehicle_ids:
             self._require(name)
             self.phases[name] = advance(self.phases[name], Event.KILL)
-        order = self._accept("kill", vehicle_ids)
-        self.finish(order.id)
-        return self.orders_by_id[order.id]
+        command = self._accept("kill", vehicle_ids)
+        self.finish(command.id)
+        return self.commands_by_id[command.id]
 
     def acknowledge_alarm(self, alarm_id: str) -> Alarm:
         return self.book.acknowledge(alarm_id, WHO.get(), time.time())
@@ -274,19 +274,19 @@ class FakeService:
     def acknowledge_alarms(self) -> Sequence[Alarm]:
         return self.book.acknowledge_all(WHO.get(), time.time())
 
-    def settle(self, offer: Offer) -> OrderRecord:
+    def settle(self, offer: Offer) -> CommandRecord:
         if self.interrupted is None or offer not in self.interrupted.offers:
             raise RefusedError(f"{offer} is not offered")
         self.interrupted = None
         return self._accept(offer, tuple(self.phases))
 
-    def order(self, order_id: str) -> OrderRecord:
-        if order_id not in self.orders_by_id:
-            raise UnknownError(f"there is no order {order_id!r}")
-        return self.orders_by_id[order_id]
+    def command_record(self, command_id: str) -> CommandRecord:
+        if command_id not in self.commands_by_id:
+            raise UnknownError(f"there is no command {command_id!r}")
+        return self.commands_by_id[command_id]
 
-    def orders(self) -> Sequence[OrderRecord]:
-        return tuple(reversed(self.orders_by_id.values()))
+    def commands(self) -> Sequence[CommandRecord]:
+        return tuple(reversed(self.commands_by_id.values()))
 
     def events(self) -> Sequence[LogEvent]:
         return self.happened
@@ -347,13 +347,13 @@ class FakeService:
             if phase in AIRBORNE and inside:
                 raise RefusedError(f"obstacle {box.id!r} would stand on {name}, which is in the air")
 
-    def _accept(self, action: str, vehicles: Sequence[str]) -> OrderRecord:
-        order_id = f"o{len(self.orders_by_id) + 1}"
+    def _accept(self, action: str, vehicles: Sequence[str]) -> CommandRecord:
+        command_id = f"o{len(self.commands_by_id) + 1}"
         pending = VehicleOutcome(Outcome.PENDING)
-        self.orders_by_id[order_id] = OrderRecord(
-            order_id, action, time.time(), dict.fromkeys(vehicles, pending), WHO.get()
+        self.commands_by_id[command_id] = CommandRecord(
+            command_id, action, time.time(), dict.fromkeys(vehicles, pending), WHO.get()
         )
-        return self.orders_by_id[order_id]
+        return self.commands_by_id[command_id]
 
     def _look(self) -> FleetView:
         now_s = self._clock_s()

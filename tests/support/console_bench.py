@@ -260,14 +260,14 @@ class Station:
             yield client
 
 
-def fault(control: int, **order: object) -> None:
+def fault(control: int, **command: object) -> None:
     """Break something in the fake vehicles that hear faults on port `control`, or mend it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
         outlet.settimeout(5.0)
-        outlet.sendto(json.dumps(order).encode(), ("127.0.0.1", control))
+        outlet.sendto(json.dumps(command).encode(), ("127.0.0.1", control))
         answer = json.loads(outlet.recv(2000))
     if not answer["ok"]:
-        raise RuntimeError(f"{order}: {answer['error']}")
+        raise RuntimeError(f"{command}: {answer['error']}")
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import numpy as np
 
 from gcs.links import Command, ParameterValue
 from gcs.links.address_book import Address
-from gcs.model.errors import OrderError
+from gcs.model.errors import CommandError
 from gcs.model.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 
 
@@ -73,8 +73,8 @@ class SilentLink:
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
         """Nobody answers."""
-        raise OrderError(f"{vehicle_id}: its parameters cannot be read: never heard on link {self.name}")
+        raise CommandError(f"{vehicle_id}: its parameters cannot be read: never heard on link {self.name}")
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
         """Nobody answers."""
-        raise OrderError(f"{vehicle_id}: {name} cannot be set: never heard on link {self.name}")
+        raise CommandError(f"{vehicle_id}: {name} cannot be set: never heard on link {self.name}")

@@ -21,7 +21,7 @@ from gcs.links.address_book import Address
 from gcs.links.parameter_updates import ParameterNews
 from gcs.links.settings import StreamSettings
 from gcs.mavlink.framing import HEARTBEAT, PARAM_VALUE, kill_frame, parameter_value, split
-from gcs.model.errors import LinkError, OrderError, UnknownError
+from gcs.model.errors import CommandError, LinkError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, Setpoints, Telemetry, VehicleId
 from gcs.sim.faults.injector import Origin, Trouble
@@ -54,7 +54,7 @@ class SentSetpoint(NamedTuple):
     yaw_rad: float
 
 
-class SentOrder(NamedTuple):
+class SentCommand(NamedTuple):
     """One order as it was given to the link."""
 
     time_s: float
@@ -65,7 +65,7 @@ class LoopbackLink:
     """A `gcs.links.Link` to a fake fleet in the same loop. Steps the fleet's physics while it runs.
 
     Attributes:
-        sent, orders: what left for each vehicle, oldest first.
+        sent, commands: what left for each vehicle, oldest first.
         failures: `run` raises the first of them, at once or while it runs, and forgets it.
         runs: how often `run` was called.
         trouble: links that it has broken lose and delay what passes; None: all are sound.
@@ -97,7 +97,7 @@ class LoopbackLink:
         self._mute: set[VehicleId] = set()  # nothing comes from it
         self.beatless: set[VehicleId] = set()  # its heartbeats do not
         self.sent: dict[VehicleId, list[SentSetpoint]] = {vehicle_id: [] for vehicle_id in vehicles}
-        self.orders: dict[VehicleId, list[SentOrder]] = {vehicle_id: [] for vehicle_id in vehicles}
+        self.commands: dict[VehicleId, list[SentCommand]] = {vehicle_id: [] for vehicle_id in vehicles}
         self.failures: list[LinkError] = []
         self.refusing: set[tuple[VehicleId, Verb]] = set()  # orders that come back refused, as from PX4
         self.parameter_reads: list[tuple[float, VehicleId]] = []  # when parameters were asked for, of whom
@@ -193,31 +193,31 @@ class LoopbackLink:
             loop._selector.clock.advance(self.takes_s)
 
     async def execute(self, command: Command) -> None:
-        """Order, and return when the vehicle's heartbeat shows that it obeyed. Raises: OrderError."""
+        """Order, and return when the vehicle's heartbeat shows that it obeyed. Raises: CommandError."""
         if command.vehicle_id not in self._system_ids:
             raise UnknownError(f"{command.vehicle_id} is not on link {self._name}")
         loop = asyncio.get_running_loop()
         heard = self._ears[command.vehicle_id]
-        self.orders[command.vehicle_id].append(SentOrder(loop.time(), command.verb))
+        self.commands[command.vehicle_id].append(SentCommand(loop.time(), command.verb))
         if command.verb is Verb.KILL:
             await self._kill(command, heard)
             return
         async with self._locks[command.vehicle_id]:
             began_s = loop.time()
             if (command.vehicle_id, command.verb) in self.refusing:
-                raise OrderError(f"{command.vehicle_id}: {command.verb} refused: COMMAND_DENIED")
+                raise CommandError(f"{command.vehicle_id}: {command.verb} refused: COMMAND_DENIED")
             self._refuse_the_impossible(command, heard, began_s)
             self._post_command(command, heard)
             while not (heard.heartbeat_time_s > began_s and obeyed(command.verb, heard)):
                 left_s = began_s + CONFIRM_S - loop.time()
                 if left_s <= STEP_S:  # shorter sleeps are below the clock's resolution
-                    raise OrderError(failure(command, heard, began_s))
+                    raise CommandError(failure(command, heard, began_s))
                 await news(heard, left_s)
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
-        """Ask for all at once, and again for those not answered. Raises: OrderError naming one."""
+        """Ask for all at once, and again for those not answered. Raises: CommandError naming one."""
         loop = asyncio.get_running_loop()
         known, target = self._ears[vehicle_id].parameters, self._system_ids[vehicle_id]
         self.parameter_reads.append((loop.time(), vehicle_id))
@@ -226,7 +226,7 @@ class LoopbackLink:
         until_s, ask_s = loop.time() + PARAMETER_S, -inf
         while missing := [name for name in names if name not in known]:
             if loop.time() > until_s:
-                raise OrderError(f"{vehicle_id}: parameter {missing[0]}: no answer")
+                raise CommandError(f"{vehicle_id}: parameter {missing[0]}: no answer")
             if loop.time() - ask_s >= PARAMETER_REPEAT_S:
                 ask_s = loop.time()
                 for name in missing:
@@ -238,7 +238,7 @@ class LoopbackLink:
         return {name: known[name] for name in names}
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
-        """Set, and wait until the vehicle announces it. Raises: OrderError naming it."""
+        """Set, and wait until the vehicle announces it. Raises: CommandError naming it."""
         known, target = self._ears[vehicle_id].parameters, self._system_ids[vehicle_id]
         whole = isinstance(value, int)
         encoded = struct.unpack("<f", struct.pack("<i", value))[0] if whole else value
@@ -249,7 +249,7 @@ class LoopbackLink:
         until_s = asyncio.get_running_loop().time() + PARAMETER_S
         while name not in known:
             if asyncio.get_running_loop().time() > until_s:
-                raise OrderError(f"{vehicle_id}: parameter {name}: no answer")
+                raise CommandError(f"{vehicle_id}: parameter {name}: no answer")
             await asyncio.sleep(STEP_S)
 
     def watch_parameters(self, names: Collection[str]) -> None:
@@ -338,9 +338,9 @@ class LoopbackLink:
     def _refuse_the_impossible(self, command: Command, heard: Ears, now_s: float) -> None:
         fed = now_s - self._setpoint_s[command.vehicle_id] <= self._deadman_s
         if command.verb is Verb.OFFBOARD and not fed:
-            raise OrderError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
+            raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
         if command.verb is Verb.TAKEOFF and not heard.armed:
-            raise OrderError(f"{command.vehicle_id}: takeoff while disarmed; arm it first")
+            raise CommandError(f"{command.vehicle_id}: takeoff while disarmed; arm it first")
 
     async def _kill(self, command: Command, heard: Ears) -> None:
         loop = asyncio.get_running_loop()
@@ -352,7 +352,7 @@ class LoopbackLink:
             await news(heard, KILL_REPEAT_S)
             if heard.heartbeat_time_s > began_s and not heard.armed:
                 return
-        raise OrderError(failure(command, heard, began_s))
+        raise CommandError(failure(command, heard, began_s))
 
     def _deliver(self) -> None:
         """Every vehicle is a circle of its own; what is sent on a broken link goes through its faults."""

@@ -4,7 +4,7 @@ import numpy as np
 from virtual_show import Show
 
 from gcs.failsafe.policy import Cause
-from gcs.service import ActiveFailsafe, OrderRecord
+from gcs.service import ActiveFailsafe, CommandRecord
 
 
 def failsafe(show: Show, cause: Cause) -> ActiveFailsafe | None:
@@ -20,15 +20,15 @@ async def reacts(show: Show, cause: Cause, limit_s: float = 30.0) -> ActiveFails
     return found
 
 
-def by_itself(show: Show) -> list[OrderRecord]:
+def by_itself(show: Show) -> list[CommandRecord]:
     """Orders that nobody gave, oldest first."""
-    return [record for record in reversed(show.service.orders()) if record.by == "service"]
+    return [record for record in reversed(show.service.commands()) if record.by == "service"]
 
 
-async def carried_out(show: Show, told: ActiveFailsafe) -> OrderRecord:
+async def carried_out(show: Show, told: ActiveFailsafe) -> CommandRecord:
     """The order of a reaction, once it has ended for everybody."""
-    assert told.order_id is not None
-    return await show.settled(show.service.order(told.order_id), 150.0)
+    assert told.command_id is not None
+    return await show.settled(show.service.command_record(told.command_id), 150.0)
 
 
 def off_pad_m(show: Show, vehicle_id: str) -> float:

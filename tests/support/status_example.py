@@ -65,7 +65,7 @@ def example_fleet(count: int = 20, name: str = "d{}") -> wire.Fleet:
             "acknowledged_by": None,
             "acknowledged_unix_time_s": None,
             "ended_unix_time_s": None,
-            "order_id": None,
+            "command_id": None,
         }
     ]
     return wire.Fleet.model_validate(answered)

@@ -23,7 +23,7 @@ from gcs.model.state import Array, VehicleId
 from gcs.preflight.parameters import requirements, settings_of
 from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
-from gcs.service import FleetView, OrderRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CommandRecord, FleetView, Outcome, ShowAction, VehicleAction
 from gcs.service.vehicle_table import VehicleView
 from gcs.sim.faults.injector import Trouble
 from gcs.sim.fleet import Fleet, Settings
@@ -200,10 +200,10 @@ class Show:
 
     def befall(self, vehicle_id: VehicleId, fault: str, **values: float | str) -> None:
         """Have a vehicle suffer a fault, as `gcs sim --control` would be ordered to."""
-        order = {"vehicle": self.config.ids.index(vehicle_id) + 1, "fault": fault, **values}
-        answer = json.loads(self._trouble.obey(json.dumps(order)))
+        command = {"vehicle": self.config.ids.index(vehicle_id) + 1, "fault": fault, **values}
+        answer = json.loads(self._trouble.obey(json.dumps(command)))
         if not answer["ok"] or "unmoved" in answer:
-            raise ValueError(f"{order}: {answer}")
+            raise ValueError(f"{command}: {answer}")
 
     async def record(self, onto: Record | None = None) -> None:
         """Note every tick until cancelled; no time passes while the writer of `onto` is behind."""
@@ -235,10 +235,12 @@ class Show:
         """Wait for a phase of a vehicle."""
         return await self.until(lambda: self.vehicle(vehicle_id).phase is phase, limit_s)
 
-    async def settled(self, record: OrderRecord, limit_s: float = 90.0) -> OrderRecord:
+    async def settled(self, record: CommandRecord, limit_s: float = 90.0) -> CommandRecord:
         """Wait until nothing of an order is pending."""
-        await self.until(lambda: self.service.order(record.id).outcome is not Outcome.PENDING, limit_s)
-        return self.service.order(record.id)
+        await self.until(
+            lambda: self.service.command_record(record.id).outcome is not Outcome.PENDING, limit_s
+        )
+        return self.service.command_record(record.id)
 
     async def standby(self) -> None:
         """Wait until everybody that is not cut off can be armed."""
@@ -246,18 +248,18 @@ class Show:
             lambda: all(seen.ready or self.link.is_silent(seen.id) for seen in self.view.vehicles), 12.0
         )
 
-    async def start(self) -> OrderRecord:
+    async def start(self) -> CommandRecord:
         """Boot, start, and wait until the sphere stands."""
         await self.standby()
         record = self.service.command_show(ShowAction.START)
         await self.reach(ShowPhase.RUNNING)
         return record
 
-    async def show(self, action: ShowAction) -> OrderRecord:
+    async def show(self, action: ShowAction) -> CommandRecord:
         """Order the show, and wait until it is carried out."""
         return await self.settled(self.service.command_show(action))
 
-    async def order(self, vehicle_id: VehicleId, action: VehicleAction) -> OrderRecord:
+    async def command(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         """Order one vehicle, and wait until it has done it."""
         return await self.settled(self.service.command_vehicle(vehicle_id, action))
 
@@ -296,8 +298,8 @@ def badly_written(show: Show) -> list[str]:
         texts.update(text for alarm in view.alarms for text in (alarm.text, alarm.advice))
         texts.update(vehicle.reason for vehicle in view.vehicles)
         texts.add(view.reason)
-    for order in show.service.orders():
-        texts.update(outcome.reason for outcome in order.outcomes.values())
+    for command in show.service.commands():
+        texts.update(outcome.reason for outcome in command.outcomes.values())
     return sorted(text for text in texts if BADLY_WRITTEN.search(text))
 
 

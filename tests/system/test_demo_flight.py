@@ -9,7 +9,7 @@ import pytest
 from machine import free_ports
 
 from gcs.cli.main import main
-from gcs.recording.last_known import orders
+from gcs.recording.last_known import commands
 
 
 @pytest.mark.soak
@@ -36,5 +36,5 @@ def test_the_demo_flies_its_story_nothing_touches_and_its_record_proves_it(tmp_p
         judged = json.loads(report.read_text())
         assert (judged["verdict"], judged["flew"], judged["remarks"]) == ("kept", 8, [])
         assert judged["based_on"] == f"{positions} positions"
-    assert [order.action for order in orders(tmp_path)] == ["start", "stop"]
-    assert {outcome for order in orders(tmp_path) for outcome, _ in order.outcomes.values()} == {"done"}
+    assert [command.action for command in commands(tmp_path)] == ["start", "stop"]
+    assert {outcome for command in commands(tmp_path) for outcome, _ in command.outcomes.values()} == {"done"}

@@ -28,7 +28,7 @@ from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import GcsError
 from gcs.model.interrupted_flight import Offer
-from gcs.recording.last_known import last_known, orders
+from gcs.recording.last_known import commands, last_known
 
 KILLS = (4, 20)
 """The more of them are for `make soak`."""
@@ -81,8 +81,8 @@ class Crew:
             while not self._ended.is_set():
                 for ask in asks:
                     with suppress(GcsError):  # refused, or killed meanwhile
-                        order = ask()
-                        self.accepted.add(Given(order.id, order.action, order.accepted_unix_time_s))
+                        command = ask()
+                        self.accepted.add(Given(command.id, command.action, command.accepted_unix_time_s))
                 self._ended.wait(0.02)
 
 
@@ -155,7 +155,9 @@ def test_killed_often_in_flight_it_is_back_and_brings_everybody_home(tmp_path: P
     assert max(took_s) < 2 * BACK_S, took_s
     assert (in_the_air[:, 2] < pads_m[:, 2] - 1.0).all(), "they flew all the while"
     assert np.abs(at_home_m - pads_m).max() < AT_HOME_M
-    kept = {Given(order.id, order.action, order.accepted_unix_s) for order in orders(station.folder)}
+    kept = {
+        Given(command.id, command.action, command.accepted_unix_s) for command in commands(station.folder)
+    }
     assert len(crew.accepted) > kills
     assert not crew.accepted - kept
     assert len(station.said("service_started")) == kills + 1

@@ -11,7 +11,7 @@ from machine import free_ports
 
 from gcs.config.schema import Config
 from gcs.recording.interrupted_session import interruption
-from gcs.recording.last_known import last_known, orders
+from gcs.recording.last_known import commands, last_known
 
 IDS = ("d1", "d2")
 NOBODY = "http://127.0.0.1:9"
@@ -61,9 +61,9 @@ def test_a_vehicle_is_killed_without_the_service_and_the_record_says_so(tmp_path
         second = gcs_kill(record, "d2", "--confirm", code_in(first.stdout))
         assert (second.returncode, second.stdout) == (0, "d2: done, its motors are off\n"), second.stderr
         assert armed(tmp_path) == [True, False]
-        *_, order = orders(record)
-        assert (order.action, order.who.partition(" (")[0]) == ("kill", "gcs kill")
-        assert order.outcomes == {"d2": ("done", "its motors are off")}
+        *_, command = commands(record)
+        assert (command.action, command.who.partition(" (")[0]) == ("kill", "gcs kill")
+        assert command.outcomes == {"d2": ("done", "its motors are off")}
         assert last_known(record).vehicles["d2"].phase == "killed"
         found = interruption(record)
         assert found is not None

@@ -15,7 +15,7 @@ from pymavlink import mavutil
 from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
-from gcs.recording.last_known import last_known, orders
+from gcs.recording.last_known import commands, last_known
 from gcs.recording.mcap_reader import FlightData
 
 IDS = ("d1", "d2", "d3")
@@ -47,8 +47,8 @@ def places_m(folder: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
 def each(client: Client, action: str) -> None:
     """Order all of them, and wait until they have done so."""
     for given in [client.command(name, action) for name in IDS]:
-        order = client.wait_for(given.id, SOON_S)
-        assert order.outcome == "done", order
+        command = client.wait_for(given.id, SOON_S)
+        assert command.outcome == "done", command
 
 
 def first_setpoints_m_s(folder: Path) -> dict[int, float]:
@@ -125,7 +125,7 @@ def everybody_stands_in_the_record(folder: Path, port_base: int) -> None:
     assert {vehicle.host for vehicle in known.vehicles.values()} == {"127.0.0.1"}
     assert len({vehicle.port for vehicle in known.vehicles.values()} - {None, port_base}) == len(IDS)
     assert all(vehicle.home_m is not None for vehicle in known.vehicles.values())
-    (start,) = orders(folder)
+    (start,) = commands(folder)
     assert (start.action, start.who, set(start.outcomes)) == ("start", "local", set(IDS))
     data = FlightData(known.session.folder / "flight.mcap")
     ticks = list(data.ticks())

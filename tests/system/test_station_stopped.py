@@ -50,8 +50,8 @@ def test_a_service_that_was_stopped_says_what_it_lost_and_one_command_brings_all
         assert set(fleet.interrupted.offers) == {"take-over", "bring-home"}
         with pytest.raises(RefusedError, match="a start needs all vehicles on the ground"):
             client.start()
-        order = client.wait_for(client.stop().id, SOON_S)
-        assert {part.outcome for part in order.vehicles.values()} == {"done"}
+        command = client.wait_for(client.stop().id, SOON_S)
+        assert {part.outcome for part in command.vehicles.values()} == {"done"}
         wait_until("landed", SOON_S, lambda: client.show().phase == "landed")
         assert client.fleet().counts.airborne == 0
     assert [(truth["landed"], truth["armed"]) for truth in last_truths(tmp_path / "truth.jsonl")] == [

@@ -1,6 +1,6 @@
 // What can be asked of the service. Each tells what came of it; nothing is believed before it answers.
 
-import type { Ghost, Order, ShowCheck, State, StoredShow } from "./state";
+import type { Ghost, Command, ShowCheck, State, StoredShow } from "./state";
 import { texts } from "./texts";
 import type { Message } from "./messages";
 import { outcome, type Api, type Outcome } from "./wire/rest";
@@ -82,36 +82,36 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
   }
 
   /** What becomes of an order is asked until it is known. */
-  async function follow(name: string, first: Order): Promise<void> {
-    let order = first;
-    dispatch({ kind: "order", order });
-    while (order.outcome === "pending") {
+  async function follow(name: string, first: Command): Promise<void> {
+    let command = first;
+    dispatch({ kind: "command", command });
+    while (command.outcome === "pending") {
       await later(POLL_MS);
-      const next: Outcome<Order> = await outcome(api.GET("/api/v1/orders/{order_id}", { params: { path: { order_id: order.id } } }));
-      if (next.ok) order = next.data;
+      const next: Outcome<Command> = await outcome(api.GET("/api/v1/commands/{command_id}", { params: { path: { command_id: command.id } } }));
+      if (next.ok) command = next.data;
       else if (next.status !== 0) return; // the service was started again: it knows this order no more
-      dispatch({ kind: "order", order });
+      dispatch({ kind: "command", command });
     }
-    if (order.outcome !== "failed") return;
-    const why = Object.entries(order.vehicles).filter(([, part]) => part.outcome === "failed");
+    if (command.outcome !== "failed") return;
+    const why = Object.entries(command.vehicles).filter(([, part]) => part.outcome === "failed");
     dispatch({ kind: "refused", text: texts.failed(name, why.map(([id, part]) => `${id}: ${part.reason}`).join("; ")) });
   }
 
-  async function ordered(name: string, call: Call<Order>): Promise<boolean> {
-    const accepted = await asked(name, call, texts.ordered(name));
+  async function commanded(name: string, call: Call<Command>): Promise<boolean> {
+    const accepted = await asked(name, call, texts.commanded(name));
     if (accepted !== null) void follow(name, accepted.data);
     return accepted !== null;
   }
 
   async function followCheck(name: string): Promise<boolean> {
     const path = { params: { path: { name } } };
-    let check = await asked(texts.orders.check(name), api.POST("/api/v1/shows/{name}/check", path), null);
+    let check = await asked(texts.commands.check(name), api.POST("/api/v1/shows/{name}/check", path), null);
     const accepted = check !== null;
     while (check !== null) {
       dispatch({ kind: "check", check: check.data });
       if (check.data.state !== "waiting" && check.data.state !== "running") break;
       await later(POLL_MS);
-      check = await asked(texts.orders.check(name), api.GET("/api/v1/shows/{name}/check", path), null);
+      check = await asked(texts.commands.check(name), api.GET("/api/v1/shows/{name}/check", path), null);
     }
     return accepted;
   }
@@ -128,25 +128,25 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
         ...(selected ? { show_hash: selected.hash } : {}),
         ...(at_unix_time_s === null ? {} : { at_unix_time_s }),
       };
-      return ordered(texts.flight.start, api.POST("/api/v1/show/start", { body }));
+      return commanded(texts.flight.start, api.POST("/api/v1/show/start", { body }));
     },
-    show: (command) => ordered(texts.orders.show[command], api.POST(`/api/v1/show/${command}`)),
+    show: (command) => commanded(texts.commands.show[command], api.POST(`/api/v1/show/${command}`)),
     vehicle: (id, command) =>
-      ordered(texts.orders.vehicle(texts.vehicle.actions[command], id), api.POST(`/api/v1/vehicles/{vehicle_id}/${command}`, ofVehicle(id))),
+      commanded(texts.commands.vehicle(texts.vehicle.actions[command], id), api.POST(`/api/v1/vehicles/{vehicle_id}/${command}`, ofVehicle(id))),
     async fleet(command, vehicles) {
-      const name = texts.orders.fleet(texts.vehicle.actions[command], vehicles);
+      const name = texts.commands.fleet(texts.vehicle.actions[command], vehicles);
       const accepted = await asked(name, api.POST(`/api/v1/fleet/${command}`, { body: { vehicles: [...vehicles] } }), null);
       if (accepted === null) return false;
       const parts = Object.entries(accepted.data.vehicles);
       const reached = parts.filter(([, part]) => part.outcome !== "not-included").map(([id]) => id);
       const missed = parts.filter(([id, part]) => part.outcome === "not-included" && vehicles.includes(id));
-      dispatch({ kind: "done", text: texts.ordered(texts.orders.fleet(texts.vehicle.actions[command], reached)) });
+      dispatch({ kind: "done", text: texts.commanded(texts.commands.fleet(texts.vehicle.actions[command], reached)) });
       if (missed.length > 0) dispatch({ kind: "refused", text: texts.refused(name, missed.map(([id, part]) => `${id}: ${part.reason}`).join("; ")) });
       void follow(name, accepted.data);
       return true;
     },
     exclude: (id, reason) =>
-      ordered(texts.preflight.excludeOne(id), api.POST("/api/v1/vehicles/{vehicle_id}/exclude", { ...ofVehicle(id), body: { reason } })),
+      commanded(texts.preflight.excludeOne(id), api.POST("/api/v1/vehicles/{vehicle_id}/exclude", { ...ofVehicle(id), body: { reason } })),
     changeFormation: (body) => done(texts.shape.sphere, api.PATCH("/api/v1/formation", { body }), texts.formationChanged),
     changeOrbit: (body) => done(texts.shape.orbit, api.PATCH("/api/v1/orbit", { body }), texts.orbitChanged),
     changeYaw: (body) => done(texts.shape.yaw, api.PATCH("/api/v1/yaw", { body }), texts.yawChanged),
@@ -182,7 +182,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     },
     async armKill(vehicles) {
       const body = vehicles === null ? {} : { vehicles: [...vehicles] };
-      const armed = await asked(texts.orders.arm, api.POST("/api/v1/kill", { body }), null);
+      const armed = await asked(texts.commands.arm, api.POST("/api/v1/kill", { body }), null);
       if (armed !== null) dispatch({ kind: "kill-armed", armed: armed.data });
       return armed !== null;
     },
@@ -200,8 +200,8 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
         (preflightProblem) => ({ kind: "desk", change: { preflightProblem } }),
       ),
     async loadOrders() {
-      const result: Outcome<Order[]> = await outcome(api.GET("/api/v1/orders"));
-      if (result.ok) dispatch({ kind: "orders", orders: result.data });
+      const result: Outcome<Command[]> = await outcome(api.GET("/api/v1/commands"));
+      if (result.ok) dispatch({ kind: "commands", commands: result.data });
       return result.ok;
     },
     async loadShows() {
@@ -218,17 +218,17 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       const result = await outcome(api.POST("/api/v1/shows/{name}/select", { ...ofShow(name), body: { hash } }));
       dispatch({ kind: "show-selected", name, hash, problem: result.ok ? "" : result.reason });
       if (result.ok) dispatch({ kind: "done", text: texts.showSelected(name) });
-      else dispatch({ kind: "refused", text: texts.refused(texts.orders.select(name), result.reason) });
+      else dispatch({ kind: "refused", text: texts.refused(texts.commands.select(name), result.reason) });
       return result.ok;
     },
     deselectShow: () => done(texts.shows.deselect, api.POST("/api/v1/show/deselect"), texts.showDeselected),
     uploadShow(name, yaml) {
       const headers = { "Content-Type": "application/yaml" };
       const call = api.PUT("/api/v1/shows/{name}", { ...ofShow(name), body: yaml as never, bodySerializer: () => yaml, headers });
-      return done(texts.orders.upload(name), call, texts.showUploaded(name));
+      return done(texts.commands.upload(name), call, texts.showUploaded(name));
     },
-    removeShow: (name) => done(texts.orders.remove(name), api.DELETE("/api/v1/shows/{name}", ofShow(name)), texts.showRemoved(name)),
-    seek: (cue) => done(texts.orders.seek(cue), api.POST("/api/v1/show/seek", { body: { cue } }), texts.showSought(cue)),
+    removeShow: (name) => done(texts.commands.remove(name), api.DELETE("/api/v1/shows/{name}", ofShow(name)), texts.showRemoved(name)),
+    seek: (cue) => done(texts.commands.seek(cue), api.POST("/api/v1/show/seek", { body: { cue } }), texts.showSought(cue)),
     acknowledge: async (alarm) => {
       const call: Call<unknown> =
         alarm === null

@@ -4,7 +4,7 @@ import type { AttentionMessage } from "./alarms/attentionState";
 import type { DeskState, Layout } from "./desk/state";
 import type { Choice, Selection } from "./selection";
 import type {
-  Access, CertificateReport, Connection, Frame, Ghost, KillArmed, Order, PreflightReport, ReplayMarks, ShowCheck, Status, StoredShow, View,
+  Access, CertificateReport, Connection, Frame, Ghost, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Status, StoredShow, View,
 } from "./state";
 
 export type Message =
@@ -13,8 +13,8 @@ export type Message =
   | { kind: "access"; access: Access | null }
   | { kind: "status"; status: Status }
   | { kind: "frame"; frame: Frame }
-  | { kind: "order"; order: Order }
-  | { kind: "orders"; orders: readonly Order[] }
+  | { kind: "command"; command: Command }
+  | { kind: "commands"; commands: readonly Command[] }
   | { kind: "preflight"; report: PreflightReport | null; vehicles?: readonly string[] | null }
   | { kind: "shows"; shows: readonly StoredShow[] }
   | { kind: "check"; check: ShowCheck | null }

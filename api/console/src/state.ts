@@ -3,7 +3,7 @@
 import { initialDesk, type DeskState } from "./desk/state";
 import { initialAttention, type Attention } from "./alarms/attentionState";
 import { NOTHING_SELECTED, type Selection } from "./selection";
-import type { CertificateReport, Frame, KillArmed, Order, PreflightReport, ReplayMarks, Status } from "./snapshot";
+import type { CertificateReport, Frame, KillArmed, Command, PreflightReport, ReplayMarks, Status } from "./snapshot";
 
 export * from "./snapshot";
 
@@ -72,7 +72,7 @@ export interface State {
   /** The one before `frame`: the scene interpolates between them. */
   previous: Frame | null;
   history: History;
-  orders: readonly Order[];
+  commands: readonly Command[];
   preflight: PreflightReport | null;
   /** Phases, cues, events and idle time of the record that is replayed, once they were read. */
   marks: ReplayMarks | null;
@@ -111,7 +111,7 @@ export function initial(now_ms: number): State {
     frame: null,
     previous: null,
     history: NO_HISTORY,
-    orders: [],
+    commands: [],
     preflight: null,
     marks: null,
     certificate: null,

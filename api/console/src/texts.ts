@@ -17,7 +17,7 @@ export const texts = {
   unreadable: (why: string) => `What the service sent cannot be read: ${why}`,
   unreachable: "The service could not be reached, and this page does not know whether the command arrived. Look, then try again.",
   noWords: (status: number) => `The service answered ${status} without a reason.`,
-  ordered: (action: string) => `${action}: sent`,
+  commanded: (action: string) => `${action}: sent`,
   refused: (what: string, why: string) => `${what} refused: ${why}`,
   failed: (action: string, why: string) => `${action} failed: ${why}`,
   targetMoved: "Target moved",
@@ -94,7 +94,7 @@ export const texts = {
     stale: (age: string): string => `NO DATA for ${age}. Display is out of date.`,
     dead: (reason: string): string => `CONTROL LOOP STOPPED. ${reason}`,
     again: "Reconnecting…",
-    orders: "Commands are still sent.",
+    commands: "Commands are still sent.",
     denied: "The service denied access.",
   },
   token: {
@@ -453,7 +453,7 @@ export const texts = {
       nearest: "Separation",
       quality: "Link quality",
       link: "Link, system id",
-      orders: "Last command",
+      commands: "Last command",
     },
     yes: "yes",
     no: "no",
@@ -480,7 +480,7 @@ export const texts = {
   },
   events: {
     title: "Events",
-    orders: "Commands",
+    commands: "Commands",
     none: "No events yet.",
     noOrders: "No commands yet.",
     /** A command's name as the service writes it, in the page's words. */
@@ -510,7 +510,7 @@ export const texts = {
     accepted: (what: string): string => `${what}: accepted`,
     failed: "The service did not answer.",
   },
-  orders: {
+  commands: {
     show: {
       pause: "Pause",
       resume: "Resume",

@@ -4,7 +4,7 @@ import { updateAttention } from "./alarms/attention";
 import { updateDesk } from "./desk/update";
 import { energy, radiusError_m } from "./formation";
 import { choose, remaining } from "./selection";
-import { HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Connection, type Frame, type History, type Order, type State, type Status, type Toast } from "./state";
+import { HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Connection, type Frame, type History, type Command, type State, type Status, type Toast } from "./state";
 import type { Message } from "./messages";
 
 export type { Message } from "./messages";
@@ -26,10 +26,10 @@ function updateShared(state: State, message: Message): State {
       return onStatus(state, message.status);
     case "frame":
       return onFrame(state, message.frame);
-    case "order":
-      return { ...state, orders: withOrder(state.orders, message.order) };
-    case "orders":
-      return { ...state, orders: message.orders };
+    case "command":
+      return { ...state, commands: withCommand(state.commands, message.command) };
+    case "commands":
+      return { ...state, commands: message.commands };
     case "preflight":
       return { ...state, preflight: message.report };
     case "marks":
@@ -89,7 +89,7 @@ function onStatus(state: State, status: Status): State {
   const isAnother = state.status !== null && state.status.began_unix_time_s !== status.began_unix_time_s;
   if (!isAnother) return { ...state, status, view };
   const desk = { ...state.desk, shows: null, checks: {}, showsRefused: {} };
-  return { ...state, status, view, desk, frame: null, previous: null, preflight: null, marks: null, kill: null, orders: [], history: initialHistory() };
+  return { ...state, status, view, desk, frame: null, previous: null, preflight: null, marks: null, kill: null, commands: [], history: initialHistory() };
 }
 
 function onFrame(state: State, frame: Frame): State {
@@ -129,12 +129,12 @@ function withFrame(history: History, frame: Frame): History {
   };
 }
 
-const ORDERS_KEPT = 100;
+const COMMANDS_KEPT = 100;
 
 /** Newest first. */
-function withOrder(orders: readonly Order[], order: Order): readonly Order[] {
-  const known = orders.some((each) => each.id === order.id);
-  return known ? orders.map((each) => (each.id === order.id ? order : each)) : [order, ...orders].slice(0, ORDERS_KEPT);
+function withCommand(commands: readonly Command[], command: Command): readonly Command[] {
+  const known = commands.some((each) => each.id === command.id);
+  return known ? commands.map((each) => (each.id === command.id ? command : each)) : [command, ...commands].slice(0, COMMANDS_KEPT);
 }
 
 const TOASTS_KEPT = 5;

@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 
 import { iconOf, REPEATED_MS, titleOf } from "../src/alarms/attention";
-import { counted, ordered, raised, worst, type Alarm, type Severity } from "../src/alarms/model";
+import { counted, commanded, raised, worst, type Alarm, type Severity } from "../src/alarms/model";
 import { initial, type State } from "../src/state";
 import { texts } from "../src/texts";
 import { update, type Message } from "../src/update";
@@ -10,7 +10,7 @@ import { status } from "./statuses";
 
 const alarm = (id: string, severity: Severity, change: Partial<Alarm> = {}): Alarm => ({
   id, severity, cause: "vehicle-lost", text: `Vehicle ${id} lost: no telemetry for 2.0 s. Formation closes the gap.`, advice: "", vehicles: [id],
-  since_unix_time_s: 100, raised_unix_time_s: 100, ended_unix_time_s: null, acknowledged_by: null, acknowledged_unix_time_s: null, order_id: null,
+  since_unix_time_s: 100, raised_unix_time_s: 100, ended_unix_time_s: null, acknowledged_by: null, acknowledged_unix_time_s: null, command_id: null,
   ...change,
 });
 const seen = { acknowledged_by: "anna", acknowledged_unix_time_s: 120 };
@@ -28,12 +28,12 @@ describe("the list of alarms", () => {
     const expected = ["emergency", "warning", "caution", "information"].flatMap((severity) => [1, 2, 3].map((age) => `${severity} ${age}`));
     for (let turn = 0; turn < twelve.length; turn++) {
       const mixed = [...twelve.slice(turn), ...twelve.slice(0, turn)].sort((a, b) => (a.text.length * 7 + turn) % 5 - (b.text.length * 3 + turn) % 5);
-      expect(ids(ordered(mixed))).toEqual(expected);
+      expect(ids(commanded(mixed))).toEqual(expected);
     }
   });
 
   it("has what is over behind everything that lasts", () => {
-    expect(ids(ordered([alarm("over", "emergency", { ended_unix_time_s: 110 }), alarm("lasts", "information")]))).toEqual(["lasts", "over"]);
+    expect(ids(commanded([alarm("over", "emergency", { ended_unix_time_s: 110 }), alarm("lasts", "information")]))).toEqual(["lasts", "over"]);
   });
 
   it("says how severe the whole is by what lasts, seen or not", () => {

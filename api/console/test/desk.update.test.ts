@@ -12,7 +12,7 @@ import { texts } from "../src/texts";
 import { update, type Message } from "../src/update";
 import { position_s } from "../src/replay/bar";
 import { frame, type Vehicle } from "./frames";
-import { GROUNDED, order, status } from "./statuses";
+import { GROUNDED, command, status } from "./statuses";
 
 const FLEET: readonly Vehicle[] = [{ phase: "formation", battery: 0.9 }, { phase: "offline" }, { phase: "hold", battery: 0.2, flags: 4 }];
 
@@ -115,20 +115,20 @@ describe("what the connection is called", () => {
 describe("the fleet table", () => {
   it("is in order as soon as there is something to put in order", () => {
     const { table } = flying().desk;
-    expect(table.order).toEqual([0, 1, 2]);
+    expect(table.command).toEqual([0, 1, 2]);
     expect(table.phases).toMatchObject({ formation: 1, offline: 1, hold: 1, lost: 0 });
   });
 
   it("follows the filter and the sorting at once, but telemetry once a second", () => {
     const filtered = after([{ kind: "desk", change: { filter: "phase:hold" } }], flying());
-    expect(filtered.desk.table.order).toEqual([2]);
+    expect(filtered.desk.table.command).toEqual([2]);
     const moved = frame({ vehicles: [{ phase: "hold" }, { phase: "hold" }, { phase: "hold" }] }, 600);
     const soon = after([{ kind: "frame", frame: moved }], filtered);
-    expect(soon.desk.table.order).toEqual([2]);
+    expect(soon.desk.table.command).toEqual([2]);
     const later = after([{ kind: "frame", frame: { ...moved, received_ms: 1200 } }], soon);
-    expect(later.desk.table.order).toEqual([0, 1, 2]);
+    expect(later.desk.table.command).toEqual([0, 1, 2]);
     const byBattery = after([{ kind: "desk", change: { sort: { column: "battery", descending: false } } }], flying());
-    expect(byBattery.desk.table.order).toEqual([2, 0, 1]);
+    expect(byBattery.desk.table.command).toEqual([2, 0, 1]);
   });
 });
 
@@ -193,8 +193,8 @@ describe("commands to the selection", () => {
     const part = { outcome: "done", reason: "" } as const;
     const state = after(
       [
-        { kind: "order", order: { ...order("o1"), action: "hold", vehicles: { d1: part, d2: part } } },
-        { kind: "order", order: { ...order("o2"), action: "join", vehicles: { d2: part } } },
+        { kind: "command", command: { ...command("o1"), action: "hold", vehicles: { d1: part, d2: part } } },
+        { kind: "command", command: { ...command("o2"), action: "join", vehicles: { d2: part } } },
       ],
       selecting("d1", "d2"),
     );

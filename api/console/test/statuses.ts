@@ -1,6 +1,6 @@
 // What a service says, for tests; each field as the types demand.
 
-import type { Order, Status } from "../src/state";
+import type { Command, Status } from "../src/state";
 
 export function status(change: Partial<Status> = {}): Status {
   return {
@@ -27,6 +27,6 @@ export function status(change: Partial<Status> = {}): Status {
 /** Nothing flies. */
 export const GROUNDED: Status["counts"] = { airborne: 0, controlled: 0, uncontrolled: 0, unknown: 0, on_ground: 2, offline: 0 };
 
-export const order = (id: string, outcome: Order["outcome"] = "pending"): Order => ({
+export const command = (id: string, outcome: Command["outcome"] = "pending"): Command => ({
   id, action: "pause", by: "local", accepted_unix_time_s: 1, outcome, vehicles: {},
 });

@@ -4,7 +4,7 @@ import { fresh, HISTORY_ROWS, initial, STALE_MS, TOAST_MS, type State } from "..
 import { update, type Message } from "../src/update";
 import { read } from "../src/wire/stream";
 import { frame } from "./frames";
-import { order, status } from "./statuses";
+import { command, status } from "./statuses";
 
 const after = (...messages: Message[]): State => messages.reduce(update, initial(0));
 const framed = (time_s: number, received_ms: number, alive = true): Message => ({
@@ -73,13 +73,13 @@ test("a service that was started again is another one: nothing of the last one i
   const check = { name: "parade", state: "done", reason: "", hash: "ab", good: true, fits_service: true, figures: null } as const;
   const known = after(
     { kind: "status", status: status({ time_s: 500 }) }, framed(500, 0), { kind: "preflight", report },
-    { kind: "order", order: order("o1") }, { kind: "check", check: { ...check, problems: [] } },
+    { kind: "command", command: command("o1") }, { kind: "check", check: { ...check, problems: [] } },
   );
   const same = update(known, { kind: "status", status: status({ time_s: 510, revision: 2 }) });
-  expect([same.frame?.time_s, same.orders.length, Object.keys(same.desk.checks)]).toEqual([500, 1, ["parade"]]);
+  expect([same.frame?.time_s, same.commands.length, Object.keys(same.desk.checks)]).toEqual([500, 1, ["parade"]]);
   const began_unix_time_s = status().began_unix_time_s + 511; // its clock is the machine's, and goes on
   const state = update(known, { kind: "status", status: status({ time_s: 511, began_unix_time_s }) });
-  expect(state).toMatchObject({ frame: null, previous: null, preflight: null, orders: [] });
+  expect(state).toMatchObject({ frame: null, previous: null, preflight: null, commands: [] });
   expect(state.history.time_s.length).toBe(0);
   expect(state.desk).toMatchObject({ checks: {}, shows: null });
 });
@@ -109,10 +109,10 @@ test("an armed kill is forgotten when its code is none any more, or was used", (
 
 test("an order's outcome takes its own place, a new order the first", () => {
   const state = after(
-    { kind: "order", order: order("o1") }, { kind: "order", order: order("o2") },
-    { kind: "order", order: order("o1", "done") },
+    { kind: "command", command: command("o1") }, { kind: "command", command: command("o2") },
+    { kind: "command", command: command("o1", "done") },
   );
-  expect(state.orders.map((each) => [each.id, each.outcome])).toEqual([["o2", "pending"], ["o1", "done"]]);
+  expect(state.commands.map((each) => [each.id, each.outcome])).toEqual([["o2", "pending"], ["o1", "done"]]);
 });
 
 test("what cannot be read is an error, and the state is as it was", () => {

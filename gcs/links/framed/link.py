@@ -35,7 +35,7 @@ from gcs.links.stream_rates import NOT_FOR_MAVSDK
 from gcs.links.tlog import Recorder
 from gcs.links.vehicle_ids import station_id
 from gcs.mavlink.framing import GLOBAL_POSITION_INT, PARAM_VALUE, Frame, kill_frame, parameter_value
-from gcs.model.errors import OrderError, UnknownError
+from gcs.model.errors import CommandError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Mode, Setpoints, Telemetry, VehicleId
 
@@ -252,7 +252,7 @@ class MavsdkLink(LinkFacts):
     async def execute(self, command: Command) -> None:
         """Order, and return when the vehicle is seen to obey. See `Link.execute`.
 
-        Raises: UnknownError for a vehicle of another link; OrderError.
+        Raises: UnknownError for a vehicle of another link; CommandError.
         """
         protocol, system_id = self._protocol_for(command.vehicle_id, f"{command.verb} impossible")
         heard = self._wire.heard[system_id]
@@ -261,7 +261,7 @@ class MavsdkLink(LinkFacts):
             return
         hand = self._hand(command.vehicle_id, f"{command.verb} impossible")
         if command.verb is Verb.OFFBOARD and not self._deadman.allows(system_id, self._clock()):
-            raise OrderError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
+            raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
         await protocol.execute(command, hand, heard)
 
     async def read_parameters(
@@ -279,19 +279,19 @@ class MavsdkLink(LinkFacts):
         await protocol.set_parameter(vehicle_id, name, value, hand)
 
     def _protocol_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[CommandProtocol, int]:
-        """Who executes orders, and the vehicle's system id. Raises: UnknownError, OrderError."""
+        """Who executes orders, and the vehicle's system id. Raises: UnknownError, CommandError."""
         system_id = self._vehicles.get(vehicle_id)
         if system_id is None:
             raise UnknownError(f"{vehicle_id} is not on link {self._name}")
         if self._protocol is None:
-            raise OrderError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
+            raise CommandError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
         return self._protocol, system_id
 
     def _hand(self, vehicle_id: VehicleId, otherwise: str) -> MavsdkHand:
-        """What moves the vehicle. Raises: OrderError for one that MAVSDK has not met."""
+        """What moves the vehicle. Raises: CommandError for one that MAVSDK has not met."""
         vehicle = self._met.get(self._vehicles[vehicle_id])
         if vehicle is None or self._workers is None:
-            raise OrderError(f"{vehicle_id}: {otherwise}: never heard on link {self._name}")
+            raise CommandError(f"{vehicle_id}: {otherwise}: never heard on link {self._name}")
         return self._workers.hand(vehicle_id, vehicle, self._wire.heard[self._vehicles[vehicle_id]])
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:

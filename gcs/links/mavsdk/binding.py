@@ -20,7 +20,7 @@ from mavsdk.plugins.telemetry import Telemetry
 
 from gcs.links.link import ParameterValue, Verb
 from gcs.links.mavsdk.loopback import Loopback
-from gcs.model.errors import LinkError, OrderError
+from gcs.model.errors import CommandError, LinkError
 
 log = logging.getLogger(__name__)
 
@@ -63,7 +63,7 @@ class MavsdkVehicle:
     def command(self, verb: Verb, height_m: float) -> None:
         """Send an order and wait for its acknowledgement: up to 2 s, or 3 s for a parameter.
 
-        Raises: OrderError with MAVSDK's name for the failure.
+        Raises: CommandError with MAVSDK's name for the failure.
         """
         calls: dict[Verb, Callable[[], object]] = {
             Verb.ARM: self._action.arm,
@@ -78,10 +78,10 @@ class MavsdkVehicle:
         try:
             calls[verb]()
         except MavsdkError as error:
-            raise OrderError(error.result.name) from error
+            raise CommandError(error.result.name) from error
 
     def parameter(self, name: str) -> ParameterValue:
-        """What the autopilot holds; up to 3 s when it does not answer. Raises: OrderError."""
+        """What the autopilot holds; up to 3 s when it does not answer. Raises: CommandError."""
         try:
             try:
                 whole: int = self._param.get_param_int(name)
@@ -92,16 +92,16 @@ class MavsdkVehicle:
                 return whole
             number: float = self._param.get_param_float(name)
         except MavsdkError as error:
-            raise OrderError(error.result.name) from error
+            raise CommandError(error.result.name) from error
         return number
 
     def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Change it and wait for the answer, up to 3 s. Raises: OrderError."""
+        """Change it and wait for the answer, up to 3 s. Raises: CommandError."""
         set_it = self._param.set_param_int if isinstance(value, int) else self._param.set_param_float
         try:
             set_it(name, value)
         except MavsdkError as error:
-            raise OrderError(error.result.name) from error
+            raise CommandError(error.result.name) from error
 
     def destroy(self) -> None:
         """Release the vehicle and its plugins; nothing of it may be used afterwards."""

@@ -9,7 +9,7 @@ from typing import Final, Protocol, TypeVar
 from gcs.links.command_protocol import CLOSED
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.mavsdk.binding import MavsdkVehicle
-from gcs.model.errors import OrderError
+from gcs.model.errors import CommandError
 from gcs.model.state import Landed, VehicleId
 
 T = TypeVar("T")
@@ -67,12 +67,12 @@ class MavsdkHand:
         return self._heard.landed
 
     async def command(self, command: Command, may_leave: Callable[[], None]) -> None:
-        """Run MAVSDK's call on the vehicle's worker. Raises: OrderError."""
+        """Run MAVSDK's call on the vehicle's worker. Raises: CommandError."""
         tries = _OFFBOARD_TRIES if command.verb is Verb.OFFBOARD else 1
         for left in reversed(range(tries)):
             try:
                 await self._run(partial(self._call, command, may_leave))
-            except OrderError as error:
+            except CommandError as error:
                 # Outside OFFBOARD, MAVSDK forgets a setpoint after 3 s, until the next tick sets it again.
                 if not left or str(error) != "NO_SETPOINT_SET":
                     raise
@@ -81,23 +81,23 @@ class MavsdkHand:
                 return
 
     async def parameter(self, name: str) -> ParameterValue:
-        """What the autopilot holds; up to 3 s when it does not answer. Raises: OrderError."""
+        """What the autopilot holds; up to 3 s when it does not answer. Raises: CommandError."""
         return await self._run(partial(self._vehicle.parameter, name))
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Change it and wait for the answer, up to 3 s. Raises: OrderError."""
+        """Change it and wait for the answer, up to 3 s. Raises: CommandError."""
         await self._run(partial(self._vehicle.set_parameter, name, value))
 
     async def _run(self, blocking: Callable[[], T]) -> T:
-        """The result of a call on the vehicle's worker, behind earlier ones. Raises: OrderError."""
+        """The result of a call on the vehicle's worker, behind earlier ones. Raises: CommandError."""
 
         def unless_closed() -> T:
             if self._closed():
-                raise OrderError(CLOSED)
+                raise CommandError(CLOSED)
             return blocking()
 
         if self._closed():  # then the workers take no more calls
-            raise OrderError(CLOSED)
+            raise CommandError(CLOSED)
         return await asyncio.get_running_loop().run_in_executor(self._worker, unless_closed)
 
     def _call(self, command: Command, may_leave: Callable[[], None]) -> None:

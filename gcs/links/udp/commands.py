@@ -12,7 +12,7 @@ from gcs.links.link import ParameterValue
 from gcs.mavlink.codec import Records, records, text, text_field
 from gcs.mavlink.framing import COMMAND_LONG
 from gcs.mavlink.kernels import Whole
-from gcs.model.errors import OrderError
+from gcs.model.errors import CommandError
 
 COMMAND_ACK: Final = 77
 PARAM_REQUEST_READ: Final = 20
@@ -47,7 +47,7 @@ _WHOLE: Final = {
 _INT32: Final = int(dialect.MAV_PARAM_TYPE_INT32)
 
 Gate = Callable[[], None]
-"""Called before anything leaves; raises OrderError when it may not."""
+"""Called before anything leaves; raises CommandError when it may not."""
 
 
 class Answer(NamedTuple):
@@ -85,11 +85,11 @@ class Commands:
         """End what is under way with these rows. Returns: how much that was."""
         ended = [key for key, waiting in self._pending.items() if which(key[0]) and not waiting.done()]
         for key in ended:
-            self._pending[key].set_exception(OrderError(reason))
+            self._pending[key].set_exception(CommandError(reason))
         return len(ended)
 
     async def command(self, row: int, command: int, values: tuple[float, ...], may_leave: Gate) -> None:
-        """Have a vehicle do a COMMAND_LONG. Raises: OrderError named after its answer, or TIMEOUT."""
+        """Have a vehicle do a COMMAND_LONG. Raises: CommandError named after its answer, or TIMEOUT."""
         message = records(COMMAND_LONG, 1)
         message["target_system"], message["target_component"] = self._system_ids[row], _AUTOPILOT_COMPONENT
         message["command"] = command
@@ -102,10 +102,10 @@ class Commands:
 
         answer = await self._ask((row, command), again, may_leave)
         if answer.result:
-            raise OrderError(_FAILURES.get(answer.result, f"COMMAND_RESULT_{answer.result}"))
+            raise CommandError(_FAILURES.get(answer.result, f"COMMAND_RESULT_{answer.result}"))
 
     async def get_parameter(self, row: int, name: str, may_leave: Gate) -> ParameterValue:
-        """A parameter's value. Raises: OrderError, TIMEOUT for one that the vehicle does not have."""
+        """A parameter's value. Raises: CommandError, TIMEOUT for one that the vehicle does not have."""
         message = records(PARAM_REQUEST_READ, 1)
         message["target_system"], message["target_component"] = self._system_ids[row], _AUTOPILOT_COMPONENT
         message["param_index"] = -1  # by its name
@@ -118,7 +118,7 @@ class Commands:
     async def set_parameter(self, row: int, name: str, value: ParameterValue, may_leave: Gate) -> None:
         """Give a parameter a value: whole numbers as such, encoded bytewise, as PX4 wants them.
 
-        Raises: OrderError when the vehicle answers with another value, or not at all.
+        Raises: CommandError when the vehicle answers with another value, or not at all.
         """
         message = records(PARAM_SET, 1)
         message["target_system"], message["target_component"] = self._system_ids[row], _AUTOPILOT_COMPONENT
@@ -131,7 +131,7 @@ class Commands:
             (row, name), lambda _attempt: self._tell(PARAM_SET, message, np.array([row])), may_leave
         )
         if answer.value != (value if isinstance(value, int) else float(np.float32(value))):
-            raise OrderError(f"the vehicle says that it is {answer.value:g}")
+            raise CommandError(f"the vehicle says that it is {answer.value:g}")
 
     def take_acks(self, rows: Whole, said: Records) -> None:
         """Read COMMAND_ACKs: (k,) rows and messages, in order of arrival."""
@@ -153,7 +153,7 @@ class Commands:
     async def _ask(
         self, key: tuple[int, int | str], send: Callable[[int], object], may_leave: Gate
     ) -> Answer:
-        """Send until there is an answer. Raises: OrderError."""
+        """Send until there is an answer. Raises: CommandError."""
         loop = asyncio.get_running_loop()
         async with self._locks.setdefault(key, asyncio.Lock()):
             may_leave()
@@ -161,7 +161,7 @@ class Commands:
             attempt, patient = 0, False
             while attempt < TRIES and loop.time() < give_up_s:
                 if self._closed:
-                    raise OrderError(CLOSED)
+                    raise CommandError(CLOSED)
                 waiting: asyncio.Future[Answer] = loop.create_future()
                 self._pending[key] = waiting
                 if not patient:
@@ -177,7 +177,7 @@ class Commands:
                 if answer.result != _IN_PROGRESS:
                     return answer
                 patient = True
-        raise OrderError(TIMEOUT)
+        raise CommandError(TIMEOUT)
 
 
 def parameter_values(said: Records) -> list[tuple[str, ParameterValue]]:

@@ -36,7 +36,7 @@ from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT
 from gcs.mavlink.kernels import Whole
 from gcs.mavlink.outgoing import heartbeats
-from gcs.model.errors import OrderError, UnknownError
+from gcs.model.errors import CommandError, UnknownError
 from gcs.model.frames import ShowFrame, wrap_rad
 from gcs.model.state import Array, Mask, Setpoints, Telemetry, VehicleId
 
@@ -137,7 +137,7 @@ class UdpLink(LinkFacts, ABC):
 
     @abstractmethod
     def _hand(self, row: int, otherwise: str) -> Hand:
-        """What moves a vehicle of the open link. Raises: OrderError for one that was never heard."""
+        """What moves a vehicle of the open link. Raises: CommandError for one that was never heard."""
 
     @abstractmethod
     def _forget_commands(self, row: int) -> None:
@@ -228,7 +228,7 @@ class UdpLink(LinkFacts, ABC):
     async def execute(self, command: Command) -> None:
         """Order, and return when the vehicle is seen to obey. See `Link.execute`.
 
-        Raises: UnknownError for a vehicle of another link; OrderError.
+        Raises: UnknownError for a vehicle of another link; CommandError.
         """
         otherwise = f"{command.verb} impossible"
         protocol, row = self._protocol_for(command.vehicle_id, otherwise)
@@ -241,7 +241,7 @@ class UdpLink(LinkFacts, ABC):
             return
         hand = self._hand(row, otherwise)
         if command.verb is Verb.OFFBOARD and not self._clock() - self._sent.newest_s[row] <= self._hold_s:
-            raise OrderError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
+            raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
         await protocol.execute(command, hand, said)
 
     async def read_parameters(
@@ -259,16 +259,16 @@ class UdpLink(LinkFacts, ABC):
         await protocol.set_parameter(vehicle_id, name, value, self._hand(row, otherwise))
 
     def _protocol_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[CommandProtocol, int]:
-        """Who executes orders, and the vehicle's row. Raises: UnknownError, OrderError."""
+        """Who executes orders, and the vehicle's row. Raises: UnknownError, CommandError."""
         row = self._row.get(vehicle_id)
         if row is None:
             raise UnknownError(f"{vehicle_id} is not on link {self._name}")
         if self._protocol is None:
-            raise OrderError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
+            raise CommandError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
         return self._protocol, row
 
-    def _never_heard(self, row: int, otherwise: str) -> OrderError:
-        return OrderError(f"{self._ids[row]}: {otherwise}: never heard on link {self._name}")
+    def _never_heard(self, row: int, otherwise: str) -> CommandError:
+        return CommandError(f"{self._ids[row]}: {otherwise}: never heard on link {self._name}")
 
     def _places(self, ids: tuple[VehicleId, ...]) -> tuple[tuple[VehicleId, ...], Whole, Whole]:
         """The ids, which of them are ours (k,), and their rows here (k,); a later mention counts."""

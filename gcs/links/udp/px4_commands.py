@@ -48,18 +48,18 @@ class DirectHand:
         return self._said.landed
 
     async def command(self, given: Command, may_leave: Callable[[], None]) -> None:
-        """Send it and wait for the acknowledgement. Raises: OrderError."""
+        """Send it and wait for the acknowledgement. Raises: CommandError."""
         if given.verb is Verb.TAKEOFF:
             await self._commands.set_parameter(self._row, TAKEOFF_HEIGHT, float(given.height_m), may_leave)
         command, values = _COMMANDS[given.verb]
         await self._commands.command(self._row, command, values, may_leave)
 
     async def parameter(self, name: str) -> ParameterValue:
-        """What the autopilot holds. Raises: OrderError."""
+        """What the autopilot holds. Raises: CommandError."""
         return await self._commands.get_parameter(self._row, name, _moves_nothing)
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Change it; returns when the vehicle says that value. Raises: OrderError."""
+        """Change it; returns when the vehicle says that value. Raises: CommandError."""
         await self._commands.set_parameter(self._row, name, value, _moves_nothing)
 
 

@@ -11,8 +11,8 @@ from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
 from gcs.service import (
     Audit,
+    CommandRecord,
     NoAudit,
-    OrderRecord,
     SelectedShow,
     ShowAction,
     ShowCheck,
@@ -89,7 +89,7 @@ class Refusing:
         *,
         show_hash: str | None = None,  # noqa: ARG002 (callers name it)
         at_unix_time_s: float | None = None,  # noqa: ARG002
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """Refused."""
         self._refuse()
 
@@ -109,25 +109,25 @@ class Refusing:
         """Refused."""
         self._refuse()
 
-    def exclude(self, _vehicle_id: VehicleId, _reason: str) -> OrderRecord:
+    def exclude(self, _vehicle_id: VehicleId, _reason: str) -> CommandRecord:
         """Refused."""
         self._refuse()
 
-    def include(self, _vehicle_id: VehicleId) -> OrderRecord:
+    def include(self, _vehicle_id: VehicleId) -> CommandRecord:
         """Refused."""
         self._refuse()
 
-    def command_vehicle(self, _vehicle_id: VehicleId, _action: VehicleAction) -> OrderRecord:
+    def command_vehicle(self, _vehicle_id: VehicleId, _action: VehicleAction) -> CommandRecord:
         """Refused."""
         self._refuse()
 
     def command_vehicles(
         self, _action: VehicleAction, _vehicles: Sequence[VehicleId] | None = None
-    ) -> OrderRecord:
+    ) -> CommandRecord:
         """Refused."""
         self._refuse()
 
-    def kill(self, _vehicle_ids: Sequence[VehicleId]) -> OrderRecord:
+    def kill(self, _vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
         """Refused."""
         self._refuse()
 
@@ -139,15 +139,17 @@ class Refusing:
         """Refused."""
         self._refuse()
 
-    def settle(self, _offer: Offer) -> OrderRecord:
+    def settle(self, _offer: Offer) -> CommandRecord:
         """Refused."""
         self._refuse()
 
-    def order(self, order_id: str) -> OrderRecord:
+    def command_record(self, command_id: str) -> CommandRecord:
         """Raises: UnknownError; orders are in the audit."""
-        raise UnknownError(f"there is no order {order_id}: this is a replay; past orders are in the audit")
+        raise UnknownError(
+            f"there is no command {command_id}: this is a replay; past orders are in the audit"
+        )
 
-    def orders(self) -> Sequence[OrderRecord]:
+    def commands(self) -> Sequence[CommandRecord]:
         """None: they stand in the audit beside the flight data."""
         return ()
 

@@ -168,7 +168,7 @@ class AlarmBook:
             text=alarm.text,
             advice=alarm.advice,
             vehicles=alarm.vehicles,
-            order_id=alarm.order_id,
+            command_id=alarm.command_id,
         )
         if alarm == before:
             return []
@@ -231,7 +231,7 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
         vehicles=vehicles,
         since_unix_s=0.0,
         raised_unix_s=0.0,
-        order_id=next((one.order_id for one in conditions if one.order_id is not None), None),
+        command_id=next((one.command_id for one in conditions if one.command_id is not None), None),
     )
 
 

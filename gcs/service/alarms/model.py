@@ -36,7 +36,7 @@ class Condition:
     advice_many: str = ""  # where the alarm concerns several vehicles; empty: the same
     severity: AlarmSeverity | None = None  # None: as `CAUSES` has it
     about: str = ""  # which link, file or obstacle: each has an alarm of its own
-    order_id: str | None = None  # of the command that the service gave because of it
+    command_id: str | None = None  # of the command that the service gave because of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Alarm:
     vehicles: tuple[VehicleId, ...]
     since_unix_s: float  # when the cause began
     raised_unix_s: float  # when it began, or last concerned a further vehicle or became more severe
-    order_id: str | None = None
+    command_id: str | None = None
     acknowledged_by: str | None = None
     acknowledged_unix_s: float | None = None
     ended_unix_s: float | None = None  # the cause has ended, and nobody has acknowledged the alarm

@@ -189,7 +189,7 @@ def state_of(bench: Bench) -> tuple[Any, ...]:
     )
 
 
-def orders() -> list[Any]:
+def commands() -> list[Any]:
     """Messages that would do something to vehicle 1."""
     return [
         common.MAVLink_command_long_message(1, 1, 400, 0, 1, 21196, 0, 0, 0, 0, 0),
@@ -217,7 +217,7 @@ def test_garbage_changes_nothing(garbage: bytes) -> None:
 @given(st.integers(0, 3), st.data())
 def test_truncated_or_altered_frames_change_nothing(which: int, data: st.DataObject) -> None:
     before = state_of(QUIET_BENCH)
-    frame = QUIET_BENCH.frame(orders()[which])
+    frame = QUIET_BENCH.frame(commands()[which])
     QUIET_BENCH.send_bytes(frame[: data.draw(st.integers(0, len(frame) - 1))])
     place, flip = data.draw(st.integers(1, len(frame) - 1)), data.draw(st.integers(1, 255))
     QUIET_BENCH.send_bytes(frame[:place] + bytes([frame[place] ^ flip]) + frame[place + 1 :])
@@ -229,12 +229,12 @@ def test_orders_for_another_vehicle_or_component_or_from_itself_change_nothing(w
     bench = Bench().ready()
     before = state_of(bench)
     for system, component in [(2, 1), (1, 100)]:
-        order = orders()[which]
-        order.target_system, order.target_component = system, component
-        bench.send(order)
-    bench.send_bytes(bytes(orders()[which].pack(common.MAVLink(None, 1, 1))))
+        command = commands()[which]
+        command.target_system, command.target_component = system, component
+        bench.send(command)
+    bench.send_bytes(bytes(commands()[which].pack(common.MAVLink(None, 1, 1))))
     assert state_of(bench) == before
-    bench.send(orders()[which])
+    bench.send(commands()[which])
     assert state_of(bench) != before
 
 
@@ -250,7 +250,7 @@ def test_mavlink_1_frames_and_unknown_messages_change_nothing() -> None:
 
 def test_sound_frames_behind_garbage_and_several_in_one_datagram_are_heard() -> None:
     bench = Bench().ready()
-    both = [bench.frame(orders()[which]) for which in (0, 2)]
+    both = [bench.frame(commands()[which]) for which in (0, 2)]
     bench.send_bytes(b"\xfd\x00garbage" + b"".join(both))
     assert bench.run(1.1).armed
     assert bench.fleet.autopilots[0].parameters["MPC_XY_VEL_MAX"] == 3.0

@@ -18,7 +18,7 @@ from gcs.sim.faults.link_faults import Jammer, Way
 DENIED = 2
 
 
-def order(trouble: Trouble, **fields: Any) -> dict[str, Any]:
+def command(trouble: Trouble, **fields: Any) -> dict[str, Any]:
     return dict(json.loads(trouble.obey(json.dumps({"vehicle": 1, **fields}))))
 
 
@@ -83,14 +83,14 @@ def test_a_jammer_sends_garbage_at_its_rate() -> None:
 def test_faults_of_a_link_end_by_themselves_or_by_none() -> None:
     bench = Bench()
     trouble = Trouble(bench.fleet)
-    assert order(trouble, fault="silence", for_s=2.0)["ok"]
-    assert order(trouble, fault="loss", share=0.5, way="out")["ok"]
+    assert command(trouble, fault="silence", for_s=2.0)["ok"]
+    assert command(trouble, fault="loss", share=0.5, way="out")["ok"]
     channel = trouble.broken[0]
     assert (channel.into.ills.silent, channel.into.ills.loss, channel.out.ills.loss) == (True, 0.0, 0.5)
     bench.run(2.1)
     trouble.pass_time()
     assert (channel.out.ills.silent, channel.out.ills.loss) == (False, 0.5)
-    assert order(trouble, fault="none")["ok"]
+    assert command(trouble, fault="none")["ok"]
     assert not trouble.broken
 
 
@@ -99,11 +99,11 @@ def test_a_position_that_jumps_is_reported_and_flown_back() -> None:
     trouble = Trouble(bench.fleet)
     before = bench.last("LOCAL_POSITION_NED").x
     counter = bench.last("ODOMETRY").reset_counter
-    order(trouble, fault="gps-jump", north_m=8.0)
+    command(trouble, fault="gps-jump", north_m=8.0)
     bench.run(0.2)
     assert bench.last("LOCAL_POSITION_NED").x == pytest.approx(before + 8.0, abs=0.2)
     assert bench.last("ODOMETRY").reset_counter == counter
-    order(trouble, fault="position-reset", north_m=-8.0)
+    command(trouble, fault="position-reset", north_m=-8.0)
     bench.run(0.2)
     assert bench.last("LOCAL_POSITION_NED").x == pytest.approx(before, abs=0.2)
     assert bench.last("ODOMETRY").reset_counter == counter + 1
@@ -112,7 +112,7 @@ def test_a_position_that_jumps_is_reported_and_flown_back() -> None:
 def test_a_frozen_receiver_repeats_its_position() -> None:
     bench = Bench().fly_offboard()
     trouble = Trouble(bench.fleet)
-    order(trouble, fault="gps-freeze", for_s=3.0)
+    command(trouble, fault="gps-freeze", for_s=3.0)
     bench.stream(3.0, 0.0, 0.0)
     begin_s = bench.now_s + 0.05
     bench.run(2.5)
@@ -127,7 +127,7 @@ def test_a_frozen_receiver_repeats_its_position() -> None:
 
 def test_accuracy_is_told_in_gps_raw_int() -> None:
     bench = Bench().ready()
-    order(Trouble(bench.fleet), fault="accuracy", eph_m=4.5, epv_m=7.0, hdop=2.5)
+    command(Trouble(bench.fleet), fault="accuracy", eph_m=4.5, epv_m=7.0, hdop=2.5)
     gps = bench.run(0.5).last("GPS_RAW_INT")
     assert (gps.h_acc, gps.v_acc, gps.eph, gps.epv) == (4500, 7000, 250, 110)
 
@@ -137,8 +137,8 @@ def test_a_worse_fix_and_a_wrong_time_are_told_until_their_time_is_over() -> Non
     trouble = Trouble(bench.fleet)
     true_us = bench.run(1.1).last("SYSTEM_TIME").time_unix_usec
     assert true_us > 1.79e15
-    order(trouble, fault="fix", type="2d", for_s=2.0)
-    order(trouble, fault="wrong-time", ahead_s=-3600.0, for_s=2.0)
+    command(trouble, fault="fix", type="2d", for_s=2.0)
+    command(trouble, fault="wrong-time", ahead_s=-3600.0, for_s=2.0)
     bench.run(1.5)
     assert bench.last("GPS_RAW_INT").fix_type == 2
     assert (true_us - bench.last("SYSTEM_TIME").time_unix_usec) / 1e6 == pytest.approx(3598.5, abs=1.1)
@@ -154,10 +154,10 @@ def test_a_sick_sensor_is_told_and_keeps_the_vehicle_from_arming(which: str, bit
     bench = Bench().ready()
     trouble = Trouble(bench.fleet)
     assert bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health & bit
-    order(trouble, fault="sensor", which=which)
+    command(trouble, fault="sensor", which=which)
     health = bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health
     assert not health & (bit | 0x10000000)
-    order(trouble, fault="none")
+    command(trouble, fault="none")
     assert bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health & bit
 
 
@@ -165,7 +165,7 @@ def test_a_reboot_on_the_ground_restarts_the_clock_disarms_and_restores_the_stre
     bench = Bench().ready()
     bench.command(511, common.MAVLINK_MSG_ID_ATTITUDE, -1)
     bench.arm()
-    order(Trouble(bench.fleet), fault="reboot", off_s=0.0)
+    command(Trouble(bench.fleet), fault="reboot", off_s=0.0)
     bench.run(1.2)
     assert not bench.armed
     assert bench.last("ATTITUDE").time_boot_ms < 1300
@@ -176,12 +176,12 @@ def test_a_reboot_on_the_ground_restarts_the_clock_disarms_and_restores_the_stre
 def test_a_reboot_in_the_air_stops_the_motors_unless_told_to_go_on() -> None:
     bench = Bench().take_off()
     trouble = Trouble(bench.fleet)
-    order(trouble, fault="reboot", off_s=0.0, motors="go-on")
+    command(trouble, fault="reboot", off_s=0.0, motors="go-on")
     bench.run(1.0)
     assert bench.armed
     assert bench.last("ATTITUDE").time_boot_ms < 1_000_000
     height_m = -bench.truth[2]
-    order(trouble, fault="reboot", off_s=0.0)
+    command(trouble, fault="reboot", off_s=0.0)
     assert -bench.run(1.0).truth[2] < height_m - 3.0
     assert not bench.fleet.autopilots[0].commander.armed
 
@@ -197,13 +197,13 @@ def test_a_reboot_by_command_is_denied_while_armed() -> None:
 
 def test_a_clock_can_jump_back() -> None:
     bench = Bench().run(8.0)
-    order(Trouble(bench.fleet), fault="clock-jump", by_s=-5.0)
+    command(Trouble(bench.fleet), fault="clock-jump", by_s=-5.0)
     assert bench.run(0.1).last("ATTITUDE").time_boot_ms == pytest.approx(3000, abs=200)
 
 
 def test_a_battery_can_be_set() -> None:
     bench = Bench().ready()
-    order(Trouble(bench.fleet), fault="battery", remaining=0.31)
+    command(Trouble(bench.fleet), fault="battery", remaining=0.31)
     assert bench.run(1.0).last("SYS_STATUS").battery_remaining == 31
 
 
@@ -211,10 +211,10 @@ def test_a_battery_can_be_set() -> None:
 def test_a_stuck_mode_stays_whatever_is_answered(answer: str, result: int) -> None:
     bench = Bench().take_off()
     trouble = Trouble(bench.fleet)
-    order(trouble, fault="stuck-mode", answer=answer)
+    command(trouble, fault="stuck-mode", answer=answer)
     assert bench.set_mode((4, 6)) == [0, result]
     assert bench.run(1.1).mode == HOLD
-    order(trouble, fault="none")
+    command(trouble, fault="none")
     bench.set_mode((4, 6))
     assert bench.run(1.1).mode == (4, 6)
 
@@ -222,14 +222,14 @@ def test_a_stuck_mode_stays_whatever_is_answered(answer: str, result: int) -> No
 def test_a_pilot_takes_over_by_the_switch_always_and_by_the_sticks_as_com_rc_override_allows() -> None:
     bench = Bench().fly_offboard()
     trouble = Trouble(bench.fleet)
-    assert order(trouble, fault="pilot", by="sticks")["unmoved"] == [1]
+    assert command(trouble, fault="pilot", by="sticks")["unmoved"] == [1]
     assert bench.run(1.1).mode == OFFBOARD
     bench.set_parameter("COM_RC_OVERRIDE", 3)
-    assert "unmoved" not in order(trouble, fault="pilot", by="sticks", east_m_s=2.0)
+    assert "unmoved" not in command(trouble, fault="pilot", by="sticks", east_m_s=2.0)
     bench.run(5.0)
     assert bench.mode == POSITION
     assert bench.velocity[1] > 1.2
-    order(trouble, fault="none")
+    command(trouble, fault="none")
     assert bench.run(1.1).mode == HOLD
 
 

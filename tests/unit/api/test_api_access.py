@@ -55,10 +55,10 @@ def station(tmp_path: Path) -> Station:
 
 
 READS = [
-    *("/api/v1/fleet", "/api/v1/orders", "/api/v1/shows", "/api/v1/shows/lighthouse/check"),
+    *("/api/v1/fleet", "/api/v1/commands", "/api/v1/shows", "/api/v1/shows/lighthouse/check"),
     *("/metrics", "/api/v1/no-such-place"),
 ]
-ORDERS = [
+COMMANDS = [
     ("POST", "/api/v1/show/start"),
     ("POST", "/api/v1/show/resume"),
     ("POST", "/api/v1/vehicles/d1/join"),
@@ -98,7 +98,7 @@ def test_whoever_has_a_token_may_read_and_nobody_else(station: Station, path: st
         assert "gcs token create" in answer.json()["detail"]
 
 
-@pytest.mark.parametrize(("method", "path"), ORDERS)
+@pytest.mark.parametrize(("method", "path"), COMMANDS)
 def test_only_an_operator_may_order(station: Station, method: str, path: str) -> None:
     before = station.service.plan, station.service.show, dict(station.service.phases)
     assert station("", method, path).status_code == 401
@@ -131,7 +131,7 @@ def test_an_order_says_whose_token_gave_it(station: Station) -> None:
     assert station("operate", "POST", "/api/v1/show/start").json()["by"] == "operate-token"
     station.service.fly()
     assert station("emergency", "POST", "/api/v1/show/stop").json()["by"] == "emergency-token"
-    assert [order["by"] for order in station("watch", "GET", "/api/v1/orders").json()] == [
+    assert [command["by"] for command in station("watch", "GET", "/api/v1/commands").json()] == [
         "emergency-token",
         "operate-token",
     ]

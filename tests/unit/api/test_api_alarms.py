@@ -8,7 +8,7 @@ from gcs.service.access import RIGHTS, Right, Role
 from gcs.service.alarms import AlarmCause, Condition
 
 LOST = Condition(
-    AlarmCause.VEHICLE_LOST, "no telemetry for 2.0 s", ("d3",), "Formation closes the gap.", order_id="o7"
+    AlarmCause.VEHICLE_LOST, "no telemetry for 2.0 s", ("d3",), "Formation closes the gap.", command_id="o7"
 )
 KILLED = Condition(AlarmCause.KILLED, "motors stopped on command by anna", ("d2",))
 NOTE = Condition(AlarmCause.SERVICE_NOTE, "no map")
@@ -35,7 +35,7 @@ def test_alarms_are_listed_the_most_severe_first_with_the_state_of_the_whole(api
     assert [alarm["severity"] for alarm in answered["alarms"]] == ["emergency", "warning", "information"]
     lost = answered["alarms"][1]
     assert lost["text"] == "Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap."
-    assert (lost["cause"], lost["vehicles"], lost["order_id"]) == ("vehicle-lost", ["d3"], "o7")
+    assert (lost["cause"], lost["vehicles"], lost["command_id"]) == ("vehicle-lost", ["d3"], "o7")
     assert lost["acknowledged_by"] is lost["ended_unix_time_s"] is None
 
 

@@ -10,7 +10,7 @@ from api_harness import Api
 from gcs.api.schemas import rest as wire
 from gcs.model.errors import LinkError, ShapeError
 from gcs.model.lifecycle import ShowPhase
-from gcs.service import OrderRecord, ShowAction
+from gcs.service import CommandRecord, ShowAction
 
 JSON = {"Content-Type": "application/json"}
 BOX = {"x_m": 50.0, "y_m": 0.0, "half_length_x_m": 2.0, "half_length_y_m": 3.0, "height_m": 15.0}
@@ -379,7 +379,7 @@ def test_a_long_path_is_cut_in_messages(api: Api) -> None:
 class BrokenService(FakeService):
     """Raises what no request should be able to cause, and what a lost transport causes."""
 
-    def command_show(self, action: ShowAction, vehicles: object = None, **_: object) -> OrderRecord:
+    def command_show(self, action: ShowAction, vehicles: object = None, **_: object) -> CommandRecord:
         if action is ShowAction.STOP:
             raise LinkError("control does not answer")
         if action is ShowAction.PAUSE:

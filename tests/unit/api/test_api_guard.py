@@ -10,7 +10,7 @@ from gcs.api.app import create_app
 from gcs.api.auth.authorization import Door
 from gcs.api.auth.middleware import BODY_MAX_BYTES, DRAIN_MAX_BYTES
 from gcs.model.lifecycle import ShowPhase
-from gcs.service import OrderRecord
+from gcs.service import CommandRecord
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_a_link_from_elsewhere_leads_to_the_pages_alone(
 )
 def test_no_answer_can_be_framed_or_guessed(method: str, path: str, status: int) -> None:
     class Broken(FakeService):
-        def command_show(self, *_: object, **__: object) -> OrderRecord:
+        def command_show(self, *_: object, **__: object) -> CommandRecord:
             raise ZeroDivisionError
 
     answer = Api(Broken())(method, path)

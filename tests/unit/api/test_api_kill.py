@@ -20,7 +20,7 @@ def test_nothing_happens_before_the_code_comes_back_and_then_to_those_it_names(a
     assert set(api.service.phases.values()) == {Phase.FORMATION}
     answer = api("POST", "/api/v1/kill/confirm", json={"code": armed.json()["code"]})
     assert answer.status_code == 202
-    assert answer.headers["location"] == f"/api/v1/orders/{answer.json()['id']}"
+    assert answer.headers["location"] == f"/api/v1/commands/{answer.json()['id']}"
     assert set(answer.json()["vehicles"]) == {"d2"}
     assert api.service.phases == {"d1": Phase.FORMATION, "d2": Phase.KILLED, "d3": Phase.FORMATION}
     again = api("POST", "/api/v1/kill/confirm", json={"code": armed.json()["code"]})

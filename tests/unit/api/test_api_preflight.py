@@ -38,7 +38,7 @@ def test_every_check_is_answered_with_its_state_value_unit_and_limit(api: Api) -
 def test_who_is_taken_out_is_named_with_who_did_it_and_why_until_included(api: Api) -> None:
     answer = api("POST", f"{D2}/exclude", json={"reason": "cracked"})
     assert answer.status_code == 202
-    assert answer.headers["Location"] == f"/api/v1/orders/{answer.json()['id']}"
+    assert answer.headers["Location"] == f"/api/v1/commands/{answer.json()['id']}"
     assert (answer.json()["action"], answer.json()["by"]) == ("exclude", "local")
     told = api("GET", PREFLIGHT).json()
     assert told["not_flying"] == {"d2": "taken out of the show by local: cracked"}

@@ -83,7 +83,7 @@ def refuse_constant(name: str) -> Any:
 def everything(api: Api) -> tuple[Any, ...]:
     """All that a request may change."""
     service = api.service
-    return service.plan, service.show, dict(service.phases), dict(service.orders_by_id)
+    return service.plan, service.show, dict(service.phases), dict(service.commands_by_id)
 
 
 @settings(max_examples=1000, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -113,7 +113,9 @@ SEGMENTS = st.text(st.characters(codec="utf-8", exclude_characters="/?#\\"), max
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     method=st.sampled_from(["GET", "POST", "PUT", "PATCH", "DELETE"]),
-    parts=st.lists(st.sampled_from(["vehicles", "obstacles", "orders", "d1", "kill"]) | SEGMENTS, max_size=4),
+    parts=st.lists(
+        st.sampled_from(["vehicles", "obstacles", "commands", "d1", "kill"]) | SEGMENTS, max_size=4
+    ),
 )
 def test_no_path_makes_a_5xx(method: str, parts: list[str]) -> None:
     api = fresh()

@@ -54,7 +54,7 @@ def test_gcs_status_shows_the_alarms_on_top(capsys: pytest.CaptureFixture[str]) 
     service = FakeService()
     service.fly()
     because, follows = "battery at 15%, below 20%", "It comes home."
-    service.conditions = (Condition(AlarmCause.LOW_BATTERY, because, ("d2",), follows, order_id="o3"),)
+    service.conditions = (Condition(AlarmCause.LOW_BATTERY, because, ("d2",), follows, command_id="o3"),)
     service.tick()
     fleet = wire.Fleet.model_validate(Api(service)("GET", "/api/v1/fleet").json())
     Console(width=80).print(board(fleet, 80))
@@ -114,7 +114,7 @@ def test_a_vehicle_command_is_accepted_with_an_order(
     api.service.phases["d2"] = before
     answer = api("POST", f"/api/v1/vehicles/d2/{action}")
     assert answer.status_code == 202
-    assert answer.headers["location"] == f"/api/v1/orders/{answer.json()['id']}"
+    assert answer.headers["location"] == f"/api/v1/commands/{answer.json()['id']}"
     assert answer.json()["vehicles"] == {"d2": {"outcome": "pending", "reason": ""}}
     assert api.service.phases["d2"] is after
 
@@ -127,7 +127,7 @@ def test_one_command_reaches_a_selection_and_names_those_that_it_does_not_reach(
     api.service.phases["d2"] = before.get(action, Phase.FORMATION)
     answer = api("POST", f"/api/v1/fleet/{action}", json={"vehicles": ["d1", "d2"]})
     assert answer.status_code == 202
-    assert answer.headers["location"] == f"/api/v1/orders/{answer.json()['id']}"
+    assert answer.headers["location"] == f"/api/v1/commands/{answer.json()['id']}"
     parts = answer.json()["vehicles"]
     assert parts["d2"] == {"outcome": "pending", "reason": ""}
     assert parts["d1"]["outcome"] == "not-included"
@@ -198,12 +198,12 @@ def test_start_with_an_unknown_vehicle_is_404_and_starts_nothing(api: Api) -> No
 
 
 def test_an_order_tells_its_outcome_per_vehicle(api: Api) -> None:
-    order_id = api("POST", "/api/v1/show/start").json()["id"]
-    api.service.finish(order_id, Outcome.FAILED, "no GPS")
-    order = api("GET", f"/api/v1/orders/{order_id}").json()
-    assert order["outcome"] == "failed"
-    assert order["vehicles"]["d1"] == {"outcome": "failed", "reason": "no GPS"}
-    assert api("GET", "/api/v1/orders/o99").status_code == 404
+    command_id = api("POST", "/api/v1/show/start").json()["id"]
+    api.service.finish(command_id, Outcome.FAILED, "no GPS")
+    command = api("GET", f"/api/v1/commands/{command_id}").json()
+    assert command["outcome"] == "failed"
+    assert command["vehicles"]["d1"] == {"outcome": "failed", "reason": "no GPS"}
+    assert api("GET", "/api/v1/commands/o99").status_code == 404
 
 
 def test_a_change_of_the_formation_leaves_the_rest_as_it_is(api: Api) -> None:

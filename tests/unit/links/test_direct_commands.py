@@ -10,7 +10,7 @@ import pytest
 from gcs.links.udp.commands import ANSWER_S, COMMAND_ACK, PARAM_VALUE, TRIES, Commands
 from gcs.mavlink.codec import Records, records, text_field
 from gcs.mavlink.kernels import Whole
-from gcs.model.errors import OrderError
+from gcs.model.errors import CommandError
 
 ARM = 400
 DENIED, IN_PROGRESS = 2, 5
@@ -29,7 +29,7 @@ class Bench:
 
     def may_leave(self) -> None:
         if not self.open:
-            raise OrderError("killed meanwhile")
+            raise CommandError("killed meanwhile")
 
     def ack(self, row: int, command: int, result: int = 0) -> None:
         said = records(COMMAND_ACK, 1)
@@ -64,7 +64,7 @@ def test_only_the_same_vehicles_answer_to_the_same_command_counts() -> None:
         loop = asyncio.get_running_loop()
         loop.call_later(0.1, bench.ack, 1, ARM)
         loop.call_later(0.2, bench.ack, 0, ARM + 1)
-        with pytest.raises(OrderError, match="TIMEOUT"):
+        with pytest.raises(CommandError, match="TIMEOUT"):
             await bench.commands.command(0, ARM, (1.0,), bench.may_leave)
         assert len(bench.sent) == TRIES
 
@@ -76,7 +76,7 @@ def test_a_refusal_has_a_name_and_progress_is_waited_for() -> None:
         loop = asyncio.get_running_loop()
         loop.call_later(0.1, bench.ack, 0, ARM, IN_PROGRESS)
         loop.call_later(3.0, bench.ack, 0, ARM, DENIED)
-        with pytest.raises(OrderError, match="COMMAND_DENIED"):
+        with pytest.raises(CommandError, match="COMMAND_DENIED"):
             await bench.commands.command(0, ARM, (1.0,), bench.may_leave)
         assert (len(bench.sent), loop.time()) == (1, 3.0)
 
@@ -92,9 +92,9 @@ def test_nothing_leaves_after_a_kill_and_what_waits_ends_at_once() -> None:
         assert bench.commands.fail(lambda row: row == 0, "killed meanwhile") == 1
         bench.ack(1, ARM)
         await other
-        with pytest.raises(OrderError, match="killed meanwhile"):
+        with pytest.raises(CommandError, match="killed meanwhile"):
             await waiting
-        with pytest.raises(OrderError, match="killed meanwhile"):
+        with pytest.raises(CommandError, match="killed meanwhile"):
             await bench.commands.command(0, ARM, (1.0,), bench.may_leave)
         assert len(bench.sent) == 2
 
@@ -112,7 +112,7 @@ def test_a_parameter_is_set_as_what_it_is_and_believed_when_it_is_told_back() ->
         loop.call_later(0.1, bench.value, 0, "COM_OF_LOSS_T", 0.3)
         assert await bench.commands.get_parameter(0, "COM_OF_LOSS_T", bench.may_leave) == pytest.approx(0.3)
         loop.call_later(0.1, bench.value, 0, "COM_OF_LOSS_T", 1.0)
-        with pytest.raises(OrderError, match="says that it is 1"):
+        with pytest.raises(CommandError, match="says that it is 1"):
             await bench.commands.set_parameter(0, "COM_OF_LOSS_T", 0.5, bench.may_leave)
 
     run(main)
@@ -123,7 +123,7 @@ def test_closing_ends_what_waits() -> None:
         waiting = asyncio.create_task(bench.commands.get_parameter(0, "ANY", bench.may_leave))
         await asyncio.sleep(0.1)
         bench.commands.close()
-        with pytest.raises(OrderError, match="closed"):
+        with pytest.raises(CommandError, match="closed"):
             await waiting
 
     run(main)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from records_moment import PLAN, sample
 
-from gcs.flight.command_log import OrderBook
+from gcs.flight.command_log import CommandLog
 from gcs.links.address_book import Address
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -22,7 +22,7 @@ from gcs.model.preflight_report import Exclusion
 from gcs.model.state import Mode
 from gcs.recording import last_known
 from gcs.recording.exclusions import exclusions
-from gcs.recording.last_known import AUDIT, calls, events, orders
+from gcs.recording.last_known import AUDIT, calls, commands, events
 from gcs.recording.schema import VERSION
 from gcs.recording.session import Record
 from gcs.recording.sqlite_writer import Journal, Row
@@ -48,19 +48,19 @@ def soon(holds: Callable[[], bool]) -> None:
 
 def test_an_order_is_read_back_with_who_gave_it_and_its_outcome_per_vehicle(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
-        book = OrderBook(record.audit)
+        book = CommandLog(record.audit)
         book.open("start", ["d1", "d2"], {"d3": "offline: not heard yet"})
         token = WHO.set("anna")
-        order = book.open("pause", ["d1", "d2"], {})
+        command = book.open("pause", ["d1", "d2"], {})
         WHO.reset(token)
-        book.close(order.id, "d1", Outcome.DONE)
-        book.close(order.id, "d2", Outcome.FAILED, "it did not answer")
+        book.close(command.id, "d1", Outcome.DONE)
+        book.close(command.id, "d2", Outcome.FAILED, "it did not answer")
         assert asyncio.run(record.audit.kept())
-    first, second = orders(tmp_path)
+    first, second = commands(tmp_path)
     assert (first.who, first.action, first.session) == ("service", "start", record.session)
     assert first.outcomes["d3"] == ("not-included", "offline: not heard yet")
     assert (second.who, second.action) == ("anna", "pause")
-    assert second.accepted_unix_s == order.accepted_time_s
+    assert second.accepted_unix_s == command.accepted_time_s
     assert second.outcomes == {"d1": ("done", ""), "d2": ("failed", "it did not answer")}
 
 
@@ -186,11 +186,11 @@ def test_an_exclusion_that_makes_no_sense_is_refused_by_name(tmp_path: Path) -> 
 
 def test_an_audit_is_read_while_the_service_writes(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
-        book = OrderBook(record.audit)
+        book = CommandLog(record.audit)
         for count in range(1, 20):
             book.open("hold", ["d1"], {})
             assert asyncio.run(record.audit.kept())
-            assert len(orders(tmp_path)) == count
+            assert len(commands(tmp_path)) == count
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_another_programs_database_is_refused_and_left_as_it_is(tmp_path: Path) 
         other.commit()
     before = (tmp_path / AUDIT).read_bytes()
     with Record(tmp_path, CONFIG, VEHICLES) as record:
-        OrderBook(record.audit).open("hold", ["d1"], {})
+        CommandLog(record.audit).open("hold", ["d1"], {})
         assert not asyncio.run(record.audit.kept())
         soon(lambda: bool(record.problems))
         assert "a database, but not an audit of this program" in record.problems[0]
@@ -248,7 +248,7 @@ def test_a_disk_that_fails_is_told_of_and_what_was_noted_meanwhile_is_written_on
     root = tmp_path / "runs"
     root.touch()  # a file where the folder should be
     with Record(root, CONFIG, VEHICLES) as record:
-        book = OrderBook(record.audit)
+        book = CommandLog(record.audit)
         book.open("start", ["d1"], {})
         began_s = time.monotonic()
         assert not asyncio.run(record.audit.kept())
@@ -259,7 +259,7 @@ def test_a_disk_that_fails_is_told_of_and_what_was_noted_meanwhile_is_written_on
         soon(lambda: not record.problems)
         book.open("stop", ["d1"], {})
         assert asyncio.run(record.audit.kept())
-    assert [order.action for order in orders(root)] == ["start", "stop"]
+    assert [command.action for command in commands(root)] == ["start", "stop"]
     assert [line.msg for line in caplog.records if line.name == "gcs.recording.sqlite_writer"] == [
         "audit_failed",
         "audit_goes_on",

@@ -77,7 +77,7 @@ def test_a_reaction_names_its_vehicles_as_a_person_would() -> None:
     details = {
         "cause": "fence ahead",
         "action": "return",
-        "order": "o3",
+        "command": "o3",
         "vehicles": ("d3",),
         "reason": "wind",
     }

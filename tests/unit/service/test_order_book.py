@@ -4,14 +4,14 @@ import time
 
 import pytest
 
-from gcs.flight.command_log import KEPT, OrderBook
+from gcs.flight.command_log import KEPT, CommandLog
 from gcs.model.errors import UnknownError
-from gcs.service import WHO, OrderRecord, Outcome, VehicleOutcome
+from gcs.service import WHO, CommandRecord, Outcome, VehicleOutcome
 
 
 def test_an_order_begins_pending_for_those_it_is_for_and_says_why_others_are_left_out() -> None:
     began_s = time.time()
-    record = OrderBook().open("start", ["d1", "d2"], {"d3": "offline: not heard yet"})
+    record = CommandLog().open("start", ["d1", "d2"], {"d3": "offline: not heard yet"})
     assert record.action == "start"
     assert record.outcomes == {
         "d1": VehicleOutcome(Outcome.PENDING),
@@ -22,7 +22,7 @@ def test_an_order_begins_pending_for_those_it_is_for_and_says_why_others_are_lef
 
 
 def test_an_order_says_who_gave_it_to_its_end() -> None:
-    book = OrderBook()
+    book = CommandLog()
     by_itself = book.open("stop", ["d1"], {})
     who = WHO.set("anna")
     try:
@@ -35,12 +35,12 @@ def test_an_order_says_who_gave_it_to_its_end() -> None:
 
 
 def test_orders_have_names_of_their_own() -> None:
-    book = OrderBook()
+    book = CommandLog()
     assert len({book.open("hold", ["d1"], {}).id for _ in range(100)}) == 100
 
 
 def test_a_record_is_a_snapshot_and_the_book_has_the_newest() -> None:
-    book = OrderBook()
+    book = CommandLog()
     before = book.open("hold", ["d1"], {})
     book.close(before.id, "d1", Outcome.DONE)
     assert before.outcomes["d1"].outcome is Outcome.PENDING
@@ -49,7 +49,7 @@ def test_a_record_is_a_snapshot_and_the_book_has_the_newest() -> None:
 
 
 def test_an_outcome_is_noted_once() -> None:
-    book = OrderBook()
+    book = CommandLog()
     record = book.open("land", ["d1"], {"d2": "not chosen"})
     book.close(record.id, "d1", Outcome.FAILED, "replaced by another order")
     book.close(record.id, "d1", Outcome.DONE)
@@ -74,21 +74,21 @@ def test_an_order_is_pending_while_any_part_is_then_failed_if_any_has_else_done(
     parts: list[Outcome], whole: Outcome
 ) -> None:
     outcomes = {f"d{place}": VehicleOutcome(part) for place, part in enumerate(parts)}
-    assert OrderRecord("o1", "start", 0.0, outcomes, "crew").outcome is whole
+    assert CommandRecord("o1", "start", 0.0, outcomes, "crew").outcome is whole
 
 
 def test_only_the_last_orders_are_kept() -> None:
-    book = OrderBook()
+    book = CommandLog()
     records = [book.open("hold", ["d1"], {}) for _ in range(KEPT + 3)]
     for forgotten in records[:3]:
-        with pytest.raises(UnknownError, match=f"there is no order {forgotten.id}$"):
+        with pytest.raises(UnknownError, match=f"there is no command {forgotten.id}$"):
             book.get(forgotten.id)
     assert book.get(records[3].id) == records[3]
     assert book.get(records[-1].id) == records[-1]
 
 
 def test_an_outcome_of_an_order_long_forgotten_is_dropped() -> None:
-    book = OrderBook()
+    book = CommandLog()
     first = book.open("hold", ["d1"], {})
     for _ in range(KEPT):
         book.open("hold", ["d1"], {})
@@ -98,5 +98,5 @@ def test_an_outcome_of_an_order_long_forgotten_is_dropped() -> None:
 
 
 def test_an_order_that_was_never_given_is_unknown() -> None:
-    with pytest.raises(UnknownError, match="there is no order o1"):
-        OrderBook().get("o1")
+    with pytest.raises(UnknownError, match="there is no command o1"):
+        CommandLog().get("o1")

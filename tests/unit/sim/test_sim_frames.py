@@ -47,10 +47,10 @@ def test_setpoints_are_read_together_and_damaged_ones_are_told() -> None:
     raw[70 + 10] ^= 0x10
     found = frames.setpoints(bytes(raw))
     assert found is not None
-    orders, sender, good = found
-    assert (orders["target_system"].tolist(), sender.tolist()) == ([1, 2, 3], [[245, 190]] * 3)
+    messages, sender, good = found
+    assert (messages["target_system"].tolist(), sender.tolist()) == ([1, 2, 3], [[245, 190]] * 3)
     assert good.tolist() == [True, False, True]
-    assert orders["vx"].tolist() == [1.5] * 3
+    assert messages["vx"].tolist() == [1.5] * 3
 
 
 @pytest.mark.parametrize("raw", [b"", b"\xfd" * 65, setpoint_frame(1)[:-1], setpoint_frame(1) + b"x"])
@@ -97,10 +97,10 @@ def test_only_what_claims_to_be_the_autopilot_itself_is_not_heard(
 ) -> None:
     fleet = Fleet(Settings(count=2, first=243), start_s=0.0)
     circle = fleet.ears.circle([0, 1])
-    order = common.MAVLink_set_position_target_local_ned_message(
+    message = common.MAVLink_set_position_target_local_ned_message(
         0, 245, 1, 1, 0x9C7, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0
     )
-    fleet.ears.hear([(circle, bytes(order.pack(common.MAVLink(None, *sender))))])
+    fleet.ears.hear([(circle, bytes(message.pack(common.MAVLink(None, *sender))))])
     assert fleet.state.setpoint_seen.tolist() == [False, heeded]
 
 

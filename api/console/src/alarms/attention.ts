@@ -1,7 +1,7 @@
 // What calls the operator's attention beside the list: sound, title, icon, screen reader. Pure.
 
 import { fresh, type State } from "../state";
-import { alarmsOf, ordered, rank, raised, worst, type Alarm, type Overall, type Severity } from "./model";
+import { alarmsOf, commanded, rank, raised, worst, type Alarm, type Overall, type Severity } from "./model";
 import type { Attention, AttentionMessage } from "./attentionState";
 
 export { initialAttention, type Attention, type AttentionMessage, type Ring } from "./attentionState";
@@ -12,7 +12,7 @@ const SOUNDING: ReadonlySet<Severity> = new Set(["emergency", "warning", "cautio
 
 /** New alarms are announced and sound once. */
 export function afterAlarms(attention: Attention, before: readonly Alarm[], now: readonly Alarm[], now_ms: number, isSilent: boolean): Attention {
-  const fresh = ordered(raised(before, now));
+  const fresh = commanded(raised(before, now));
   if (fresh.length === 0) return attention;
   const say = (isUrgent: boolean): string =>
     fresh
@@ -80,7 +80,7 @@ function cutOff(before: State, { attention, status, page_ms }: State): Attention
 export function titleOf(title: string, alarms: readonly Alarm[]): string {
   const severity = worst(alarms);
   if (severity === "normal" || severity === "information") return title;
-  const all = ordered(alarms).filter((each) => each.severity === severity && each.ended_unix_time_s === null);
+  const all = commanded(alarms).filter((each) => each.severity === severity && each.ended_unix_time_s === null);
   return `${severity.toUpperCase()} ${all.length}: ${headline(all[0]!.text)} · ${title}`;
 }
 

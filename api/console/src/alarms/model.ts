@@ -16,7 +16,7 @@ export const ALWAYS_SHOWN: ReadonlySet<Severity> = new Set(["emergency", "warnin
 export const rank = (severity: Overall): number => (severity === "normal" ? SEVERITIES.length : SEVERITIES.indexOf(severity));
 
 /** Those that last before those that have ended, the most severe first, of these the newest. */
-export function ordered(alarms: readonly Alarm[]): Alarm[] {
+export function commanded(alarms: readonly Alarm[]): Alarm[] {
   return [...alarms].sort(
     (a, b) =>
       Number(a.ended_unix_time_s !== null) - Number(b.ended_unix_time_s !== null) ||

@@ -12,7 +12,7 @@ import { isBesideAPanel, isSmall } from "../desk/layout";
 import { whyNotAcknowledge } from "../desk/rights";
 import { fresh, type State } from "../state";
 import { texts } from "../texts";
-import { ALWAYS_SHOWN, alarmsOf, counted, isOpen, lasts, ordered, worst, type Alarm, type Overall } from "./model";
+import { ALWAYS_SHOWN, alarmsOf, counted, isOpen, lasts, commanded, worst, type Alarm, type Overall } from "./model";
 
 const t = texts.alarms;
 
@@ -91,7 +91,7 @@ export function announcer({ attention: { announced } }: State): TemplateResult {
 }
 
 export function alarms(state: State, actions: DeskActions): TemplateResult | typeof nothing {
-  const all = ordered(alarmsOf(state.status));
+  const all = commanded(alarmsOf(state.status));
   if (all.length === 0) return nothing;
   const { isFolded } = state.attention;
   const minor = all.filter((each) => !ALWAYS_SHOWN.has(each.severity));

@@ -26,7 +26,7 @@ export function banner(state: State): TemplateResult | typeof nothing {
             : texts.connection.lostNever;
   const hints = [
     ...(now === "lost" ? [`${state.connection.reason}.`, texts.connection.again] : []),
-    ...(now === "connecting" ? [] : [texts.connection.orders]),
+    ...(now === "connecting" ? [] : [texts.connection.commands]),
   ];
   return html`<div class="banner banner-${now}" role="alert" data-testid="banner">
     ${icon(now === "connecting" ? "events" : "warning")}

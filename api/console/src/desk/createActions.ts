@@ -100,7 +100,7 @@ export function createDeskActions(
 
   async function upload(file: File): Promise<void> {
     const name = file.name.replace(/\.ya?ml$/i, "");
-    const what = texts.orders.upload(name);
+    const what = texts.commands.upload(name);
     if (!SHOW_NAME.test(name)) return refuse(what, texts.shows.badName);
     if (file.size > SHOW_MAX_BYTES) return refuse(what, texts.shows.tooLarge);
     if (await service.uploadShow(name, await file.text())) {
@@ -162,9 +162,9 @@ export function createDeskActions(
 
     show: (command) => void service.show(command),
     async start() {
-      const order = startOrder(state());
-      if (typeof order === "string") return refuse(texts.start.title, order);
-      if (await service.start(order.vehicles, order.at_unix_time_s)) {
+      const command = startOrder(state());
+      if (typeof command === "string") return refuse(texts.start.title, command);
+      if (await service.start(command.vehicles, command.at_unix_time_s)) {
         set({ sheet: null, startAt: false, startNamed: false });
         undo("start-");
       }

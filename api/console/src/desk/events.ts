@@ -1,7 +1,7 @@
 /** What happened: the service's log, the orders with what became of each vehicle, and what was refused. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import type { Order, State } from "../state";
+import type { Command, State } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { choices } from "./controls";
@@ -10,26 +10,26 @@ import { icon, type IconName } from "./icons";
 
 const t = texts.events;
 
-const OUTCOME_ICON: Record<Order["outcome"], IconName> = {
+const OUTCOME_ICON: Record<Command["outcome"], IconName> = {
   pending: "events",
   done: "check",
   failed: "cross",
   "not-included": "offline",
 };
 
-export function outcome(value: Order["outcome"]): TemplateResult {
+export function outcome(value: Command["outcome"]): TemplateResult {
   return html`<span class="outcome outcome-${value}">${icon(OUTCOME_ICON[value])}${t.outcomes[value]}</span>`;
 }
 
 /** "3 done, 1 failed" */
-function sum(order: Order): string {
+function sum(command: Command): string {
   const counts = new Map<string, number>();
-  for (const part of Object.values(order.vehicles)) counts.set(part.outcome, (counts.get(part.outcome) ?? 0) + 1);
+  for (const part of Object.values(command.vehicles)) counts.set(part.outcome, (counts.get(part.outcome) ?? 0) + 1);
   return [...counts].map(([what, count]) => t.count(count, t.outcomes[what] ?? what)).join(", ");
 }
 
-function order(state: State, actions: DeskActions, one: Order): TemplateResult {
-  const open = state.desk.openOrder === one.id;
+function command(state: State, actions: DeskActions, one: Command): TemplateResult {
+  const open = state.desk.openCommand === one.id;
   const parts = Object.entries(one.vehicles);
   const telling = open ? parts : parts.filter(([, part]) => part.outcome === "failed");
   return html`<li class="event" data-testid="order-${one.id}">
@@ -37,7 +37,7 @@ function order(state: State, actions: DeskActions, one: Order): TemplateResult {
       type="button"
       class="event-line"
       aria-expanded=${String(open)}
-      @click=${() => actions.set({ openOrder: open ? null : one.id })}
+      @click=${() => actions.set({ openCommand: open ? null : one.id })}
     >
       <time>${clockTime(one.accepted_unix_time_s)}</time>
       <strong>${t.action(one.action)}</strong>
@@ -95,7 +95,7 @@ export function events(state: State, actions: DeskActions): TemplateResult {
       t.title,
       [
         { value: "lines", label: t.lines },
-        { value: "orders", label: t.orders },
+        { value: "commands", label: t.commands },
         { value: "refused", label: `${t.refused}${state.desk.refusals.length ? ` ${state.desk.refusals.length}` : ""}` },
       ],
       eventList,
@@ -105,9 +105,9 @@ export function events(state: State, actions: DeskActions): TemplateResult {
       ? lines(state, actions)
       : eventList === "refused"
         ? refusals(state)
-        : state.orders.length
-          ? html`<ul class="events" data-testid="event-orders">
-              ${state.orders.map((one) => order(state, actions, one))}
+        : state.commands.length
+          ? html`<ul class="events" data-testid="event-commands">
+              ${state.commands.map((one) => command(state, actions, one))}
             </ul>`
           : html`<p class="empty">${t.noOrders}</p>`}
   </div>`;

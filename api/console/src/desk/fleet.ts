@@ -110,7 +110,7 @@ const keysOf = (event: MouseEvent | KeyboardEvent): { shift: boolean; ctrl: bool
 
 /** Every vehicle that meets the filter, as the table has them in order. */
 export function rowIds(state: State): string[] {
-  return state.desk.table.order.flatMap((index) => state.status?.vehicles[index]?.id ?? []);
+  return state.desk.table.command.flatMap((index) => state.status?.vehicles[index]?.id ?? []);
 }
 
 /** The id is a link to the vehicle's page; with a modifier it selects as the rest of its row does. */
@@ -131,13 +131,13 @@ function onKey(actions: DeskActions, event: KeyboardEvent): void {
   }
   const steps: Record<string, number> = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10, Home: -1e9, End: 1e9 };
   const step = steps[event.key];
-  const { order } = state.desk.table;
-  if (step === undefined || order.length === 0 || !state.status) return;
+  const { command } = state.desk.table;
+  if (step === undefined || command.length === 0 || !state.status) return;
   event.preventDefault();
   const vehicles = state.status.vehicles;
-  const now = order.findIndex((index) => vehicles[index]?.id === state.view.selected);
-  const next = Math.min(order.length - 1, Math.max(0, now + step));
-  const id = vehicles[order[next]!]!.id;
+  const now = command.findIndex((index) => vehicles[index]?.id === state.view.selected);
+  const next = Math.min(command.length - 1, Math.max(0, now + step));
+  const id = vehicles[command[next]!]!.id;
   const scroller = event.currentTarget as HTMLElement;
   actions.choose({ how: event.shiftKey ? "add" : "only", ids: [id] });
   const [top, bottom] = [next * ROW_PX, (next + 2) * ROW_PX]; // the heading covers one
@@ -146,9 +146,9 @@ function onKey(actions: DeskActions, event: KeyboardEvent): void {
 }
 
 function table(state: State, actions: DeskActions, status: Status, frame: Frame): TemplateResult {
-  const { order, nearest_m } = state.desk.table;
-  const shown = windowed(order.length, state.desk.scroll_px, state.desk.room_px, ROW_PX);
-  const rows = order
+  const { command, nearest_m } = state.desk.table;
+  const shown = windowed(command.length, state.desk.scroll_px, state.desk.room_px, ROW_PX);
+  const rows = command
     .slice(shown.first, shown.last)
     .filter((index) => index < Math.min(frame.n, status.vehicles.length))
     .map((index, offset) => ({ row: rowOf(status, frame, nearest_m, index), position: shown.first + offset }));
@@ -168,7 +168,7 @@ function table(state: State, actions: DeskActions, status: Status, frame: Frame)
     @focusin=${measured}
     @keydown=${(event: KeyboardEvent) => onKey(actions, event)}
   >
-    <table class="fleet value" aria-rowcount=${order.length + 1} data-testid="fleet-table">
+    <table class="fleet value" aria-rowcount=${command.length + 1} data-testid="fleet-table">
       <thead>
         <tr aria-rowindex="1">
           ${COLUMNS.map((column) => heading(state, actions, column))}
@@ -184,7 +184,7 @@ function table(state: State, actions: DeskActions, status: Status, frame: Frame)
         <tr class="spacer" aria-hidden="true"><td colspan=${COLUMNS.length} ${place({ height: `${shown.below_px}px` })}></td></tr>
       </tbody>
     </table>
-    ${order.length === 0 ? html`<p class="empty">${texts.fleet.nobody}</p>` : nothing}
+    ${command.length === 0 ? html`<p class="empty">${texts.fleet.nobody}</p>` : nothing}
   </div>`;
 }
 
@@ -205,13 +205,13 @@ export function fleet(state: State, actions: DeskActions): TemplateResult {
         @input=${(event: Event) => actions.filter((event.target as HTMLInputElement).value)}
       />
       <span class="count" data-testid="fleet-count" role="status">
-        ${texts.fleet.count(desk.table.order.length, status?.vehicles.length ?? 0)}
+        ${texts.fleet.count(desk.table.command.length, status?.vehicles.length ?? 0)}
       </span>
       ${button(actions, {
         id: "filter-select",
-        label: texts.selection.selectShown(desk.table.order.length),
+        label: texts.selection.selectShown(desk.table.command.length),
         kind: "quiet",
-        why: desk.table.order.length > 0 ? "" : texts.fleet.nobody,
+        why: desk.table.command.length > 0 ? "" : texts.fleet.nobody,
         press: () => actions.choose({ how: "only", ids: rowIds(actions.now()) }),
       })}
       ${button(actions, {

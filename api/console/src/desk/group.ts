@@ -2,7 +2,7 @@
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { FleetCommand } from "../actions";
-import { fresh, indexOf, PHASES, type Order, type Phase, type State } from "../state";
+import { fresh, indexOf, PHASES, type Command, type Phase, type State } from "../state";
 import { texts } from "../texts";
 import type { DeskActions } from "./actions";
 import { button } from "./controls";
@@ -39,8 +39,8 @@ export function whyNotSelection(state: State, command: FleetCommand): string {
 }
 
 /** The newest command that named this vehicle. Pure. */
-export function lastOrder(state: State, id: string): Order | undefined {
-  return state.orders.find((each) => id in each.vehicles);
+export function lastOrder(state: State, id: string): Command | undefined {
+  return state.commands.find((each) => id in each.vehicles);
 }
 
 function commands(state: State, actions: DeskActions, hasIcons: boolean): TemplateResult {
@@ -76,15 +76,15 @@ export function selectionBar(state: State, actions: DeskActions): TemplateResult
 function line(state: State, actions: DeskActions, id: string): TemplateResult {
   const index = indexOf(state, id);
   const phase = phaseOf(state, id);
-  const order = lastOrder(state, id);
-  const part = order?.vehicles[id];
+  const command = lastOrder(state, id);
+  const part = command?.vehicles[id];
   return html`<li class="selected-vehicle" data-testid="selected-${id}">
     <button type="button" class="link" @click=${() => actions.select(id)}>${id}</button>
     <span class="phase phase-${phase} value">${icon(PHASE_ICON[phase])}<span>${texts.fleet.phases[phase]}</span></span>
     <span class="number value">${withUnit(state.frame?.height_m[index], "m")}</span>
     <span class="number value">${percent(state.frame?.battery[index])}</span>
-    <span class="selected-order" data-testid="selected-order-${id}">
-      ${order && part ? html`${outcome(part.outcome)} ${texts.events.action(order.action)} ${part.reason}` : nothing}
+    <span class="selected-command" data-testid="selected-order-${id}">
+      ${command && part ? html`${outcome(part.outcome)} ${texts.events.action(command.action)} ${part.reason}` : nothing}
     </span>
     ${button(actions, {
       id: `deselect-${id}`,

@@ -12,7 +12,7 @@ const ORDERS_MS = 2000;
 
 /** Call it a few times a second. One question of a kind at a time, so that a slow service is not asked more. */
 export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadShows" | "loadMarks">): (state: State) => void {
-  const asked_ms = { preflight: -Infinity, orders: -Infinity };
+  const asked_ms = { preflight: -Infinity, commands: -Infinity };
   const busy = new Set<string>();
   let showsFor: string | null = null;
   let marksFor = NaN;
@@ -36,14 +36,14 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
     const onGround = whyNotOnGround(state) === "";
     if (onGround && page_ms - asked_ms.preflight >= (isLooking ? PREFLIGHT_MS : PREFLIGHT_UNSEEN_MS)) {
       asked_ms.preflight = page_ms;
-      const order = desk.sheet === "start" ? startOrder(state) : null;
-      const vehicles = order === null || typeof order === "string" ? null : order.vehicles;
+      const command = desk.sheet === "start" ? startOrder(state) : null;
+      const vehicles = command === null || typeof command === "string" ? null : command.vehicles;
       ask("preflight", () => service.loadPreflight(vehicles));
     }
-    const ordersOpen = (right === "events" && desk.eventList === "orders") || right === "vehicle";
-    if (ordersOpen && page_ms - asked_ms.orders >= ORDERS_MS) {
-      asked_ms.orders = page_ms;
-      ask("orders", service.loadOrders);
+    const ordersOpen = (right === "events" && desk.eventList === "commands") || right === "vehicle";
+    if (ordersOpen && page_ms - asked_ms.commands >= ORDERS_MS) {
+      asked_ms.commands = page_ms;
+      ask("commands", service.loadOrders);
     }
     if (left !== "shows") showsFor = null;
     else if (showsFor !== `${state.access.who} ${status.began_unix_time_s}`) {

@@ -36,10 +36,10 @@ export function names(text: string): string[] {
 
 /** Why pressing "Take off" would do nothing; "" where it may be pressed. A start by the clock is checked when it is due. Pure. */
 export function whyNotStart(state: State): string {
-  const order = startOrder(state);
-  const why = whyNotShow(state, "start") || (typeof order === "string" ? order : "");
-  if (why !== "" || typeof order === "string" || order.at_unix_time_s !== null) return why;
-  const report = preflightOf(state, order.vehicles);
+  const command = startOrder(state);
+  const why = whyNotShow(state, "start") || (typeof command === "string" ? command : "");
+  if (why !== "" || typeof command === "string" || command.at_unix_time_s !== null) return why;
+  const report = preflightOf(state, command.vehicles);
   if (report === null) return state.desk.preflightProblem || t.unknown;
   if (!report.vehicles.some((each) => each.flies)) return t.nobody;
   return report.passes ? "" : t.fails(failures(report));
@@ -60,12 +60,12 @@ function named(vehicles: readonly string[]): string {
 }
 
 function readiness(state: State, actions: DeskActions): TemplateResult {
-  const order = startOrder(state);
-  const report = preflightOf(state, typeof order === "string" ? null : order.vehicles);
+  const command = startOrder(state);
+  const report = preflightOf(state, typeof command === "string" ? null : command.vehicles);
   if (report === null) return html`<p class="verdict" data-testid="start-preflight">${icon("question")} ${state.desk.preflightProblem || t.unknown}</p>`;
   const flying = report.vehicles.filter((each) => each.flies).length;
   const passes = report.passes && flying > 0;
-  const byClock = typeof order !== "string" && order.at_unix_time_s !== null;
+  const byClock = typeof command !== "string" && command.at_unix_time_s !== null;
   const verdict = flying === 0 ? t.nobody : passes ? t.passes : byClock ? t.failsNow(failures(report)) : t.fails(failures(report));
   const staying = byReason(report.not_flying);
   return html`<p class="verdict ${passes ? "good" : "bad"}" data-testid="start-preflight">
@@ -88,9 +88,9 @@ function readiness(state: State, actions: DeskActions): TemplateResult {
 export function start(state: State, actions: DeskActions): TemplateResult {
   const { drafts, startAt, startNamed } = state.desk;
   const selected = state.status?.show.selected;
-  const order = startOrder(state);
-  const wrong = typeof order === "string" ? order : "";
-  const at_s = typeof order === "string" ? null : order.at_unix_time_s;
+  const command = startOrder(state);
+  const wrong = typeof command === "string" ? command : "";
+  const at_s = typeof command === "string" ? null : command.at_unix_time_s;
   const now_s = state.frame?.unix_time_s ?? 0;
   const isTomorrow = at_s !== null && new Date(at_s * 1000).getDate() !== new Date(now_s * 1000).getDate() && at_s - now_s < DAY_S;
   return html`<form

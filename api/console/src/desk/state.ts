@@ -24,7 +24,7 @@ export interface Refusal {
 
 /** The order of the fleet table; made anew once a second, so that rows do not jump under a finger. */
 export interface Table {
-  order: readonly number[]; // indices of vehicles
+  command: readonly number[]; // indices of vehicles
   nearest_m: Float64Array;
   phases: Readonly<Record<string, number>>; // how many are in each
   problem: string; // with the filter
@@ -63,8 +63,8 @@ export interface DeskState {
   startNamed: boolean; // those named only
   killNamed: ReadonlySet<string> | null; // as chosen in the sheet; null: all that are not offline
   holding_ms: number | null; // since when the kill is held
-  openOrder: string | null;
-  eventList: "orders" | "lines" | "refused";
+  openCommand: string | null;
+  eventList: "commands" | "lines" | "refused";
   refusals: readonly Refusal[]; // newest first
   certificateProblem: string;
   certificateReading: boolean;
@@ -89,7 +89,7 @@ export function initialDesk(): DeskState {
     filter: "",
     scroll_px: 0,
     room_px: 600,
-    table: { order: [], nearest_m: new Float64Array(0), phases: {}, problem: "", made_ms: -Infinity },
+    table: { command: [], nearest_m: new Float64Array(0), phases: {}, problem: "", made_ms: -Infinity },
     shows: null,
     checks: {},
     showsRefused: {},
@@ -107,7 +107,7 @@ export function initialDesk(): DeskState {
     startNamed: false,
     killNamed: new Set(),
     holding_ms: null,
-    openOrder: null,
+    openCommand: null,
     eventList: "lines",
     refusals: [],
     certificateProblem: "",

@@ -57,7 +57,7 @@ export function timeline(state: State, actions: DeskActions): TemplateResult {
           aria-label=${why === "" ? texts.timeline.seek(each.cue, minutes(each.at_s)) : texts.timeline.at(each.cue, minutes(each.at_s))}
           title="${texts.timeline.at(each.cue, minutes(each.at_s))}${why ? ` (${texts.shows.seek}: ${why})` : ""}"
           ${place({ left: share(each.at_s), width: share(each.until_s - each.at_s) })}
-          @click=${() => (why === "" ? actions.seek(each.cue) : actions.refuse(texts.orders.seek(each.cue), why))}
+          @click=${() => (why === "" ? actions.seek(each.cue) : actions.refuse(texts.commands.seek(each.cue), why))}
         >
           <span>${each.cue}</span>
         </button>`,

@@ -29,7 +29,7 @@ export function updateDesk(state: State, message: Message): State {
     case "undo":
       return changed(state, { drafts: without(state.desk.drafts, message.prefix) });
     case "status":
-      return settled(state.desk.table.order.length === 0 ? withTable(state) : state);
+      return settled(state.desk.table.command.length === 0 ? withTable(state) : state);
     case "frame":
       return message.frame.received_ms - state.desk.table.made_ms >= TABLE_MS ? withTable(state) : state;
     case "refused": {
@@ -92,7 +92,7 @@ function madeTable(state: State): Table {
   const phases: Record<string, number> = Object.fromEntries(PHASES.map((phase) => [phase, 0]));
   for (const row of rows) phases[row.phase] = (phases[row.phase] ?? 0) + 1;
   return {
-    order: sorted(rows.filter(query.test), desk.sort).map((row) => row.index),
+    command: sorted(rows.filter(query.test), desk.sort).map((row) => row.index),
     nearest_m: nearest,
     phases,
     problem: query.problem,

@@ -61,7 +61,7 @@ function facts(state: State, row: Row): TemplateResult {
     ${pair("landed", t.landed[frame.landed[i]!] ?? UNKNOWN)}
     ${pair("ready", row.ready ? t.yes : t.no)}
     ${pair("link", `${vehicle.link}, ${vehicle.system_id}`)}
-    ${pair("orders", last ? `${texts.events.action(last.action)}, ${texts.events.outcomes[part!.outcome] ?? part!.outcome} ${part!.reason}` : UNKNOWN)}
+    ${pair("commands", last ? `${texts.events.action(last.action)}, ${texts.events.outcomes[part!.outcome] ?? part!.outcome} ${part!.reason}` : UNKNOWN)}
   </dl>`;
 }
 
@@ -72,15 +72,15 @@ function left({ frame, status }: State, id: string): string {
   return Number.isFinite(low_s) ? `${roughly(low_s)}, ${roughly(empty_s)}` : UNKNOWN;
 }
 
-function orders(state: State, actions: DeskActions, row: Row): TemplateResult {
-  return html`<div class="vehicle-orders">
+function commands(state: State, actions: DeskActions, row: Row): TemplateResult {
+  return html`<div class="vehicle-commands">
     ${VEHICLE_ACTIONS.map((action) => {
       const why = whyNotVehicle(state, action, row.phase);
-      return html`<div class="vehicle-order">
+      return html`<div class="vehicle-command">
         ${button(actions, {
           id: `vehicle-${action}`,
           label: t.actions[action],
-          name: texts.orders.vehicle(t.actions[action], row.id),
+          name: texts.commands.vehicle(t.actions[action], row.id),
           icon: ACTION_ICON[action],
           why,
           press: () => actions.vehicle(row.id, action),
@@ -120,6 +120,6 @@ export function vehicle(state: State, actions: DeskActions): TemplateResult {
     ${row.restrained
       ? html`<p class="notice" data-testid="vehicle-restrained">${icon("restrained")} ${t.held}: ${row.restrainedBy || texts.fleet.restrained}</p>`
       : nothing}
-    ${orders(state, actions, row)} ${facts(state, row)}
+    ${commands(state, actions, row)} ${facts(state, row)}
   </article>`;
 }
