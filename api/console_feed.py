@@ -27,7 +27,7 @@ class Feed:
         self._problem = problem
         self._ground = ground
         self._began_unix_s = time.time()
-        self._told: object = None  # what the status tells, without what a frame tells as well
+        self._reported: object = None  # what the status tells, without what a frame tells as well
         self._made_s = 0.0
         self._status = ""
         self._revision = 0
@@ -38,9 +38,9 @@ class Feed:
         """Its revision, and the newest status as JSON text; at most STATUS_S old where something changed."""
         if not self._revision or now_s - self._made_s >= STATUS_S:
             self._made_s = now_s
-            told = self._tells()
-            if told != self._told:
-                self._told = told
+            reported = self._tells()
+            if reported != self._reported:
+                self._reported = reported
                 self._revision += 1
                 self._status = self.newest().model_dump_json()
         return self._revision, self._status
@@ -48,9 +48,9 @@ class Feed:
     def newest(self) -> Status:
         """The status of the newest state."""
         view, events = self._service.view.value, self._service.events()
-        told = (self._began_unix_s, self._revision, self._problem(), self._access, self._ground)
+        reported = (self._began_unix_s, self._revision, self._problem(), self._access, self._ground)
         why = self._service.shows.why_not_kept
-        return convert_status.status(view, self._service.frame, events, *told, why)
+        return convert_status.status(view, self._service.frame, events, *reported, why)
 
     def frame(self) -> bytes:
         """The newest state."""

@@ -86,9 +86,9 @@ def answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response
         response = error_response(406, detail)
         response.headers["Vary"] = "Accept-Encoding"
         return response
-    told = {**headers, **form.headers}
-    if is_known(told["ETag"], request.headers.get("if-none-match")):
-        told.pop("Content-Encoding", None)
-        return Response(status_code=304, headers=told)
+    reported = {**headers, **form.headers}
+    if is_known(reported["ETag"], request.headers.get("if-none-match")):
+        reported.pop("Content-Encoding", None)
+        return Response(status_code=304, headers=reported)
     media_type = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
-    return FileResponse(form.path, headers=told, media_type=media_type)
+    return FileResponse(form.path, headers=reported, media_type=media_type)

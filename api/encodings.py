@@ -20,8 +20,11 @@ class Form(NamedTuple):
     def headers(self) -> dict[str, str]:
         """What tells this form from the others. Raises: OSError when the file is gone."""
         stat = self.path.stat()
-        told = {"Vary": "Accept-Encoding", "ETag": f'"{stat.st_mtime_ns:x}-{stat.st_size:x}-{self.coding}"'}
-        return told if self.coding == IDENTITY else {**told, "Content-Encoding": self.coding}
+        reported = {
+            "Vary": "Accept-Encoding",
+            "ETag": f'"{stat.st_mtime_ns:x}-{stat.st_size:x}-{self.coding}"',
+        }
+        return reported if self.coding == IDENTITY else {**reported, "Content-Encoding": self.coding}
 
 
 def is_twin(name: str) -> bool:

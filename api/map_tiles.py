@@ -38,12 +38,14 @@ class TileFile:
             # nobody writes to it: so it can be read from a folder that cannot be written
             address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
             self._file = sqlite3.connect(address, uri=True, check_same_thread=False)
-            told = {str(name): str(value) for name, value in self._read("SELECT name, value FROM metadata")}
+            reported = {
+                str(name): str(value) for name, value in self._read("SELECT name, value FROM metadata")
+            }
             columns = "zoom_level, tile_column, tile_row, length(tile_data)"
             if not self._read(f"SELECT {columns} FROM tiles LIMIT 1"):  # noqa: S608 - ours
                 raise ConfigError(f"map.tiles: {path}: there is no tile in it")
-            self.zoom_min = self._zoom(told.get("minzoom"), "SELECT min(zoom_level) FROM tiles")
-            zoom_max = self._zoom(told.get("maxzoom"), "SELECT max(zoom_level) FROM tiles")
+            self.zoom_min = self._zoom(reported.get("minzoom"), "SELECT min(zoom_level) FROM tiles")
+            zoom_max = self._zoom(reported.get("maxzoom"), "SELECT max(zoom_level) FROM tiles")
         except FileNotFoundError:
             raise ConfigError(f"map.tiles: {path}: there is no such file") from None
         except OSError as error:
@@ -54,19 +56,21 @@ class TileFile:
             zooms = f"minzoom = {self.zoom_min} and maxzoom = {zoom_max} in its metadata"
             raise ConfigError(f"map.tiles: {path}: {zooms}: from 0 to {ZOOM_MAX}, in that order")
         self.zoom_max = min(zoom_max, ZOOM_MAX)
-        kind = told.get("format", "").lower()
+        kind = reported.get("format", "").lower()
         if kind not in MEDIA:
             problem = "vector tiles (format pbf)" if kind == "pbf" else f"tiles of format {kind or 'unknown'}"
             raise ConfigError(f"map.tiles: {path}: {problem} cannot be drawn: png, jpg or webp can")
         self.media_type = MEDIA[kind]
-        self.attribution = html.unescape(re.sub(r"<[^>]*>", "", told.get("attribution", ""))).strip()[:200]
+        self.attribution = html.unescape(re.sub(r"<[^>]*>", "", reported.get("attribution", ""))).strip()[
+            :200
+        ]
 
     def _read(self, sql: str, *values: int) -> list[tuple[object, ...]]:
         return self._file.execute(sql, values).fetchall()
 
-    def _zoom(self, told: str | None, sql: str) -> int:
+    def _zoom(self, reported: str | None, sql: str) -> int:
         """What the file says, or else has. Raises: ValueError for no number."""
-        return int(str(self._read(sql)[0][0]) if told is None else told)
+        return int(str(self._read(sql)[0][0]) if reported is None else reported)
 
     def tile(self, zoom: int, column: int, row: int) -> bytes:
         """A picture.

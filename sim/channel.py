@@ -55,10 +55,10 @@ class Air:
                 batch.append((row, datagram))
                 origins.append(origin)
         self._hear(batch, origins)
-        said = self._fleet.take_frames(streams=False)
-        if said:
-            self._speak(said, answers=True)
-        for endpoint in self._endpoints if said else ():
+        stated = self._fleet.take_frames(streams=False)
+        if stated:
+            self._speak(stated, answers=True)
+        for endpoint in self._endpoints if stated else ():
             endpoint.answered()
 
     def speak(self) -> None:
@@ -71,16 +71,16 @@ class Air:
         sound = self._fleet.ears.hear(batch)
         for (endpoint, address), is_sound in zip(origins, sound, strict=True):
             if is_sound:
-                endpoint.heard(address, self._fleet.time_s)
+                endpoint.received(address, self._fleet.time_s)
 
-    def _speak(self, said: dict[int, list[bytes]], *, answers: bool) -> None:
+    def _speak(self, stated: dict[int, list[bytes]], *, answers: bool) -> None:
         now_s, broken = self._fleet.time_s, self._trouble.broken
         for row in broken:
-            frames = said.pop(row, None)
+            frames = stated.pop(row, None)
             if frames:
                 broken[row].out.put(b"".join(frames), None, now_s)
         together: dict[Endpoint, list[bytes]] = {}
-        for row, frames in said.items():
+        for row, frames in stated.items():
             together.setdefault(self._by_row[row], []).extend(frames)
         for endpoint, frames in together.items():
             if answers:

@@ -39,7 +39,7 @@ class Endpoint:
         self.rows = port.rows
         self.circle = circle
         self._peer = (host, port.destination)
-        self._heard_s = -PEER_SILENT_AFTER_S
+        self._received_s = -PEER_SILENT_AFTER_S
         self._askers: set[Address] = set()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -69,10 +69,10 @@ class Endpoint:
             pass
         return arrived
 
-    def heard(self, address: Address, now_s: float) -> None:
+    def received(self, address: Address, now_s: float) -> None:
         """Note who has spoken soundly."""
-        if address == self._peer or now_s - self._heard_s >= PEER_SILENT_AFTER_S:
-            self._peer, self._heard_s = address, now_s
+        if address == self._peer or now_s - self._received_s >= PEER_SILENT_AFTER_S:
+            self._peer, self._received_s = address, now_s
         else:
             self._askers.add(address)
 

@@ -165,20 +165,20 @@ class Fleet:
 
     def take_frames(self, *, streams: bool = True) -> dict[int, list[bytes]]:
         """What each vehicle (by row) has to say now: answers and texts; unless unwanted, the streams too."""
-        said: dict[int, list[bytes]] = {}
+        stated: dict[int, list[bytes]] = {}
         for row, item in self._outbox.take(self.time_s):
             if isinstance(item, int):
-                self._report(item, np.array([row]), said)
+                self._report(item, np.array([row]), stated)
             else:
-                self._say(row, item, said)
+                self._say(row, item, stated)
         if streams:
             for row, name in self._outbox.take_parameters():
-                self._say(row, self.autopilots[row].parameter(name), said)
+                self._say(row, self.autopilots[row].parameter(name), stated)
             for message_id, rows in self._schedule.due(self.time_s):
                 fixed = rows if message_id in reports.ALWAYS else rows[self.state.home_set[rows]]
                 if len(fixed):
-                    self._report(message_id, fixed, said)
-        return said
+                    self._report(message_id, fixed, stated)
+        return stated
 
     def reboot(self, row: int, *, off_s: float = 0.0) -> None:
         """Start one vehicle's autopilot again; it forgets everything but its parameters.
@@ -247,13 +247,13 @@ class Fleet:
         state.home_yaw_rad[row] = state.yaw_rad[row]
         state.home_boot_ms[row] = state.boot_ms(row)
 
-    def _say(self, row: int, message: object, said: dict[int, list[bytes]]) -> None:
+    def _say(self, row: int, message: object, stated: dict[int, list[bytes]]) -> None:
         sequence = int(self.state.sequence[row])
         self.state.sequence[row] = (sequence + 1) % 256
         frame = self._codec.encode(message, int(self.state.system_id[row]), sequence)
-        said.setdefault(row, []).append(frame)
+        stated.setdefault(row, []).append(frame)
 
-    def _report(self, message_id: int, rows: Rows, said: dict[int, list[bytes]]) -> None:
+    def _report(self, message_id: int, rows: Rows, stated: dict[int, list[bytes]]) -> None:
         unix_s = self.time_s + self.unix_ahead_s
         snapshot = Snapshot(rows, unix_s, self.state, self._sensed, self._watch, self._batteries)
         fields = reports.report(message_id, snapshot)
@@ -261,10 +261,10 @@ class Fleet:
         self.state.sequence[rows] = sequence + np.uint8(1)
         packed = frames.pack(message_id, fields, self.state.system_id[rows], sequence)
         for row, frame in zip(rows.tolist(), packed, strict=True):
-            if row in said:
-                said[row].append(frame)
+            if row in stated:
+                stated[row].append(frame)
             else:
-                said[row] = [frame]
+                stated[row] = [frame]
 
 
 def _grid_m(settings: Settings) -> Array:

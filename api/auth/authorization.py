@@ -187,7 +187,7 @@ class Door:
     def turned_away(self, visitor: Visitor, call: Call, refusal: Refusal) -> None:
         """Tell the audit, at a rate that it can bear."""
         self.denied += 1
-        told = Denied(
+        reported = Denied(
             time.time(),
             visitor.name,
             call.address,
@@ -197,11 +197,11 @@ class Door:
             refusal.reason,
         )
         if self._telling.take(self._clock_s()):
-            self._audit(told)
+            self._audit(reported)
             return
         self._untold += 1
         if self._untold == 1:
-            asyncio.get_running_loop().call_later(1.0, self._tell_rest, told)
+            asyncio.get_running_loop().call_later(1.0, self._tell_rest, reported)
 
     def _tell_rest(self, first: Denied) -> None:
         count, self._untold = self._untold, 0

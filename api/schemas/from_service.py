@@ -185,9 +185,9 @@ def show(view: FleetView) -> wire.Show:
     )
 
 
-def counts(told: Counts) -> wire.Counts:
+def counts(reported: Counts) -> wire.Counts:
     """How many vehicles are where, for the wire."""
-    return wire.Counts(airborne=told.airborne, **asdict(told))
+    return wire.Counts(airborne=reported.airborne, **asdict(reported))
 
 
 def selected_show(selected: SelectedShow) -> wire.SelectedShow:

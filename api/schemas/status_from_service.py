@@ -98,8 +98,8 @@ def certificate(found: Certification) -> wire_replay.Certificate:
     return wire_replay.Certificate(state=found.state, reason=found.reason, report=_report(found.report))
 
 
-def _report(told: dict[str, Any] | None) -> wire_replay.CertificateReport | None:
-    return None if told is None else wire_replay.CertificateReport.model_validate(told)
+def _report(reported: dict[str, Any] | None) -> wire_replay.CertificateReport | None:
+    return None if reported is None else wire_replay.CertificateReport.model_validate(reported)
 
 
 def fixes(rows: VehicleTable) -> list[int | None]:

@@ -19,8 +19,8 @@ def run(arguments: argparse.Namespace) -> int:
     with connected(arguments) as client:
         alarms = client.acknowledge_all() if arguments.all else [client.acknowledge(arguments.alarm)]
     if arguments.json:
-        told = [alarm.model_dump(mode="json") for alarm in alarms]
-        print_json(told if arguments.all else told[0])
+        reported = [alarm.model_dump(mode="json") for alarm in alarms]
+        print_json(reported if arguments.all else reported[0])
     for alarm in () if arguments.json else alarms:
         print(f"{alarm.id} acknowledged by {alarm.acknowledged_by}: {alarm.text}")
     return 0

@@ -44,8 +44,8 @@ def page(certificate: Certificate, source: str) -> str:
     """The whole page."""
     tracks = certificate.tracks
     kind, word = certificate.verdict, WORDS[certificate.verdict]
-    told = (*tracks.remarks, *(f"Not judged: {text}" for text in certificate.missing))
-    notes = "".join(f"<p class=note>{escape(remark)}</p>" for remark in told)
+    reported = (*tracks.remarks, *(f"Not judged: {text}" for text in certificate.missing))
+    notes = "".join(f"<p class=note>{escape(remark)}</p>" for remark in reported)
     return f"""<!DOCTYPE html>
 <html lang="en"><meta charset="utf-8"><title>Flight: {escape(word)}</title><style>{STYLE}</style>
 <h1>Flight of {len(tracks.ids)} vehicles, {certificate.duration_s:.0f} s:

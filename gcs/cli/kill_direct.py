@@ -59,10 +59,10 @@ def _config(known: LastKnown, record: str) -> Config:
 
 def _chosen(known: LastKnown, arguments: argparse.Namespace) -> list[KnownVehicle]:
     if arguments.all:
-        heard = [one for one in known.vehicles.values() if one.host is not None]
-        if not heard:
+        received = [one for one in known.vehicles.values() if one.host is not None]
+        if not received:
             raise RefusedError(f"{arguments.record}: no vehicle was ever received")
-        return heard
+        return received
     if not arguments.vehicles:
         raise InvalidError(
             "vehicles", "none", "names, or --all: without the service a code does not know them"
@@ -77,5 +77,5 @@ def _chosen(known: LastKnown, arguments: argparse.Namespace) -> list[KnownVehicl
 def _code(known: LastKnown, chosen: Sequence[KnownVehicle], unix_s: float) -> str:
     """A hash of the vehicles and the time, so that nothing is stored between the two steps."""
     session = "" if known.session is None else known.session.id
-    said = [session, str(int(unix_s / CODE_S)), *sorted(one.id for one in chosen)]
-    return hashlib.sha256("\0".join(said).encode()).hexdigest()[:6]
+    stated = [session, str(int(unix_s / CODE_S)), *sorted(one.id for one in chosen)]
+    return hashlib.sha256("\0".join(stated).encode()).hexdigest()[:6]

@@ -39,7 +39,7 @@ class _Target:
 
     vehicle: KnownVehicle
     sent: int = 0
-    heard_at: Address | None = None
+    received_at: Address | None = None
     acknowledged: int | None = None  # the newest MAV_RESULT
     armed: bool | None = None  # as a heartbeat says that came after the first command
     failure: str = ""  # why the last command could not leave
@@ -109,8 +109,8 @@ class _Line:
 
     def _addresses(self, target: _Target) -> list[Address]:
         """Where it speaks from, and until it does where it spoke from last, and whatever may lead there."""
-        if target.heard_at is not None:
-            return [target.heard_at]
+        if target.received_at is not None:
+            return [target.received_at]
         standing = [address for endpoint in self.endpoints for address in endpoint.standing]
         known = target.vehicle
         if not known.host or not known.port:
@@ -138,7 +138,7 @@ class _Line:
                 continue
             if self.signing is not None and self.signing.judge(frame) is not Judgement.GOOD:
                 continue
-            target.heard_at = arrival.address
+            target.received_at = arrival.address
             if target.sent:
                 _note(target, frame)
 
@@ -187,9 +187,9 @@ def direct_kill(
         for line in lines:
             line.close()
     problems = {target.vehicle.id: line.problem for line in lines for target in line.targets.values()}
-    told = {target.vehicle.id: _outcome(target, problems[target.vehicle.id]) for target in targets}
+    reported = {target.vehicle.id: _outcome(target, problems[target.vehicle.id]) for target in targets}
     nowhere = VehicleOutcome(Outcome.FAILED, "its link is not in the configuration of the record")
-    return {vehicle.id: told.get(vehicle.id, nowhere) for vehicle in vehicles}
+    return {vehicle.id: reported.get(vehicle.id, nowhere) for vehicle in vehicles}
 
 
 def _lines(config: Config, vehicles: Sequence[KnownVehicle]) -> list[_Line]:
@@ -213,8 +213,8 @@ def _outcome(target: _Target, problem: str) -> VehicleOutcome:
         return VehicleOutcome(Outcome.FAILED, f"nothing could be sent: {why}")
     where = f"{target.sent} commands sent"
     if target.acknowledged is not None:
-        said = "accepted" if target.acknowledged == 0 else f"refused ({target.acknowledged})"
-        return VehicleOutcome(Outcome.FAILED, f"{where}, {said}, but its motors were not seen to stop")
-    silent = "" if target.heard_at is None else "; it says that its motors run"
+        stated = "accepted" if target.acknowledged == 0 else f"refused ({target.acknowledged})"
+        return VehicleOutcome(Outcome.FAILED, f"{where}, {stated}, but its motors were not seen to stop")
+    silent = "" if target.received_at is None else "; it says that its motors run"
     held = f"; {problem}" if problem else ""
     return VehicleOutcome(Outcome.FAILED, f"{where}, no answer{silent}{held}")

@@ -21,7 +21,7 @@ ROWS: Final = (
 )
 """Of docs/flight-quality.md; as `gcs.simulation.scenario.ROWS`."""
 
-HEARD_S: Final = 8.0
+RECEIVED_S: Final = 8.0
 """Time for the vehicles' first messages."""
 
 
@@ -87,7 +87,7 @@ def params(parser: argparse.ArgumentParser) -> None:
         action = actions.add_parser(name, help=text)
         action.add_argument("--config", required=True, metavar="FILE", help="as for gcs serve")
         action.add_argument("--vehicles", metavar="d1,d2", help="these only; all that are heard without it")
-        action.add_argument("--wait", type=float, default=HEARD_S, metavar="S", help="for vehicles; 8")
+        action.add_argument("--wait", type=float, default=RECEIVED_S, metavar="S", help="for vehicles; 8")
 
 
 def simulate(parser: argparse.ArgumentParser) -> None:

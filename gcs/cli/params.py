@@ -128,31 +128,31 @@ async def inspect(
 ) -> list[Row]:
     """Every row of everybody in `chosen`; of those not heard only if they were `named` by the operator."""
     link_of = {name: link for link in links for name in link.ids}
-    heard = await _heard(link_of, chosen, wait_s)
+    received = await _received(link_of, chosen, wait_s)
     needed = requirements(config.operation, config.control)
     parts = await asyncio.gather(
-        *(_one(link_of[name], name, needed, apply=apply) for name in chosen if name in heard)
+        *(_one(link_of[name], name, needed, apply=apply) for name in chosen if name in received)
     )
-    silent = [name for name in chosen if name not in heard] if named or not heard else []
+    silent = [name for name in chosen if name not in received] if named or not received else []
     unheard = [Row(name, "-", None, "-", f"not heard within {wait_s:g} s") for name in silent]
     return [row for part in parts for row in part] + unheard
 
 
-async def _heard(
+async def _received(
     link_of: Mapping[VehicleId, Link], chosen: Sequence[VehicleId], wait_s: float
 ) -> set[VehicleId]:
     """Who of `chosen` has spoken, as soon as all have, or when time is up."""
     loop = asyncio.get_running_loop()
     until_s = loop.time() + wait_s
     while True:
-        heard = {
+        received = {
             name
             for link in {id(link_of[name]): link_of[name] for name in chosen}.values()
             for name, mode in zip(link.ids, link.snapshot().mode, strict=True)
             if name in chosen and mode is not Mode.UNKNOWN
         }
-        if len(heard) == len(chosen) or loop.time() >= until_s:
-            return heard
+        if len(received) == len(chosen) or loop.time() >= until_s:
+            return received
         await asyncio.sleep(POLL_S)
 
 

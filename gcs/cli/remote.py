@@ -171,7 +171,7 @@ def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int
     with connected(arguments) as client:
         answer = attrgetter(call.method)(client)(**given)
         if isinstance(answer, wire.Command):
-            return _told(client, [answer], arguments)
+            return _reported(client, [answer], arguments)
     _print(answer, arguments)
     return 0
 
@@ -193,13 +193,13 @@ def _commanded(client: Client, action: str, arguments: argparse.Namespace) -> in
     if action == CONFIRM_DOWN or len(names) == 1:
         return _one_by_one(client, action, arguments)
     if not names and not arguments.all:
-        return _told(client, [client.abort()], arguments)
+        return _reported(client, [client.abort()], arguments)
     try:
         command = client.command_vehicles(action, names or None)
     except UnknownError:  # a name that is misspelt does not keep the others from the command
         return _one_by_one(client, action, arguments)
     missed = any(command.vehicles[name].outcome == NOT_INCLUDED for name in names)
-    return _told(client, [command], arguments) or (REFUSED if missed else 0)
+    return _reported(client, [command], arguments) or (REFUSED if missed else 0)
 
 
 def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> int:
@@ -217,10 +217,10 @@ def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> i
         fail("; ".join(map(str, errors)), code, as_json=True)
     for each in () if arguments.json else errors:
         failed(each, arguments)
-    return (_told(client, commands, arguments) if commands else 0) or code
+    return (_reported(client, commands, arguments) if commands else 0) or code
 
 
-def _told(client: Client, commands: Sequence[wire.Command], arguments: argparse.Namespace) -> int:
+def _reported(client: Client, commands: Sequence[wire.Command], arguments: argparse.Namespace) -> int:
     """Print orders, waited for if that was asked. Returns: the exit code."""
     if arguments.wait is not None:
         commands = [client.wait_for(command.id, arguments.wait) for command in commands]

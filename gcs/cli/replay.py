@@ -51,9 +51,9 @@ def truths(path: Path, file: Path) -> list[Path]:
 
 def recorded_map(config: Mapping[str, Any], *, as_json: bool = False) -> GroundMap | None:
     """The map that lay under the show; None, with a note, where its file is gone."""
-    told = config.get("map")
+    reported = config.get("map")
     try:
-        return open_map(None if told is None else MapSettings.model_validate(told))
+        return open_map(None if reported is None else MapSettings.model_validate(reported))
     except ValidationError as error:
         problem = str(explained(error, "map", MapSettings, None))
     except ConfigError as error:

@@ -133,12 +133,12 @@ class Supervisor:
         _log("info", "service_started", pid=child.pid)
         is_ready, due_s, looked_s = False, time.monotonic() + START_S, time.monotonic()
         while child.poll() is None:
-            said = self._wait(LOOK_S, notify, wake)
+            stated = self._wait(LOOK_S, notify, wake)
             now_s = time.monotonic()
-            if b"READY=1" in said and not is_ready:
+            if b"READY=1" in stated and not is_ready:
                 is_ready = True
                 _log("info", "service_ready", pid=child.pid)
-            if is_ready and (said & {b"READY=1", b"WATCHDOG=1"} or now_s - looked_s > STOOD_STILL_S):
+            if is_ready and (stated & {b"READY=1", b"WATCHDOG=1"} or now_s - looked_s > STOOD_STILL_S):
                 due_s = now_s + self._watchdog_s  # or we stood still ourselves: it may have, too
             looked_s = now_s
             while self._passed_on < self._asked:
@@ -162,8 +162,8 @@ class Supervisor:
         self._selector.select(timeout_s)
         with suppress(BlockingIOError):
             os.read(wake, 4096)
-        said: set[bytes] = set()
+        stated: set[bytes] = set()
         with suppress(BlockingIOError):
             while True:
-                said.update(notify.recv(4096).split(b"\n"))
-        return said
+                stated.update(notify.recv(4096).split(b"\n"))
+        return stated

@@ -56,11 +56,11 @@ def _list(arguments: argparse.Namespace) -> int:
     except GcsError as error:
         return failed(error, arguments, REFUSED)
     if arguments.json:
-        told = [
+        reported = [
             {"name": entry.name, "role": entry.role, "created_unix_time_s": entry.created_unix_time_s}
             for entry in entries
         ]
-        print_json(told)
+        print_json(reported)
         return 0
     for entry in entries:
         since = datetime.fromtimestamp(entry.created_unix_time_s, UTC).isoformat(timespec="seconds")

@@ -12,7 +12,7 @@ from gcs.model.errors import ConfigError, FileError, Problem
 from gcs.model.quoting import cut, quoted
 
 LOCATED: Final = "located"
-KEYS_TOLD: Final = 12
+KEYS_REPORTED: Final = 12
 """Of a section: so many are named where none is like the one that was written."""
 
 _WORDS: Final[Mapping[str, Callable[[Mapping[str, Any]], str]]] = {
@@ -120,13 +120,13 @@ def _unknown(key: str, known: Sequence[str]) -> str:
     like = get_close_matches(key, known, 1)
     if like:
         return f"unknown key; did you mean {like[0]}?"
-    more = ", ..." if len(known) > KEYS_TOLD else ""
-    return f"unknown key; known here: {', '.join(known[:KEYS_TOLD])}{more}" if known else "unknown key"
+    more = ", ..." if len(known) > KEYS_REPORTED else ""
+    return f"unknown key; known here: {', '.join(known[:KEYS_REPORTED])}{more}" if known else "unknown key"
 
 
 def _section(model: type[BaseModel], loc: Loc) -> str:
     known = tuple(dict.fromkeys(_fields_at(model, loc)))
-    return f"a section is needed, with {', '.join(known[:KEYS_TOLD])}" if known else "a section is needed"
+    return f"a section is needed, with {', '.join(known[:KEYS_REPORTED])}" if known else "a section is needed"
 
 
 def _fields_at(model: type[BaseModel], loc: Loc) -> Iterator[str]:

@@ -156,10 +156,10 @@ class Source:
 
     def mapping(self, needed: str) -> dict[str, object]:
         """The same of a file that has keys; `needed` says which. Raises: FileError when it has none."""
-        said = self.value()
-        if not isinstance(said, dict):
+        stated = self.value()
+        if not isinstance(stated, dict):
             raise FileError(self.file, [Problem(1, None, f"a mapping is needed, with {needed}")])
-        return said
+        return stated
 
     def line(self, *loc: str | int) -> int:
         """The line of the key, or the entry of a list, that `loc` leads to.

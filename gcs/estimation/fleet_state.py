@@ -58,8 +58,8 @@ class Table:
         n = len(self.ids)
         self._believed_m, self._believed_s = np.full((n, 3), np.nan), np.full(n, -np.inf)
         self._believed_m_s = np.full((n, 3), np.nan)  # with the believed position
-        self._told_m, self._told_s = np.full((n, 3), np.nan), np.full(n, -np.inf)  # believed or not
-        self._told_since_s = np.full(n, np.inf)  # without a jump, of those not trusted
+        self._reported_m, self._reported_s = np.full((n, 3), np.nan), np.full(n, -np.inf)  # believed or not
+        self._reported_since_s = np.full(n, np.inf)  # without a jump, of those not trusted
         self._trusted = np.ones(n, dtype=np.bool_)
         self._resets = np.full(n, -1)  # as the estimators count them
         self.reset_time_s = np.full(n, -np.inf)
@@ -104,9 +104,9 @@ class Table:
             exists,
             armed,
             resets,
-            self._told_m,
-            self._told_s,
-            self._told_since_s,
+            self._reported_m,
+            self._reported_s,
+            self._reported_since_s,
             self._believed_m,
             self._believed_s,
             self._believed_m_s,

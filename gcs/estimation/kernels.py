@@ -123,9 +123,9 @@ def judge(
     exists: Mask,
     armed: Mask,
     resets: Bits,
-    told_m: Array,
-    told_s: Array,
-    told_since_s: Array,
+    reported_m: Array,
+    reported_s: Array,
+    reported_since_s: Array,
     believed_m: Array,
     believed_s: Array,
     believed_m_s: Array,
@@ -143,9 +143,9 @@ def judge(
         exists: (n,) whether it can be a place at all.
         armed: (n,).
         resets: (n,) as the estimators count them.
-        told_m: (n, 3) the newest told, believed or not; written, as all that follow.
-        told_s: (n,) of its arrival.
-        told_since_s: (n,) since when it was told without a jump, of those not trusted.
+        reported_m: (n, 3) the newest told, believed or not; written, as all that follow.
+        reported_s: (n,) of its arrival.
+        reported_since_s: (n,) since when it was told without a jump, of those not trusted.
         believed_m: (n, 3) the newest that was believed.
         believed_s: (n,) of its arrival.
         believed_m_s: (n, 3) the velocity with it.
@@ -156,20 +156,20 @@ def judge(
     for i in range(len(time_s)):
         jumped = resets[i] != known_resets[i] and known_resets[i] >= 0
         known_resets[i] = resets[i]
-        if time_s[i] > told_s[i]:
-            off_m, before_m = _apart_m(position_m[i], believed_m[i]), _apart_m(position_m[i], told_m[i])
+        if time_s[i] > reported_s[i]:
+            off_m, before_m = _apart_m(position_m[i], believed_m[i]), _apart_m(position_m[i], reported_m[i])
             first = not np.isfinite(believed_s[i])
             can_be = first or off_m <= _plausible_m(believed_s[i], time_s[i])
-            went_on = before_m <= _plausible_m(told_s[i], time_s[i])
-            since_s = told_since_s[i] if went_on and not trusted[i] else time_s[i]
+            went_on = before_m <= _plausible_m(reported_s[i], time_s[i])
+            since_s = reported_since_s[i] if went_on and not trusted[i] else time_s[i]
             settled = went_on and time_s[i] - since_s >= CONSISTENT_S
             if trusted[i] or first:
                 believe = can_be
             else:
                 believe = (can_be and off_m <= before_m) or (settled and (can_be or not armed[i]))
             believe = believe and exists[i]
-            told_m[i] = position_m[i] if exists[i] else np.full(3, np.nan)
-            told_s[i], told_since_s[i], trusted[i] = time_s[i], since_s, believe
+            reported_m[i] = position_m[i] if exists[i] else np.full(3, np.nan)
+            reported_s[i], reported_since_s[i], trusted[i] = time_s[i], since_s, believe
             if believe:
                 if not first:
                     elapsed_s, square = time_s[i] - believed_s[i], 0.0

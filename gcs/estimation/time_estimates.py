@@ -135,7 +135,7 @@ def nothing(n: int) -> Estimates:
 
 
 def batteries(
-    history: BatteryHistory, remaining: Array, flying: Mask, heard: Mask, below: float, now_s: float
+    history: BatteryHistory, remaining: Array, flying: Mask, received: Mask, below: float, now_s: float
 ) -> Estimates:
     """What is known of the batteries; no times of manoeuvres.
 
@@ -143,11 +143,11 @@ def batteries(
         history: that has noted `remaining`.
         remaining: (n,) 0 to 1, NaN where nothing is known.
         flying: (n,) in the air and received.
-        heard: (n,) with fresh telemetry.
+        received: (n,) with fresh telemetry.
         below: threshold of the low-battery failsafe, 0 to 1.
         now_s: the clock of `history`.
     """
-    counted = np.isfinite(remaining) & (flying if flying.any() else heard)
+    counted = np.isfinite(remaining) & (flying if flying.any() else received)
     rows = np.flatnonzero(counted)
     low_s, empty_s = history.left_s(below, now_s), history.left_s(0.0, now_s)
     low_s[counted & (remaining <= below)] = 0.0  # however fast it was used until then

@@ -288,7 +288,7 @@ def _of_vehicles(
     """One for each cause and action, with the vehicles concerned."""
     battery, position = settings.low_battery, settings.bad_position
     critical = latch.active[CRITICAL]
-    told = {
+    reported = {
         LOST: "silent, or killed: the others go on without",
         LOW: f"battery at {_least(seen.battery, latch.active[LOW]):.0%}, below {battery.below:.0%}",
         CRITICAL: f"battery at {_least(seen.battery, critical):.0%}, below {battery.critical_below:.0%}",
@@ -311,7 +311,7 @@ def _of_vehicles(
                 since_s = float(latch.since_s[kind][rows].min())
                 named = tuple(np.flatnonzero(rows).tolist())
                 requests.append(
-                    FailsafeRequest(OF_VEHICLES[kind], does, since_s, named, kind == LOST, told[kind])
+                    FailsafeRequest(OF_VEHICLES[kind], does, since_s, named, kind == LOST, reported[kind])
                 )
     return requests
 

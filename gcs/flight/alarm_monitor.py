@@ -336,8 +336,8 @@ def _tell(change: Change) -> None:
     if change.kind is ChangeKind.ENDED:
         log.info("alarm_over", extra={**about, "text": alarm.text})
         return
-    told = {**about, "text": alarm.text, "vehicles": list(alarm.vehicles)}
-    log.log(LEVEL[alarm.severity], "alarm", extra=told)
+    reported = {**about, "text": alarm.text, "vehicles": list(alarm.vehicles)}
+    log.log(LEVEL[alarm.severity], "alarm", extra=reported)
 
 
 def _tell_acknowledged(alarm: Alarm) -> None:

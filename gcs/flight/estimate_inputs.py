@@ -60,11 +60,11 @@ class Estimating:
         self._phases = [vehicle.phase for vehicle in flight.vehicles.values()]
         remaining = flight.in_rows([part.battery_remaining for part in flight.telemetry.parts])
         beat_s = flight.in_rows([part.heartbeat_time_s for part in flight.telemetry.parts])
-        heard = now_s - beat_s < flight.config.operation.silence_s
-        flying = self._in(IN_THE_AIR) & heard
+        received = now_s - beat_s < flight.config.operation.silence_s
+        flying = self._in(IN_THE_AIR) & received
         self._history.note(remaining, flying, now_s)
         below = flight.config.failsafes.low_battery.below
-        known = batteries(self._history, remaining, flying, heard, below, now_s)
+        known = batteries(self._history, remaining, flying, received, below, now_s)
         self.newest = replace(known, assembled_s=self._assembled_s(waiting), home_s=self._home_s(left_s))
 
     def _in(self, phases: frozenset[Phase]) -> Mask:

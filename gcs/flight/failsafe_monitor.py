@@ -234,8 +234,10 @@ class FailsafeMonitor:
         rows = [v.row for v in self._flight.airborne] if request.whole_show else request.rows
         self._sent |= dict.fromkeys(rows, request.severity)
         self._commanded[request.cause, request.action] = record.id
-        told = {"cause": request.cause.value, "action": request.action.value, "command": record.id}
-        log.warning("failsafe", extra={**told, "vehicles": self._named(request), "reason": request.reason})
+        reported = {"cause": request.cause.value, "action": request.action.value, "command": record.id}
+        log.warning(
+            "failsafe", extra={**reported, "vehicles": self._named(request), "reason": request.reason}
+        )
 
     def _named(self, request: FailsafeRequest) -> tuple[str, ...]:
         return tuple(self._flight.fleet.ids[row] for row in request.rows)

@@ -135,10 +135,10 @@ class Fleet:
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # away from what preflight demands
         self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be
-        heard_in = [name for link in links for name in link.ids]
-        place_of = {name: place for place, name in enumerate(heard_in)}
+        received_in = [name for link in links for name in link.ids]
+        place_of = {name: place for place, name in enumerate(received_in)}
         self._order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
-        self._in_order = self._order == list(range(len(heard_in)))
+        self._in_order = self._order == list(range(len(received_in)))
         self._may_sink: tuple[FleetState, float] | None = None  # of a tick: see `may_sink`
         noticed_s = FORWARD_MAX_S + config.deadman_s + config.operation.setpoint_loss_s
         self._table = Table(
@@ -266,7 +266,7 @@ class Fleet:
             in_failsafe=telemetry.in_failsafe[at],
             battery_remaining=float(telemetry.battery_remaining[at]),
             battery_critical_below=self.config.failsafes.low_battery.critical_below,
-            texts=[said.text for said in telemetry.texts[at] if now_s - said.time_s <= TEXTS_COUNT_S],
+            texts=[stated.text for stated in telemetry.texts[at] if now_s - stated.time_s <= TEXTS_COUNT_S],
             setpoint_gap_s=self.setpoint_gaps.longest_s(vehicle.row, now_s),
             setpoint_loss_s=self.config.operation.setpoint_loss_s,
             setpoint_loss_action=self.config.operation.setpoint_loss_action,
@@ -278,12 +278,12 @@ class Fleet:
         """Of whom everything is known that a start asks for: parameters, fix, clock; where they count."""
         config, parts = self.config, self.telemetry.parts
         names = set(self.parameters if config.operation.require_parameters else self.vehicles)
-        told = np.ones(len(self.vehicles), dtype=np.bool_)
+        reported = np.ones(len(self.vehicles), dtype=np.bool_)
         if config.preflight.require_fix:
-            told &= np.isfinite(self.in_rows([part.fix_type for part in parts]))
+            reported &= np.isfinite(self.in_rows([part.fix_type for part in parts]))
         if config.preflight.clock_max_s is not None:
-            told &= np.isfinite(self.in_rows([part.clock_base_s for part in parts]))
-        return names - {self.fleet.ids[row] for row in np.flatnonzero(~told).tolist()}
+            reported &= np.isfinite(self.in_rows([part.clock_base_s for part in parts]))
+        return names - {self.fleet.ids[row] for row in np.flatnonzero(~reported).tolist()}
 
     @property
     def not_flying(self) -> dict[VehicleId, str]:

@@ -54,7 +54,7 @@ from gcs.service import (
     VehicleAction,
 )
 from gcs.service.alarms import Alarm
-from gcs.service.event_log import EventLog, LogEvent, heard
+from gcs.service.event_log import EventLog, LogEvent, received
 from gcs.shows.library import ShowLibrary
 
 log = logging.getLogger(__name__)
@@ -136,7 +136,7 @@ class Orchestrator:
     async def run(self) -> None:
         """Fly until cancelled."""
         listening = ExitStack()
-        listening.enter_context(heard(self._event_log))
+        listening.enter_context(received(self._event_log))
         try:
             async with asyncio.TaskGroup() as group:
                 maneuvers = Maneuvers(group, self._flight, self._config.operation)

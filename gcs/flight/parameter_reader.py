@@ -46,15 +46,15 @@ class ParameterReader:
         self._reading: Mask = np.zeros(n, dtype=bool)
         self._not_before_s = np.full(n, -np.inf)
 
-    def watch(self, heard: Columns) -> None:
+    def watch(self, received: Columns) -> None:
         """Once a tick: begin to read whatever is to be read now."""
         flight = self._flight
         if not flight.config.operation.require_parameters:
             return
-        self._take_announced(heard)
+        self._take_announced(received)
         now_s, silence_s = flight.fleet.time_s, flight.config.operation.silence_s
-        boots, armed = np.array(heard.boots), np.array(heard.armed)
-        silent: Mask = ~(now_s - heard.beat_s <= silence_s)
+        boots, armed = np.array(received.boots), np.array(received.armed)
+        silent: Mask = ~(now_s - received.beat_s <= silence_s)
         for row in np.flatnonzero((silent & ~self._silent) | (boots != self._boots)).tolist():
             self._forget(flight.at_row(row))
         self._boots, self._silent = boots, silent
@@ -64,13 +64,13 @@ class ParameterReader:
         for row in np.flatnonzero(self._due & ~waits)[: max(room, 0)].tolist():
             self._begin(flight.at_row(row))
 
-    def _take_announced(self, heard: Columns) -> None:
+    def _take_announced(self, received: Columns) -> None:
         """Compare announced parameters with what preflight demands, whichever station set them."""
         for link in self._flight.links:
-            for vehicle_id, values in link.told_parameters().items():
+            for vehicle_id, values in link.reported_parameters().items():
                 vehicle = self._flight.vehicles[vehicle_id]
                 for name, value in values.items():
-                    self._compare(vehicle, self._by_name[name], value, armed=heard.armed[vehicle.row])
+                    self._compare(vehicle, self._by_name[name], value, armed=received.armed[vehicle.row])
 
     def _compare(
         self, vehicle: Vehicle, requirement: Requirement, value: ParameterValue, *, armed: bool

@@ -94,8 +94,8 @@ class Recovery:
                 if before.pad_m is not None:
                     vehicles[name].home_m = np.array(before.pad_m)
             self._no_plan = self._plans.why_not(found)
-        told = {"of_session": found.session, "was": found.show.value, "mismatches": list(self._wrong)}
-        log.warning("found_interrupted", extra=told)
+        reported = {"of_session": found.session, "was": found.show.value, "mismatches": list(self._wrong)}
+        log.warning("found_interrupted", extra=reported)
 
     # a stall
 

@@ -29,10 +29,10 @@ class ShowPlayer:
         self._flight = flight
         self._show_library = show_library
         show_library.judge_by(self.misfits)
-        self._told: Plan = flight.plan  # what is flown without a show
+        self._reported: Plan = flight.plan  # what is flown without a show
         self.waits: tuple[str, ...] = ()  # why obstacles of the show do not stand yet
-        self._held: Target | None = None  # in place of a live one that was not renewed since `_told_s`
-        self._told_s = 0.0
+        self._held: Target | None = None  # in place of a live one that was not renewed since `_reported_s`
+        self._reported_s = 0.0
 
     # on the ground
 
@@ -81,7 +81,7 @@ class ShowPlayer:
 
     def _clashes(self, show: Show) -> Iterator[Flaw]:
         """The show's obstacles and those set by operators."""
-        own, its = self._told_obstacles, {box.id for cue in show.timeline for box in cue.obstacles.appear}
+        own, its = self._reported_obstacles, {box.id for cue in show.timeline for box in cue.obstacles.appear}
         twice = sorted(its & {box.id for box in own})
         if twice:
             text = f"it has obstacles of its own called {', '.join(twice)}: remove those that stand"
@@ -93,10 +93,10 @@ class ShowPlayer:
     def _take(self, show_run: ShowRun) -> SelectedShow:
         """Let it lead. Raises: RefusedError when its obstacles and those that were told clash."""
         flight, name = self._flight, show_run.name
-        show, own = show_run.timeline.show, self._told_obstacles
+        show, own = show_run.timeline.show, self._reported_obstacles
         _refuse(name, [*self._clashes(show)])
         if flight.show_run is None:
-            self._told = flight.plan
+            self._reported = flight.plan
         flight.show_run = show_run
         flight.control = control_of(show.limits, show.fence, flight.config.control)
         flight.plan = replace(flight.plan, obstacles=own)
@@ -112,8 +112,8 @@ class ShowPlayer:
             return
         own, yaw = self._own_obstacles(flight.show_run), flight.plan.yaw
         flight.show_run, flight.control, self.waits = None, flight.config.control, ()
-        target = replace(self._told.target, time_s=flight.fleet.time_s)
-        flight.plan = replace(self._told, target=target, obstacles=own, yaw=yaw)
+        target = replace(self._reported.target, time_s=flight.fleet.time_s)
+        flight.plan = replace(self._reported, target=target, obstacles=own, yaw=yaw)
 
     def seek(self, cue: str) -> SelectedShow:
         """Have the show begin at a cue. Raises: UnknownError; RefusedError in the air, or without a show."""
@@ -226,7 +226,7 @@ class ShowPlayer:
         return ""
 
     @property
-    def _told_obstacles(self) -> tuple[Obstacle, ...]:
+    def _reported_obstacles(self) -> tuple[Obstacle, ...]:
         """Those that are not the selected show's."""
         show_run = self._flight.show_run
         return self._flight.plan.obstacles if show_run is None else self._own_obstacles(show_run)
@@ -267,8 +267,8 @@ class ShowPlayer:
         flight, show_run = self._flight, self._flight.show_run
         if show_run is None or show_run.live is None or not show_run.clock.runs:
             return nan
-        told_s = self._told_s if show_run.live is self._held else show_run.live.time_s
-        return flight.fleet.time_s - told_s
+        reported_s = self._reported_s if show_run.live is self._held else show_run.live.time_s
+        return flight.fleet.time_s - reported_s
 
     def hold_target(self) -> None:
         """Have a live target that nobody renews stay where it is now, until it is told again."""
@@ -276,7 +276,7 @@ class ShowPlayer:
         if show_run is None or show_run.live is None or show_run.live is self._held:
             return
         now_s, live = flight.fleet.time_s, show_run.live
-        self._told_s = live.time_s
+        self._reported_s = live.time_s
         self._held = show_run.live = Target(*live.position_m(now_s), time_s=now_s)
 
     def tell_target(self, target: Target) -> None:
@@ -293,5 +293,5 @@ class ShowPlayer:
 def _refuse(name: str, flaws: Sequence[Flaw]) -> None:
     """Raises: RefusedError with these, where there are any."""
     if flaws:
-        told = "; ".join(flaw.text for flaw in flaws)
-        raise RefusedError(f"show {name!r} does not fit this service: {told}")
+        reported = "; ".join(flaw.text for flaw in flaws)
+        raise RefusedError(f"show {name!r} does not fit this service: {reported}")

@@ -11,7 +11,7 @@ from gcs.flight.fleet import Columns, Fleet
 from gcs.flight.maneuver_tasks import Maneuver
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import ParameterReader
-from gcs.flight.vehicle import Explanation, Heard, Vehicle
+from gcs.flight.vehicle import Explanation, Vehicle, VehicleStatus
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase
 from gcs.model.state import Array, Mask, Mode
 
@@ -43,38 +43,43 @@ class TelemetryMonitor:
         """Once a tick: let the telemetry change phases, and end errands that no longer apply."""
         flight = self._flight
         silence_s = flight.config.operation.silence_s
-        now_s, heard_of = flight.fleet.time_s, flight.newest()
+        now_s, telemetry_of = flight.fleet.time_s, flight.newest()
         for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
             self._mind_reset(flight.at_row(row))
         known: Mask = np.asarray(np.isfinite(flight.fleet.position_m).all(axis=1))
-        age_s: Array = now_s - np.minimum(np.minimum(heard_of.beat_s, heard_of.position_s), heard_of.life_s)
+        age_s: Array = now_s - np.minimum(
+            np.minimum(telemetry_of.beat_s, telemetry_of.position_s), telemetry_of.life_s
+        )
         flight.note_seen(np.asarray(age_s <= silence_s) & known)
         fresh: Mask = np.asarray(np.minimum(age_s, now_s - self._resumed_s) <= silence_s)
         self._forget_heartbeats(fresh)
         # A thousand vehicles are looked at in every tick: while nothing changes, all at once.
         vehicles = flight.vehicles.values()
         expected = [vehicle.phase for vehicle in vehicles], [vehicle.modes for vehicle in vehicles]
-        state = (*expected, heard_of.mode, heard_of.armed)
+        state = (*expected, telemetry_of.mode, telemetry_of.armed)
         if fresh.all() and state == self._calm:
             return
         all_calm = True
-        rows = zip(vehicles, fresh.tolist(), known.tolist(), heard_of.mode, heard_of.armed, strict=True)
+        rows = zip(
+            vehicles, fresh.tolist(), known.tolist(), telemetry_of.mode, telemetry_of.armed, strict=True
+        )
         for vehicle, is_fresh, is_known, mode, armed in rows:
             if not (is_fresh and vehicle.is_calm(mode, armed=armed)):
                 all_calm = False
-                self._look_at(vehicle, heard_of, is_known=is_known)
+                self._look_at(vehicle, telemetry_of, is_known=is_known)
         self._calm = state if all_calm else None
 
     def inspect(self) -> None:
         """Once a tick, later: begin to read the parameters that are to be read now."""
         self._parameter_reader.watch(self._flight.newest())
 
-    def _look_at(self, vehicle: Vehicle, heard_of: Columns, *, is_known: bool) -> None:
+    def _look_at(self, vehicle: Vehicle, telemetry_of: Columns, *, is_known: bool) -> None:
         """Let the telemetry of one vehicle change its phase."""
         flight, row, now_s = self._flight, vehicle.row, self._flight.fleet.time_s
         silence_s = flight.config.operation.silence_s
         position_s, beat_s, life_s = (
-            float(column[row]) for column in (heard_of.position_s, heard_of.beat_s, heard_of.life_s)
+            float(column[row])
+            for column in (telemetry_of.position_s, telemetry_of.beat_s, telemetry_of.life_s)
         )
         age_s = now_s - min(life_s, position_s, beat_s + _beats_may_lack_s(vehicle.phase))
         if age_s <= silence_s and is_known:  # though a heartbeat lacks
@@ -82,17 +87,17 @@ class TelemetryMonitor:
         age_s = min(age_s, self._not_judged_s(vehicle.phase))
         lacks = lacking(now_s, life_s, beat_s, position_s, silence_s)
         in_failsafe = flight.inputs(vehicle).in_failsafe if vehicle.phase is Phase.PILOT else False
-        heard = Heard(
+        status = VehicleStatus(
             age_s,
-            heard_of.mode[row],
-            heard_of.armed[row],
-            heard_of.landed[row],
+            telemetry_of.mode[row],
+            telemetry_of.armed[row],
+            telemetry_of.landed[row],
             in_failsafe,
             lacks,
             partial(self._explained, vehicle),
         )
         lost_holds = flight.config.operation.setpoint_loss_action == "hold"
-        if vehicle.observe(heard, silence_s, lost_holds=lost_holds):
+        if vehicle.observe(status, silence_s, lost_holds=lost_holds):
             if vehicle.phase in {Phase.LOST, Phase.PILOT}:
                 self._maneuvers.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
             return
@@ -103,11 +108,11 @@ class TelemetryMonitor:
             return
         elif vehicle.phase is Phase.OFFLINE and now_s - beat_s <= silence_s:
             vehicle.reason = "heard, but it has no position yet"
-        elif vehicle.phase is Phase.LOST and age_s <= silence_s and heard.mode is not Mode.LAND:
+        elif vehicle.phase is Phase.LOST and age_s <= silence_s and status.mode is not Mode.LAND:
             self._by_itself(vehicle, self._come_back)
-        elif vehicle.phase is Phase.STANDBY and heard.mode is Mode.OFFBOARD and not heard.armed:
+        elif vehicle.phase is Phase.STANDBY and status.mode is Mode.OFFBOARD and not status.armed:
             self._by_itself(vehicle, self._maneuvers.rest)
-        elif vehicle.phase in FLOWN and not vehicle.handed_over and heard.mode is Mode.HOLD:
+        elif vehicle.phase in FLOWN and not vehicle.handed_over and status.mode is Mode.HOLD:
             vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
 
     def _not_judged_s(self, phase: Phase) -> float:

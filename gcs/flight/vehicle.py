@@ -30,7 +30,7 @@ def _unexplained() -> Explanation:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class VehicleStatus:
     """What the telemetry says of one vehicle at one tick."""
 
     age_s: float  # of the oldest of its signs of life; a heartbeat may lack for a while
@@ -106,8 +106,8 @@ class Vehicle:
         ):
             return
         if self.cause is not cause:
-            told = {"vehicle": self.id, "cause": cause.value, "reason": text}
-            log.warning("outside_control", extra=told)
+            reported = {"vehicle": self.id, "cause": cause.value, "reason": text}
+            log.warning("outside_control", extra=reported)
         self.cause, self.reason, self._explained = cause, text, (mode, in_failsafe)
         self._mind_pilot()
 
@@ -141,64 +141,66 @@ class Vehicle:
             return armed and mode in self.modes and mode is not Mode.HOLD
         return self.phase is Phase.STANDBY and not armed and mode is not Mode.OFFBOARD
 
-    def observe(self, heard: Heard, silence_s: float, *, lost_holds: bool = True) -> bool:
+    def observe(self, status: VehicleStatus, silence_s: float, *, lost_holds: bool = True) -> bool:
         """Let the telemetry change the phase. Returns: whether it did.
 
         Nothing that a person or the autopilot decided is undone here: an unordered mode means hands off.
 
         Args:
-            heard: now.
+            status: now.
             silence_s: without telemetry for longer, it is silent.
             lost_holds: whether its failsafe has it hold, so that HOLD after a silence needs no pilot.
         """
-        event = self._noticed(heard, silence_s, lost_holds=lost_holds)
+        event = self._noticed(status, silence_s, lost_holds=lost_holds)
         if event is None:
             return False
         self.apply(*event)
         return True
 
-    def _noticed(self, heard: Heard, silence_s: float, *, lost_holds: bool) -> tuple[Event, str] | None:
-        if not heard.age_s <= silence_s:
-            return self._silent(heard)
+    def _noticed(
+        self, status: VehicleStatus, silence_s: float, *, lost_holds: bool
+    ) -> tuple[Event, str] | None:
+        if not status.age_s <= silence_s:
+            return self._silent(status)
         if self.phase in AIRBORNE | {Phase.PILOT}:
-            return self._heard_in_flight(heard)
+            return self._received_in_flight(status)
         if self.phase is Phase.LOST:
-            return self._heard_again(heard, lost_holds=lost_holds)
-        flies = heard.armed and heard.landed is not Landed.ON_GROUND  # unknown is not "on the ground"
+            return self._received_again(status, lost_holds=lost_holds)
+        flies = status.armed and status.landed is not Landed.ON_GROUND  # unknown is not "on the ground"
         if self.phase is Phase.OFFLINE:
-            if heard.landed is Landed.UNKNOWN:
+            if status.landed is Landed.UNKNOWN:
                 self.reason = "heard, but it does not say yet whether it flies"
                 return None
             if flies:
-                return Event.HEARD_IN_AIR, "found in the air, and not by our order"
-            return Event.HEARD, "on the ground"
+                return Event.CONNECTED_IN_AIR, "found in the air, and not by our order"
+            return Event.CONNECTED, "on the ground"
         if self.phase is Phase.STANDBY and flies:
-            return Event.HEARD_IN_AIR, "took off, and not by our order"
+            return Event.CONNECTED_IN_AIR, "took off, and not by our order"
         return None
 
-    def _silent(self, heard: Heard) -> tuple[Event, str] | None:
+    def _silent(self, status: VehicleStatus) -> tuple[Event, str] | None:
         if self.phase in AIRBORNE | {Phase.PILOT, Phase.STANDBY}:
-            return Event.SILENT, heard.lacks or f"no telemetry for {heard.age_s:.1f} s"
+            return Event.SILENT, status.lacks or f"no telemetry for {status.age_s:.1f} s"
         return None
 
-    def _heard_in_flight(self, heard: Heard) -> tuple[Event, str] | None:
-        if not heard.armed:
+    def _received_in_flight(self, status: VehicleStatus) -> tuple[Event, str] | None:
+        if not status.armed:
             return Event.TOUCHED_DOWN, "on the ground, motors off"
-        if self.phase in AIRBORNE and heard.mode not in self.modes:
-            self.cause, text = heard.explain()
-            self._explained = heard.mode, heard.in_failsafe
+        if self.phase in AIRBORNE and status.mode not in self.modes:
+            self.cause, text = status.explain()
+            self._explained = status.mode, status.in_failsafe
             return Event.TAKEN_OVER, text
         return None
 
-    def _heard_again(self, heard: Heard, *, lost_holds: bool) -> tuple[Event, str] | None:
+    def _received_again(self, status: VehicleStatus, *, lost_holds: bool) -> tuple[Event, str] | None:
         """Back from LOST: only one that still waits for us is taken on (by an order to HOLD)."""
-        if not heard.armed:
-            return Event.HEARD, "received again, on the ground, motors off"
+        if not status.armed:
+            return Event.CONNECTED, "received again, on the ground, motors off"
         if self.pilot_in_control:
             return Event.TAKEN_OVER, "received again; it had been taken over, and no take-control came since"
-        if heard.mode not in (self.modes | {Mode.HOLD} if lost_holds else self.modes):
-            self.cause, text = heard.explain()
-            self._explained = heard.mode, heard.in_failsafe
+        if status.mode not in (self.modes | {Mode.HOLD} if lost_holds else self.modes):
+            self.cause, text = status.explain()
+            self._explained = status.mode, status.in_failsafe
             return Event.TAKEN_OVER, f"received again: {text}"
         return None
 

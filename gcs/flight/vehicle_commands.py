@@ -168,8 +168,8 @@ class VehicleCommands:
         left_out = {one.id: f"offline: {one.reason}" for one in named if (one.phase, Event.KILL) not in NEXT}
         chosen = [vehicle for vehicle in named if vehicle.id not in left_out]
         if not chosen:
-            told = "; ".join(f"{name} is {why}" for name, why in left_out.items()) or "nobody is named"
-            raise RefusedError(f"there is no vehicle to kill: {told}")
+            reported = "; ".join(f"{name} is {why}" for name, why in left_out.items()) or "nobody is named"
+            raise RefusedError(f"there is no vehicle to kill: {reported}")
         record = self._book.open("kill", [vehicle.id for vehicle in chosen], left_out)
         for vehicle in chosen:
             flown = vehicle.phase in FLOWN

@@ -41,7 +41,7 @@ class Belief:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Heard:
+class NeighbourMessages:
     """What each drone's neighbours said they believe, at most k of them. Show frame."""
 
     center_m: Array  # (n, k, 3), NaN where there is none
@@ -49,7 +49,9 @@ class Heard:
     degree: Array  # (n, k) how many neighbours each of them hears
 
 
-def agree(belief: Belief, heard: Heard, sighting: Belief, dt_s: float, settings: ConsensusSettings) -> Belief:
+def agree(
+    belief: Belief, received: NeighbourMessages, sighting: Belief, dt_s: float, settings: ConsensusSettings
+) -> Belief:
     """One round: go on with the believed velocity, mix with the neighbours, lean towards the own sighting.
 
     Metropolis weights, ``1 / (1 + max(d_i, d_j))``, are the same for both of a pair, so that everybody counts
@@ -58,7 +60,7 @@ def agree(belief: Belief, heard: Heard, sighting: Belief, dt_s: float, settings:
 
     Args:
         belief: of n drones. Who has none takes its own sighting, else its neighbours' mean.
-        heard: from their neighbours.
+        received: from their neighbours.
         sighting: what each sees for itself, NaN rows for those who see nothing.
         dt_s: since the last round.
         settings: rates.
@@ -66,9 +68,9 @@ def agree(belief: Belief, heard: Heard, sighting: Belief, dt_s: float, settings:
     Returns: the beliefs `dt_s` later.
     Source: Xiao, Boyd, Lall 2005, "A scheme for robust distributed sensor fusion based on average consensus".
     """
-    known: Mask = np.asarray(np.isfinite(heard.center_m).all(axis=2))
+    known: Mask = np.asarray(np.isfinite(received.center_m).all(axis=2))
     degree = known.sum(axis=1)
-    weight = np.where(known, 1.0 / (1.0 + np.maximum(degree[:, None], heard.degree)), 0.0)
+    weight = np.where(known, 1.0 / (1.0 + np.maximum(degree[:, None], received.degree)), 0.0)
     lean = 1.0 - np.exp(-settings.sighting_rate_per_s * dt_s)
 
     def mixed(own: Array, others: Array, seen: Array) -> Array:
@@ -80,6 +82,6 @@ def agree(belief: Belief, heard: Heard, sighting: Belief, dt_s: float, settings:
         later: Array = begun + pull + np.where(np.isfinite(seen), lean * (seen - begun), 0.0)
         return later
 
-    velocity_m_s = mixed(belief.velocity_m_s, heard.velocity_m_s, sighting.velocity_m_s)
+    velocity_m_s = mixed(belief.velocity_m_s, received.velocity_m_s, sighting.velocity_m_s)
     went_m = belief.center_m + dt_s * belief.velocity_m_s
-    return Belief(mixed(went_m, heard.center_m, sighting.center_m), velocity_m_s)
+    return Belief(mixed(went_m, received.center_m, sighting.center_m), velocity_m_s)

@@ -131,8 +131,8 @@ def sighted_velocity(
     Returns: (n, 3) in m/s. Who knows of no centre rests.
     Source: article, section 2.3: "using only the position of the formation center and its neighbors".
     """
-    told = Belief.describe(center.position_m, center.velocity_m_s, len(position_m))
-    belief = told if sight.belief is None else sight.belief
+    reported = Belief.describe(center.position_m, center.velocity_m_s, len(position_m))
+    belief = reported if sight.belief is None else sight.belief
     drawn_m_s = sphere_velocity(
         position_m,
         belief.center_m,

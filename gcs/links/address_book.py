@@ -38,7 +38,7 @@ TAKEN = frozenset({Verdict.KNOWN, Verdict.FIRST, Verdict.MOVED})
 
 class _Conflict(NamedTuple):
     text: str
-    heard_s: float
+    received_s: float
 
 
 class Roster:
@@ -47,7 +47,7 @@ class Roster:
     def __init__(self, system_ids: Iterable[int]) -> None:
         self._configured = frozenset(system_ids)
         self._addresses: dict[int, Address] = {}
-        self._heard_s: dict[int, float] = {}
+        self._received_s: dict[int, float] = {}
         self._conflicts: dict[int, _Conflict] = {}
         self._everybody: tuple[Address, ...] = ()
 
@@ -64,14 +64,14 @@ class Roster:
         """Note that a checked frame of `system_id` arrived from `address`, and judge it."""
         known = self._addresses.get(system_id)
         if known == address:
-            self._heard_s[system_id] = now_s
+            self._received_s[system_id] = now_s
             return Verdict.KNOWN
         if system_id not in self._configured:
             return Verdict.STRANGER
-        if known is not None and now_s - self._heard_s[system_id] <= SILENT_AFTER_S:
+        if known is not None and now_s - self._received_s[system_id] <= SILENT_AFTER_S:
             return self._object(system_id, known, address, now_s)
         self._addresses[system_id] = address
-        self._heard_s[system_id] = now_s
+        self._received_s[system_id] = now_s
         self._conflicts.pop(system_id, None)
         self._everybody = tuple(dict.fromkeys(self._addresses.values()))
         return Verdict.FIRST if known is None else Verdict.MOVED
@@ -86,7 +86,7 @@ class Roster:
         text = f"system id {system_id} at {known} and at {other}"
         before = self._conflicts.get(system_id)
         self._conflicts[system_id] = _Conflict(text, now_s)
-        is_new = before is None or before.text != text or now_s - before.heard_s > CONFLICT_KEPT_S
+        is_new = before is None or before.text != text or now_s - before.received_s > CONFLICT_KEPT_S
         return Verdict.NEW_DUPLICATE if is_new else Verdict.DUPLICATE
 
     def conflicts(self, now_s: float) -> dict[int, str]:
@@ -94,5 +94,5 @@ class Roster:
         return {
             system_id: conflict.text
             for system_id, conflict in self._conflicts.items()
-            if now_s - conflict.heard_s <= CONFLICT_KEPT_S
+            if now_s - conflict.received_s <= CONFLICT_KEPT_S
         }

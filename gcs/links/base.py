@@ -85,8 +85,8 @@ class LinkFacts:
         """See `Link.watch_parameters`."""
         self._parameter_news.watch(names)
 
-    def told_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
-        """See `Link.told_parameters`."""
+    def reported_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
+        """See `Link.reported_parameters`."""
         return self._parameter_news.drain()
 
     @property

@@ -36,7 +36,7 @@ _DESIRED_MODE: Final = {
 }
 
 
-class Said(Protocol):
+class ReportedState(Protocol):
     """What a vehicle's own frames said: all that is believed of it. `gcs.links.telemetry.Heard` is one."""
 
     @property
@@ -96,20 +96,20 @@ class Hand(Protocol):
         ...
 
 
-def obeyed(verb: Verb, said: Said, landed: Landed) -> bool:
+def obeyed(verb: Verb, reported: ReportedState, landed: Landed) -> bool:
     """Whether a vehicle's heartbeat (for TAKEOFF and LAND also its landed state) shows that it obeyed."""
     match verb:
         case Verb.ARM:
-            return said.armed
+            return reported.armed
         case Verb.DISARM | Verb.KILL:
-            return not said.armed
+            return not reported.armed
         case Verb.TAKEOFF:
             climbed = landed in (Landed.IN_AIR, Landed.TAKEOFF)
-            return said.armed and (said.mode is Mode.TAKEOFF or climbed)
+            return reported.armed and (reported.mode is Mode.TAKEOFF or climbed)
         case Verb.LAND:
-            return said.mode is Mode.LAND or (landed is Landed.ON_GROUND and not said.armed)
+            return reported.mode is Mode.LAND or (landed is Landed.ON_GROUND and not reported.armed)
         case _:
-            return said.mode is _DESIRED_MODE[verb]
+            return reported.mode is _DESIRED_MODE[verb]
 
 
 class CommandProtocol:
@@ -135,7 +135,7 @@ class CommandProtocol:
         """Send nothing more; orders under way fail. On the loop's thread."""
         self._closed = True
 
-    async def execute(self, command: Command, hand: Hand, said: Said) -> None:
+    async def execute(self, command: Command, hand: Hand, reported: ReportedState) -> None:
         """Order, and return when the vehicle's heartbeat shows that it obeyed. Raises: CommandError."""
         ticket = self._latch.ticket(self._system_ids[command.vehicle_id])
 
@@ -147,7 +147,7 @@ class CommandProtocol:
 
         with self._awaiting():
             async with self._locks[command.vehicle_id]:
-                _refuse_the_impossible(command, said)
+                _refuse_the_impossible(command, reported)
                 began_s = self._clock()
                 cause: str | None = None
                 try:
@@ -155,8 +155,8 @@ class CommandProtocol:
                 except CommandError as error:
                     cause = str(error)
                 wait_s = CONFIRM_S if cause is None else _REASON_S
-                if not await self._confirmed(command.verb, hand, said, began_s, wait_s):
-                    raise CommandError(self._failure(command, cause, said, began_s))
+                if not await self._confirmed(command.verb, hand, reported, began_s, wait_s):
+                    raise CommandError(self._failure(command, cause, reported, began_s))
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str], hand: Hand
@@ -172,7 +172,7 @@ class CommandProtocol:
         with self._awaiting():
             await _about(vehicle_id, name, hand.set_parameter(name, value))
 
-    async def kill(self, command: Command, said: Said, send_kill: Callable[[], None]) -> None:
+    async def kill(self, command: Command, reported: ReportedState, send_kill: Callable[[], None]) -> None:
         """Send the kill command now and again until the heartbeat says disarmed. Raises: CommandError.
 
         Not as one command among others: this one goes out at once, and shuts the latch behind it.
@@ -182,10 +182,10 @@ class CommandProtocol:
         with self._awaiting():
             while self._clock() - began_s < CONFIRM_S:
                 send_kill()
-                await _news(said, _KILL_REPEAT_S)
-                if said.heartbeat_time_s > began_s and not said.armed:
+                await _news(reported, _KILL_REPEAT_S)
+                if reported.heartbeat_time_s > began_s and not reported.armed:
                     return
-            raise CommandError(self._failure(command, None, said, began_s))
+            raise CommandError(self._failure(command, None, reported, began_s))
 
     @contextmanager
     def _awaiting(self) -> Iterator[None]:
@@ -195,25 +195,27 @@ class CommandProtocol:
         finally:
             self._awaited -= 1
 
-    async def _confirmed(self, verb: Verb, hand: Hand, said: Said, began_s: float, wait_s: float) -> bool:
+    async def _confirmed(
+        self, verb: Verb, hand: Hand, reported: ReportedState, began_s: float, wait_s: float
+    ) -> bool:
         """Whether a heartbeat younger than the order shows it obeyed, within `wait_s`."""
         until_s = self._clock() + wait_s
         while not self._closed:  # a closed link's vehicles must not be asked any more
-            if said.heartbeat_time_s > began_s and obeyed(verb, said, hand.landed()):
+            if reported.heartbeat_time_s > began_s and obeyed(verb, reported, hand.landed()):
                 return True
             left_s = until_s - self._clock()
             if left_s <= 0:
                 return False
-            await _news(said, left_s)
+            await _news(reported, left_s)
         return False
 
-    def _failure(self, command: Command, cause: str | None, said: Said, began_s: float) -> str:
+    def _failure(self, command: Command, cause: str | None, reported: ReportedState, began_s: float) -> str:
         """Why an order failed, in words, with what the vehicle itself said since."""
-        silent_s = self._clock() - said.heartbeat_time_s
-        state = f"it reports {said.mode}, {'armed' if said.armed else 'disarmed'}"
+        silent_s = self._clock() - reported.heartbeat_time_s
+        state = f"it reports {reported.mode}, {'armed' if reported.armed else 'disarmed'}"
         if silent_s > CONFIRM_S:
             state = f"silent for {silent_s:.1f} s" if isfinite(silent_s) else "never heard"
-        words = f'; it says "{said.text}"' if said.text_time_s >= began_s else ""
+        words = f'; it says "{reported.text}"' if reported.text_time_s >= began_s else ""
         failure = "sent, but not seen to happen" if cause is None else f"failed ({cause})"
         return f"{command.vehicle_id}: {command.verb} {failure}: {state}{words}"
 
@@ -231,20 +233,20 @@ async def _about(vehicle_id: VehicleId, name: str, answer: Awaitable[T]) -> T:
         raise CommandError(f"{vehicle_id}: parameter {name}: {why}") from error
 
 
-async def _news(said: Said, wait_s: float) -> None:
+async def _news(reported: ReportedState, wait_s: float) -> None:
     """Until the next heartbeat, or `wait_s`."""
     try:
         async with asyncio.timeout(wait_s):
-            await said.news.wait()
+            await reported.news.wait()
     except TimeoutError:
         return
 
 
-def _refuse_the_impossible(command: Command, said: Said) -> None:
+def _refuse_the_impossible(command: Command, reported: ReportedState) -> None:
     if command.verb is Verb.TAKEOFF:
         if not (isfinite(command.height_m) and command.height_m > 0):
             raise CommandError(
                 f"{command.vehicle_id}: takeoff to {command.height_m} m; a height above 0 is needed"
             )
-        if not said.armed:  # PX4 would accept, and climb whenever it is armed next
+        if not reported.armed:  # PX4 would accept, and climb whenever it is armed next
             raise CommandError(f"{command.vehicle_id}: takeoff while disarmed; arm it first")

@@ -105,7 +105,7 @@ class Link(Protocol):
         """Keep the values of these parameters that vehicles announce, whichever station set them."""
         ...
 
-    def told_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
+    def reported_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
         """Newest values of watched parameters that vehicles announced since the last call."""
         ...
 

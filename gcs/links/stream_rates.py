@@ -9,7 +9,7 @@ from typing import Final
 
 from gcs.links.address_book import SILENT_AFTER_S
 from gcs.links.settings import StreamSettings
-from gcs.links.telemetry import Heard
+from gcs.links.telemetry import VehicleTelemetry
 from gcs.mavlink.framing import (
     BATTERY_STATUS,
     EXTENDED_SYS_STATE,
@@ -70,34 +70,36 @@ class Rates:
         self._desired = dict(desired)
         self._asked = {system_id: _Asked() for system_id in system_ids}
 
-    def due(self, system_id: int, heard: Heard, now_s: float) -> Iterator[tuple[int, float]]:
+    def due(self, system_id: int, telemetry: VehicleTelemetry, now_s: float) -> Iterator[tuple[int, float]]:
         """The messages, with their rates, to ask this vehicle for now: mostly none."""
         asked = self._asked[system_id]
-        if now_s - heard.heartbeat_time_s > SILENT_AFTER_S:
+        if now_s - telemetry.heartbeat_time_s > SILENT_AFTER_S:
             return
-        if asked.lives != heard.lives:
-            asked.lives, asked.pause_s = heard.lives, _WINDOW_S
+        if asked.lives != telemetry.lives:
+            asked.lives, asked.pause_s = telemetry.lives, _WINDOW_S
             asked.all_due, asked.look_s = True, now_s + SETTLE_S
         elif now_s < asked.look_s:
             return
         elif asked.all_due:
             asked.all_due = False
             yield from self._desired.items()
-            self._watch(asked, heard, now_s)
+            self._watch(asked, telemetry, now_s)
         else:
-            wrong = [each for each in self._desired.items() if self._is_wrong(asked, heard, each, now_s)]
+            wrong = [each for each in self._desired.items() if self._is_wrong(asked, telemetry, each, now_s)]
             asked.pause_s = min(2 * asked.pause_s, _PAUSE_MAX_S) if wrong else _WINDOW_S
             yield from wrong
-            self._watch(asked, heard, now_s)
+            self._watch(asked, telemetry, now_s)
 
-    def _watch(self, asked: _Asked, heard: Heard, now_s: float) -> None:
+    def _watch(self, asked: _Asked, telemetry: VehicleTelemetry, now_s: float) -> None:
         asked.look_s, asked.began_s = now_s + asked.pause_s, now_s
-        asked.counts = {message_id: heard.counts[message_id] for message_id in self._desired}
+        asked.counts = {message_id: telemetry.counts[message_id] for message_id in self._desired}
 
-    def _is_wrong(self, asked: _Asked, heard: Heard, desired: tuple[int, float], now_s: float) -> bool:
+    def _is_wrong(
+        self, asked: _Asked, telemetry: VehicleTelemetry, desired: tuple[int, float], now_s: float
+    ) -> bool:
         message_id, rate_hz = desired
         window_s = now_s - asked.began_s
-        came = heard.counts[message_id] - asked.counts[message_id]
+        came = telemetry.counts[message_id] - asked.counts[message_id]
         if rate_hz == 0:
             return came > _FRAMES_MIN
         expected = rate_hz * window_s

@@ -50,7 +50,7 @@ _REORDERED_MS: Final = 1000
 """A boot clock that goes back by less is that of a late datagram."""
 
 
-class Heard:
+class VehicleTelemetry:
     """Newest known of one vehicle, and when it arrived. Written and read on the loop's thread.
 
     Attributes:
@@ -157,12 +157,12 @@ class Heard:
         self._boot_time_ms = max(self._boot_time_ms, now_ms)
 
     def _take_heartbeat(self, frame: Frame, time_s: float) -> None:
-        said = heartbeat(frame)
-        if not said.autopilot:
+        reported = heartbeat(frame)
+        if not reported.autopilot:
             return
         self.lives += not time_s - self.heartbeat_time_s <= SILENT_AFTER_S
         self.heartbeat_time_s = time_s
-        self.armed, self.mode, self.in_failsafe = said.armed, said.mode, said.in_failsafe
+        self.armed, self.mode, self.in_failsafe = reported.armed, reported.mode, reported.in_failsafe
         fired, self.news = self.news, asyncio.Event()
         fired.set()
 

@@ -429,10 +429,10 @@ def parameter_value(frame: Frame) -> tuple[str, int | float]:
     """Read a PARAM_VALUE: name and value; whole numbers are encoded bytewise, as PX4 does."""
     raw = _padded(frame)
     value, _, _, name, kind = unpack_from("<fHH16sB", raw)
-    told: int | float = value
+    reported: int | float = value
     if kind in _WHOLE_KINDS:
-        (told,) = unpack_from("<i" if kind in _SIGNED_KINDS else "<I", raw)
-    return name.split(b"\0", 1)[0].decode(errors="replace"), told
+        (reported,) = unpack_from("<i" if kind in _SIGNED_KINDS else "<I", raw)
+    return name.split(b"\0", 1)[0].decode(errors="replace"), reported
 
 
 def status_text(frame: Frame) -> TextChunk:

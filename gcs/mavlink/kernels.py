@@ -82,8 +82,8 @@ def _behind(data: Bytes, start: Number, end: Number, extras: NDArray[np.int16]) 
     extra = extras[message] if message < len(extras) else -1
     if extra < 0:
         return -(last + tail)
-    said = np.int64(data[last - 2]) | np.int64(data[last - 1]) << 8
-    return last + tail if checksum(data, start + 1, last - 2, extra) == said else 0
+    reported = np.int64(data[last - 2]) | np.int64(data[last - 1]) << 8
+    return last + tail if checksum(data, start + 1, last - 2, extra) == reported else 0
 
 
 @kernel

@@ -18,7 +18,7 @@ FRAME: Final = np.dtype(
         ("incompatible", "u1"),  # flags; 1: signed
         ("before_id", "V4"),
         ("message_id", "u1", 3),
-        ("said", layout(SET_POSITION_TARGET_LOCAL_NED).dtype),
+        ("stated", layout(SET_POSITION_TARGET_LOCAL_NED).dtype),
         ("checksum", "<u2"),
     ]
 )
@@ -35,7 +35,7 @@ _MESSAGE: Final = int(SET_POSITION_TARGET_LOCAL_NED)
 def _begin_of(field: str) -> int:
     """Where it stands in a frame."""
     frame = np.zeros(1, FRAME)
-    return frame["said"][field].ctypes.data - frame.ctypes.data
+    return frame["stated"][field].ctypes.data - frame.ctypes.data
 
 
 _TARGET_AT: Final = _begin_of("target_system")
@@ -53,10 +53,10 @@ def are_setpoints(data: Bytes, length: Whole, count: Number) -> Mask:
     """
     are = np.zeros(count, np.bool_)
     for at in range(count):
-        said = data[at]
-        number = np.int64(said[7]) | np.int64(said[8]) << 8 | np.int64(said[9]) << 16
-        whole = length[at] == _LONG and said[0] == _MAGIC and said[1] == _PAYLOAD_LONG
-        are[at] = whole and said[2] == 0 and number == _MESSAGE
+        stated = data[at]
+        number = np.int64(stated[7]) | np.int64(stated[8]) << 8 | np.int64(stated[9]) << 16
+        whole = length[at] == _LONG and stated[0] == _MAGIC and stated[1] == _PAYLOAD_LONG
+        are[at] = whole and stated[2] == 0 and number == _MESSAGE
     return are
 
 
@@ -80,15 +80,15 @@ def awaited_setpoints(
     for at in range(len(setpoints)):
         if not setpoints[at]:
             continue
-        said = data[at]
-        row = row_of[said[_TARGET_AT]]
+        stated = data[at]
+        row = row_of[stated[_TARGET_AT]]
         if row == NOBODY or not awaited[row]:
             continue
         same = True
         for axis in range(3):
             bits = np.uint32(0)
             for byte in range(4):
-                bits |= np.uint32(said[_VELOCITY_AT + 4 * axis + byte]) << np.uint32(8 * byte)
+                bits |= np.uint32(stated[_VELOCITY_AT + 4 * axis + byte]) << np.uint32(8 * byte)
             same = same and bits == velocity[row, axis]
         if not same:
             continue

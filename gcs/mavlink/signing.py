@@ -50,7 +50,7 @@ class Signer:
         self._link_id = link_id
         self._clock = clock
         self._sent_time = start
-        self._heard_time = 0
+        self._received_time = 0
         self._streams: dict[tuple[int, int, int], int] = {}
 
     def begin(self, start: int) -> None:
@@ -60,7 +60,7 @@ class Signer:
     @property
     def time(self) -> int:
         """The newest time used or heard; what is signed next is newer."""
-        return max(self._sent_time, self._heard_time)
+        return max(self._sent_time, self._received_time)
 
     def sign(self, raw: bytes) -> bytes | None:
         """One whole frame, signed; as it is when it was, None when its checksum cannot be known.
@@ -77,7 +77,7 @@ class Signer:
         body = bytes((*raw[1:2], raw[2] | _SIGNED, *raw[3:10])) + raw[10:-2]
         checked = checksum(body + bytes((extra,))).to_bytes(2, "little")
         # our clock may be behind theirs: what we sign must not look old to them
-        self._sent_time = min(TIME_MAX, max(self._sent_time + 1, self._heard_time + 1, self._clock()))
+        self._sent_time = min(TIME_MAX, max(self._sent_time + 1, self._received_time + 1, self._clock()))
         stamp = bytes((self._link_id,)) + self._sent_time.to_bytes(6, "little")
         signed = bytes((_MAGIC_2,)) + body + checked + stamp
         return signed + sha256(self._key + signed).digest()[:_HASH_BYTES]
@@ -100,7 +100,7 @@ class Signer:
         elif time <= last:
             return Judgement.REPLAYED
         self._streams[stream] = time
-        self._heard_time = max(self._heard_time, time)
+        self._received_time = max(self._received_time, time)
         return Judgement.GOOD
 
 

@@ -8,7 +8,7 @@ from typing import Final
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Landed
 
-KILLED_HEARD_S: Final = 3.0
+KILLED_RECEIVED_S: Final = 3.0
 """An older landed state of a killed vehicle does not count; heartbeats come once a second."""
 
 
@@ -54,7 +54,7 @@ def whereabouts(phase: Phase, landed: Landed, *, armed: bool, heartbeat_age_s: f
     if phase is Phase.STANDBY:
         return Whereabouts.ON_GROUND
     if phase is Phase.KILLED:
-        if not heartbeat_age_s <= KILLED_HEARD_S:
+        if not heartbeat_age_s <= KILLED_RECEIVED_S:
             return Whereabouts.UNKNOWN
         if landed is Landed.ON_GROUND:
             return Whereabouts.ON_GROUND

@@ -127,13 +127,13 @@ class InterruptedFlight:
     def notice(self) -> str:
         """In words."""
         what = "" if self.written is None else f" of {self.written.name!r}, cue {self.written.cue!r},"
-        told = f"{self.cause} while the show{what} was {self.show}"
+        reported = f"{self.cause} while the show{what} was {self.show}"
         if self.show is ShowPhase.COUNTDOWN:
-            return f"{told}: it does not start by itself"
+            return f"{reported}: it does not start by itself"
         if self.offers:
-            told += f": {' or '.join(self.offers)} can be ordered"
+            reported += f": {' or '.join(self.offers)} can be ordered"
         absent = [f"{one.id}: {one.text}" for one in self.vehicles if not one.waits]
-        return "; ".join([told, *absent, *self.problems])
+        return "; ".join([reported, *absent, *self.problems])
 
 
 def mismatches(

@@ -26,8 +26,8 @@ class Phase(StrEnum):
 class Event(StrEnum):
     """What can happen to one vehicle."""
 
-    HEARD = "heard"  # telemetry is fresh, on the ground
-    HEARD_IN_AIR = "heard in the air"
+    CONNECTED = "connected"  # telemetry is fresh, on the ground
+    CONNECTED_IN_AIR = "heard in the air"
     SILENT = "silent"
     TAKE_OFF = "take off"
     HOLD = "hold"
@@ -52,10 +52,10 @@ GROUNDED: Final = frozenset({Phase.OFFLINE, Phase.STANDBY})
 """Phases in which a vehicle is not in the air, as far as anybody knows."""
 
 NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
-    (Phase.OFFLINE, Event.HEARD): Phase.STANDBY,
-    (Phase.OFFLINE, Event.HEARD_IN_AIR): Phase.PILOT,  # found flying: somebody else's until handed over
+    (Phase.OFFLINE, Event.CONNECTED): Phase.STANDBY,
+    (Phase.OFFLINE, Event.CONNECTED_IN_AIR): Phase.PILOT,  # found flying: somebody else's until handed over
     (Phase.STANDBY, Event.SILENT): Phase.OFFLINE,
-    (Phase.STANDBY, Event.HEARD_IN_AIR): Phase.PILOT,
+    (Phase.STANDBY, Event.CONNECTED_IN_AIR): Phase.PILOT,
     (Phase.STANDBY, Event.TAKE_OFF): Phase.TAKEOFF,
     (Phase.TAKEOFF, Event.HOLD): Phase.HOLD,
     (Phase.TAKEOFF, Event.DESCEND): Phase.LANDING,
@@ -78,7 +78,7 @@ NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
     (Phase.LANDING, Event.COME_HOME): Phase.RETURN,
     (Phase.LANDING, Event.TOUCHED_DOWN): Phase.STANDBY,
     (Phase.LOST, Event.HOLD): Phase.HOLD,
-    (Phase.LOST, Event.HEARD): Phase.STANDBY,
+    (Phase.LOST, Event.CONNECTED): Phase.STANDBY,
     (Phase.LOST, Event.CONFIRMED_DOWN): Phase.OFFLINE,
     (Phase.PILOT, Event.TAKE_CONTROL): Phase.HOLD,
     (Phase.PILOT, Event.TOUCHED_DOWN): Phase.STANDBY,

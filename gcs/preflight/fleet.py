@@ -18,7 +18,7 @@ ROOM_TOLERANCE_M, ROOM_HYSTERESIS_M = 0.5, 0.15
 
 PLANNED_TOLERANCE_M = 0.01
 
-TOLD_MAX_DEG = 30.0
+REPORTED_MAX_DEG = 30.0
 """A pattern so small that not even this rotation can be told has none that is looked at."""
 
 CLOCKWISE = ("clockwise", "counterclockwise")
@@ -159,7 +159,7 @@ def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, fo
         return
     found.fleet.append(Check("start pattern", State.PASS, stand, "vehicles", f"more than half of {count}"))
     x_m, y_m = fitted.origin_m.tolist()
-    turned_deg, told_deg = degrees(fitted.rotation_rad), degrees(fitted.told_rad)
+    turned_deg, reported_deg = degrees(fitted.rotation_rad), degrees(fitted.reported_rad)
     heading_deg = (pattern.heading_deg + turned_deg) % 360.0
     lies = (
         f"as the pads lie, the show's origin is at x {x_m:.1f} m, y {y_m:.1f} m,"
@@ -167,16 +167,16 @@ def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, fo
     )
     middle = f"its middle (x {fitted.middle_m[0]:.1f} m, y {fitted.middle_m[1]:.1f} m)"
     to_do = f"check show_frame (heading, latitude, longitude) and how the pads were set out: {lies}"
-    if told_deg > TOLD_MAX_DEG:
+    if reported_deg > REPORTED_MAX_DEG:
         found.not_checked.append("rotation of the start pattern: it is too small to tell one")
     else:
-        most_deg = max(settings.rotation_max_deg, told_deg)
-        told = " (less cannot be told of pads so near to each other)" if told_deg >= most_deg else ""
+        most_deg = max(settings.rotation_max_deg, reported_deg)
+        reported = " (less cannot be told of pads so near to each other)" if reported_deg >= most_deg else ""
         found.fleet.append(
             judged(
                 "rotation of the start pattern",
                 turned_deg,
-                f"from -{most_deg:.1f} to {most_deg:.1f} deg, clockwise seen from above{told}",
+                f"from -{most_deg:.1f} to {most_deg:.1f} deg, clockwise seen from above{reported}",
                 good=abs(turned_deg) <= most_deg,
                 problem=f"the start pattern is turned by {abs(turned_deg):.1f} deg"
                 f" {CLOCKWISE[turned_deg < 0]} about {middle}, at most {most_deg:.1f} deg",
@@ -262,7 +262,7 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
     floor, ids = inputs.floor, inputs.fleet.ids
     place_m, kept_m = inputs.fleet.position_m[:, :2], floor.horizontal_m + floor.margin_m
     found: dict[VehicleId, list[Check]] = {}
-    told: set[tuple[int, int]] = set()
+    reported: set[tuple[int, int]] = set()
     for name in vehicles:
         row, found[name] = inputs.rows[name], []
         if not np.isfinite(place_m[row]).all():
@@ -273,9 +273,9 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
         least_m = kept_m + inputs.uncertainty_m + inputs.uncertainty_m[row]
         too_close = np.flatnonzero(near_m < least_m).tolist()
         for other in too_close:
-            if (other, row) in told:
+            if (other, row) in reported:
                 continue
-            told.add((row, other))
+            reported.add((row, other))
             limit, value_m = f"at least {least_m[other]:.3g} m", float(near_m[other])
             problem = f"stands {value_m:.1f} m from {ids[other]}, {limit} is needed"
             to_do = f"move it away from {ids[other]}"

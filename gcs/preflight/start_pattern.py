@@ -28,7 +28,7 @@ class Fit:
 
     Attributes:
         rotation_rad: from x towards y, clockwise seen from above; 0 where nothing can be told.
-        told_rad: what is less cannot be told from the uncertainty of the positions; inf for one place.
+        reported_rad: what is less cannot be told from the uncertainty of the positions; inf for one place.
         shift_m: (2,) of the middle.
         middle_m: (2,) of the expected places of those who stand in the pattern.
         stands: (n,) who stands in the pattern as it lies.
@@ -36,7 +36,7 @@ class Fit:
     """
 
     rotation_rad: float
-    told_rad: float
+    reported_rad: float
     shift_m: Array
     middle_m: Array
     stands: Mask
@@ -85,7 +85,7 @@ def fit(expected_m: Array, measured_m: Array, uncertainty_m: Array, within_m: fl
     wide_m = float(np.sqrt((uncertainty_m[members] ** 2).mean()))
     return Fit(
         rotation_rad=float(np.angle(turn)),
-        told_rad=float(np.arctan2(wide_m, spread_m)) if spread_m > 0.0 else np.inf,
+        reported_rad=float(np.arctan2(wide_m, spread_m)) if spread_m > 0.0 else np.inf,
         shift_m=_plane(np.array([turn * middle + move - middle]))[0],
         middle_m=_plane(np.array([middle]))[0],
         stands=stands,

@@ -81,13 +81,13 @@ def _address(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
 
 def _position(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Check:
     """Fresh; or never heard, heard too long ago, or heard and not believed (`gcs.estimation.fleet_state`)."""
-    age_s, (heard, at) = float(inputs.fleet.age_s[row]), inputs.telemetry[vehicle_id]
+    age_s, (received, at) = float(inputs.fleet.age_s[row]), inputs.telemetry[vehicle_id]
     limit = f"at most {inputs.age_max_s:g} s old"
     if inputs.is_placed(row):
         return Check("position", State.PASS, age_s, "s", limit)
     if isfinite(age_s):
         problem, to_do = f"no position for {age_s:.1f} s", "wait, or look after its link"
-    elif inputs.fleet.time_s - heard.position_time_s[at] <= inputs.age_max_s:
+    elif inputs.fleet.time_s - received.position_time_s[at] <= inputs.age_max_s:
         problem = "no position to believe: it jumped, or is kilometres away"
         to_do = "check its GPS and show_frame"
     else:
@@ -107,8 +107,8 @@ def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Itera
     """Its fix, and whether it is good enough: at the cap the margin is not as wide as it should be."""
     if not inputs.settings.require_fix:
         return
-    heard, at = inputs.telemetry[vehicle_id]
-    kind, positioning = float(heard.fix_type[at]), inputs.positioning
+    received, at = inputs.telemetry[vehicle_id]
+    kind, positioning = float(received.fix_type[at]), inputs.positioning
     named = "not told yet" if isnan(kind) else FIXES.get(int(kind), f"of type {kind:g}")
     yield judged(
         "fix",
@@ -118,7 +118,7 @@ def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Itera
         problem=f"its receiver's fix is {named}, 3D is needed",
         to_do="wait, under an open sky",
     )
-    accuracy_m = float(heard.horizontal_accuracy_m[at]), float(heard.vertical_accuracy_m[at])
+    accuracy_m = float(received.horizontal_accuracy_m[at]), float(received.vertical_accuracy_m[at])
     excess = float(excess_m(np.array(accuracy_m[:1]), np.array(accuracy_m[1:]), positioning)[0])
     capped = inputs.uncertainty_m[row] >= positioning.uncertainty_max_m and excess > 0.0
     worse_m = (positioning.uncertainty_max_m - inputs.floor.uncertainty_m) / max(positioning.share, 1e-9)
@@ -130,7 +130,7 @@ def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Itera
         of = (
             f"its receiver reports an accuracy of {accuracy_m[0]:.1f} m sideways and {accuracy_m[1]:.1f} m up"
         )
-        is_told = isfinite(accuracy_m[0]) and isfinite(accuracy_m[1])
+        is_reported = isfinite(accuracy_m[0]) and isfinite(accuracy_m[1])
         value_m = accuracy_m[axis]
         yield judged(
             name,
@@ -138,7 +138,7 @@ def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Itera
             f"below {most_m:.1f} m (1 sigma)",
             good=not capped,
             problem=f"{of}: too little for any margin"
-            if is_told
+            if is_reported
             else "its receiver does not tell its accuracy",
             to_do="wait for a better fix",
             unit="m",
@@ -147,16 +147,16 @@ def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Itera
 
 def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
     """What the autopilot says of its own sensors, estimator, and checks before arming."""
-    heard, at = inputs.telemetry[vehicle_id]
-    sick, limit = int(heard.sick_sensors[at]), "its own checks before arming pass"
+    received, at = inputs.telemetry[vehicle_id]
+    sick, limit = int(received.sick_sensors[at]), "its own checks before arming pass"
     if sick < 0:
         problem = "its autopilot has not told its health yet"
         return Check("autopilot", State.UNKNOWN, None, "", limit, problem, "wait")
-    if heard.ready[at] and not sick:
+    if received.ready[at] and not sick:
         return Check("autopilot", State.PASS, limit=limit)
     names = ", ".join(name for bit, name in SENSOR_NAMES.items() if sick & bit)
     problem = "its autopilot does not yet pass its own arming checks"
-    if heard.ready[at]:
+    if received.ready[at]:
         problem = "its autopilot calls unhealthy what it flies by"
     if names:
         problem += f": {names}"
@@ -164,8 +164,8 @@ def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
 
 
 def _battery(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
-    heard, at = inputs.telemetry[vehicle_id]
-    left, need, flat = float(heard.battery_remaining[at]), inputs.battery_need, inputs.settings.battery_min
+    received, at = inputs.telemetry[vehicle_id]
+    left, need, flat = float(received.battery_remaining[at]), inputs.battery_need, inputs.settings.battery_min
     if need is None:
         problem = "what the selected show needs of a battery is not known"
         to_do = "check and select it again"
@@ -241,8 +241,8 @@ def _clock(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check | None:
     most_s = inputs.settings.clock_max_s
     if most_s is None:
         return None
-    heard, at = inputs.telemetry[vehicle_id]
-    ahead_s = float(heard.clock_base_s[at]) - inputs.ahead_s
+    received, at = inputs.telemetry[vehicle_id]
+    ahead_s = float(received.clock_base_s[at]) - inputs.ahead_s
     if isnan(ahead_s):
         problem, to_do = "its clock has not told the time yet", "wait for its fix"
     else:

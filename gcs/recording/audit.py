@@ -13,7 +13,7 @@ from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.plan_json import plan_json
 from gcs.model.state import Array, Mode, VehicleId
 from gcs.recording.interrupted_session import FOUND, PAD
-from gcs.recording.sample import Sample, Told
+from gcs.recording.sample import Reported, Sample
 from gcs.recording.sqlite_writer import Journal, Row, Value
 from gcs.service import Call, CommandRecord, Outcome
 
@@ -62,7 +62,7 @@ class Audit:
         self._homes: Sequence[Array | None] = (None,) * count
         self._addresses: dict[VehicleId, Address] = {}
         self._show: ShowPhase = ShowPhase.IDLE
-        self._told: Told | None = None
+        self._reported: Reported | None = None
         self._cue: tuple[str, str, str] | None = None
         self._clock_due_s = 0.0
 
@@ -72,8 +72,8 @@ class Audit:
         sql = "INSERT INTO sessions (id, began_unix_s, folder, config) VALUES (?, ?, ?, ?)"
         rows = [Row(sql, (self._session, now_s, str(folder), config_json))]
         if found is not None:
-            told = json.dumps(found.to_json(), separators=(",", ":"))
-            rows.append(Row(_EVENT, (self._session, now_s, "warning", FOUND, None, told)))
+            reported = json.dumps(found.to_json(), separators=(",", ":"))
+            rows.append(Row(_EVENT, (self._session, now_s, "warning", FOUND, None, reported)))
         self._journal.put(rows)
 
     def end(self) -> None:
@@ -111,8 +111,8 @@ class Audit:
         self, unix_s: float, level: str, event: str, vehicle: str | None, detail: Mapping[str, object]
     ) -> None:
         """Note that something happened."""
-        told = json.dumps(detail, default=str, separators=(",", ":"))
-        self._put(_EVENT, self._session, unix_s, level, event, vehicle, told)
+        reported = json.dumps(detail, default=str, separators=(",", ":"))
+        self._put(_EVENT, self._session, unix_s, level, event, vehicle, reported)
 
     def watch(self, sample: Sample) -> None:
         """Note what has changed since the moment before."""
@@ -150,8 +150,8 @@ class Audit:
         )
 
     def _watch_show(self, sample: Sample) -> None:
-        before, self._told = self._told, sample.told
-        is_changed = before is not None and self._told != before
+        before, self._reported = self._reported, sample.reported
+        is_changed = before is not None and self._reported != before
         if is_changed:
             self.event(sample.unix_time_s, "info", "plan", None, asdict(sample.plan))
         self._watch_cue(sample)
@@ -164,8 +164,8 @@ class Audit:
                 clock = {"clock_s": selected.clock_s, "parts": dict(sample.parts)}
                 named = {"name": selected.name, "hash": selected.hash, "cue": selected.cue}
                 more["written"] = {**named, **clock}
-            told = (sample.show.value, sample.reason, plan_json(sample.plan, **more))
-            self._put(_SHOW, self._session, sample.unix_time_s, *told)
+            reported = (sample.show.value, sample.reason, plan_json(sample.plan, **more))
+            self._put(_SHOW, self._session, sample.unix_time_s, *reported)
         self._show = sample.show
 
     def _watch_cue(self, sample: Sample) -> None:

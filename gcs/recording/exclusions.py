@@ -26,9 +26,9 @@ def exclusions(root: Path) -> dict[VehicleId, Exclusion]:
         out.pop(row["vehicle"], None)
         if row["event"] == EXCLUDED:
             try:
-                said = json.loads(row["detail"])
-                out[row["vehicle"]] = Exclusion(said["by"], said["reason"], float(row["unix_s"]))
+                stated = json.loads(row["detail"])
+                out[row["vehicle"]] = Exclusion(stated["by"], stated["reason"], float(row["unix_s"]))
             except (KeyError, TypeError, ValueError) as error:
-                told = f"who took {row['vehicle']} out of the show is not to be read: {error!r}"
-                raise GcsError(f"{root}: {told}") from None
+                reported = f"who took {row['vehicle']} out of the show is not to be read: {error!r}"
+                raise GcsError(f"{root}: {reported}") from None
     return out

@@ -41,10 +41,12 @@ def _newest(root: Path) -> Interruption | None:
         return None
     names = ", ".join(f"'{name}'" for name in (PHASE, PAD, FOUND, OVER))
     sql = f"SELECT event, vehicle, detail FROM events WHERE session = ? AND event IN ({names}) ORDER BY rowid"  # noqa: S608
-    told = [(row["event"], row["vehicle"], json.loads(row["detail"])) for row in rows(root, sql, session.id)]
-    found = _unsettled((event, detail) for event, _, detail in told)
-    phases = {vehicle: detail for event, vehicle, detail in told if event == PHASE}
-    pads = {vehicle: triple(detail["pad_m"]) for event, vehicle, detail in told if event == PAD}
+    reported = [
+        (row["event"], row["vehicle"], json.loads(row["detail"])) for row in rows(root, sql, session.id)
+    ]
+    found = _unsettled((event, detail) for event, _, detail in reported)
+    phases = {vehicle: detail for event, vehicle, detail in reported if event == PHASE}
+    pads = {vehicle: triple(detail["pad_m"]) for event, vehicle, detail in reported if event == PAD}
     own = known.show if known.show is not None and known.show.session == session.id else None
     if session.ended_unix_s is not None:
         own, phases = None, {}
@@ -74,10 +76,10 @@ def _newest(root: Path) -> Interruption | None:
     )
 
 
-def _unsettled(told: Iterable[tuple[str, Mapping[str, Any]]]) -> Interruption | None:
+def _unsettled(reported: Iterable[tuple[str, Mapping[str, Any]]]) -> Interruption | None:
     """The newest that was found cut off and not settled: a stall may follow a restart."""
     found = None
-    for event, detail in told:
+    for event, detail in reported:
         if event == FOUND:
             found = Interruption.from_json(detail)
         elif event == OVER:
@@ -100,11 +102,11 @@ def _in_the_air(
     vehicles: dict[VehicleId, Before] = {}
     earlier = {} if found is None else found.vehicles
     for name, vehicle in known.vehicles.items():
-        told = phases.get(name, {"phase": Phase.OFFLINE, "reason": ""})
-        phase, before = Phase(told["phase"]), earlier.get(name)
+        reported = phases.get(name, {"phase": Phase.OFFLINE, "reason": ""})
+        phase, before = Phase(reported["phase"]), earlier.get(name)
         if phase in IN_THE_AIR or (phase is Phase.STANDBY and show in ABOUT_TO_FLY and name in pads):
             pad_m = pads.get(name, None if before is None else before.pad_m)
-            vehicles[name] = Before(vehicle.system_id, phase, str(told["reason"]), pad_m)
+            vehicles[name] = Before(vehicle.system_id, phase, str(reported["reason"]), pad_m)
         elif before is not None and phase in {Phase.OFFLINE, Phase.PILOT}:
             vehicles[name] = before
     return vehicles

@@ -44,9 +44,9 @@ class About:
         if row is None:
             known = f"this program knows {' and '.join(layout.ROWS)}"
             raise ValueError(f"they are of version {metadata['version']}; {known}")
-        told = metadata.get(layout.CHECKSUM)
-        is_first = metadata["version"] == layout.UNCHECKED and told is None
-        if not is_first and told != layout.checksum(metadata):
+        reported = metadata.get(layout.CHECKSUM)
+        is_first = metadata["version"] == layout.UNCHECKED and reported is None
+        if not is_first and reported != layout.checksum(metadata):
             raise ValueError("what it says of itself (configuration, vehicles) is damaged")
         vehicles = json.loads(metadata["vehicles"])
         return cls(
@@ -242,11 +242,11 @@ class _Newest:
 
     def __init__(self) -> None:
         self._topics = dict(layout.TOPICS)
-        self._said: dict[str, bytes] = {}
+        self._stated: dict[str, bytes] = {}
 
     def forget(self) -> None:
         """Discard the state before a gap: it does not hold after it."""
-        self._said.clear()
+        self._stated.clear()
 
     def ticks(self, inside: Sequence[McapRecord]) -> Iterator[Sample]:
         """Those of a chunk of which all is known."""
@@ -255,9 +255,9 @@ class _Newest:
                 self._topics[record.id] = record.topic
             elif isinstance(record, Message):
                 topic = self._topics.get(record.channel_id, "")
-                self._said[topic] = record.data
-                if topic == "/fleet/tick" and {"/fleet/vehicles", "/fleet/status"} <= self._said.keys():
-                    vehicles, status = self._said["/fleet/vehicles"], self._said["/fleet/status"]
+                self._stated[topic] = record.data
+                if topic == "/fleet/tick" and {"/fleet/vehicles", "/fleet/status"} <= self._stated.keys():
+                    vehicles, status = self._stated["/fleet/vehicles"], self._stated["/fleet/status"]
                     yield Sample(record.log_time * 1e-9, vehicles, record.data, status)
 
 

@@ -37,7 +37,7 @@ LED_S: Final = 1.0  # likewise, while a written show moves the plan
 SCENE_S: Final = 0.5
 
 
-class Said(NamedTuple):
+class LogLine(NamedTuple):
     """One event, for the file's log."""
 
     unix_s: float
@@ -54,7 +54,7 @@ class FlightFile:
         self._folder = folder
         self._about = dict(about)
         self._lock = Lock()
-        self._waiting: list[tuple[Sample | Said, int]] = []
+        self._waiting: list[tuple[Sample | LogLine, int]] = []
         self._closed = Event()
         self._thread: Thread | None = None
         self._problem = ""
@@ -90,7 +90,7 @@ class FlightFile:
         """Moments and events that the writer has not begun with."""
         return len(self._waiting)
 
-    def put(self, what: Sample | Said) -> None:
+    def put(self, what: Sample | LogLine) -> None:
         """Have it written. For any thread; takes a microsecond."""
         with self._lock:
             if isinstance(what, Sample):
@@ -169,16 +169,16 @@ class _OpenFile:
         self._status_due_s = self._scene_due_s = -1.0
         self._status: tuple[object, ...] = ()
 
-    def add(self, what: Sample | Said, number: int | None = None) -> None:
+    def add(self, what: Sample | LogLine, number: int | None = None) -> None:
         """Put one moment, or event, into the chunk; `number` in place of the moment's own."""
-        if isinstance(what, Said):
+        if isinstance(what, LogLine):
             self._add("/log", what.unix_s, layout.log_message(*what))
             return
         unix_s, time_s = what.unix_time_s, what.fleet.time_s
         status = (
             what.show,
             what.reason,
-            what.told,
+            what.reported,
             what.start_unix_time_s,
             what.reasons,
             what.alarms,

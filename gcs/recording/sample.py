@@ -14,7 +14,7 @@ from gcs.model.state import Array, FleetState, Landed, Mask, Mode, Setpoints, Ve
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm
 
-Told: TypeAlias = Plan | tuple[str, str, str, tuple[Obstacle, ...], Yaw]
+Reported: TypeAlias = Plan | tuple[str, str, str, tuple[Obstacle, ...], Yaw]
 """A plan, or the name, hash and cue of the show that leads it, with what that leaves to others."""
 
 
@@ -66,7 +66,7 @@ class Sample:
         return self.colours()
 
     @property
-    def told(self) -> Told:
+    def reported(self) -> Reported:
         """What was told: a written show moves the plan in every tick, and that is no news."""
         show = self.selected
         if show is None:

@@ -15,10 +15,10 @@ from gcs.model.state import VehicleId
 from gcs.recording import mcap_layout as layout
 from gcs.recording.audit import Audit
 from gcs.recording.last_known import AUDIT
-from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, Said
+from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
 from gcs.recording.sample import Sample
 from gcs.recording.sqlite_writer import Journal
-from gcs.service.event_log import details, heard, vehicle_of
+from gcs.service.event_log import details, received, vehicle_of
 from gcs.service.event_texts import plain
 
 WHEREABOUTS_S: Final = 1.0
@@ -55,7 +55,7 @@ class Record:
         self.audit = Audit(self._journal, self.session, vehicles)
         about = layout.about(self.session, config_json, vehicles)
         self._flight = FlightFile(self.folder, about) if flight else None
-        self._heard = _Heard(self.audit, self._flight)
+        self._received = _LogHandler(self.audit, self._flight)
         self._listening = ExitStack()
         self._whereabouts_due_s = 0.0
 
@@ -65,7 +65,7 @@ class Record:
         self.audit.begin(self.folder, self._config_json, self.found)
         if self._flight is not None:
             self._flight.open()
-        self._listening.enter_context(heard(self._heard))
+        self._listening.enter_context(received(self._received))
         return self
 
     def __exit__(self, *_error: object) -> None:
@@ -98,7 +98,7 @@ class Record:
                 self.audit.whereabouts(link.addresses)
 
 
-class _Heard(logging.Handler):
+class _LogHandler(logging.Handler):
     """What the service's own loggers say, as events: the log and the record tell the same."""
 
     def __init__(self, audit: Audit, flight: FlightFile | None) -> None:
@@ -108,12 +108,12 @@ class _Heard(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Note one line of the log. On any thread."""
-        said, name = details(record), vehicle_of(record)
+        stated, name = details(record), vehicle_of(record)
         level, event = record.levelname.lower(), record.getMessage()
-        self._audit.event(record.created, level, event, name, said)
+        self._audit.event(record.created, level, event, name, stated)
         if self._flight is not None:
-            told = " ".join(f"{key}={plain(value)}" for key, value in said.items())
-            self._flight.put(Said(record.created, level, event, f"{name or ''} {told}".strip()))
+            reported = " ".join(f"{key}={plain(value)}" for key, value in stated.items())
+            self._flight.put(LogLine(record.created, level, event, f"{name or ''} {reported}".strip()))
 
 
 def _new_folder(root: Path) -> tuple[str, Path]:

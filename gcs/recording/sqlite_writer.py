@@ -159,9 +159,9 @@ class Journal:
 
     def _answer(self, whom: Callable[[_Waiting], bool], *, kept: bool) -> None:
         with self._changed:
-            told = [each for each in self._waiting if whom(each)]
+            reported = [each for each in self._waiting if whom(each)]
             self._waiting = [each for each in self._waiting if not whom(each)]
-        for each in told:
+        for each in reported:
             with suppress(RuntimeError):  # its loop has ended: nobody waits any more
                 each.loop.call_soon_threadsafe(_set, each.answer, kept)
 

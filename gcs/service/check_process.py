@@ -76,13 +76,13 @@ async def answered(
         if process.returncode is None:
             process.kill()
             await process.wait()
-    said = answer.result()
-    if process.returncode not in codes or not said:
+    stated = answer.result()
+    if process.returncode not in codes or not stated:
         words = _words(complaint.result())
         if "MemoryError" in words:
             words = f"it needed more than {memory_max_bytes >> 20} MiB of memory"
         raise RefusedError(f"it ended with {process.returncode}: {words[-WORDS:]}")
-    found = await asyncio.to_thread(json.loads, said)
+    found = await asyncio.to_thread(json.loads, stated)
     if not isinstance(found, dict):
         raise RefusedError("it answered no JSON object")
     return found
@@ -108,9 +108,9 @@ async def _read(stream: asyncio.StreamReader | None, most_bytes: int) -> bytes:
     """All that is printed. Raises: RefusedError when that is more."""
     if stream is None:
         return b""
-    said = bytearray()
+    stated = bytearray()
     while piece := await stream.read(PIECE_BYTES):
-        said += piece
-        if len(said) > most_bytes:
+        stated += piece
+        if len(stated) > most_bytes:
             raise RefusedError(f"it was ended: it printed more than {most_bytes >> 10} KiB")
-    return bytes(said)
+    return bytes(stated)

@@ -72,7 +72,7 @@ class EventLog(logging.Handler):
 
 
 @contextmanager
-def heard(handler: logging.Handler) -> Iterator[None]:
+def received(handler: logging.Handler) -> Iterator[None]:
     """Have a handler receive what the service's loggers report, information included, until the block ends.
 
     Not what the API reports: denied calls would push the flight's own events out.

@@ -34,7 +34,7 @@ WORDS: Final[Mapping[str, str]] = {
     "land_refused": "LAND was refused, and is sent again: {reason}",
     "link_failed": "link {link} failed, and is opened again: {cause}",
     "map_missing": "no map: {cause}",
-    "mavsdk": "MAVSDK: {said}",
+    "mavsdk": "MAVSDK: {reported}",
     "no_progress": "no progress in phase {phase}",
     "offboard_refused": "OFFBOARD was refused, its autopilot lands it: {reason}",
     "command_failed": "command failed: {reason}",
@@ -59,7 +59,7 @@ WORDS: Final[Mapping[str, str]] = {
     "token_file_open": "the token file {file} can be read by others: {mend}",
     "tokens_not_read_again": "the token file cannot be read, the old tokens stay valid: {cause}",
     "tokens_read_again": "tokens read again: {names}",
-    "vehicle_heard": "system id {system_id} received at {address} on link {link}",
+    "vehicle_connected": "system id {system_id} received at {address} on link {link}",
     "vehicle_mode": "mode {mode}",
     "vehicle_moved": "system id {system_id} on link {link} is now at {address}",
     "vehicle_not_met": "MAVSDK does not find system id {system_id}: {cause}",
@@ -76,9 +76,9 @@ _OPTIONAL: Final = re.compile(r"\[([^\]]*)\]")
 _WHY: Final = ("reason", "cause")
 
 
-def words(event: str, said: Mapping[str, object]) -> str:
+def words(event: str, reported: Mapping[str, object]) -> str:
     """An event with what its line of the log says besides."""
-    known = {name: text for name, value in said.items() if (text := plain(value))}
+    known = {name: text for name, value in reported.items() if (text := plain(value))}
     form = WORDS.get(event)
     if form is not None:
         form = _OPTIONAL.sub(lambda part: part[1] if _fields(part[1]) <= known.keys() else "", form)

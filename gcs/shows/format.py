@@ -187,8 +187,8 @@ class Show(Settings):
     @cached_property
     def digest(self) -> str:
         """SHA-256, hexadecimal, of everything that is flown (docs/decisions/0011)."""
-        said = self.model_dump(mode="json", exclude={"about"})
-        return sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+        stated = self.model_dump(mode="json", exclude={"about"})
+        return sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
 
     @property
     def pads_m(self) -> Array:

@@ -42,7 +42,7 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 class _Checked:
     """A check, of which file, and what may be flown if it is good."""
 
-    told: ShowCheck
+    reported: ShowCheck
     sha256: str | None = None  # of the file that was checked
     show: Show | None = None
     source: Source | None = None  # of the show
@@ -179,7 +179,7 @@ class ShowLibrary:
         task = asyncio.create_task(self._check(name), name=f"check/{name}")
         self._tasks[name] = task
         task.add_done_callback(lambda _: self._tasks.pop(name, None))
-        return self._checks[name].told
+        return self._checks[name].reported
 
     def checked(self, name: str) -> ShowCheck:
         """How far the newest check has got. Raises: UnknownError when there was none."""
@@ -191,13 +191,13 @@ class ShowLibrary:
     def _for_this_service(self, checked: _Checked) -> ShowCheck:
         """With what the service itself would refuse: asked anew each time, for its obstacles change."""
         if checked.show is None or checked.source is None:
-            return checked.told
+            return checked.reported
         source = checked.source
         found = [Problem(source.line(*flaw.loc), None, flaw.text) for flaw in self._misfits(checked.show)]
         if not found:
-            return checked.told
-        problems = sorted((*checked.told.problems, *found), key=lambda problem: problem.line)
-        return replace(checked.told, good=False, fits_service=False, problems=tuple(problems))
+            return checked.reported
+        problems = sorted((*checked.reported.problems, *found), key=lambda problem: problem.line)
+        return replace(checked.reported, good=False, fits_service=False, problems=tuple(problems))
 
     async def _check(self, name: str) -> None:
         async with self._turn:
@@ -205,7 +205,7 @@ class ShowLibrary:
             try:
                 text = await asyncio.to_thread(self._read, name)
                 answer = await _checked_in_process(name, text)
-                self._checks[name] = await asyncio.to_thread(_told, name, text, answer)
+                self._checks[name] = await asyncio.to_thread(_reported, name, text, answer)
             except TimeoutError:
                 self._failed(name, f"not done within {CHECK_WITHIN_S:g} s")
             except (
@@ -226,7 +226,7 @@ class ShowLibrary:
 
         Raises: ValueError (pydantic's) when the answer is none.
         """
-        self._checks[name] = _told(name, text, answer)
+        self._checks[name] = _reported(name, text, answer)
         return self.checked(name)
 
     def cleared(self, name: str, show_hash: str) -> Timeline:
@@ -236,17 +236,17 @@ class ShowLibrary:
         """
         text = self._read(name)
         checked = self._checks.get(name)
-        if checked is None or checked.told.state is not CheckState.DONE:
-            now = "" if checked is None else f" (its check: {checked.told.state})"
+        if checked is None or checked.reported.state is not CheckState.DONE:
+            now = "" if checked is None else f" (its check: {checked.reported.state})"
             raise RefusedError(f"show {name!r} has not been checked{now}: check it first")
         if checked.sha256 != sha256(text).hexdigest():
             raise RefusedError(f"show {name!r} has changed since it was checked: check it again")
-        if checked.show is None or not checked.told.good:
-            first = "; ".join(str(problem) for problem in checked.told.problems[:2])
+        if checked.show is None or not checked.reported.good:
+            first = "; ".join(str(problem) for problem in checked.reported.problems[:2])
             raise RefusedError(f"show {name!r} is not good to fly: {first}")
-        if checked.told.hash != show_hash:
+        if checked.reported.hash != show_hash:
             raise RefusedError(
-                f"show {name!r} was checked with the hash {checked.told.hash}, not {show_hash[:64]!r}"
+                f"show {name!r} was checked with the hash {checked.reported.hash}, not {show_hash[:64]!r}"
             )
         return Timeline.of(checked.show)
 
@@ -273,12 +273,12 @@ def _stored(name: str, text: bytes) -> StoredShow:
     return StoredShow(name, len(text), sha256(text).hexdigest())
 
 
-def _told(name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
+def _reported(name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
     """A check's answer as it is kept. Raises: ValueError, TypeError or LookupError when it is none."""
     model = answer.get("model")
     show = None if model is None else Show.model_validate_json(json.dumps(model))
     figures = {key: value for key, value in answer.items() if key not in {"model", "problems", "good"}}
-    told = ShowCheck(
+    reported = ShowCheck(
         name,
         CheckState.DONE,
         hash=None if show is None else show.digest,
@@ -287,7 +287,7 @@ def _told(name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
         figures=figures if show is not None else None,
     )
     source = None if show is None else Source(text.decode(), name)
-    return _Checked(told, sha256(text).hexdigest(), show, source)
+    return _Checked(reported, sha256(text).hexdigest(), show, source)
 
 
 async def _checked_in_process(name: str, text: bytes) -> dict[str, Any]:

@@ -138,11 +138,11 @@ class Timeline:
         (x_m, y_m), (x_m_s, y_m_s) = leg.value(now_s).tolist(), leg.rate(now_s).tolist()
         if not runs or now_s != time_s:
             x_m_s = y_m_s = 0.0
-        told = Target(x_m, y_m, x_m_s, y_m_s, time_s if clock_s is None else clock_s)
+        reported = Target(x_m, y_m, x_m_s, y_m_s, time_s if clock_s is None else clock_s)
         return Plan(
             Formation(*(float(track.value(now_s)[0]) for track in self._formation)),
             self.orbit_at(now_s),
-            live if live is not None and isinstance(leg, Live) else told,
+            live if live is not None and isinstance(leg, Live) else reported,
             self.obstacles_at(now_s),
         )
 

@@ -153,17 +153,17 @@ def _obstacles(show: Show) -> Iterator[Flaw]:
     avoidance = show.control.law.avoidance
     pads_m = {f"pad {row + 1}": place_m for row, place_m in enumerate(show.pads_m)}
     standing: set[str] = set()
-    told: set[tuple[int, str]] = set()
+    reported: set[tuple[int, str]] = set()
     for one in written_out(show.timeline, show.loops):
         loc = ("timeline", one.index, "obstacles")
         for at, name in enumerate(one.cue.obstacles.go):
-            if name not in standing and (one.index, name) not in told:
-                told.add((one.index, name))
+            if name not in standing and (one.index, name) not in reported:
+                reported.add((one.index, name))
                 yield Flaw((*loc, "go", at), f"go = {name}: {_again(one)}no such obstacle stands")
             standing.discard(name)
         for at, box in enumerate(one.cue.obstacles.appear):
-            if box.id in standing and (one.index, box.id) not in told:
-                told.add((one.index, box.id))
+            if box.id in standing and (one.index, box.id) not in reported:
+                reported.add((one.index, box.id))
                 yield Flaw((*loc, "appear", at, "id"), f"id = {box.id}: {_again(one)}it stands already")
             standing.add(box.id)
             try:
@@ -285,8 +285,8 @@ def _says(cue: Cue, key: str) -> bool:
 
 def _asked_by(timeline: Timeline, key: str, one: Played, time_s: float) -> int:
     """The newest cue that says something of `key` until now."""
-    said = [other.index for other in timeline.played if other.at_s <= time_s and _says(other.cue, key)]
-    return said[-1] if said else one.index
+    stated = [other.index for other in timeline.played if other.at_s <= time_s and _says(other.cue, key)]
+    return stated[-1] if stated else one.index
 
 
 def _moment(timeline: Timeline, time_s: float, control: ControlSettings) -> Iterator[tuple[str, str]]:

@@ -154,7 +154,7 @@ class SimulatedFlight:
 
     def come_home(self, takeoff_height_m: float, *, begin: bool) -> None:
         """Lead everybody home and down through the filter; once a tick, `begin` the first time."""
-        here_m = self.world.heard_m
+        here_m = self.world.received_m
         if begin:
             self.record.changed_s = self.time_s
             self.task[self.present] = Task.GOAL
@@ -181,7 +181,7 @@ class SimulatedFlight:
         """As `gcs.flight.fleet`."""
         if self._pace is None:
             return None
-        near = np.linalg.norm(self.goal_m - self.world.heard_m, axis=1) < BEHIND_M
+        near = np.linalg.norm(self.goal_m - self.world.received_m, axis=1) < BEHIND_M
         near[list(self._pace.return_paths.unplanned)] = False
         return np.asarray(near & ~self.descending)
 

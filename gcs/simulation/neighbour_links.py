@@ -6,7 +6,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.formation.consensus import Belief, Heard, agree
+from gcs.formation.consensus import Belief, NeighbourMessages, agree
 from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
 from gcs.model.state import Array, Mask
@@ -64,9 +64,9 @@ class Neighbourhood:
         belief = None
         if self._radio.center == "agreed":
             forward_m = mail[:, :, CENTER] + age_s * mail[:, :, CENTER_PACE]
-            heard = Heard(forward_m, mail[:, :, CENTER_PACE], mail[:, :, DEGREE])
+            received = NeighbourMessages(forward_m, mail[:, :, CENTER_PACE], mail[:, :, DEGREE])
             self._belief = agree(
-                self._belief, heard, self._sighted(center), self._tick_s, self._radio.consensus
+                self._belief, received, self._sighted(center), self._tick_s, self._radio.consensus
             )
             belief = self._belief
         self._speak(now_s, position_m, velocity_m_s, degree, present)
@@ -75,8 +75,8 @@ class Neighbourhood:
 
     def _deliver(self, now_s: float) -> None:
         while self._under_way and self._under_way[0][0] <= now_s + 1e-9:
-            _, gets, said = self._under_way.popleft()
-            self._newest = np.where(gets[:, :, None], said[None], self._newest)
+            _, gets, stated = self._under_way.popleft()
+            self._newest = np.where(gets[:, :, None], stated[None], self._newest)
 
     def _mail(self, now_s: float) -> tuple[Array, NDArray[np.intp]]:
         """The newest (n, k, WORDS) that each has from those heard lately, NaN rows behind; and from whom."""
@@ -96,7 +96,7 @@ class Neighbourhood:
     def _speak(
         self, now_s: float, position_m: Array, velocity_m_s: Array, degree: Array, present: Mask
     ) -> None:
-        said = np.column_stack(
+        stated = np.column_stack(
             [
                 position_m,
                 velocity_m_s,
@@ -111,4 +111,4 @@ class Neighbourhood:
         np.fill_diagonal(gets, val=False)
         if self._radio.loss:
             gets &= self._random.random(gets.shape) >= self._radio.loss
-        self._under_way.append((now_s + self._radio.delay_s, gets, said))
+        self._under_way.append((now_s + self._radio.delay_s, gets, stated))

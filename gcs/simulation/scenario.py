@@ -131,7 +131,7 @@ class Radio(Settings):
     delay_s: NotNegative = 0.1
     loss: Share = 0.1  # of the messages, each between two drones by itself
     silence_max_s: Positive = 0.5  # who was not heard for so long is forgotten
-    center: Literal["told", "agreed"] = "told"  # agreed: by consensus between neighbours, from sightings
+    center: Literal["given", "agreed"] = "given"  # agreed: by consensus between neighbours, from sightings
     sighting_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  # of the drones see the centre
     sighting_error_m: NotNegative = 0.0  # standard deviation along each axis, each drone's own, constant
     consensus: ConsensusSettings = ConsensusSettings()

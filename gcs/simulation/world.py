@@ -84,8 +84,8 @@ class TrueWorld:
         self._gone: Mask = np.zeros(n, dtype=bool)
         self._rest_m = np.full((n, 3), np.nan)  # where those who landed stand
         self._command_m_s = np.zeros((n, 3))
-        self._heard_m, self._heard_m_s = self.estimate()
-        self._heard_s = np.zeros(n)
+        self._received_m, self._received_m_s = self.estimate()
+        self._received_s = np.zeros(n)
         self._telemetry: deque[tuple[float, Mask, Array, Array]] = deque()
         self._setpoints: deque[tuple[float, Array]] = deque()
 
@@ -107,9 +107,9 @@ class TrueWorld:
         return self.bodies.velocity_m_s
 
     @property
-    def heard_m(self) -> Array:
+    def received_m(self) -> Array:
         """(n, 3) positions as they last arrived."""
-        return self._heard_m
+        return self._received_m
 
     def estimate(self) -> tuple[Array, Array]:
         """(n, 3) positions and (n, 3) velocities as the vehicles themselves believe them."""
@@ -129,14 +129,14 @@ class TrueWorld:
         while self._telemetry and self._telemetry[0][0] <= self.time_s + 1e-9:
             _, arrived, position_m, velocity_m_s = self._telemetry.popleft()
             rows = arrived[:, None]
-            self._heard_m = np.where(rows, position_m, self._heard_m)
-            self._heard_m_s = np.where(rows, velocity_m_s, self._heard_m_s)
-            self._heard_s = np.where(arrived, self.time_s, self._heard_s)
-        age_s = self.time_s - self._heard_s
-        forward_m = self._heard_m + age_s[:, None] * self._heard_m_s
+            self._received_m = np.where(rows, position_m, self._received_m)
+            self._received_m_s = np.where(rows, velocity_m_s, self._received_m_s)
+            self._received_s = np.where(arrived, self.time_s, self._received_s)
+        age_s = self.time_s - self._received_s
+        forward_m = self._received_m + age_s[:, None] * self._received_m_s
         if self._gone.any():
             age_s[self._gone], forward_m[self._gone] = np.inf, np.nan
-        return FleetState(self.time_s, self.ids, forward_m, self._heard_m_s.copy(), np.zeros(n), age_s)
+        return FleetState(self.time_s, self.ids, forward_m, self._received_m_s.copy(), np.zeros(n), age_s)
 
     def say(self, setpoints: Setpoints) -> None:
         """Send; some of it is lost, all of it arrives late."""

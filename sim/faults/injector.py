@@ -25,7 +25,7 @@ Origin: TypeAlias = "tuple[Endpoint, Address]"
 """Where a packet came from: the shell's business."""
 
 FAULT_SEED = 2
-TOLD = ("accuracy", "fix", "sensor", "wrong-time")
+REPORTED = ("accuracy", "fix", "sensor", "wrong-time")
 RECORDED = {"eph_m": 0.9, "epv_m": 1.78, "hdop": 0.7, "vdop": 1.1}
 
 
@@ -118,7 +118,7 @@ class Trouble:
                 state.reset_counter[row] += np.uint8(1)
         elif fault == "gps-freeze":
             state.frozen_m[row] = self._fleet.estimate_m[row]
-        elif fault in TOLD:
+        elif fault in REPORTED:
             self._mistell(row, fault, values)
         elif fault == "wind":
             self._fleet.wind_m_s[row] = [
@@ -195,7 +195,7 @@ class Trouble:
     def _mend(self, row: int) -> None:
         if self._channels.pop(row, None) is not None:
             self.changes += 1
-        for fault in ("gps-jump", "gps-freeze", *TOLD, "wind", "stuck-mode", "pilot"):
+        for fault in ("gps-jump", "gps-freeze", *REPORTED, "wind", "stuck-mode", "pilot"):
             self._end(row, fault)
         for key in [key for key in self._ends if key[0] == row]:
             del self._ends[key]
@@ -212,7 +212,7 @@ class Trouble:
             state.offset_m[row] = 0.0
         elif fault == "gps-freeze":
             state.frozen_m[row] = np.nan
-        elif fault in TOLD:
+        elif fault in REPORTED:
             self._tell_truly(row, fault)
         elif fault == "wind":
             self._fleet.wind_m_s[row] = self._fleet.settings.wind_m_s

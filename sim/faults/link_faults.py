@@ -80,13 +80,13 @@ class Jammer:
         """Be quiet until rate_hz is set."""
         self.rate_hz = 0.0
         self._random = random
-        self._told_s: float | None = None
+        self._reported_s: float | None = None
         self._owed = 0.0
 
     def take(self, now_s: float) -> list[bytes]:
         """Datagrams of random bytes and lengths: as many as are due by now."""
-        passed_s = 0.0 if self._told_s is None else now_s - self._told_s
-        self._told_s = now_s
+        passed_s = 0.0 if self._reported_s is None else now_s - self._reported_s
+        self._reported_s = now_s
         self._owed += passed_s * self.rate_hz
         due = int(self._owed)
         self._owed -= due

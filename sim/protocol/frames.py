@@ -101,8 +101,8 @@ def setpoints(raw: bytes) -> tuple[NDArray[np.void], Bytes, Mask] | None:
         return None
     body = np.ascontiguousarray(frames[:, HEADER_LENGTH:-CHECKSUM_LENGTH])
     sums = checksums(frames[:, 1:-CHECKSUM_LENGTH], SETPOINT.crc_extra)
-    told = frames[:, -2].astype(np.uint16) | frames[:, -1].astype(np.uint16) << 8
-    return body.view(layout(SETPOINT.id)).reshape(count), frames[:, 5:7], sums == told
+    reported = frames[:, -2].astype(np.uint16) | frames[:, -1].astype(np.uint16) << 8
+    return body.view(layout(SETPOINT.id)).reshape(count), frames[:, 5:7], sums == reported
 
 
 def record(message: Message) -> NDArray[np.void]:

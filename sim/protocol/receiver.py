@@ -122,8 +122,10 @@ class Ears:
         return [] if row == NOBODY else [row]
 
     def _hear_setpoint(self, rows: Sequence[int], message: Message) -> None:
-        heard = np.array([row for row in rows if not self._autopilots[row].is_sender(message)], dtype=np.intp)
-        if len(heard):
-            message = np.repeat(frames.record(message), len(heard))
-            for invalid in setpoints.obey(self._state, heard, message):
+        received = np.array(
+            [row for row in rows if not self._autopilots[row].is_sender(message)], dtype=np.intp
+        )
+        if len(received):
+            message = np.repeat(frames.record(message), len(received))
+            for invalid in setpoints.obey(self._state, received, message):
                 self._autopilots[invalid].say_invalid()

@@ -45,15 +45,15 @@ def obey(state: State, rows: Rows, messages: NDArray[np.void]) -> Rows:
     says: Mask = np.any(given, axis=(0, 2))
     pairs: Mask = np.equal(given[:, :, 0], given[:, :, 1])  # north and east come together
     flyable: Mask = np.all(pairs, axis=0) & np.all(np.any(given, axis=0), axis=1)
-    heard = rows if says.all() else rows[says]
-    state.setpoint_s[heard] = state.now_s
-    state.setpoint_seen[heard] = True
-    state.setpoint_position_m[heard] = position_m[says]
-    state.setpoint_velocity_m_s[heard] = velocity_m_s[says]
-    state.setpoint_flyable[heard] = flyable[says]
-    state.setpoint_yaw_rad[heard] = yaw_rad[says]
+    received = rows if says.all() else rows[says]
+    state.setpoint_s[received] = state.now_s
+    state.setpoint_seen[received] = True
+    state.setpoint_position_m[received] = position_m[says]
+    state.setpoint_velocity_m_s[received] = velocity_m_s[says]
+    state.setpoint_flyable[received] = flyable[says]
+    state.setpoint_yaw_rad[received] = yaw_rad[says]
     rate_rad_s = np.where(mask & IGNORE_YAW_RATE, np.nan, _finite(messages["yaw_rate"]))
-    state.setpoint_yaw_rate_rad_s[heard] = rate_rad_s[says]
+    state.setpoint_yaw_rate_rad_s[received] = rate_rad_s[says]
     return rows[~says]
 
 

@@ -59,9 +59,9 @@ class Fleet:
         if self.process.poll() is not None:
             return
         self.process.terminate()
-        said = json.loads(self.process.communicate(timeout=30)[0])
-        self.setpoints, self.first_beat_s = said["setpoints"], said["first_beat_s"]
-        self.answered_p99_ms = nan if said["answered_p99_ms"] is None else said["answered_p99_ms"]
+        stated = json.loads(self.process.communicate(timeout=30)[0])
+        self.setpoints, self.first_beat_s = stated["setpoints"], stated["first_beat_s"]
+        self.answered_p99_ms = nan if stated["answered_p99_ms"] is None else stated["answered_p99_ms"]
 
     def connecting_s(self, met_s: list[tuple[int, int, float]]) -> float:
         """The longest time from a first heartbeat until its vehicle was met: (namespace, system id, when)."""

@@ -83,8 +83,8 @@ class Passage:
         self._open: tuple[float, Array] | None = None
         self._snapshot = link.snapshot
         link.snapshot = self.snapshot  # type: ignore[method-assign]
-        self._take = link._heard.take
-        link._heard.take = self._take_batch  # type: ignore[method-assign]
+        self._take = link._telemetry.take
+        link._telemetry.take = self._take_batch  # type: ignore[method-assign]
 
     def snapshot(self) -> Telemetry:
         """As the link's. What was read the last time has left by now, or has not left at all."""
@@ -208,10 +208,10 @@ def with_received(cost: Cost, links: Sequence[UdpLink], fleet: Fleet) -> Cost:
 async def met(links: Sequence[UdpLink], count: int) -> frozenset[str]:
     """Until so many fly in OFFBOARD with a position. Returns: who."""
     while True:
-        told = [link.snapshot() for link in links]
+        reported = [link.snapshot() for link in links]
         here = frozenset(
             name
-            for each in told
+            for each in reported
             for name, mode, latitude_deg in zip(each.ids, each.mode, each.latitude_deg.tolist(), strict=True)
             if mode is Mode.OFFBOARD and isfinite(latitude_deg)
         )
@@ -229,8 +229,8 @@ async def connecting_s(count: int, transport: str) -> float:
     with flying(count) as fleet:
         while len(met_s) < count:
             await asyncio.sleep(0.02)
-            for index, told in enumerate(link.snapshot() for link in links):
-                now_s, here = time.monotonic(), np.isfinite(told.latitude_deg + told.heartbeat_time_s)
+            for index, reported in enumerate(link.snapshot() for link in links):
+                now_s, here = time.monotonic(), np.isfinite(reported.latitude_deg + reported.heartbeat_time_s)
                 for row in np.flatnonzero(here).tolist():
                     met_s.setdefault((index, row + 1), now_s)
     await ended(running)

@@ -135,25 +135,25 @@ class Namespace:
         self._answered[rows] = stamps
 
     def _messages(self, message_id: int, rows: Whole, time_s: float) -> codec.Records:
-        said = codec.records(message_id, len(rows))
+        stated = codec.records(message_id, len(rows))
         if message_id == GLOBAL_POSITION_INT:
             latitude_deg, longitude_deg, altitude_m = FRAME.geodetic(self._position_m[rows])
-            said["time_boot_ms"] = int(time_s * 1e3)
-            said["lat"], said["lon"] = np.round(latitude_deg * 1e7), np.round(longitude_deg * 1e7)
-            said["alt"] = np.round(altitude_m * 1e3)
-            said["relative_alt"] = self._stamp
+            stated["time_boot_ms"] = int(time_s * 1e3)
+            stated["lat"], stated["lon"] = np.round(latitude_deg * 1e7), np.round(longitude_deg * 1e7)
+            stated["alt"] = np.round(altitude_m * 1e3)
+            stated["relative_alt"] = self._stamp
             for axis, name in enumerate(("vx", "vy", "vz")):
-                said[name] = np.round(self._velocity_m_s[rows, axis] * 100)
+                stated[name] = np.round(self._velocity_m_s[rows, axis] * 100)
         elif message_id == HEARTBEAT:
-            said["type"], said["autopilot"] = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_PX4
-            said["base_mode"], said["custom_mode"] = 0x81, OFFBOARD
+            stated["type"], stated["autopilot"] = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_PX4
+            stated["base_mode"], stated["custom_mode"] = 0x81, OFFBOARD
         elif message_id == SYS_STATUS:
-            said["onboard_control_sensors_health"], said["battery_remaining"] = PREARM_CHECK, 80
+            stated["onboard_control_sensors_health"], stated["battery_remaining"] = PREARM_CHECK, 80
         elif message_id == EXTENDED_SYS_STATE:
-            said["landed_state"] = dialect.MAV_LANDED_STATE_IN_AIR
+            stated["landed_state"] = dialect.MAV_LANDED_STATE_IN_AIR
         else:
-            said["battery_remaining"] = 80
-        return said
+            stated["battery_remaining"] = 80
+        return stated
 
     def _send(self, message_id: int, messages: codec.Records, rows: Whole) -> None:
         frames = codec.encode(

@@ -210,7 +210,7 @@ def describe(row: Row) -> str:
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     try:
-        text, said = process.communicate(timeout=LONGEST_S)
+        text, stated = process.communicate(timeout=LONGEST_S)
     except subprocess.TimeoutExpired:
         return f"{row.title}   not through after {LONGEST_S:.0f} s\n"
     finally:
@@ -218,7 +218,7 @@ def describe(row: Row) -> str:
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     if process.returncode != 0:
-        return f"{row.title}   ended with code {process.returncode}: {said.strip()[-LAST_WORDS:]}\n"
+        return f"{row.title}   ended with code {process.returncode}: {stated.strip()[-LAST_WORDS:]}\n"
     return text
 
 

@@ -165,7 +165,7 @@ def go_wrong(
     desk.press("bring-home")
     for vehicle in (3, 11):
         fault(control, vehicle=vehicle, fault="none")
-    wait_until("heard", SOON_S, lambda: client.vehicle("d3").phase != "lost")
+    wait_until("received", SOON_S, lambda: client.vehicle("d3").phase != "lost")
     client.command_vehicles("take-control", ["d11"])
     wait_until("under control", SOON_S, lambda: client.vehicle("d11").phase == "hold")
     desk.press("stop")

@@ -109,7 +109,9 @@ def test_the_target_is_moved_by_touch(chrome: Browser, ground: Station) -> None:
         assert desk.wrong == []
 
 
-def test_a_silent_service_is_told_within_a_second_and_comes_back(chrome: Browser, ground: Station) -> None:
+def test_a_silent_service_is_reported_within_a_second_and_comes_back(
+    chrome: Browser, ground: Station
+) -> None:
     with console(chrome, ground.url) as desk:
         desk.says("connection", "Live")
         ground.process.send_signal(signal.SIGSTOP)  # the socket stays open, and says nothing

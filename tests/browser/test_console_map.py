@@ -110,8 +110,8 @@ def from_above(desk: Console) -> None:
 
 def test_a_map_file_lies_under_the_show_as_the_compass_says(chrome: Browser, tmp_path: Path) -> None:
     rows = {(z, x, 2**z - 1 - y): tile for (z, x, y), tile in TILES.items()}
-    told = {"format": "png", "minzoom": ZOOMS[0], "maxzoom": ZOOMS[-1], "attribution": "&copy; Crew"}
-    file = mbtiles(tmp_path / "field.mbtiles", told, rows)
+    reported = {"format": "png", "minzoom": ZOOMS[0], "maxzoom": ZOOMS[-1], "attribution": "&copy; Crew"}
+    file = mbtiles(tmp_path / "field.mbtiles", reported, rows)
     tokens = tmp_path / "tokens.json"
     token = create_token(tokens, "guest", Role.WATCH)
     given: dict[str, Any] = {"access": {"tokens_file": str(tokens)}, "ground": {"tiles": str(file)}}
@@ -135,14 +135,14 @@ def test_a_map_file_lies_under_the_show_as_the_compass_says(chrome: Browser, tmp
 
 
 class Tiles(BaseHTTPRequestHandler):
-    """Somebody else's map server; what it was asked for is kept in `heard`."""
+    """Somebody else's map server; what it was asked for is kept in `received`."""
 
-    heard: list[tuple[str, dict[str, str]]]
+    received: list[tuple[str, dict[str, str]]]
     broken: bool
 
     def do_GET(self) -> None:
         """A tile, as other pages may read it too."""
-        self.heard.append((self.path, {name.lower(): value for name, value in self.headers.items()}))
+        self.received.append((self.path, {name.lower(): value for name, value in self.headers.items()}))
         z, x, y = (int(part) for part in self.path.strip("/").removesuffix(".png").split("/"))
         tile = None if self.broken else TILES.get((z, x, y))
         self.send_response(503 if self.broken else 404 if tile is None else 200)
@@ -158,7 +158,7 @@ class Tiles(BaseHTTPRequestHandler):
 @contextmanager
 def map_server() -> Iterator[tuple[str, type[Tiles]]]:
     """Its template, and what it does and has heard."""
-    kind = type("Kept", (Tiles,), {"heard": [], "broken": False})
+    kind = type("Kept", (Tiles,), {"received": [], "broken": False})
     server = ThreadingHTTPServer(("127.0.0.1", 0), kind)
     thread = Thread(target=server.serve_forever)
     thread.start()
@@ -190,7 +190,7 @@ def test_another_server_is_asked_for_tiles_and_for_nothing_more(chrome: Browser,
                 tiles = [each for each in asked(desk) if not each.startswith(ground.url)]
                 assert 0 < len(tiles) == len(set(tiles)) <= 64  # each once, and not again so soon
                 expect(desk.part("toast-refused")).to_have_count(0)
-        for _, headers in server.heard:
+        for _, headers in server.received:
             assert not {"authorization", "cookie"} & set(headers)
             assert token not in str(headers)
 

@@ -30,7 +30,7 @@ async def a_show(show: Show) -> None:
 
 
 @contextmanager
-def told_in_flown_time() -> Iterator[None]:
+def reported_in_flown_time() -> Iterator[None]:
     """Until the block ends, events are of the virtual clock, as the recorded states are."""
     usual, clock = logging.getLogRecordFactory(), UnixClock()
 
@@ -52,7 +52,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """`gcs replay` of a flight in virtual time; where its page is."""
     root = tmp_path_factory.mktemp("runs")
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(CONFIG.ids)}
-    with told_in_flown_time(), Record(root, CONFIG.model_dump_json(), vehicles) as record:
+    with reported_in_flown_time(), Record(root, CONFIG.model_dump_json(), vehicles) as record:
         fly(a_show, CONFIG, record=record)
     with replay(root) as address:
         yield address

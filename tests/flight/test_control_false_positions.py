@@ -14,19 +14,19 @@ IDS = ("d1", "d2", "d3", "d4")
 JUMP_M = (5000.0, 0.0, 0.0)
 
 
-class HeardFlight(Flight):
+class ReceivedFlight(Flight):
     """A flight that believes what a `Table` makes of the telemetry."""
 
     def __init__(self) -> None:
         self._table = Table(IDS, FRAME)
-        self._heard: FleetState | None = None
+        self._received: FleetState | None = None
         self.jump_m = np.zeros((4, 3))
         super().__init__(4, Formation(8.0, 20.0))
 
     def hear(self) -> None:
         """Before every tick: the newest message of everybody."""
         latitude, longitude, altitude = FRAME.geodetic(self.bodies.position_m + self.jump_m)
-        self._heard = self._table.state(
+        self._received = self._table.state(
             [
                 Telemetry(
                     ids=IDS,
@@ -56,23 +56,23 @@ class HeardFlight(Flight):
             ],
             self.time_s,
         )
-        self.age_s = self._heard.age_s.copy()
+        self.age_s = self._received.age_s.copy()
 
     @property
     def believed_m(self) -> Array:
         """(n, 3) as the table says."""
-        return super().believed_m if self._heard is None else self._heard.position_m
+        return super().believed_m if self._received is None else self._received.position_m
 
     @property
     def believed_m_s(self) -> Array:
         """(n, 3) as the table says."""
-        return super().believed_m_s if self._heard is None else self._heard.velocity_m_s
+        return super().believed_m_s if self._received is None else self._received.velocity_m_s
 
 
 @pytest.fixture(scope="module")
 def describe() -> tuple[list[Sample], list[Sample], list[Sample]]:
     """Before, while and after the second of them is told to be 5 km away, for four seconds."""
-    flight = HeardFlight()
+    flight = ReceivedFlight()
     before = flight.run(15.0, flight.hear)
     flight.jump_m[1] = JUMP_M
     wrong = flight.run(4.0, flight.hear)

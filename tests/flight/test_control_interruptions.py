@@ -91,7 +91,7 @@ def test_a_vehicle_with_stale_telemetry_is_not_commanded_and_the_others_are() ->
     assert np.linalg.norm(desired - flight.history[-20].tick.memory.desired_m_s[2]) < 1.0
 
 
-def test_a_tick_in_which_nobody_is_heard_commands_nobody_and_does_not_end_the_formation() -> None:
+def test_a_tick_in_which_nobody_is_received_commands_nobody_and_does_not_end_the_formation() -> None:
     flight = Flight(4, Formation(8.0, 20.0))
     (*_, before) = flight.run(1.0)
     flight.age_s[:] = np.inf

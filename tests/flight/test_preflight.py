@@ -18,7 +18,7 @@ from gcs.recording.last_known import commands
 from gcs.recording.session import Record
 from gcs.service import WHO, Outcome, ShowAction
 
-HEARD_S = 3.0
+RECEIVED_S = 3.0
 """Whatever a vehicle tells seldom has come by then."""
 
 
@@ -171,7 +171,7 @@ def test_each_check_that_fails_is_named_and_refuses_the_start(tmp_path: Path, na
         show_hash = select(show)
         assert show.service.preflight().passes
         fault(show)
-        await show.wait(HEARD_S)
+        await show.wait(RECEIVED_S)
         if name == "d2 own fence":
             await show.wait(10.0)
         return await start_refused(show, show_hash)
@@ -188,7 +188,7 @@ def test_a_battery_is_measured_against_the_show_that_is_selected(tmp_path: Path)
     async def story(show: Show) -> None:
         await show.standby()
         show.befall("d2", "battery", remaining=0.3)
-        await show.wait(HEARD_S)
+        await show.wait(RECEIVED_S)
         assert show.service.preflight().passes, "without a show a quarter is enough"
         show_hash = select(show)
         found = await start_refused(show, show_hash)
@@ -234,7 +234,7 @@ def test_who_is_taken_out_stays_on_the_ground_and_is_named_with_whoever_did_it(t
         await show.standby()
         show_hash = select(show)
         show.befall("d2", "battery", remaining=0.1)
-        await show.wait(HEARD_S)
+        await show.wait(RECEIVED_S)
         await start_refused(show, show_hash)
         WHO.set("anna")
         record = service.exclude("d2", "a cracked propeller")

@@ -94,8 +94,8 @@ async def all_come_down(show: Show, story: list[str]) -> None:
         show.service.command_vehicles(VehicleAction.TAKE_CONTROL, taken)
     if show.view.counts.airborne:
         record = await show.settled(show.service.command_show(ShowAction.STOP), 200.0)
-        told = {name: (part.outcome, part.reason) for name, part in record.outcomes.items()}
-        assert {outcome for outcome, _ in told.values()} <= {Outcome.DONE}, (told, story)
+        reported = {name: (part.outcome, part.reason) for name, part in record.outcomes.items()}
+        assert {outcome for outcome, _ in reported.values()} <= {Outcome.DONE}, (reported, story)
     await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE}, 60.0)
     assert (-show.true_m[:, 2]).max() < FLIES_M, story
     assert show.floor_violations() == 0, story

@@ -33,8 +33,8 @@ def test_too_much_wind_pauses_the_show_and_an_operator_resumes_it() -> None:
     async def story(show: Show) -> None:
         await show.start()
         storm(show, STORM_M_S)
-        told = await reacts(show, Cause.WIND)
-        assert told.action == "pause"
+        reported = await reacts(show, Cause.WIND)
+        assert reported.action == "pause"
         assert show.view.show is ShowPhase.PAUSED
         assert "too much wind" in show.view.reason
         storm(show, 0.0)
@@ -60,10 +60,10 @@ def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
         returning_s = await show.reach(ShowPhase.RETURNING)
         assert 9.0 < returning_s < 12.0
         assert "did not help" in show.view.reason
-        told = await reacts(show, Cause.WIND)
-        assert told.action == "return"
+        reported = await reacts(show, Cause.WIND)
+        assert reported.action == "return"
         storm(show, 4.0)
-        command = await carried_out(show, told)
+        command = await carried_out(show, reported)
         assert (command.action, command.by, command.outcome) == ("stop", "service", Outcome.DONE)
         await home(show)
 
@@ -92,10 +92,10 @@ def test_too_many_vehicles_lost_brings_the_show_home() -> None:
         assert show.view.show is ShowPhase.RUNNING, "one of six is not too many"
         show.link.silence("d5")
         await show.reach(ShowPhase.RETURNING)
-        told = await reacts(show, Cause.VEHICLES_LOST)
-        assert (told.action, told.vehicles) == ("return", ("d2", "d5"))
-        assert "2 of 6" in told.reason
-        command = await carried_out(show, told)
+        reported = await reacts(show, Cause.VEHICLES_LOST)
+        assert (reported.action, reported.vehicles) == ("return", ("d2", "d5"))
+        assert "2 of 6" in reported.reason
+        command = await carried_out(show, reported)
         assert (command.action, command.by) == ("stop", "service")
         assert {command.outcomes[name].outcome for name in ("d2", "d5")} == {Outcome.NOT_INCLUDED}
         assert {command.outcomes[name].outcome for name in ("d1", "d3", "d4", "d6")} == {Outcome.DONE}
@@ -126,7 +126,7 @@ def test_whom_an_earlier_show_lost_is_no_loss_of_this_one() -> None:
     fly(story, show_config(3, operation=HOLDS_WHEN_LOST, failsafes=failsafes))
 
 
-def test_target_stale_is_held_where_it_is_until_it_is_told_again(tmp_path: Path) -> None:
+def test_target_stale_is_held_where_it_is_until_it_is_reported_again(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         show_hash = written_show.select(show)
         show.service.seek_show("guest")
@@ -134,12 +134,12 @@ def test_target_stale_is_held_where_it_is_until_it_is_told_again(tmp_path: Path)
         show.service.command_show(ShowAction.START, show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING)
         show.service.set_target(Target(11.0, 1.0, 0.5, 0.0))
-        told_s = show.now_s
-        told = await reacts(show, Cause.TARGET_STALE, 8.0)
-        assert (told.action, told.vehicles) == ("hold-target", ())
-        assert 4.9 < show.now_s - told_s < 5.5
+        reported_s = show.now_s
+        reported = await reacts(show, Cause.TARGET_STALE, 8.0)
+        assert (reported.action, reported.vehicles) == ("hold-target", ())
+        assert 4.9 < show.now_s - reported_s < 5.5
         await show.wait(0.1)
-        command = await carried_out(show, told)
+        command = await carried_out(show, reported)
         assert (command.action, command.by) == ("hold-target", "service")
         assert show.view.plan.target.speed_m_s == 0.0
         stands_m = show.view.target_m
@@ -149,14 +149,14 @@ def test_target_stale_is_held_where_it_is_until_it_is_told_again(tmp_path: Path)
         show.service.set_target(Target(*stands_m, -0.5, 0.0))
         await show.until(lambda: failsafe(show, Cause.TARGET_STALE) is None, 8.0)
         assert show.view.target_m[0] < stands_m[0]
-        assert show.track.between(told_s).hardest_change_m_s() < 1.5, "without a jump"
+        assert show.track.between(reported_s).hardest_change_m_s() < 1.5, "without a jump"
         show.service.command_show(ShowAction.STOP)
         await home(show)
 
     written_show.fly(story, written_show.config(tmp_path, failsafes={"clear_s": 1.0}))
 
 
-def test_target_told_once_without_a_show_goes_on_as_it_was_told() -> None:
+def test_target_reported_once_without_a_show_goes_on_as_it_was_reported() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.service.set_target(Target(3.0, 1.0, 0.3, 0.0))
@@ -173,13 +173,13 @@ def test_service_late_pauses_the_show_then_brings_it_home() -> None:
         show.link.takes_s = 0.12
         paused_s = await show.reach(ShowPhase.PAUSED)
         assert 3.0 < paused_s < 6.0
-        told = await reacts(show, Cause.SERVICE_LATE)
-        assert told.action == "pause"
+        reported = await reacts(show, Cause.SERVICE_LATE)
+        assert reported.action == "pause"
         assert "service late" in show.view.reason
         await show.reach(ShowPhase.RETURNING, 12.0)
-        told = await reacts(show, Cause.SERVICE_LATE)
-        assert told.action == "return"
-        command = await carried_out(show, told)
+        reported = await reacts(show, Cause.SERVICE_LATE)
+        assert reported.action == "return"
+        command = await carried_out(show, reported)
         assert (command.action, command.by, command.outcome) == ("stop", "service", Outcome.DONE)
         await home(show)
 

@@ -25,9 +25,9 @@ def test_vehicle_lost_the_rest_re_form() -> None:
         await show.wait(6.0)
         before_m = nearest_m(show, *OTHERS)
         show.link.silence("d3")
-        told = await reacts(show, Cause.VEHICLE_LOST)
-        assert (told.action, told.vehicles) == ("re-form", ("d3",))
-        command = await carried_out(show, told)
+        reported = await reacts(show, Cause.VEHICLE_LOST)
+        assert (reported.action, reported.vehicles) == ("re-form", ("d3",))
+        command = await carried_out(show, reported)
         assert (command.action, command.by) == ("re-form", "service")
         assert {name for name, part in command.outcomes.items() if part.outcome is Outcome.DONE} == set(
             OTHERS
@@ -69,10 +69,10 @@ def test_low_battery_leaves_the_formation_and_goes_home_while_the_rest_re_form()
         await show.start()
         await show.wait(4.0)
         show.befall("d3", "battery", remaining=0.15)
-        told = await reacts(show, Cause.LOW_BATTERY)
-        assert (told.action, told.vehicles) == ("return", ("d3",))
-        assert "15%" in told.reason
-        command = await carried_out(show, told)
+        reported = await reacts(show, Cause.LOW_BATTERY)
+        assert (reported.action, reported.vehicles) == ("return", ("d3",))
+        assert "15%" in reported.reason
+        command = await carried_out(show, reported)
         assert (command.action, command.by) == ("return", "service")
         assert command.outcomes.keys() == {"d3"}
         assert command.outcome is Outcome.DONE
@@ -93,9 +93,9 @@ def test_critical_battery_lands_it_where_it_is_safe() -> None:
         await show.start()
         await show.wait(4.0)
         show.befall("d3", "battery", remaining=0.09)
-        told = await reacts(show, Cause.CRITICAL_BATTERY)
-        assert (told.action, told.vehicles) == ("land", ("d3",))
-        command = await carried_out(show, told)
+        reported = await reacts(show, Cause.CRITICAL_BATTERY)
+        assert (reported.action, reported.vehicles) == ("land", ("d3",))
+        command = await carried_out(show, reported)
         assert (command.action, command.by, command.outcome) == ("land", "service", Outcome.DONE)
         assert Phase.RETURN not in show.track.phases("d3")
         pads_m = show.track.samples[0].true_m[[show.config.ids.index(name) for name in OTHERS]]
@@ -114,14 +114,14 @@ def test_low_battery_overruled_by_an_operator_acts_again_only_when_it_is_critica
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d2", "battery", remaining=0.18)
-        told = await reacts(show, Cause.LOW_BATTERY)
+        reported = await reacts(show, Cause.LOW_BATTERY)
         await show.phase("d2", Phase.RETURN)
         await show.command("d2", VehicleAction.HOLD)
         assert (await show.command("d2", VehicleAction.JOIN)).outcome is Outcome.DONE
         await show.wait(12.0)
         assert show.vehicle("d2").phase is Phase.FORMATION
         assert failsafe(show, Cause.LOW_BATTERY) is not None, "and it is still told"
-        assert show.service.command_record(str(told.command_id)).outcome is Outcome.FAILED
+        assert show.service.command_record(str(reported.command_id)).outcome is Outcome.FAILED
         show.befall("d2", "battery", remaining=0.08)
         await show.phase("d2", Phase.LANDING)
         await show.phase("d2", Phase.STANDBY)
@@ -196,10 +196,10 @@ def test_bad_position_holds_then_lands() -> None:
         await show.start()
         await show.wait(4.0)
         show.befall("d3", "accuracy", eph_m=9.0, epv_m=20.0)
-        told = await reacts(show, Cause.BAD_POSITION)
-        assert (told.action, told.vehicles) == ("hold", ("d3",))
-        assert "9.0 m" in told.reason
-        held = await carried_out(show, told)
+        reported = await reacts(show, Cause.BAD_POSITION)
+        assert (reported.action, reported.vehicles) == ("hold", ("d3",))
+        assert "9.0 m" in reported.reason
+        held = await carried_out(show, reported)
         assert (held.action, held.by, held.outcome) == ("hold", "service", Outcome.DONE)
         assert show.vehicle("d3").phase is Phase.HOLD
         await show.phase("d3", Phase.STANDBY)
@@ -212,7 +212,7 @@ def test_bad_position_holds_then_lands() -> None:
     fly(story, show_config(5))
 
 
-def test_bad_position_that_gets_better_leaves_it_holding_until_it_is_told_to_join() -> None:
+def test_bad_position_that_gets_better_leaves_it_holding_until_it_is_reported_to_join() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
@@ -236,8 +236,8 @@ def test_bad_position_by_jumping_again_and_again() -> None:
         assert show.view.failsafes == ()
         assert show.vehicle("d2").phase is Phase.FORMATION
         show.befall("d2", "position-reset", east_m=0.4)
-        told = await reacts(show, Cause.BAD_POSITION)
-        assert "3 times" in told.reason
+        reported = await reacts(show, Cause.BAD_POSITION)
+        assert "3 times" in reported.reason
         await show.phase("d2", Phase.HOLD)
         await lands_all(show)
 
@@ -248,8 +248,8 @@ def test_bad_position_kilometres_away_is_held_before_its_autopilot_gives_up_and_
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d2", "gps-jump", north_m=5000.0)
-        told = await reacts(show, Cause.BAD_POSITION)
-        assert told.vehicles == ("d2",)
+        reported = await reacts(show, Cause.BAD_POSITION)
+        assert reported.vehicles == ("d2",)
         await show.phase("d2", Phase.HOLD)
         await show.phase("d2", Phase.STANDBY, 90.0)
         assert Phase.PILOT not in show.track.phases("d2")
@@ -268,10 +268,10 @@ def test_fence_about_to_be_crossed_brings_it_back(action: str) -> None:
         north = show.service.frame.into_ned(show.true_m - np.array(show.view.center_m))[:, 0]
         blown = show.config.ids[int(np.argmax(north))]
         show.befall(blown, "wind", north_m_s=14.0)
-        told = await reacts(show, Cause.FENCE)
-        assert (told.action, told.vehicles) == (action, (blown,))
+        reported = await reacts(show, Cause.FENCE)
+        assert (reported.action, reported.vehicles) == (action, (blown,))
         show.befall(blown, "wind")
-        command = await carried_out(show, told)
+        command = await carried_out(show, reported)
         assert (command.action, command.by, command.outcome) == (action, "service", Outcome.DONE)
         row = show.config.ids.index(blown)
         away_m = np.hypot(*show.track.true_m[:, row, :2].T).max()

@@ -27,11 +27,11 @@ def test_a_reaction_is_in_the_audit_as_an_order_of_the_services_with_its_cause(t
         fly(low_battery, config, record=record)
     (command,) = [each for each in commands(tmp_path) if each.action == "return"]
     assert (command.who, dict(command.outcomes)) == ("service", {"d2": ("done", "")})
-    (told,) = [event["detail"] for event in events(tmp_path) if event["event"] == "failsafe"]
-    assert told["cause"] == "low battery"
-    assert told["command"] == command.id
-    assert told["vehicles"] == ["d2"]
-    assert told["reason"] == "battery at 17%, below 20%"
+    (reported,) = [event["detail"] for event in events(tmp_path) if event["event"] == "failsafe"]
+    assert reported["cause"] == "low battery"
+    assert reported["command"] == command.id
+    assert reported["vehicles"] == ["d2"]
+    assert reported["reason"] == "battery at 17%, below 20%"
     assert [event["detail"]["cause"] for event in events(tmp_path) if event["event"] == "failsafe_over"] == [
         "low battery"
     ]

@@ -89,7 +89,7 @@ PHASES: tuple[Callable[[Show], Awaitable[None]], ...] = (
 
 def in_a_copy(trial: Callable[[], str]) -> str:
     """Try something in a copy of this process: the flight here stays as it is. Returns: what it tells."""
-    told_from, tell_to = os.pipe()
+    reported_from, tell_to = os.pipe()
     loop = asyncio.get_running_loop()
     child = os.fork()
     if child == 0:
@@ -103,8 +103,8 @@ def in_a_copy(trial: Callable[[], str]) -> str:
                 os.write(tell_to, traceback.format_exc().encode())
             os._exit(code)
     os.close(tell_to)
-    with os.fdopen(told_from) as told:
-        text = told.read()
+    with os.fdopen(reported_from) as reported:
+        text = reported.read()
     assert os.waitpid(child, 0)[1] == 0, f"it failed: {text}"
     return text
 
@@ -144,7 +144,7 @@ def test_a_command_refused_in_the_air_names_one_that_is_accepted(
 
     refused = fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
     assert len(refused) > 3
-    assert [told for told in refused if not told.endswith("refused properly")] == []
+    assert [reported for reported in refused if not reported.endswith("refused properly")] == []
 
 
 @pytest.mark.parametrize("into", PHASES)

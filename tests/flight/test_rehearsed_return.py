@@ -26,7 +26,7 @@ class Watched(FormationRun):
         before = self.descending.copy()
         super().before_tick()
         for row in np.flatnonzero(self.descending & ~before).tolist():
-            here_m, pad_m = self.world.heard_m[row], self.record.goal_m[row]
+            here_m, pad_m = self.world.received_m[row], self.record.goal_m[row]
             self.off_m.append(float(np.hypot(*(here_m - pad_m)[:2])))
 
     off_m: list[float]

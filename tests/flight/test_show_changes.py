@@ -229,14 +229,14 @@ def test_what_cannot_be_done_is_refused_with_what_could_and_changes_nothing(
 async def smallest(show: Show) -> tuple[Refusal, tuple[float, int]]:
     await show.start()
     refusal = await refused(show, lambda: show.service.set_formation(Formation(1.0, HEIGHT_M)))
-    told_m = float(refusal.text.split("at least ")[1].split(" m")[0])
-    show.service.set_formation(Formation(told_m, HEIGHT_M))
+    reported_m = float(refusal.text.split("at least ")[1].split(" m")[0])
+    show.service.set_formation(Formation(reported_m, HEIGHT_M))
     await show.wait(10.0)
-    return refusal, (told_m, show.floor_violations())
+    return refusal, (reported_m, show.floor_violations())
 
 
 def test_the_smallest_radius_that_is_named_is_accepted_and_keeps_the_floor() -> None:
-    refusal, (told_m, violations) = fly(smallest)
+    refusal, (reported_m, violations) = fly(smallest)
     assert refusal.kind is InvalidError
-    assert told_m == 3.2
+    assert reported_m == 3.2
     assert violations == 0

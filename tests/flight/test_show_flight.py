@@ -98,7 +98,7 @@ def test_start_and_stop_are_done_by_every_vehicle_of_the_show(flight: Flight) ->
         assert record.outcome is Outcome.DONE
 
 
-def test_a_vehicle_never_heard_is_named_as_not_included_and_gets_nothing(flight: Flight) -> None:
+def test_a_vehicle_never_received_is_named_as_not_included_and_gets_nothing(flight: Flight) -> None:
     left_out = flight.started.outcomes["d4"]
     assert left_out.outcome is Outcome.NOT_INCLUDED
     assert "not heard" in left_out.reason

@@ -92,9 +92,9 @@ class Slowly(AtOnce):
     """As a thread that takes its time, which here is the loop's."""
 
     def submit(self, work: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
-        done, told = super().submit(work, *given, **named), Future[T]()
-        asyncio.get_running_loop().call_later(PLANNING_S, lambda: told.set_result(done.result()))
-        return told
+        done, reported = super().submit(work, *given, **named), Future[T]()
+        asyncio.get_running_loop().call_later(PLANNING_S, lambda: reported.set_result(done.result()))
+        return reported
 
 
 def test_while_the_ways_are_planned_everybody_is_commanded_to_stand_where_it_is() -> None:

@@ -82,14 +82,14 @@ async def one_session(
         show = Show(config, fleet, link, service, unix)
         tasks = {asyncio.create_task(service.run()), asyncio.create_task(show.record(record))}
         await show.wait(0.0)
-        told = asyncio.ensure_future(story(show))
+        reported = asyncio.ensure_future(story(show))
         try:
-            await asyncio.wait({*tasks, told}, return_when=asyncio.FIRST_COMPLETED)
-            return await told
+            await asyncio.wait({*tasks, reported}, return_when=asyncio.FIRST_COMPLETED)
+            return await reported
         finally:
-            for task in {*tasks, told}:
+            for task in {*tasks, reported}:
                 task.cancel()
-            await asyncio.gather(*tasks, told, return_exceptions=True)
+            await asyncio.gather(*tasks, reported, return_exceptions=True)
 
 
 def sessions(
@@ -108,12 +108,12 @@ def sessions(
         unix = UnixClock()
         unix.ahead_s = time.time() - loop.time()
         fleet = Fleet(settings, start_s=loop.time(), unix_at_start_s=unix())
-        told = []
+        reported = []
         for each, story in parts:
             last = story is parts[-1][1]
-            told.append(await one_session(each, fleet, root, unix, story, late if last else ()))
+            reported.append(await one_session(each, fleet, root, unix, story, late if last else ()))
             await asyncio.sleep(away_s)
-        return told
+        return reported
 
     return run_virtual(main)
 
@@ -360,10 +360,10 @@ def test_a_command_means_the_whole_flight_also_what_is_received_a_moment_later(
         await show.wait(1.0)
         show.link.restore(*LATE)
         record = await show.settled(record, 150.0)
-        told = {name: (part.outcome, part.reason) for name, part in record.outcomes.items()}
-        assert [told[name][0] for name in ("d1", "d2", "d3")] == [Outcome.DONE] * 3, told
-        assert told["d4"][0] is Outcome.NOT_INCLUDED
-        assert "take-control" in told["d4"][1]
+        reported = {name: (part.outcome, part.reason) for name, part in record.outcomes.items()}
+        assert [reported[name][0] for name in ("d1", "d2", "d3")] == [Outcome.DONE] * 3, reported
+        assert reported["d4"][0] is Outcome.NOT_INCLUDED
+        assert "take-control" in reported["d4"][1]
         assert show.vehicle("d4").phase is Phase.PILOT
         assert not show.link.sent["d4"]
         assert show.floor_violations() == 0

@@ -20,7 +20,7 @@ class Silence(NamedTuple):
     track: Track
     silent_s: float
     lost_s: float
-    heard_s: float
+    received_s: float
     last_sent_s: float  # the last setpoint before it was heard again
     sent_before_hold: int
     verbs: list[Verb]  # ordered since
@@ -45,26 +45,26 @@ async def silent_for_a_while(show: Show) -> Silence:
         "land": await refused(show, lambda: show.service.command_vehicle("d2", VehicleAction.LAND)),
     }
     assert show.link.sent["d2"][-1].time_s == last_sent_s
-    heard_s = show.now_s
+    received_s = show.now_s
     show.link.restore("d2")
     await show.phase("d2", Phase.HOLD)
-    holds_s = show.track.between(heard_s).since("d2", Phase.HOLD)
-    sent_before_hold = sum(heard_s < setpoint.time_s < holds_s for setpoint in show.link.sent["d2"])
-    holding = show.track.between(heard_s)
+    holds_s = show.track.between(received_s).since("d2", Phase.HOLD)
+    sent_before_hold = sum(received_s < setpoint.time_s < holds_s for setpoint in show.link.sent["d2"])
+    holding = show.track.between(received_s)
     await show.phase("d2", Phase.FORMATION, 10.0)
-    verbs = [command.verb for command in show.link.commands["d2"] if command.time_s > heard_s]
+    verbs = [command.verb for command in show.link.commands["d2"] if command.time_s > received_s]
     joins = [command for command in show.service.commands() if command.action == "join"]
     await show.wait(6.0)
     return Silence(
         show.track,
         silent_s,
         lost_s,
-        heard_s,
+        received_s,
         last_sent_s,
         sent_before_hold,
         verbs,
         holding,
-        show.track.between(heard_s),
+        show.track.between(received_s),
         joins,
         refusals,
         show.floor_violations(),
@@ -78,7 +78,9 @@ def silence() -> Silence:
 
 def test_a_vehicle_silent_in_the_air_is_lost_within_the_limit(silence: Silence) -> None:
     assert silence.lost_s - silence.silent_s < 2.1
-    assert "no telemetry for 2." in silence.track.between(silence.lost_s, silence.heard_s).of("d2")[-1].reason
+    assert (
+        "no telemetry for 2." in silence.track.between(silence.lost_s, silence.received_s).of("d2")[-1].reason
+    )
 
 
 def test_a_vehicle_without_fresh_telemetry_gets_no_setpoint_long_before_it_is_lost(silence: Silence) -> None:
@@ -87,13 +89,13 @@ def test_a_vehicle_without_fresh_telemetry_gets_no_setpoint_long_before_it_is_lo
 
 def test_the_others_setpoints_keep_their_rate_while_one_is_silent(silence: Silence) -> None:
     for name in OTHERS:
-        rate_per_s = silence.track.between(silence.silent_s, silence.heard_s).setpoints_per_s(name)
+        rate_per_s = silence.track.between(silence.silent_s, silence.received_s).setpoints_per_s(name)
         assert rate_per_s == pytest.approx(20.0, abs=0.2)
 
 
 def test_the_others_re_form_without_the_lost_one(silence: Silence) -> None:
     before_m = silence.track.between(silence.silent_s - 0.5, silence.silent_s).true_m[-1]
-    after_m = silence.track.between(silence.heard_s - 0.5, silence.heard_s).true_m[-1]
+    after_m = silence.track.between(silence.received_s - 0.5, silence.received_s).true_m[-1]
     rows = [silence.track.ids.index(name) for name in OTHERS]
     assert nearest(after_m[rows]) > nearest(before_m[rows]) + 0.3  # a triangle is wider than a tetrahedron
 
@@ -107,7 +109,7 @@ def test_nobody_flies_into_the_volume_of_a_lost_vehicle(silence: Silence) -> Non
     assert silence.floor_violations == 0
 
 
-def test_a_lost_vehicle_heard_again_comes_back_through_hold_and_is_sent_nothing_before(
+def test_a_lost_vehicle_received_again_comes_back_through_hold_and_is_sent_nothing_before(
     silence: Silence,
 ) -> None:
     assert silence.back.phases("d2") == [Phase.LOST, Phase.HOLD, Phase.FORMATION]
@@ -291,7 +293,7 @@ async def confirmed_down_while_silent(show: Show) -> tuple[list[Phase], CommandR
     return show.track.between(began_s).phases("d2"), confirmed
 
 
-def test_a_lost_vehicle_confirmed_down_is_offline_until_it_is_heard_on_the_ground() -> None:
+def test_a_lost_vehicle_confirmed_down_is_offline_until_it_is_received_on_the_ground() -> None:
     phases, confirmed = fly(confirmed_down_while_silent, noise_scale=0.5)
     assert phases == [Phase.LOST, Phase.OFFLINE, Phase.STANDBY]
     assert confirmed.outcome is Outcome.DONE

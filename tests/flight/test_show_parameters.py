@@ -168,7 +168,7 @@ def test_params_apply_never_touches_an_armed_vehicle() -> None:
     assert held == 3
 
 
-def test_params_of_a_vehicle_named_but_not_heard_says_so() -> None:
+def test_params_of_a_vehicle_named_but_not_received_says_so() -> None:
     async def story(show: Show) -> tuple[dict[tuple[str, str], Row], dict[tuple[str, str], Row]]:
         show.link.silence("d2")
         return await params(show, "d1", "d2", apply=False), await params(show, apply=False)

@@ -167,7 +167,7 @@ async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> 
 
 
 @pytest.mark.parametrize("action", [None, ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT])
-def test_a_pilots_vehicle_that_falls_silent_is_the_pilots_still_when_it_is_heard_again_in_hold(
+def test_a_pilots_vehicle_that_falls_silent_is_the_pilots_still_when_it_is_received_again_in_hold(
     action: ShowAction | None,
 ) -> None:
     config = show_config(3, operation=HOLDS_WHEN_LOST)
@@ -181,7 +181,7 @@ def test_a_pilots_vehicle_that_falls_silent_is_the_pilots_still_when_it_is_heard
     assert flight.after_take_control == [Phase.PILOT, Phase.HOLD], "it waits for commands"
 
 
-async def heard_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
+async def received_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
     """Its own failsafe would have it sink; it is found in HOLD: a person's doing."""
     await show.start()
     show.link.silence("d2")
@@ -195,5 +195,5 @@ async def heard_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
 
 
 def test_hold_after_a_silence_is_a_pilots_where_the_failsafe_is_another() -> None:
-    phases, verbs = fly(heard_again_in_hold, show_config(2))
+    phases, verbs = fly(received_again_in_hold, show_config(2))
     assert (phases, verbs) == ([Phase.LOST, Phase.PILOT], [])

@@ -52,8 +52,10 @@ def test_every_order_is_there_with_its_outcome_per_vehicle(flown: tuple[Path, Tr
 
 def test_every_change_of_phase_is_an_event(flown: tuple[Path, Track]) -> None:
     root, track = flown
-    told = events(root)
-    phases = [e["detail"]["phase"] for e in told if e["event"] == "vehicle_phase" and e["vehicle"] == "d2"]
+    reported = events(root)
+    phases = [
+        e["detail"]["phase"] for e in reported if e["event"] == "vehicle_phase" and e["vehicle"] == "d2"
+    ]
     # those that were over within a tick too: the flight shows fewer
     assert phases == [
         "standby",
@@ -67,9 +69,9 @@ def test_every_change_of_phase_is_an_event(flown: tuple[Path, Track]) -> None:
         "standby",
     ]
     assert set(track.phases("d2")) <= {Phase(name) for name in phases} | {Phase.OFFLINE}
-    shows = [event["detail"]["phase"] for event in told if event["event"] == "show_phase"]
+    shows = [event["detail"]["phase"] for event in reported if event["event"] == "show_phase"]
     assert shows == ["preflight", "arming", "assembling", "running", "returning", "landed"]
-    modes = [e["detail"]["mode"] for e in told if e["event"] == "vehicle_mode" and e["vehicle"] == "d1"]
+    modes = [e["detail"]["mode"] for e in reported if e["event"] == "vehicle_mode" and e["vehicle"] == "d1"]
     assert "takeoff" in modes
     assert "offboard" in modes
 

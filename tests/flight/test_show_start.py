@@ -156,7 +156,7 @@ def falls_silent(show: Show) -> None:
         (falls_silent, "d2: no position for 1."),
     ],
 )
-def test_one_that_does_not_get_up_is_told_to_have_failed_and_the_others_fly(
+def test_one_that_does_not_get_up_is_reported_to_have_failed_and_the_others_fly(
     fault: Callable[[Show], Any], says: str
 ) -> None:
     async def story(show: Show) -> Start:
@@ -262,7 +262,7 @@ async def above_each_other(show: Show) -> tuple[str, int, list[str]]:
 
 def test_how_many_stand_above_each_other_is_known_before_take_off() -> None:
     notice, pairs, notices = fly(above_each_other, show_config(8, formation={"radius_m": 6.0}))
-    told = int(notice.split("up to ")[1].split(" ")[0])
-    assert 0 < told <= 8
-    assert pairs <= told
+    reported = int(notice.split("up to ")[1].split(" ")[0])
+    assert 0 < reported <= 8
+    assert pairs <= reported
     assert notice not in notices, "in the air it is no news"

@@ -57,14 +57,14 @@ def test_the_clock_counts_ticks_and_tells_their_percentiles_once_a_second() -> N
     clock = TickClock(10.0)
     for index in range(21):
         clock.note(0.1 * index, 0.001 if index else 0.003, 0.002, missed=1 if index == 5 else 0)
-    told = clock.summary()
-    assert (told.count, told.missed, told.rate_hz) == (21, 1, 10.0)
-    assert told.duration_p50_ms == pytest.approx(1.0)
-    assert 1.0 < told.duration_p99_ms <= 3.0
-    assert told.lateness_p99_ms == pytest.approx(2.0)
+    reported = clock.summary()
+    assert (reported.count, reported.missed, reported.rate_hz) == (21, 1, 10.0)
+    assert reported.duration_p50_ms == pytest.approx(1.0)
+    assert 1.0 < reported.duration_p99_ms <= 3.0
+    assert reported.lateness_p99_ms == pytest.approx(2.0)
     assert clock.gap_s == pytest.approx(0.1)
     clock.note(2.9, 0.5, 0.5, missed=0)
-    assert clock.summary() == told
+    assert clock.summary() == reported
     assert clock.gap_s == pytest.approx(0.9), "what the view calls control that is not alive"
 
 
@@ -120,7 +120,7 @@ def failures_logged(caplog: pytest.LogCaptureFixture) -> list[str]:
     return [record.__dict__["cause"] for record in caplog.records if record.message == "link_failed"]
 
 
-async def wait_until_heard(show: Show) -> tuple[int, float]:
+async def wait_until_received(show: Show) -> tuple[int, float]:
     await show.phase("d1", Phase.STANDBY)
     return show.link.runs, show.now_s
 
@@ -130,10 +130,12 @@ def test_a_link_that_cannot_open_is_tried_again_and_logged_once_per_change(
 ) -> None:
     taken, gone = LinkError("port 14540 is taken"), LinkError("no such interface")
     with caplog.at_level(logging.ERROR):
-        runs, heard_s = fly(wait_until_heard, show_config(1), failures=[taken, taken, gone, gone, taken])
+        runs, received_s = fly(
+            wait_until_received, show_config(1), failures=[taken, taken, gone, gone, taken]
+        )
     assert failures_logged(caplog) == [str(taken), str(gone), str(taken)]
     assert runs == 6
-    assert 1.24 < heard_s < 4.5  # a quarter of a second after each failure; then its first position
+    assert 1.24 < received_s < 4.5  # a quarter of a second after each failure; then its first position
 
 
 async def fails_again_later(show: Show) -> LoopbackLink:

@@ -55,7 +55,7 @@ def test_progress_of_a_check_goes_forward_through_the_whole_flight() -> None:
 
 
 @pytest.mark.parametrize("name", FLOWN)
-def test_what_only_a_flight_shows_is_told_with_line_and_cue(
+def test_what_only_a_flight_shows_is_reported_with_line_and_cue(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, verdict = checked(capsys, BROKEN / f"{name}.yaml")
@@ -76,13 +76,13 @@ def test_a_show_with_a_broken_rule_is_not_flown(capsys: pytest.CaptureFixture[st
 
 def test_the_table_names_every_cue(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", "check", str(BROKEN / "battery-too-small.yaml")]) == 1
-    told = capsys.readouterr().out
-    assert all(name in told for name in ("begin", "change", "end", "battery", "closest"))
+    reported = capsys.readouterr().out
+    assert all(name in reported for name in ("begin", "change", "end", "battery", "closest"))
 
 
 def test_who_stands_above_whom_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", "check", "lighthouse"]) == 0
-    (line,) = [told for told in capsys.readouterr().out.splitlines() if "columns of" in told]
+    (line,) = [reported for reported in capsys.readouterr().out.splitlines() if "columns of" in reported]
     assert "pairs overlap: " in line
     assert " above " in line
 

@@ -102,7 +102,7 @@ def test_formation_and_orbit_are_the_timelines_at_the_shows_clock_in_every_tick(
         assert sample.view.selected.cue == flight.timeline.cue_at(sample.view.selected.clock_s).cue.cue
 
 
-def test_the_target_moves_as_written_until_it_is_live_and_then_as_told(flight: Flight) -> None:
+def test_the_target_moves_as_written_until_it_is_live_and_then_as_reported(flight: Flight) -> None:
     for sample in running(flight).samples:
         assert sample.view.selected is not None
         now_s = sample.view.selected.clock_s
@@ -202,12 +202,12 @@ def test_obstacles_of_the_show_and_of_the_operator_stand_together(flight: Flight
 def test_the_record_tells_which_show_was_flown_and_when_each_cue_was_played(
     flight: Flight, runs: Path
 ) -> None:
-    told = events(runs)
-    cues = [event["detail"]["cue"] for event in told if event["event"] == "cue"]
+    reported = events(runs)
+    cues = [event["detail"]["cue"] for event in reported if event["event"] == "cue"]
     assert cues == ["stand", "walk", "turn", "guest", "tower", "stand"]
     show_hash = flight.timeline.show.digest
-    assert {event["detail"]["hash"] for event in told if event["event"] == "cue"} == {show_hash}
-    assert sum(event["event"] == "plan" for event in told) < 12  # not one for every tick
+    assert {event["detail"]["hash"] for event in reported if event["event"] == "cue"} == {show_hash}
+    assert sum(event["event"] == "plan" for event in reported) < 12  # not one for every tick
     session = last_known(runs).session
     assert session is not None
     flown = list(FlightData(session.folder / "flight.mcap").ticks())

@@ -139,7 +139,7 @@ def test_over_rest_a_check_says_all_that_select_would_refuse_and_is_good_once_th
     fly(story, config(tmp_path))
 
 
-def test_a_show_and_what_was_told_keep_their_obstacles_apart(tmp_path: Path) -> None:
+def test_a_show_and_what_was_reported_keep_their_obstacles_apart(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service
         show_hash = check(show)
@@ -164,7 +164,7 @@ def test_a_show_and_what_was_told_keep_their_obstacles_apart(tmp_path: Path) -> 
     fly(story, config(tmp_path))
 
 
-def test_a_show_that_is_deselected_leaves_what_was_told_before(tmp_path: Path) -> None:
+def test_a_show_that_is_deselected_leaves_what_was_reported_before(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service
         service.set_formation(Formation(9.0, 16.0))
@@ -182,7 +182,7 @@ def test_a_show_that_is_deselected_leaves_what_was_told_before(tmp_path: Path) -
     fly(story, config(tmp_path))
 
 
-def test_who_stood_above_whom_in_the_check_is_told_by_name_before_take_off(tmp_path: Path) -> None:
+def test_who_stood_above_whom_in_the_check_is_reported_by_name_before_take_off(tmp_path: Path) -> None:
     found = {"upper": 4, "lower": 1, "sideways_m": 0.4, "cue": "turn"}
 
     async def story(show: Show) -> None:
@@ -244,7 +244,7 @@ def test_a_countdown_that_is_called_off_fails_its_order_and_nobody_takes_off(tmp
 
 
 @pytest.mark.parametrize("what", ["silent", "changed", "clock"])
-def test_what_has_changed_until_the_clock_time_calls_the_start_off_and_is_said(
+def test_what_has_changed_until_the_clock_time_calls_the_start_off_and_is_stated(
     tmp_path: Path, what: str
 ) -> None:
     async def story(show: Show) -> None:

@@ -77,7 +77,7 @@ def test_seeds_run_from_a_up_to_without_b_and_judged_ones_from_the_file(
     assert [run["seed"] for run in flown(capsys, trial, "--judged")[1]] == [6000, 6001]
 
 
-def test_what_a_scenario_demands_and_does_not_get_is_said_and_is_the_exit_code(
+def test_what_a_scenario_demands_and_does_not_get_is_stated_and_is_the_exit_code(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     strict = written(tmp_path, "assembly", 3, 4, "{separation.minimum_m: {least: 50}}")
@@ -102,7 +102,7 @@ def test_a_plot_is_drawn(trial: Path, tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         ([], "name a scenario"),
         (["nonsense"], "there is no such file"),
@@ -118,10 +118,10 @@ def test_a_plot_is_drawn(trial: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     ],
 )
 def test_what_cannot_be_done_is_refused_before_anything_flies(
-    arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], reported: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["simulate", *arguments]) == 2
-    assert told in capsys.readouterr().err
+    assert reported in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("seeds", ["3", "3:", "5:2", "a:b"])

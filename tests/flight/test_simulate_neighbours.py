@@ -62,14 +62,14 @@ def test_lost_messages_leave_the_one_before_and_the_silent_are_forgotten() -> No
     assert np.mean(known) > 0.95
     around = Neighbourhood(Radio(delay_s=0.0, loss=0.0), np.ones(2), RADIUS_M, TICK_S, 1)
     still = np.zeros((2, 3))
-    heard = []
+    received = []
     for k in range(30):
         present = np.array([True, k < 10])
-        heard.append(
+        received.append(
             bool(np.isfinite(around.exchange(k * TICK_S, place, still, present, None).inbox_m[0]).all())
         )
-    assert heard[12]
-    assert not heard[25]
+    assert received[12]
+    assert not received[25]
 
 
 def test_beliefs_agree_on_what_all_see_together() -> None:

@@ -89,8 +89,8 @@ async def stalls_once(show: Show, turn: int, into: Into, stalled_s: float) -> Ar
 async def one_stop_brings_all_home(show: Show, into: Into, pads_m: Array) -> None:
     record = show.service.command_show(ShowAction.STOP)
     await show.settled(record, 150.0)
-    told = {name: part.reason for name, part in show.service.command_record(record.id).outcomes.items()}
-    assert show.service.command_record(record.id).outcome is Outcome.DONE, told
+    reported = {name: part.reason for name, part in show.service.command_record(record.id).outcomes.items()}
+    assert show.service.command_record(record.id).outcome is Outcome.DONE, reported
     await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE})
     await show.wait(0.2)
     assert show.view.counts == Counts(0, 0, 0, on_ground=COUNT, offline=0)

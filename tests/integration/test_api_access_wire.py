@@ -155,22 +155,22 @@ def test_with_a_certificate_it_speaks_tls_and_nothing_else(station: Station) -> 
 
 
 @pytest.mark.parametrize(
-    ("certificate", "key", "said"),
+    ("certificate", "key", "stated"),
     [
         ("none.pem", "key.pem", "none.pem: there is no such file"),
         ("certificate.pem", "README.md", "no PEM certificate and its key"),
         ("key.pem", "certificate.pem", "no PEM certificate and its key"),
     ],
 )
-def test_a_certificate_that_is_none_is_told_before_anybody_listens(
-    station: Station, certificate: str, key: str, said: str
+def test_a_certificate_that_is_none_is_reported_before_anybody_listens(
+    station: Station, certificate: str, key: str, stated: str
 ) -> None:
     tls = TlsSettings(certificate_file=PEM / certificate, key_file=PEM / key)
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=stated):
         asyncio.run(serve(station.app, port=0, tls=tls))
 
 
-def test_a_file_of_trusted_certificates_that_is_none_is_told(tmp_path: Path) -> None:
+def test_a_file_of_trusted_certificates_that_is_none_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no PEM certificate"):
         Client(ca_file=tmp_path / "none.pem")
 
@@ -191,17 +191,17 @@ def test_serve_names_the_port_that_is_taken(
 
 @pytest.mark.usefixtures("logging_restored")
 @pytest.mark.parametrize(
-    ("access", "said"),
+    ("access", "stated"),
     [
         ({"tokens_file": "none.json"}, "none.json: the tokens cannot be read"),
         ({"tls": {"certificate_file": "none.pem", "key_file": "none.pem"}}, "access.tls: none.pem"),
     ],
 )
 def test_serve_names_the_file_that_is_missing(
-    access: dict[str, object], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    access: dict[str, object], stated: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     raw = yaml.safe_load(configuration.find("demo").read_text()) | {"access": access, "api": {"port": 0}}
     file = tmp_path / "config.yaml"
     file.write_text(yaml.safe_dump(raw))
     assert main(["serve", "--config", str(file), "--quiet"]) == 1
-    assert said in capsys.readouterr().out
+    assert stated in capsys.readouterr().out

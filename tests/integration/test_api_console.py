@@ -103,7 +103,7 @@ def test_the_status_comes_first_then_frames_that_belong_to_it() -> None:
     run(main)
 
 
-def test_what_changes_is_told_again_with_the_next_revision_and_nothing_else_is() -> None:
+def test_what_changes_is_reported_again_with_the_next_revision_and_nothing_else_is() -> None:
     async def main(service: FakeService, port: int) -> None:
         async with console_of(port, "?rate_hz=20") as viewer:
             first, _ = await watched(viewer, await next_of(viewer, str), 20)  # a second
@@ -157,7 +157,7 @@ def test_all_viewers_are_sent_the_same_bytes_made_once(monkeypatch: pytest.Monke
     run(main)
 
 
-def test_who_reads_nothing_delays_nobody_and_is_then_told_the_newest() -> None:
+def test_who_reads_nothing_delays_nobody_and_is_then_reported_the_newest() -> None:
     async def main(service: FakeService, port: int) -> None:
         options = {"sock": narrow(port), "max_queue": 1, "compression": None}
         async with (
@@ -176,7 +176,7 @@ def test_who_reads_nothing_delays_nobody_and_is_then_told_the_newest() -> None:
 
 
 @pytest.mark.parametrize("rate", ["0", "21", "nan", "fast"])
-def test_a_bad_rate_is_told(rate: str) -> None:
+def test_a_bad_rate_is_reported(rate: str) -> None:
     async def main(_: FakeService, port: int) -> None:
         async with console_of(port, f"?rate_hz={rate}") as viewer:
             with pytest.raises(websockets.ConnectionClosed):
@@ -217,8 +217,8 @@ def test_a_token_is_asked_for_and_one_that_is_revoked_ends_it(tmp_path: Path) ->
 def test_without_tokens_everybody_here_may_do_everything() -> None:
     async def main(_: FakeService, port: int) -> None:
         async with httpx.AsyncClient() as http:
-            told = (await http.get(f"http://127.0.0.1:{port}/api/v1/access")).json()
-        assert told == {"who": "local", "rights": ["emergency", "operate", "watch"]}
+            reported = (await http.get(f"http://127.0.0.1:{port}/api/v1/access")).json()
+        assert reported == {"who": "local", "rights": ["emergency", "operate", "watch"]}
 
     run(main)
 

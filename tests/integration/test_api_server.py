@@ -102,7 +102,7 @@ async def stalled_viewer(port: int) -> socket.socket:
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
-def test_a_port_in_use_is_told_as_such(host: str) -> None:
+def test_a_port_in_use_is_reported_as_such(host: str) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -114,7 +114,7 @@ def test_a_port_in_use_is_told_as_such(host: str) -> None:
 @pytest.mark.parametrize(
     ("host", "port"), [("no.such.host.invalid", 8000), ("203.0.113.7", 8000), ("127.0.0.1", 70000)]
 )
-def test_an_address_that_cannot_be_had_is_told_as_such(host: str, port: int) -> None:
+def test_an_address_that_cannot_be_had_is_reported_as_such(host: str, port: int) -> None:
     with pytest.raises(LinkError, match=f"cannot listen on {host} port {port}"):
         asyncio.run(serve(create_app(FakeService()), host, port))
 
@@ -233,7 +233,7 @@ async def phase_if_seated(port: int) -> str:
     return ""
 
 
-def test_a_viewer_too_many_is_told_to_come_back_and_a_seat_left_is_free() -> None:
+def test_a_viewer_too_many_is_reported_to_come_back_and_a_seat_left_is_free() -> None:
     async def main(_: FakeService, port: int) -> None:
         viewers = [await stream_of(port) for _ in range(VIEWERS_MAX)]
         for viewer in viewers:

@@ -141,10 +141,10 @@ def station(
     service: FakeService, monkeypatch: pytest.MonkeyPatch, door: Door | None = None
 ) -> Iterator[Listening]:
     """A service that `gcs` finds by its environment."""
-    heard = Listening(create_app(service, door=door))
-    with in_background(heard) as port:
+    received = Listening(create_app(service, door=door))
+    with in_background(received) as port:
         monkeypatch.setenv("GCS_URL", f"http://127.0.0.1:{port}")
-        yield heard
+        yield received
 
 
 def asked_of(service: FakeService, line: str, *options: str) -> int:
@@ -184,7 +184,7 @@ def test_there_is_a_command_for_every_operation_and_it_does_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService(folder=tmp_path)
-    with station(service, monkeypatch) as heard:
+    with station(service, monkeypatch) as received:
         failed = {line: capsys.readouterr() for line in EVERYTHING if asked_of(service, line)}
     assert failed == {}
     document = create_app(service).openapi()["paths"]
@@ -194,7 +194,7 @@ def test_there_is_a_command_for_every_operation_and_it_does_it(
         for method in operations
         if not any(
             method == asked and re.fullmatch(re.sub(r"\{\w+\}", "[^/]+", path), where)
-            for asked, where in heard.asked
+            for asked, where in received.asked
         )
     }
     assert never_asked == set()
@@ -206,7 +206,7 @@ def test_with_json_every_command_prints_exactly_one_document(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService(folder=tmp_path)
-    told: dict[str, object] = {}
+    reported: dict[str, object] = {}
     with station(service, monkeypatch):
         for line in EVERYTHING:
             if line.split()[0] in {"!", "pilot", "lost", "cut-off", "recorded", "good"}:
@@ -215,11 +215,11 @@ def test_with_json_every_command_prints_exactly_one_document(
             assert asked_of(service, line, "--json") == 0
             printed = capsys.readouterr()
             assert printed.err == ""
-            told[line] = json.loads(printed.out, parse_constant=pytest.fail)
-    assert isinstance(told["acknowledge --all"], list)
-    assert isinstance(told["acknowledge vehicle-lost-1"], dict)
-    assert str(told["metrics"]).startswith("# HELP")
-    assert told["obstacle remove tower"] is None
+            reported[line] = json.loads(printed.out, parse_constant=pytest.fail)
+    assert isinstance(reported["acknowledge --all"], list)
+    assert isinstance(reported["acknowledge vehicle-lost-1"], dict)
+    assert str(reported["metrics"]).startswith("# HELP")
+    assert reported["obstacle remove tower"] is None
 
 
 def test_a_refusal_of_one_of_several_is_one_line_beside_one_document(
@@ -283,7 +283,7 @@ def test_every_method_of_the_client_is_a_command() -> None:
     }
 
 
-def test_an_order_is_told_with_who_takes_part_and_what_is_read_is_json(
+def test_an_order_is_reported_with_who_takes_part_and_what_is_read_is_json(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService()
@@ -322,7 +322,7 @@ def test_an_order_can_be_waited_for_and_what_fails_is_the_exit_code(
 
 
 @pytest.mark.parametrize(
-    ("line", "code", "said"),
+    ("line", "code", "stated"),
     [
         ("radius 1", 2, "radius_m = 1.0: at least 5.2 m for 3 vehicles"),
         ("target set nan 0", 2, "x_m = NaN"),
@@ -350,12 +350,12 @@ def test_an_order_can_be_waited_for_and_what_fails_is_the_exit_code(
         ("playback set --speed 0", 2, "speed = 0.0: "),
     ],
 )
-def test_what_is_refused_is_told_with_an_exit_code_of_its_kind(
-    line: str, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_what_is_refused_is_reported_with_an_exit_code_of_its_kind(
+    line: str, code: int, stated: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with station(FakeService(), monkeypatch):
         assert main(line.split()) == code
-    assert said in capsys.readouterr().err
+    assert stated in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -375,9 +375,9 @@ def test_what_is_refused_is_told_with_an_exit_code_of_its_kind(
 def test_arguments_that_make_no_sense_reach_no_service(
     line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with station(FakeService(), monkeypatch) as heard, pytest.raises(SystemExit) as ended:
+    with station(FakeService(), monkeypatch) as received, pytest.raises(SystemExit) as ended:
         main(line.split())
-    assert (ended.value.code, heard.asked) == (2, set())
+    assert (ended.value.code, received.asked) == (2, set())
     assert "usage: gcs" in capsys.readouterr().err
 
 
@@ -448,7 +448,7 @@ def test_preflight_prints_what_fails_and_who_does_not_fly_and_its_exit_code_says
         assert main(["preflight"]) == 1
         bad = capsys.readouterr().out
         assert main(["preflight", "--json"]) == 1
-        told = json.loads(capsys.readouterr().out)
+        reported = json.loads(capsys.readouterr().out)
         assert main(["preflight", "--all"]) == 1
         everything = capsys.readouterr().out
         service.fly()
@@ -462,8 +462,8 @@ def test_preflight_prints_what_fails_and_who_does_not_fly_and_its_exit_code_says
     for words in ("battery", "fail", "0.20 of 1", "at least 25%", "battery at 20%"):
         assert words in line
     assert "not flying: d2: taken out of the show by local: cracked" in bad
-    assert (told["passes"], told["not_flying"]["d2"].endswith("cracked")) == (False, True)
-    assert told["fleet"][0]["value"] is None, "what is no number is null"
+    assert (reported["passes"], reported["not_flying"]["d2"].endswith("cracked")) == (False, True)
+    assert reported["fleet"][0]["value"] is None, "what is no number is null"
     assert "vehicles" in everything
 
 

@@ -214,16 +214,16 @@ def test_a_kill_without_the_service_reaches_it(
 
 def test_a_vehicle_that_believes_nothing_unsigned_is_killed_with_the_key(key_file: Path) -> None:
     with over_udp(KEY) as (vehicle, url):
-        told = kill(config_of(url, signing={"key_file": str(key_file), "link_id": 5}))
-        assert told.outcome is Outcome.DONE, told.reason
+        reported = kill(config_of(url, signing={"key_file": str(key_file), "link_id": 5}))
+        assert reported.outcome is Outcome.DONE, reported.reason
         assert not vehicle.armed
 
 
-def test_with_another_key_it_flies_on_and_nobody_is_told_otherwise(key_file: Path) -> None:
+def test_with_another_key_it_flies_on_and_nobody_is_reported_otherwise(key_file: Path) -> None:
     with over_udp(OTHER_KEY) as (vehicle, url):
-        told = kill(config_of(url, signing={"key_file": str(key_file), "link_id": 5}), STUBBORN_S)
+        reported = kill(config_of(url, signing={"key_file": str(key_file), "link_id": 5}), STUBBORN_S)
         assert vehicle.armed
-        assert told.outcome is Outcome.FAILED
+        assert reported.outcome is Outcome.FAILED
 
 
 def test_a_key_that_cannot_be_read_is_named_before_anything_is_sent(tmp_path: Path) -> None:
@@ -234,7 +234,7 @@ def test_a_key_that_cannot_be_read_is_named_before_anything_is_sent(tmp_path: Pa
         assert vehicle.armed
 
 
-def test_a_cable_that_is_not_plugged_in_is_told() -> None:
-    told = kill(config_of("serial:///dev/gcs-is-not-there:57600"), STUBBORN_S)
-    assert told.outcome is Outcome.FAILED
-    assert "nothing could be sent" in told.reason
+def test_a_cable_that_is_not_plugged_in_is_reported() -> None:
+    reported = kill(config_of("serial:///dev/gcs-is-not-there:57600"), STUBBORN_S)
+    assert reported.outcome is Outcome.FAILED
+    assert "nothing could be sent" in reported.reason

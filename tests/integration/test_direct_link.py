@@ -92,7 +92,7 @@ def test_each_socket_is_called_once_whatever_the_order(monkeypatch: pytest.Monke
         assert left.tolist() == [row != 4 for row in range(10)]
         came = [one.recvfrom(16) for _ in range(9)]
     assert [end - first for first, end in calls] == [4, 5]
-    assert [(said[0], place[1] - port) for said, place in came] == [
+    assert [(stated[0], place[1] - port) for stated, place in came] == [
         *((row, 0) for row in (0, 2, 6, 8)),
         *((row, 1) for row in (1, 3, 5, 7, 9)),
     ]

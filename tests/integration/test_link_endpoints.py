@@ -215,7 +215,7 @@ def cable(folder: Path) -> Iterator[Cable]:
         made.pull()
 
 
-async def said(line: Cable, size: int) -> bytes:
+async def stated(line: Cable, size: int) -> bytes:
     data = b""
     async with asyncio.timeout(120):
         while len(data) < size:
@@ -229,13 +229,13 @@ def test_a_serial_port_carries_frames_both_ways(tmp_path: Path) -> None:
         with cable(tmp_path) as line:
             async with bench(1, 2, listen=SerialPort(str(line.path), 57600)) as made:
                 made.wire.send(beat(245))
-                assert await said(line, len(beat(245))) == beat(245)
+                assert await stated(line, len(beat(245))) == beat(245)
                 line.write(b"\x13\x11\r\n" + beat(1)[:7])
                 await asyncio.sleep(0.05)
                 line.write(beat(1)[7:] + beat(2))
                 await until(lambda: len(made.delivered) == 2)
                 made.wire.send(command(2))
-                assert await said(line, len(command(2))) == command(2)
+                assert await stated(line, len(command(2))) == command(2)
                 assert made.wire.counters.garbage_bytes == 4
                 assert str(made.wire.address(1)) == str(line.path)
 
@@ -257,7 +257,7 @@ def test_a_serial_port_that_is_pulled_out_and_put_back_is_found(tmp_path: Path) 
                         line.write(beat(1))
                         await asyncio.sleep(0.1)
                 made.wire.send(command(1))
-                assert await said(line, len(command(1))) == command(1)
+                assert await stated(line, len(command(1))) == command(1)
 
     asyncio.run(main())
 

@@ -17,12 +17,12 @@ def to(station: socket.socket, *, read_only: bool) -> Forward:
     return Forward(url=f"udp://127.0.0.1:{station.getsockname()[1]}", read_only=read_only)
 
 
-def said(message: Any, system_id: int = 255) -> bytes:
+def stated(message: Any, system_id: int = 255) -> bytes:
     return bytes(message.pack(dialect.MAVLink(None, srcSystem=system_id, srcComponent=190)))
 
 
 def arm(target: int, system_id: int = 255) -> bytes:
-    return said(dialect.MAVLink_command_long_message(target, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0), system_id)
+    return stated(dialect.MAVLink_command_long_message(target, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0), system_id)
 
 
 async def introduced(made: Bench, vehicle: socket.socket, station: socket.socket) -> tuple[str, int]:
@@ -57,7 +57,7 @@ def test_a_station_that_may_answer_reaches_the_vehicle_it_targets_and_no_other_w
             async with bench(1, forward=[to(station, read_only=False)]) as made:
                 ground = await introduced(made, vehicle, station)
                 made.deadman.refresh([1], time.monotonic() + 60.0)  # ours may fly; theirs may not for that
-                manual = said(dialect.MAVLink_manual_control_message(1, 0, 0, 0, 0, 0))
+                manual = stated(dialect.MAVLink_manual_control_message(1, 0, 0, 0, 0, 0))
                 for refused in (beat(255, 8), setpoint(1), manual, arm(0), arm(7), arm(1, 1), arm(1, 245)):
                     station.sendto(refused, ground)
                 intruder.sendto(arm(1), ground)
@@ -102,7 +102,7 @@ def test_a_dead_station_delays_nobody() -> None:
     asyncio.run(main())
 
 
-def test_a_station_that_shouts_is_heard_a_little_at_a_time() -> None:
+def test_a_station_that_shouts_is_received_a_little_at_a_time() -> None:
     async def main() -> None:
         with a_socket() as vehicle, closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as station:
             station.bind(("127.0.0.1", 0))

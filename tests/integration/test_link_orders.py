@@ -48,7 +48,7 @@ def age_s(link: Link, of: str) -> float:
     return time.monotonic() - float(time_s[0])
 
 
-def test_the_snapshot_is_what_the_vehicle_said_and_when() -> None:
+def test_the_snapshot_is_what_the_vehicle_stated_and_when() -> None:
     async def main(peer: Peer, link: Link, is_ready: AnyLink) -> None:
         before = link.snapshot()
         assert np.isneginf(before.position_time_s).all()
@@ -207,7 +207,7 @@ def test_a_duplicate_is_reported_by_vehicle_and_never_commanded() -> None:
                 }
                 await do(link, Verb.ARM, "v1")
                 assert (first.armed, second.armed) == (True, False)
-                assert second.heard == []
+                assert second.received == []
 
     with Peer(port := free_ports(), 1) as first:
         asyncio.run(main(first, port, a_link(port, [1])))

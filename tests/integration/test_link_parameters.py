@@ -73,7 +73,7 @@ def test_what_cannot_be_read_or_set_says_why() -> None:
     with_two(story)
 
 
-def test_a_link_that_is_not_open_or_a_vehicle_never_heard_says_so() -> None:
+def test_a_link_that_is_not_open_or_a_vehicle_never_received_says_so() -> None:
     async def main() -> None:
         link = a_link(free_ports(1), [1])
         with pytest.raises(CommandError, match="v1: its parameters cannot be read: link bench is not open"):

@@ -45,7 +45,7 @@ def signed_beat(packer: Any) -> bytes:
     return bytes(dialect.MAVLink_heartbeat_message(2, 12, 0x81, 6 << 16, 4, 3).pack(packer))
 
 
-def test_only_what_is_signed_is_taken_and_each_refusal_is_said_once(
+def test_only_what_is_signed_is_taken_and_each_refusal_is_stated_once(
     signing: Signing, caplog: pytest.LogCaptureFixture
 ) -> None:
     signing._signer.begin(0)
@@ -140,7 +140,7 @@ def test_mavsdk_flies_a_vehicle_that_wants_signatures(tmp_path: Path) -> None:
                 await until(lambda: peer.messages("SET_POSITION_TARGET_LOCAL_NED"))
             await do(link, Verb.KILL, "v1")
             assert not peer.armed
-        taken = [message for _, message in peer.heard if message.get_msgId() >= 0]
+        taken = [message for _, message in peer.received if message.get_msgId() >= 0]
         assert taken
         assert all(message.get_signed() for message in taken)
 

@@ -110,9 +110,9 @@ def test_a_vehicle_that_is_no_longer_listed_gets_nothing_from_that_call_on() -> 
             ticks.listed = ()
             dropped = link.counters.setpoints_dropped
             ticks.tick()
-            told_s = time.monotonic()
+            reported_s = time.monotonic()
             await repeated(link, 3, since=dropped)
-            assert arrivals_s(peer)[-1] <= told_s + 0.02  # one may have been on its way
+            assert arrivals_s(peer)[-1] <= reported_s + 0.02  # one may have been on its way
             await do(link, Verb.HOLD, "v1")
             assert link.snapshot().mode == (Mode.HOLD,)
 

@@ -154,7 +154,7 @@ def test_strangers_and_garbage_are_counted_and_change_nothing(caplog: pytest.Log
                 assert [frame.system_id for frame in made.delivered] == [1]
                 assert made.wire.counters.strangers == 3
                 assert made.wire.counters.garbage_bytes == 1 + 300 + len(beat(1)) - 1
-                assert made.wire.heard[1].mode is Mode.OFFBOARD
+                assert made.wire.telemetry[1].mode is Mode.OFFBOARD
                 assert sum(record.msg == "stranger_ignored" for record in caplog.records) == 2
 
     with caplog.at_level("INFO", logger="gcs.links.framed.router"):
@@ -224,7 +224,7 @@ def test_what_waited_in_the_socket_is_as_old_as_it_is() -> None:
                 time.sleep(0.2)  # noqa: ASYNC251  a stalled loop is the subject
                 await until(lambda: made.delivered)
                 # older where the machine pauses between two clocks
-                assert before_s - 1.0 < made.wire.heard[1].heartbeat_time_s < after_s + 0.05
+                assert before_s - 1.0 < made.wire.telemetry[1].heartbeat_time_s < after_s + 0.05
 
     asyncio.run(main())
 

@@ -60,7 +60,7 @@ def sample(tick: int) -> Sample:
     )
 
 
-def fill_the_disk(root: Path, told: Connection) -> None:
+def fill_the_disk(root: Path, reported: Connection) -> None:
     """Record until nothing more fits, then with room again. A file may have so many bytes."""
     hardest = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     resource.setrlimit(resource.RLIMIT_FSIZE, (ROOM_BYTES, hardest))
@@ -92,10 +92,10 @@ def fill_the_disk(root: Path, told: Connection) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (hardest, hardest))
         tick_until(lambda: len(record.problems) == 1 and "were not kept" in record.problems[0])
         last = book.open("stop", list(VEHICLES), {})
-        told.send((full, refused, asyncio.run(record.audit.kept()), last.id))
+        reported.send((full, refused, asyncio.run(record.audit.kept()), last.id))
 
 
-def test_a_full_disk_is_told_of_and_the_record_goes_on_when_there_is_room(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_of_and_the_record_goes_on_when_there_is_room(tmp_path: Path) -> None:
     context = multiprocessing.get_context("forkserver")
     hear, tell = context.Pipe(duplex=False)
     process = context.Process(target=fill_the_disk, args=(tmp_path, tell))

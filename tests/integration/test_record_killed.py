@@ -17,7 +17,7 @@ KILLS = 20
 VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 21)}
 
 
-def command_for_ever(root: Path, told: Connection) -> None:
+def command_for_ever(root: Path, reported: Connection) -> None:
     """Accept orders as fast as the disk takes them, four at a time, and tell of each once it is kept."""
 
     async def commands_of_one(record: Record, book: CommandLog) -> None:
@@ -26,7 +26,7 @@ def command_for_ever(root: Path, told: Connection) -> None:
             for name in VEHICLES:
                 book.close(command.id, name, Outcome.DONE)
             assert await record.audit.kept()
-            told.send((record.session, command.id))
+            reported.send((record.session, command.id))
 
     async def main() -> None:
         with Record(root, "{}", VEHICLES) as record:

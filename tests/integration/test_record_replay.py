@@ -163,9 +163,9 @@ def positions_s(address: str, count: int) -> list[float]:
 
 def test_it_is_paused_and_sought_and_tells_what_had_happened_by_then(recorded: Path) -> None:
     with replay(recorded) as address, Client(address, timeout_s=30.0) as client:
-        told = client.playback.change(paused=True, position_s=12.5)
-        assert (told.paused, told.position_s, told.ended) == (True, 12.5, False)
-        assert told.duration_s == pytest.approx(SECONDS - 0.05)
+        reported = client.playback.change(paused=True, position_s=12.5)
+        assert (reported.paused, reported.position_s, reported.ended) == (True, 12.5, False)
+        assert reported.duration_s == pytest.approx(SECONDS - 0.05)
         assert positions_s(address, 5)[-1] == pytest.approx(12.5, abs=0.06)
         assert asyncio.run(headers(address, 1))[0]["control_alive"]
         status = client.status()

@@ -54,7 +54,7 @@ def systems_in(datagram: bytes) -> set[int]:
     return systems
 
 
-def heard(ear_socket: socket.socket, datagrams: int) -> set[int]:
+def received(ear_socket: socket.socket, datagrams: int) -> set[int]:
     return set().union(*(systems_in(ear_socket.recv(65536)) for _ in range(datagrams)))
 
 
@@ -79,11 +79,11 @@ def answers(ear_socket: socket.socket, expected: set[int]) -> set[int]:
     return found
 
 
-def test_vehicles_behind_a_shared_port_share_datagrams_and_are_told_apart_by_target() -> None:
+def test_vehicles_behind_a_shared_port_share_datagrams_and_are_reported_apart_by_target() -> None:
     port = free_ports()
     with ear(port) as station, running("--shared-port", "--count", "20", "--port-base", str(port)):
         first, radio = station.recvfrom(65536)
-        assert heard(station, 100) | systems_in(first) == set(range(1, 21))
+        assert received(station, 100) | systems_in(first) == set(range(1, 21))
         station.sendto(arm_disarm(7), radio)
         assert answers(station, {7}) == {7}
         station.sendto(arm_disarm(0), radio)
@@ -94,7 +94,7 @@ def test_each_namespace_has_a_port_and_ids_from_one() -> None:
     port = free_ports(3)
     arguments = ["--shared-port", "--count", "7", "--namespace-size", "3", "--port-base", str(port)]
     with ear(port) as one, ear(port + 1) as two, ear(port + 2) as three, running(*arguments):
-        assert [heard(each, 60) for each in (one, two, three)] == [{1, 2, 3}, {1, 2, 3}, {1}]
+        assert [received(each, 60) for each in (one, two, three)] == [{1, 2, 3}, {1, 2, 3}, {1}]
 
 
 def ask(control: int, command: Any) -> dict[str, Any]:
@@ -110,7 +110,7 @@ def test_a_control_port_silences_and_jams_and_refuses_what_it_does_not_know() ->
     port = free_ports(2)
     arguments = ["--shared-port", "--count", "3", "--port-base", str(port), "--control", str(port + 1)]
     with ear(port) as station, running(*arguments):
-        assert heard(station, 60) == {1, 2, 3}
+        assert received(station, 60) == {1, 2, 3}
         assert ask(port + 1, {"vehicle": 2, "fault": "silence"}) == {
             "ok": True,
             "fault": "silence",
@@ -119,7 +119,7 @@ def test_a_control_port_silences_and_jams_and_refuses_what_it_does_not_know() ->
         assert "number from 0 to 1" in ask(port + 1, {"vehicle": 1, "fault": "loss", "share": 7})["error"]
         assert "not JSON" in ask(port + 1, "\x00garbage")["error"]
         drain(station)
-        assert heard(station, 60) == {1, 3}
+        assert received(station, 60) == {1, 3}
         assert ask(port + 1, {"vehicles": "all", "fault": "none"})["ok"]
         assert ask(port + 1, {"vehicle": 3, "fault": "jam", "rate_hz": 500})["ok"]
         drain(station)
@@ -153,5 +153,5 @@ def test_orders_come_line_by_line_on_standard_input_and_its_end_changes_nothing(
         assert json.loads(process.stdout.readline())["ok"]
         assert "fault must be one of" in json.loads(process.stdout.readline())["error"]
         process.stdin.close()
-        assert heard(station, 20) == {1}
+        assert received(station, 20) == {1}
         process.stdin = None

@@ -66,8 +66,8 @@ def outcomes(pool: ProcessPoolExecutor, mutants: Sequence[Mutant]) -> Iterator[t
 
     Exits where the tests fail even without a mutant.
     """
-    if said := pool.submit(complaint).result():
-        sys.exit(f"the tests fail without any mutant:\n{said}")
+    if stated := pool.submit(complaint).result():
+        sys.exit(f"the tests fail without any mutant:\n{stated}")
     running = {pool.submit(judge, mutant): mutant for mutant in mutants}
     for count, done in enumerate(as_completed(running), 1):
         yield running[done], done.result()

@@ -23,7 +23,7 @@ SENT = (
     76,
     84,
 )  # HEARTBEAT, PARAM_REQUEST_READ and _LIST, PARAM_SET, COMMAND_LONG, the setpoint
-READ = (0, 1, 22, 24, 33, 77, 147, 230, 245, 253)  # ESTIMATOR_STATUS is 230; the others are in `heard`
+READ = (0, 1, 22, 24, 33, 77, 147, 230, 245, 253)  # ESTIMATOR_STATUS is 230; the others are in `received`
 
 FRAMES = st.sampled_from([*SENT, *READ])
 

@@ -207,7 +207,7 @@ def test_everyone_is_held_off_every_side_of_the_fence_that_could_be_reached(
     position = spread * (1.0, 1.0, 0.2) - (0.0, 0.0, 50.0)
     fence = SAFETY.fence
     found = fence_constraints(position, commanded, descending, fence, BRAKING, fastest_m_s=fastest_m_s)
-    told = []
+    reported = []
     for row in np.flatnonzero(commanded).tolist():
         x_m, y_m, height_m = position[row] * (1.0, 1.0, -1.0)
         away_m = np.hypot(x_m, y_m)
@@ -219,11 +219,11 @@ def test_everyone_is_held_off_every_side_of_the_fence_that_could_be_reached(
         ]
         for reason, gap_m, inward in sides[1:] if descending[row] else sides:
             if (allowed_m_s := stopping_speed_m_s(gap_m)) <= 2.0 * fastest_m_s:
-                told.append((row, reason, *inward, -allowed_m_s))
-    assert found.first.tolist() == [one[0] for one in told]
-    assert list(found.reason) == [one[1] for one in told]
-    assert np.allclose(found.normal, np.array([one[2:5] for one in told]).reshape(-1, 3))
-    assert np.allclose(found.bound_m_s, [one[5] for one in told], atol=1e-6)
+                reported.append((row, reason, *inward, -allowed_m_s))
+    assert found.first.tolist() == [one[0] for one in reported]
+    assert list(found.reason) == [one[1] for one in reported]
+    assert np.allclose(found.normal, np.array([one[2:5] for one in reported]).reshape(-1, 3))
+    assert np.allclose(found.bound_m_s, [one[5] for one in reported], atol=1e-6)
 
 
 def beyond_m(position_m: Array, box: Ellipse) -> Array:

@@ -70,26 +70,26 @@ def whole_way(position_m: Array, home_m: Array) -> Array:
 
 @CALM
 @given(vectors(3, 6.0), vectors(3, 6.0), st.booleans())
-def test_who_meets_on_the_way_home_whenever_each_is_where_is_told(
+def test_who_meets_on_the_way_home_whenever_each_is_where_is_reported(
     spread: Array, home: Array, high: bool
 ) -> None:
     position = spread * (1.0, 1.0, 2.0) - (0.0, 0.0, 40.0 if high else 20.0)
     home = home * (1.0, 1.0, 2.0)  # on slopes
-    told = set(found(position, home, "return", FLOOR))
+    reported = set(found(position, home, "return", FLOOR))
     ways = [whole_way(position[i], home[i]) for i in range(3)]
     semi_m = np.array([FLOOR.horizontal_m, FLOOR.horizontal_m, FLOOR.vertical_m])
     nearest = {
         (i, j): float(np.linalg.norm((ways[i][:, None] - ways[j][None]) / semi_m, axis=2).min())
         for i, j in combinations(range(3), 2)
     }
-    event(f"clashes: {len(told)}")
-    assert {pair for pair, share in nearest.items() if share < 1.0} <= told
+    event(f"clashes: {len(reported)}")
+    assert {pair for pair, share in nearest.items() if share < 1.0} <= reported
     beside = {
         (i, j)
         for i, j in nearest
         if np.hypot(*(position[i] - position[j])[:2]) < FLOOR.horizontal_m  # they may climb past each other
     }
-    assert told <= beside | {pair for pair, share in nearest.items() if share < 1.1}
+    assert reported <= beside | {pair for pair, share in nearest.items() if share < 1.1}
 
 
 def come_inside(position_m: Array, shrunk: float) -> set[tuple[int, int]]:
@@ -111,9 +111,9 @@ def test_those_who_sink_come_inside_the_floor_as_they_do_where_they_sink(
     spread: Array, action: Action
 ) -> None:
     position = spread * (0.05, 0.05, 1.0)
-    told = set(found(position, np.zeros((5, 3)), action, FLOOR))
-    event(f"clashes: {len(told)}")
-    assert come_inside(position, 0.97) <= told <= come_inside(position, 1.03)
+    reported = set(found(position, np.zeros((5, 3)), action, FLOOR))
+    event(f"clashes: {len(reported)}")
+    assert come_inside(position, 0.97) <= reported <= come_inside(position, 1.03)
 
 
 @CALM

@@ -339,7 +339,7 @@ def test_yaw_turns_no_faster_than_its_rate_and_comes_nearer(
 
 @CALM
 @given(st.integers(2, 250), within(3.5, 90.0))
-def test_the_smallest_radius_told_is_accepted(count: int, height_m: float) -> None:
+def test_the_smallest_radius_reported_is_accepted(count: int, height_m: float) -> None:
     radius_m = smallest_formation_radius_m(count, SAFETY)
     assume(SAFETY.fence.height_min_m + radius_m <= height_m <= SAFETY.fence.height_max_m - radius_m)
     check_formation(Formation(radius_m, height_m), count, SAFETY)

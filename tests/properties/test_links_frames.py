@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.telemetry import Heard
+from gcs.links.telemetry import VehicleTelemetry
 from gcs.mavlink.framing import moves, split, split_stream, target_system
 
 PACKER = dialect.MAVLink(None, srcSystem=7, srcComponent=1)
@@ -36,11 +36,11 @@ def mutated(draw: st.DrawFn) -> bytes:
 def test_whatever_arrives_is_frames_or_garbage_and_never_an_exception(data: bytes, checked: bool) -> None:
     frames, garbage_bytes, unknown_bytes = split(data, checked=checked)
     assert sum(len(frame.raw) for frame in frames) + garbage_bytes + unknown_bytes == len(data)
-    heard = Heard()
+    received = VehicleTelemetry()
     for frame in frames:
         assert 0 <= target_system(frame) <= 255
         if checked:
-            heard.take(frame, 1.0)
+            received.take(frame, 1.0)
             moves(frame)
 
 

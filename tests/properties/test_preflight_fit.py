@@ -48,7 +48,7 @@ def test_rotation_and_shift_are_found_again(
 
 @given(SEEDS, st.integers(8, 60), st.floats(-0.5, 0.5))
 @settings(max_examples=150, deadline=None)
-def test_noise_moves_the_rotation_by_no_more_than_what_can_be_told(
+def test_noise_moves_the_rotation_by_no_more_than_what_can_be_reported(
     seed: int, count: int, turn_rad: float
 ) -> None:
     random = np.random.default_rng(seed)
@@ -57,7 +57,7 @@ def test_noise_moves_the_rotation_by_no_more_than_what_can_be_told(
     measured_m = moved(expected_m, turn_rad, np.array([3.0, -2.0])) + noise_m
     found = fit(expected_m, measured_m, np.full(count, 2.0 * off_m), WITHIN_M)
     assert found.stands.all()
-    assert abs(found.rotation_rad - turn_rad) <= 2.0 * found.told_rad
+    assert abs(found.rotation_rad - turn_rad) <= 2.0 * found.reported_rad
     assert np.linalg.norm(found.shift_m - (3.0, -2.0)) <= 2.0 * off_m
 
 

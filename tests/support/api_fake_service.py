@@ -398,8 +398,8 @@ class FakeService:
         n = len(names)
         up = np.array([phase in AIRBORNE for phase in phases])
         formed = np.array([phase is Phase.FORMATION for phase in phases])
-        heard = [phase not in (Phase.OFFLINE, Phase.LOST) for phase in phases]
-        unheard = ~np.array(heard)
+        received = [phase not in (Phase.OFFLINE, Phase.LOST) for phase in phases]
+        unheard = ~np.array(received)
         restrained_by = [""] * n
         if formed[0]:
             restrained_by[0] = "separation from d9"
@@ -420,7 +420,7 @@ class FakeService:
             modes=[Mode.OFFBOARD if phase is Phase.FORMATION else Mode.HOLD for phase in phases],
             armed=up.tolist(),
             landed=[Landed.IN_AIR if each else Landed.ON_GROUND for each in up],
-            ready=heard,
+            ready=received,
             position_m=place_m,
             velocity_m_s=np.stack([describe(0.1), describe(0.2), describe(0.3)], axis=1),
             setpoint_m_s=np.where(formed[:, None], [1.0, 0.0, -1.0], np.nan),

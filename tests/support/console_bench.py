@@ -169,8 +169,8 @@ class Console:
 
     def tells(self, kind: str, text: str, timeout_ms: float = SOON_MS) -> None:
         """Wait until one of its answers, "done" or "refused", says so."""
-        told = self.part(f"toast-{kind}").filter(has_text=text).first
-        expect(told).to_be_visible(timeout=timeout_ms)
+        reported = self.part(f"toast-{kind}").filter(has_text=text).first
+        expect(reported).to_be_visible(timeout=timeout_ms)
 
     def resting(self, word: str) -> tuple[float, float]:
         """Where a word of the scene is, once the camera has come to rest. In CSS pixels."""
@@ -208,7 +208,7 @@ class Console:
         expect(self.part("desk")).to_have_attribute("data-life", "lost")
         seen = self.seen()
         # the last time: a machine that paused had the page say so before, too
-        *_, lost = [each for each in seen["said"] if each["text"] == "No connection"]
+        *_, lost = [each for each in seen["stated"] if each["text"] == "No connection"]
         last_ms = lost["message_ms"]
         stood_still_ms = sum(
             each["to_ms"] - each["from_ms"] for each in seen["stalled"] if each["to_ms"] > last_ms
@@ -234,7 +234,7 @@ def console(
         page = context.new_page()
         wrong: list[str] = []
         page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        page.on("console", lambda stated: wrong.append(stated.text) if stated.type == "error" else None)
         page.add_init_script(SEEN)
         page.goto(url)
         yield Console(page, wrong)

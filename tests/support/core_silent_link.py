@@ -62,7 +62,7 @@ class SilentLink:
     def watch_parameters(self, names: Collection[str]) -> None:
         """No vehicle answers."""
 
-    def told_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
+    def reported_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
         """No vehicle answers."""
         return {}
 

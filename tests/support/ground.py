@@ -214,16 +214,16 @@ class Supervised:
                 [*command, "--supervised", *options], stdout=subprocess.DEVNULL, stderr=log
             )
 
-    def said(self, event: str) -> list[dict[str, object]]:
+    def stated(self, event: str) -> list[dict[str, object]]:
         """Every line of the log with that event; a line that is being written is none yet."""
         lines = (self.folder / "log").read_text(encoding="utf-8").splitlines()
-        told = [json.loads(line) for line in lines if line.startswith("{") and line.endswith("}")]
-        return [line for line in told if line["event"] == event]
+        reported = [json.loads(line) for line in lines if line.startswith("{") and line.endswith("}")]
+        return [line for line in reported if line["event"] == event]
 
     @property
     def pid(self) -> int:
         """Of the service that runs now, or ran last."""
-        return int(str(self.said("service_started")[-1]["pid"]))
+        return int(str(self.stated("service_started")[-1]["pid"]))
 
     def answers(self) -> bool:
         """Whether the API does, and control lives."""
@@ -237,7 +237,7 @@ class Supervised:
         """End it all, whatever state it is in."""
         self.parent.kill()
         self.parent.wait()
-        for line in self.said("service_started"):
+        for line in self.stated("service_started"):
             with suppress(ProcessLookupError):
                 os.kill(int(str(line["pid"])), signal.SIGKILL)
 

@@ -47,7 +47,7 @@ class Peer:
         self.boot_s = time.monotonic() - 1.0
         self._position_period_s = position_s
         self._beat_period_s = beat_s
-        self.heard: list[tuple[float, Any]] = []
+        self.received: list[tuple[float, Any]] = []
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(0.01)
@@ -81,7 +81,7 @@ class Peer:
 
         The times are the kernel's, whenever this thread came to reading.
         """
-        return [(time_s, message) for time_s, message in list(self.heard) if message.get_type() == name]
+        return [(time_s, message) for time_s, message in list(self.received) if message.get_type() == name]
 
     def send(self, message: Any) -> None:
         """Send one message now."""
@@ -105,7 +105,7 @@ class Peer:
         while not self._stopped.is_set():
             now_s = time.monotonic()
             if self.speaks and now_s >= beat_s:
-                beat_s = now_s + (self._beat_period_s if self.heard else FIRST_BEATS_S)
+                beat_s = now_s + (self._beat_period_s if self.received else FIRST_BEATS_S)
                 self.beat()
             if self.speaks and now_s >= status_s:
                 status_s = now_s + 0.2
@@ -122,7 +122,7 @@ class Peer:
             return
         arrived_s = _arrived_s(ancillary)
         for message in self._parser.parse_buffer(data) or []:
-            self.heard.append((arrived_s, message))
+            self.received.append((arrived_s, message))
             if self.answers:
                 self._answer(message)
 

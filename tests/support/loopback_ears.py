@@ -7,7 +7,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from gcs.links import Command, ParameterValue, Verb
-from gcs.links.telemetry import Heard
+from gcs.links.telemetry import VehicleTelemetry
 from gcs.mavlink.framing import Frame
 from gcs.model.state import Landed, Mode
 
@@ -20,7 +20,7 @@ DESIRED_MODE = {
 }
 
 
-class Ears(Heard):
+class Ears(VehicleTelemetry):
     """What the production link reads, and the numbers that MAVSDK reads for it."""
 
     def __init__(self) -> None:
@@ -34,42 +34,44 @@ class Ears(Heard):
         super().take(frame, time_s)
         if frame.message_id not in {EXTENDED_SYS_STATE, PARAM_VALUE}:
             return
-        said: Any = self._mav.decode(bytearray(frame.raw))
+        stated: Any = self._mav.decode(bytearray(frame.raw))
         if frame.message_id == EXTENDED_SYS_STATE:
-            self.landed = Landed(said.landed_state)
+            self.landed = Landed(stated.landed_state)
         else:
-            whole = said.param_type == INT32  # bytewise: the four bytes of an int in the float's place
-            value = struct.unpack("<i", struct.pack("<f", said.param_value))[0] if whole else said.param_value
-            self.parameters[said.param_id] = value
+            whole = stated.param_type == INT32  # bytewise: the four bytes of an int in the float's place
+            value = (
+                struct.unpack("<i", struct.pack("<f", stated.param_value))[0] if whole else stated.param_value
+            )
+            self.parameters[stated.param_id] = value
 
 
-def obeyed(verb: Verb, heard: Ears) -> bool:
+def obeyed(verb: Verb, received: Ears) -> bool:
     """Whether a vehicle's heartbeat shows that it obeyed, by the same rules as the production link's."""
     match verb:
         case Verb.ARM:
-            return heard.armed
+            return received.armed
         case Verb.DISARM:
-            return not heard.armed
+            return not received.armed
         case Verb.TAKEOFF:
-            climbs = heard.mode is Mode.TAKEOFF or heard.landed in {Landed.IN_AIR, Landed.TAKEOFF}
-            return heard.armed and climbs
+            climbs = received.mode is Mode.TAKEOFF or received.landed in {Landed.IN_AIR, Landed.TAKEOFF}
+            return received.armed and climbs
         case Verb.LAND:
-            return heard.mode is Mode.LAND or (heard.landed is Landed.ON_GROUND and not heard.armed)
+            return received.mode is Mode.LAND or (received.landed is Landed.ON_GROUND and not received.armed)
         case _:
-            return heard.mode is DESIRED_MODE[verb]
+            return received.mode is DESIRED_MODE[verb]
 
 
-def failure(command: Command, heard: Ears, began_s: float) -> str:
+def failure(command: Command, received: Ears, began_s: float) -> str:
     """Why an order failed, with what the vehicle itself said since."""
-    said = f'; it says "{heard.text}"' if heard.text_time_s >= began_s else ""
-    state = f"it reports {heard.mode}, {'armed' if heard.armed else 'disarmed'}"
-    return f"{command.vehicle_id}: {command.verb} sent, but not seen to happen: {state}{said}"
+    stated = f'; it says "{received.text}"' if received.text_time_s >= began_s else ""
+    state = f"it reports {received.mode}, {'armed' if received.armed else 'disarmed'}"
+    return f"{command.vehicle_id}: {command.verb} sent, but not seen to happen: {state}{stated}"
 
 
-async def news(heard: Ears, wait_s: float) -> None:
+async def news(received: Ears, wait_s: float) -> None:
     """Until the next heartbeat, or `wait_s`."""
     try:
         async with asyncio.timeout(wait_s):
-            await heard.news.wait()
+            await received.news.wait()
     except TimeoutError:
         return

@@ -151,31 +151,31 @@ class LoopbackLink:
     def snapshot(self) -> Telemetry:
         """The newest known of every vehicle."""
         ears = tuple(self._ears.values())
-        motion = np.array([heard.motion for heard in ears])
+        motion = np.array([received.motion for received in ears])
         return Telemetry(
             ids=self.ids,
-            position_time_s=np.array([heard.position_time_s for heard in ears]),
-            heartbeat_time_s=np.array([heard.heartbeat_time_s for heard in ears]),
-            life_time_s=np.array([heard.life_time_s for heard in ears]),
+            position_time_s=np.array([received.position_time_s for received in ears]),
+            heartbeat_time_s=np.array([received.heartbeat_time_s for received in ears]),
+            life_time_s=np.array([received.life_time_s for received in ears]),
             latitude_deg=motion[:, 0].copy(),
             longitude_deg=motion[:, 1].copy(),
             altitude_amsl_m=motion[:, 2].copy(),
             velocity_ned_m_s=motion[:, 3:6].copy(),
             yaw_deg=motion[:, 6].copy(),
-            battery_remaining=np.array([heard.battery_remaining for heard in ears]),
-            armed=tuple(heard.armed for heard in ears),
-            mode=tuple(heard.mode for heard in ears),
-            in_failsafe=tuple(heard.in_failsafe for heard in ears),
-            landed=tuple(heard.landed for heard in ears),
-            ready=tuple(heard.prearm_ok for heard in ears),
-            horizontal_accuracy_m=np.array([heard.accuracy.horizontal_m for heard in ears]),
-            vertical_accuracy_m=np.array([heard.accuracy.vertical_m for heard in ears]),
-            boots=tuple(heard.boots for heard in ears),
-            position_resets=tuple(heard.position_resets for heard in ears),
-            fix_type=np.array([heard.fix_type for heard in ears]),
-            sick_sensors=np.array([heard.sick_sensors for heard in ears], np.int64),
-            clock_base_s=np.array([heard.clock_base_s for heard in ears]),
-            texts=tuple(heard.texts for heard in ears),
+            battery_remaining=np.array([received.battery_remaining for received in ears]),
+            armed=tuple(received.armed for received in ears),
+            mode=tuple(received.mode for received in ears),
+            in_failsafe=tuple(received.in_failsafe for received in ears),
+            landed=tuple(received.landed for received in ears),
+            ready=tuple(received.prearm_ok for received in ears),
+            horizontal_accuracy_m=np.array([received.accuracy.horizontal_m for received in ears]),
+            vertical_accuracy_m=np.array([received.accuracy.vertical_m for received in ears]),
+            boots=tuple(received.boots for received in ears),
+            position_resets=tuple(received.position_resets for received in ears),
+            fix_type=np.array([received.fix_type for received in ears]),
+            sick_sensors=np.array([received.sick_sensors for received in ears], np.int64),
+            clock_base_s=np.array([received.clock_base_s for received in ears]),
+            texts=tuple(received.texts for received in ears),
         )
 
     def send(self, setpoints: Setpoints) -> None:
@@ -197,22 +197,22 @@ class LoopbackLink:
         if command.vehicle_id not in self._system_ids:
             raise UnknownError(f"{command.vehicle_id} is not on link {self._name}")
         loop = asyncio.get_running_loop()
-        heard = self._ears[command.vehicle_id]
+        received = self._ears[command.vehicle_id]
         self.commands[command.vehicle_id].append(SentCommand(loop.time(), command.verb))
         if command.verb is Verb.KILL:
-            await self._kill(command, heard)
+            await self._kill(command, received)
             return
         async with self._locks[command.vehicle_id]:
             began_s = loop.time()
             if (command.vehicle_id, command.verb) in self.refusing:
                 raise CommandError(f"{command.vehicle_id}: {command.verb} refused: COMMAND_DENIED")
-            self._refuse_the_impossible(command, heard, began_s)
-            self._post_command(command, heard)
-            while not (heard.heartbeat_time_s > began_s and obeyed(command.verb, heard)):
+            self._refuse_the_impossible(command, received, began_s)
+            self._post_command(command, received)
+            while not (received.heartbeat_time_s > began_s and obeyed(command.verb, received)):
                 left_s = began_s + CONFIRM_S - loop.time()
                 if left_s <= STEP_S:  # shorter sleeps are below the clock's resolution
-                    raise CommandError(failure(command, heard, began_s))
-                await news(heard, left_s)
+                    raise CommandError(failure(command, received, began_s))
+                await news(received, left_s)
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
@@ -256,7 +256,7 @@ class LoopbackLink:
         """Keep what vehicles announce of these."""
         self._news.watch(names)
 
-    def told_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
+    def reported_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
         """What they announced since the last call."""
         return self._news.drain()
 
@@ -319,13 +319,13 @@ class LoopbackLink:
         self._setpoint_s[vehicle_id] = now_s
         self.sent[vehicle_id].append(SentSetpoint(now_s, (north_m_s, east_m_s, down_m_s), yaw_rad))
 
-    def _post_command(self, command: Command, heard: Ears) -> None:
+    def _post_command(self, command: Command, received: Ears) -> None:
         match command.verb:
             case Verb.ARM | Verb.DISARM:
                 desired = float(command.verb is Verb.ARM)
                 self._post_long(command.vehicle_id, common.MAV_CMD_COMPONENT_ARM_DISARM, desired)
             case Verb.TAKEOFF:
-                top_m = heard.motion[2] + command.height_m
+                top_m = received.motion[2] + command.height_m
                 anywhere = (0.0, 0.0, 0.0, nan, nan, nan)
                 self._post_long(command.vehicle_id, common.MAV_CMD_NAV_TAKEOFF, *anywhere, top_m)
             case Verb.LAND:
@@ -335,24 +335,24 @@ class LoopbackLink:
                     command.vehicle_id, common.MAV_CMD_DO_SET_MODE, 129.0, *MODE_NUMBERS[command.verb]
                 )
 
-    def _refuse_the_impossible(self, command: Command, heard: Ears, now_s: float) -> None:
+    def _refuse_the_impossible(self, command: Command, received: Ears, now_s: float) -> None:
         fed = now_s - self._setpoint_s[command.vehicle_id] <= self._deadman_s
         if command.verb is Verb.OFFBOARD and not fed:
             raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
-        if command.verb is Verb.TAKEOFF and not heard.armed:
+        if command.verb is Verb.TAKEOFF and not received.armed:
             raise CommandError(f"{command.vehicle_id}: takeoff while disarmed; arm it first")
 
-    async def _kill(self, command: Command, heard: Ears) -> None:
+    async def _kill(self, command: Command, received: Ears) -> None:
         loop = asyncio.get_running_loop()
         began_s, target = loop.time(), self._system_ids[command.vehicle_id]
         while loop.time() - began_s < CONFIRM_S:
             system, component = STATION
             frame = kill_frame(target, sequence=0, source_system=system, source_component=component)
             self._uplink.append((command.vehicle_id, frame))
-            await news(heard, KILL_REPEAT_S)
-            if heard.heartbeat_time_s > began_s and not heard.armed:
+            await news(received, KILL_REPEAT_S)
+            if received.heartbeat_time_s > began_s and not received.armed:
                 return
-        raise CommandError(failure(command, heard, began_s))
+        raise CommandError(failure(command, received, began_s))
 
     def _deliver(self) -> None:
         """Every vehicle is a circle of its own; what is sent on a broken link goes through its faults."""
@@ -377,11 +377,11 @@ class LoopbackLink:
     def _listen(self, now_s: float) -> None:
         self.hear(self._fleet.take_frames(), now_s)
 
-    def hear(self, said: Mapping[int, list[bytes]], now_s: float) -> None:
+    def hear(self, stated: Mapping[int, list[bytes]], now_s: float) -> None:
         """Messages of the vehicles, by row, arrive."""
-        for vehicle_id, heard in self._ears.items():
+        for vehicle_id, received in self._ears.items():
             row = self._row[self._system_ids[vehicle_id]]
-            arrived, channel = said.get(row, []), self._broken().get(row)
+            arrived, channel = stated.get(row, []), self._broken().get(row)
             if channel is not None:
                 if arrived:
                     channel.out.put(b"".join(arrived), None, now_s)
@@ -389,7 +389,7 @@ class LoopbackLink:
             for data in arrived:
                 for frame in () if vehicle_id in self._mute else split(data).frames:
                     if frame.message_id != HEARTBEAT or vehicle_id not in self.beatless:
-                        heard.take(frame, now_s)
+                        received.take(frame, now_s)
                     if frame.message_id == PARAM_VALUE:
                         self._news.take(vehicle_id, *parameter_value(frame))
 

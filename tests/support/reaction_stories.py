@@ -25,10 +25,10 @@ def by_itself(show: Show) -> list[CommandRecord]:
     return [record for record in reversed(show.service.commands()) if record.by == "service"]
 
 
-async def carried_out(show: Show, told: ActiveFailsafe) -> CommandRecord:
+async def carried_out(show: Show, reported: ActiveFailsafe) -> CommandRecord:
     """The order of a reaction, once it has ended for everybody."""
-    assert told.command_id is not None
-    return await show.settled(show.service.command_record(told.command_id), 150.0)
+    assert reported.command_id is not None
+    return await show.settled(show.service.command_record(reported.command_id), 150.0)
 
 
 def off_pad_m(show: Show, vehicle_id: str) -> float:

@@ -43,7 +43,7 @@ class Bench:
         settings = {"noise_scale": 0.0, "rates_hz": SELDOM_HZ, **settings}
         self.fleet = Fleet(Settings(**settings), start_s=START_S, unix_at_start_s=1.8e9)
         self._circle = self.fleet.ears.circle(range(len(self.fleet.autopilots)))
-        self.heard: list[tuple[float, Any]] = []
+        self.received: list[tuple[float, Any]] = []
         self.repeated: Any = None  # a setpoint, 20 times a second
         self.heartbeats = True
         self._mav = common.MAVLink(None, *STATION)
@@ -99,11 +99,11 @@ class Bench:
 
     def command(self, number: int, *values: float, wait_s: float = 0.05, target: int = 1) -> list[int]:
         """Send a COMMAND_LONG; the results that were acknowledged, in order."""
-        before = len(self.heard)
+        before = len(self.received)
         padded = [*values, *[0.0] * (7 - len(values))]
         self.send(common.MAVLink_command_long_message(target, 1, number, 0, *padded))
         self.run(wait_s)
-        acks = [m for _, m in self.heard[before:] if m.get_type() == "COMMAND_ACK" and m.command == number]
+        acks = [m for _, m in self.received[before:] if m.get_type() == "COMMAND_ACK" and m.command == number]
         return [ack.result for ack in acks]
 
     def set_mode(self, mode: tuple[int, int]) -> list[int]:
@@ -143,13 +143,15 @@ class Bench:
         return self
 
     def all(self, kind: str, since_s: float = 0.0) -> list[Any]:
-        return [message for time_s, message in self.heard if time_s >= since_s and message.get_type() == kind]
+        return [
+            message for time_s, message in self.received if time_s >= since_s and message.get_type() == kind
+        ]
 
     def count(self, kind: str) -> int:
         return len(self.all(kind))
 
     def last(self, kind: str) -> Any:
-        return next(message for _, message in reversed(self.heard) if message.get_type() == kind)
+        return next(message for _, message in reversed(self.received) if message.get_type() == kind)
 
     @property
     def mode(self) -> tuple[int, int]:
@@ -173,10 +175,10 @@ class Bench:
             texts[message.id] = texts.get(message.id, "") + message.text
         return [text.strip() for text in texts.values()]
 
-    def _hear(self, said: dict[int, list[bytes]]) -> None:
-        for frame in chain.from_iterable(said.values()):
+    def _hear(self, stated: dict[int, list[bytes]]) -> None:
+        for frame in chain.from_iterable(stated.values()):
             assert frame[0] == 0xFD
-            self.heard.append((self.now_s, self._ears.decode(bytearray(frame))))
+            self.received.append((self.now_s, self._ears.decode(bytearray(frame))))
 
 
 def setpoint(north: float, east: float, down: float, mask: int, **more: Any) -> Any:

@@ -10,11 +10,11 @@ from gcs.model.state import Array
 from gcs.safety.separation import minimum_separation
 from gcs.sim.fleet import STEP_S
 
-HEARD_FIRST: float = 1.0
+RECEIVED_FIRST: float = 1.0
 """Share of the messages sent meanwhile that is received afterwards: buffers overflow and keep the oldest."""
 
 
-def stall(show: Show, seconds: float, *, kept_share: float = HEARD_FIRST) -> Array:
+def stall(show: Show, seconds: float, *, kept_share: float = RECEIVED_FIRST) -> Array:
     """Let time pass for the vehicles alone; the station receives their messages when it goes on.
 
     Args:
@@ -27,14 +27,14 @@ def stall(show: Show, seconds: float, *, kept_share: float = HEARD_FIRST) -> Arr
     loop: Any = asyncio.get_running_loop()  # async_solipsism's
     link, fleet = show.link, show.fleet
     end_s = loop.time() + seconds
-    said, true_m = [], []
+    stated, true_m = [], []
     link._deliver()
     while fleet.time_s + STEP_S / 2 < end_s:
         fleet.step()
-        said.append(fleet.take_frames())
+        stated.append(fleet.take_frames())
         true_m.append(show.true_m)
     loop._selector.clock.advance(end_s - loop.time())
-    for frames in said[: round(kept_share * len(said))]:
+    for frames in stated[: round(kept_share * len(stated))]:
         link.hear(frames, end_s)
     return np.array(true_m)
 

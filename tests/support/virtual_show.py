@@ -330,14 +330,14 @@ Story = Callable[[Show], Awaitable[T]]
 
 def run_virtual(story: Callable[[], Awaitable[T]]) -> T:
     """Run on a loop whose clock jumps to whatever comes next."""
-    told: list[T] = []
+    reported: list[T] = []
 
     async def main() -> None:
-        told.append(await story())  # not returned: the runner puts a result into words, for seconds
+        reported.append(await story())  # not returned: the runner puts a result into words, for seconds
 
     with asyncio.Runner(loop_factory=async_solipsism.EventLoop) as runner:
         runner.run(main())
-    return told[0]
+    return reported[0]
 
 
 def fly(
@@ -385,18 +385,18 @@ def fly(
             asyncio.create_task(show.record(record), name="record"),
         }
         await show.wait(0.0)
-        told = asyncio.ensure_future(story(show))
+        reported = asyncio.ensure_future(story(show))
         try:
-            ended, _ = await asyncio.wait({*services, told}, return_when=asyncio.FIRST_COMPLETED)
+            ended, _ = await asyncio.wait({*services, reported}, return_when=asyncio.FIRST_COMPLETED)
             for service in ended & services:
                 await service  # raises what ended it
-            result = await told
+            result = await reported
             wrong = badly_written(show)
             assert not wrong, wrong
             return result
         finally:
-            for task in {*services, told}:
+            for task in {*services, reported}:
                 task.cancel()
-            await asyncio.gather(*services, told, return_exceptions=True)
+            await asyncio.gather(*services, reported, return_exceptions=True)
 
     return run_virtual(main)

@@ -77,10 +77,10 @@ def keep(show: Show, text: str = TEXT, name: str = NAME) -> None:
 def check(show: Show, text: str = TEXT, name: str = NAME) -> str:
     """Put the file there, and its check beside it. Returns: the hash to start with."""
     keep(show, text, name)
-    told = show.service.shows.found(name, text.encode(), dict(answer(text)))
-    assert told.good or not told.fits_service
-    assert told.hash is not None
-    return told.hash
+    reported = show.service.shows.found(name, text.encode(), dict(answer(text)))
+    assert reported.good or not reported.fits_service
+    assert reported.hash is not None
+    return reported.hash
 
 
 def select(show: Show, text: str = TEXT) -> str:

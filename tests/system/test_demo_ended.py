@@ -31,10 +31,10 @@ def test_ctrl_c_brings_the_fleet_home(tmp_path: Path) -> None:
     command += ["--api-port", "0", "--port-base", str(free_ports(2))]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as demo:
         assert demo.stdout is not None
-        said = ""
-        while "organise" not in said:
-            said = demo.stdout.readline()
-            assert said, "ended before it flew"
+        stated = ""
+        while "organise" not in stated:
+            stated = demo.stdout.readline()
+            assert stated, "ended before it flew"
         demo.send_signal(signal.SIGINT)
         rest, _ = demo.communicate(timeout=2 * SOON_S)
     assert "landed" in rest

@@ -152,7 +152,7 @@ async def fly_and_flood(folder: Path, machine: Witness, junk_s: float = JUNK_S) 
                 lane_port = await lane_of(client)
             ticks, began_s = view.value.tick.count, time.monotonic()
             lane = f"http://127.0.0.1:{lane_port}"
-            junk, said = await asyncio.gather(
+            junk, stated = await asyncio.gather(
                 printed(JUNK, port, lane_port, junk_s, JUNK_PER_S),
                 printed(BUTTON, url, lane, button, junk_s, CALLS),
             )
@@ -161,10 +161,10 @@ async def fly_and_flood(folder: Path, machine: Witness, junk_s: float = JUNK_S) 
             down = {ShowPhase.RETURNING, ShowPhase.LANDED}
             assert view.value.show in down
     answered, least = map(int, junk.split())
-    told = json.loads(said)
+    reported = json.loads(stated)
     assert least in {200, 401}
-    waits_s = [machine.awake_s(began_s, ended_s) for began_s, ended_s in told["times"]]
-    return Flooded(waits_s, told["by"], answered, ticks, awake_s, late_p99_ms)
+    waits_s = [machine.awake_s(began_s, ended_s) for began_s, ended_s in reported["times"]]
+    return Flooded(waits_s, reported["by"], answered, ticks, awake_s, late_p99_ms)
 
 
 def test_an_emergency_stop_gets_through_a_flood_of_junk(tmp_path: Path) -> None:

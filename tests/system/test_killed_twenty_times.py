@@ -160,6 +160,6 @@ def test_killed_often_in_flight_it_is_back_and_brings_everybody_home(tmp_path: P
     }
     assert len(crew.accepted) > kills
     assert not crew.accepted - kept
-    assert len(station.said("service_started")) == kills + 1
+    assert len(station.stated("service_started")) == kills + 1
     known = last_known(station.folder).vehicles
     assert {name: known[name].home_m is not None for name in IDS} == dict.fromkeys(IDS, True)

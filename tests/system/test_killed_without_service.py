@@ -75,11 +75,11 @@ def test_a_vehicle_is_killed_without_the_service_and_the_record_says_so(tmp_path
 
 @pytest.mark.computes
 def test_nobody_is_killed_by_a_word_that_makes_no_sense(tmp_path: Path) -> None:
-    for words, code, said in (
+    for words, code, stated in (
         ((), 2, "names, or --all"),
         (("d1", "--all"), 2, "names, or --all"),
         (("d1",), 1, "there is no such file"),
     ):
         answer = gcs_kill(tmp_path, *words)
         assert answer.returncode == code, answer.stderr
-        assert said in answer.stderr
+        assert stated in answer.stderr

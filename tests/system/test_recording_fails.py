@@ -39,10 +39,10 @@ def fly_on_a_full_disk(client: Client, process: subprocess.Popen[str], folder: P
 
     def describe() -> bool:
         """Whatever else of the record fails: the frames are named, with the cause."""
-        said = f": recording to {path.parent} fails: [Errno 27] File too large"
-        return any(said in alarm.text for alarm in client.alarms().alarms)
+        cause_text = f": recording to {path.parent} fails: [Errno 27] File too large"
+        return any(cause_text in alarm.text for alarm in client.alarms().alarms)
 
-    wait_until("told", SOON_S, describe)
+    wait_until("reported", SOON_S, describe)
     full_bytes = path.stat().st_size
 
     client.start()
@@ -56,7 +56,7 @@ def fly_on_a_full_disk(client: Client, process: subprocess.Popen[str], folder: P
     wait_until("setpoints are recorded", SOON_S, lambda: setpoints(path) == {1, 2})
 
 
-def test_a_disk_that_fills_in_flight_is_told_and_changes_nothing_else(tmp_path: Path) -> None:
+def test_a_disk_that_fills_in_flight_is_reported_and_changes_nothing_else(tmp_path: Path) -> None:
     base = free_ports(len(IDS))
     config = flying_config(len(IDS), base, silence_s=20.0)
     folder = tmp_path / "service"

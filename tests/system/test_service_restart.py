@@ -143,8 +143,8 @@ def found_and_left_alone(client: Client, folder: Path) -> None:
     """The service says whom it has found, and sends them nothing; their own failsafe holds them."""
     wait_until("found", SOON_S, lambda: phases(client) == ["pilot"] * 3)
     wait_until("alarmed", SOON_S, lambda: outside_control(client) == set(IDS))
-    told = [json.loads(line) for line in (folder / "second" / "log").read_text().splitlines()]
-    assert {line["vehicle"] for line in told if line.get("phase") == "pilot"} == set(IDS)
+    reported = [json.loads(line) for line in (folder / "second" / "log").read_text().splitlines()]
+    assert {line["vehicle"] for line in reported if line.get("phase") == "pilot"} == set(IDS)
     end_s = monotonic() + LEFT_ALONE_S
     while monotonic() < end_s:
         fleet = client.fleet()

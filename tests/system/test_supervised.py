@@ -24,21 +24,21 @@ def is_gone(pid: int) -> bool:
 
 
 def started_again(station: Supervised) -> bool:
-    return len(station.said("service_ready")) == 2 and station.answers()
+    return len(station.stated("service_ready")) == 2 and station.answers()
 
 
 def test_a_service_that_hangs_is_started_again_and_ends_when_it_is_asked_to(tmp_path: Path) -> None:
     with supervised(config_of(), tmp_path / "station") as station:
-        wait_until("ready", SOON_S, lambda: len(station.said("service_ready")) == 1)
+        wait_until("ready", SOON_S, lambda: len(station.stated("service_ready")) == 1)
         hung = station.pid
         os.kill(hung, signal.SIGSTOP)
         wait_until("started again", SOON_S, lambda: started_again(station))
-        assert [line["pid"] for line in station.said("service_hangs")] == [hung]
+        assert [line["pid"] for line in station.stated("service_hangs")] == [hung]
         assert is_gone(hung)
         station.parent.send_signal(signal.SIGTERM)
         assert station.parent.wait(SOON_S) == 0
         wait_until("ended", SOON_S, lambda: is_gone(station.pid))
-        assert [(line["code"], line["restarted"]) for line in station.said("service_ended")] == [
+        assert [(line["code"], line["restarted"]) for line in station.stated("service_ended")] == [
             (-signal.SIGKILL, True),
             (0, False),
         ]
@@ -46,21 +46,21 @@ def test_a_service_that_hangs_is_started_again_and_ends_when_it_is_asked_to(tmp_
 
 def test_a_service_whose_supervisor_is_gone_goes_on_and_says_so(tmp_path: Path) -> None:
     with supervised(config_of(), tmp_path / "station") as station, Client(station.url) as client:
-        wait_until("ready", SOON_S, lambda: len(station.said("service_ready")) == 1)
+        wait_until("ready", SOON_S, lambda: len(station.stated("service_ready")) == 1)
         assert client.alarms().alarms == []
         station.parent.kill()
         station.parent.wait()
-        told = ["Supervisor gone: nothing starts this service again."]
-        wait_until("told", SOON_S, lambda: [alarm.text for alarm in client.alarms().alarms] == told)
+        reported = ["Supervisor gone: nothing starts this service again."]
+        wait_until("reported", SOON_S, lambda: [alarm.text for alarm in client.alarms().alarms] == reported)
         assert client.health().alive
-        assert len(station.said("supervisor_gone")) == 1
+        assert len(station.stated("supervisor_gone")) == 1
 
 
 def test_a_service_that_cannot_begin_is_not_tried_again(tmp_path: Path) -> None:
     station = Supervised(config_of(), tmp_path / "station", "--port", "70000")
     try:
         assert station.parent.wait(SOON_S) == 2
-        assert len(station.said("service_started")) == 1
+        assert len(station.stated("service_started")) == 1
         assert "70000" in (station.folder / "log").read_text()
     finally:
         station.end()

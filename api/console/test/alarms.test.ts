@@ -14,7 +14,7 @@ const alarm = (id: string, severity: Severity, change: Partial<Alarm> = {}): Ala
   ...change,
 });
 const seen = { acknowledged_by: "anna", acknowledged_unix_time_s: 120 };
-const told = (...alarms: Alarm[]): Message => ({ kind: "status", status: { ...status(), alarms } });
+const reported = (...alarms: Alarm[]): Message => ({ kind: "status", status: { ...status(), alarms } });
 const tick = (now_ms: number): Message => ({ kind: "tick", now_ms });
 const after = (state: State, ...messages: Message[]): State => messages.reduce(update, state);
 const ids = (alarms: readonly Alarm[]): string[] => alarms.map((each) => each.id);
@@ -60,18 +60,18 @@ describe("the list of alarms", () => {
 
 describe("a screen reader", () => {
   it("announces each alarm once, emergencies and warnings at once, the others when it is idle", () => {
-    const first = after(initial(0), told(alarm("d3", "warning"), alarm("d4", "caution")));
+    const first = after(initial(0), reported(alarm("d3", "warning"), alarm("d4", "caution")));
     expect(first.attention.announced.urgent).toBe("warning: Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap.");
     expect(first.attention.announced.calm).toContain("caution: Vehicle d4");
-    const again = after(first, told(alarm("d3", "warning", seen), alarm("d4", "caution")), tick(9000));
+    const again = after(first, reported(alarm("d3", "warning", seen), alarm("d4", "caution")), tick(9000));
     expect(again.attention.announced).toBe(first.attention.announced);
-    const more = after(again, told(alarm("d3", "warning"), alarm("d4", "caution"), alarm("d5", "emergency")));
+    const more = after(again, reported(alarm("d3", "warning"), alarm("d4", "caution"), alarm("d5", "emergency")));
     expect(more.attention.announced).toMatchObject({ number: 2, calm: "" });
     expect(more.attention.announced.urgent).not.toContain("d3");
   });
 
   it("announces again after another service answers with new ids", () => {
-    const first = after(initial(0), told(alarm("a-1", "warning")));
+    const first = after(initial(0), reported(alarm("a-1", "warning")));
     const other: Message = { kind: "status", status: { ...status({ began_unix_time_s: 1_790_000_100 }), alarms: [alarm("a-1", "warning")] } };
     expect(after(first, other).attention.announced.number).toBe(2);
   });
@@ -81,24 +81,24 @@ describe("the sound", () => {
   const rings = (state: State): number => state.attention.ring.count;
 
   it("rings once for each batch of new alarms, as severe as the worst, and never for information", () => {
-    const state = after(initial(0), told(alarm("a", "caution"), alarm("b", "emergency"), alarm("c", "information")));
+    const state = after(initial(0), reported(alarm("a", "caution"), alarm("b", "emergency"), alarm("c", "information")));
     expect(state.attention.ring).toEqual({ count: 1, severity: "emergency" });
-    expect(rings(after(initial(0), told(alarm("c", "information"))))).toBe(0);
+    expect(rings(after(initial(0), reported(alarm("c", "information"))))).toBe(0);
   });
 
   it("goes on until an emergency or a warning is acknowledged, an emergency sooner; a caution rings once", () => {
-    const emergency = after(initial(0), told(alarm("a", "emergency")));
+    const emergency = after(initial(0), reported(alarm("a", "emergency")));
     expect(rings(after(emergency, tick(REPEATED_MS.emergency! - 1)))).toBe(1);
     expect(rings(after(emergency, tick(REPEATED_MS.emergency!), tick(REPEATED_MS.emergency! + 50)))).toBe(2);
-    expect(rings(after(emergency, told(alarm("a", "emergency", seen)), tick(1e6)))).toBe(1);
-    const warning = after(initial(0), told(alarm("a", "warning")));
+    expect(rings(after(emergency, reported(alarm("a", "emergency", seen)), tick(1e6)))).toBe(1);
+    const warning = after(initial(0), reported(alarm("a", "warning")));
     expect(rings(after(warning, tick(REPEATED_MS.emergency!)))).toBe(1);
     expect(rings(after(warning, tick(REPEATED_MS.warning!)))).toBe(2);
-    expect(rings(after(initial(0), told(alarm("a", "caution")), tick(1e6)))).toBe(1);
+    expect(rings(after(initial(0), reported(alarm("a", "caution")), tick(1e6)))).toBe(1);
   });
 
   it("is silent while it is switched off, and in a replay; switched on again it sounds for unacknowledged alarms", () => {
-    const off = after(initial(0), { kind: "sound", on: false }, told(alarm("a", "emergency")), tick(60_000));
+    const off = after(initial(0), { kind: "sound", on: false }, reported(alarm("a", "emergency")), tick(60_000));
     expect(rings(off)).toBe(0);
     expect(rings(after(off, { kind: "sound", on: true }, tick(60_050)))).toBe(1);
     const replay = { file: "f", began_unix_time_s: 0, duration_s: 9, position_s: 0, speed: 1, paused: false, ended: false, skips_idle: true };

@@ -4,19 +4,19 @@ import { entries, roughly } from "../src/desk/energy";
 import { frame } from "./frames";
 
 const IDS = ["d1", "d2", "d3"];
-const told = (written: Parameters<typeof frame>[0]): string[] => entries(frame(written), IDS).map(({ name, value }) => `${name}: ${value}`);
+const reported = (written: Parameters<typeof frame>[0]): string[] => entries(frame(written), IDS).map(({ name, value }) => `${name}: ${value}`);
 
 test("known values are shown, with the vehicle of the least battery", () => {
   const vehicles = [{ low_s: 400, empty_s: 700 }, {}, { low_s: 45.4, empty_s: 300 }];
-  expect(told({ vehicles, batteryLeast: 0.42, batteryLeastRow: 2, batteryMedian: 0.61, home_s: 44.6 })).toEqual([
+  expect(reported({ vehicles, batteryLeast: 0.42, batteryLeastRow: 2, batteryMedian: 0.61, home_s: 44.6 })).toEqual([
     "Least battery: 42 % d3", "Median: 61 %", "Low in: ~45 s d3", "Home in: ~45 s",
   ]);
 });
 
 test("unknown values are left out, also for an unknown row", () => {
-  expect(told({ vehicles: [{}, {}, {}] })).toEqual([]);
-  expect(told({ vehicles: [{}, {}, {}], batteryLeast: 0.9, batteryLeastRow: 7 })).toEqual([]);
-  expect(told({ vehicles: [{}, {}, {}], assembled_s: 12.2 })).toEqual(["Assembled in: ~12 s"]);
+  expect(reported({ vehicles: [{}, {}, {}] })).toEqual([]);
+  expect(reported({ vehicles: [{}, {}, {}], batteryLeast: 0.9, batteryLeastRow: 7 })).toEqual([]);
+  expect(reported({ vehicles: [{}, {}, {}], assembled_s: 12.2 })).toEqual(["Assembled in: ~12 s"]);
 });
 
 test("an estimate does not look more exact than it is", () => {

@@ -101,14 +101,14 @@ describe("who may press what", () => {
 
 describe("what the connection is called", () => {
   const replay = { file: "f", began_unix_time_s: 0, duration_s: 9, position_s: 9, speed: 1, paused: false, ended: true, skips_idle: true };
-  const said = (controlAlive: boolean, change: Parameters<typeof status>[0]): string => life(after([
+  const stated = (controlAlive: boolean, change: Parameters<typeof status>[0]): string => life(after([
     { kind: "connection", connection: { kind: "live", reason: "", since_ms: 0 } },
     { kind: "frame", frame: frame({ vehicles: FLEET, controlAlive }, 100) },
   ], flying(undefined, change)));
 
   it("never says of a replay that control stopped: there is none", () => {
-    expect([said(true, { replay }), said(false, { replay })]).toEqual(["replay", "stale"]);
-    expect([said(true, {}), said(false, {})]).toEqual(["live", "dead"]);
+    expect([stated(true, { replay }), stated(false, { replay })]).toEqual(["replay", "stale"]);
+    expect([stated(true, {}), stated(false, {})]).toEqual(["live", "dead"]);
   });
 });
 

@@ -119,7 +119,7 @@ class MavsdkLink(LinkFacts):
         self._signing = signing
         self._system_ids = tuple(vehicles.values())
         self._id_of = {system_id: vehicle_id for vehicle_id, system_id in vehicles.items()}
-        self._heard = tuple(self._wire.heard[system_id] for system_id in vehicles.values())
+        self._telemetry = tuple(self._wire.telemetry[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkShards | None = None
         self._protocol: CommandProtocol | None = None
         self._workers: Workers | None = None
@@ -163,7 +163,7 @@ class MavsdkLink(LinkFacts):
                 group.create_task(self._pass_on_behind_ticks(fleet), name=f"link/{self._name}/pass on")
                 group.create_task(self._discover(fleet), name=f"link/{self._name}/discover")
                 asking = keep_asking(
-                    wire.heard, self._rates_hz, self._source[0], self._is_met, wire.send, self._clock
+                    wire.telemetry, self._rates_hz, self._source[0], self._is_met, wire.send, self._clock
                 )
                 group.create_task(asking, name=f"link/{self._name}/ask")
         finally:
@@ -176,36 +176,39 @@ class MavsdkLink(LinkFacts):
         self._take_in()
         self._look()
         is_met = np.array([system_id in self._met for system_id in self._vehicles.values()], np.bool_)
-        motion = np.array([heard.motion for heard in self._heard]).reshape(-1, 7)
+        motion = np.array([telemetry.motion for telemetry in self._telemetry]).reshape(-1, 7)
         motion[~is_met] = np.nan  # who cannot be ordered yet
-        position_time_s = np.array([heard.position_time_s for heard in self._heard])
+        position_time_s = np.array([telemetry.position_time_s for telemetry in self._telemetry])
         position_time_s[~is_met] = -np.inf
         return Telemetry(
             ids=self._ids,
             position_time_s=position_time_s,
-            heartbeat_time_s=np.array([heard.heartbeat_time_s for heard in self._heard]),
-            life_time_s=np.array([heard.life_time_s for heard in self._heard]),
+            heartbeat_time_s=np.array([telemetry.heartbeat_time_s for telemetry in self._telemetry]),
+            life_time_s=np.array([telemetry.life_time_s for telemetry in self._telemetry]),
             latitude_deg=motion[:, 0].copy(),
             longitude_deg=motion[:, 1].copy(),
             altitude_amsl_m=motion[:, 2].copy(),
             velocity_ned_m_s=motion[:, 3:6].copy(),
             yaw_deg=motion[:, 6].copy(),
-            battery_remaining=np.array([heard.battery_remaining for heard in self._heard]),
-            armed=tuple(heard.armed for heard in self._heard),
-            mode=tuple(heard.mode for heard in self._heard),
-            in_failsafe=tuple(heard.in_failsafe for heard in self._heard),
-            landed=tuple(heard.landed for heard in self._heard),
+            battery_remaining=np.array([telemetry.battery_remaining for telemetry in self._telemetry]),
+            armed=tuple(telemetry.armed for telemetry in self._telemetry),
+            mode=tuple(telemetry.mode for telemetry in self._telemetry),
+            in_failsafe=tuple(telemetry.in_failsafe for telemetry in self._telemetry),
+            landed=tuple(telemetry.landed for telemetry in self._telemetry),
             ready=tuple(
-                healthy and heard.prearm_ok for healthy, heard in zip(self._healthy, self._heard, strict=True)
+                healthy and telemetry.prearm_ok
+                for healthy, telemetry in zip(self._healthy, self._telemetry, strict=True)
             ),
-            horizontal_accuracy_m=np.array([heard.accuracy.horizontal_m for heard in self._heard]),
-            vertical_accuracy_m=np.array([heard.accuracy.vertical_m for heard in self._heard]),
-            boots=tuple(heard.boots for heard in self._heard),
-            position_resets=tuple(heard.position_resets for heard in self._heard),
-            fix_type=np.array([heard.fix_type for heard in self._heard]),
-            sick_sensors=np.array([heard.sick_sensors for heard in self._heard], np.int64),
-            clock_base_s=np.array([heard.clock_base_s for heard in self._heard]),
-            texts=tuple(heard.texts for heard in self._heard),
+            horizontal_accuracy_m=np.array(
+                [telemetry.accuracy.horizontal_m for telemetry in self._telemetry]
+            ),
+            vertical_accuracy_m=np.array([telemetry.accuracy.vertical_m for telemetry in self._telemetry]),
+            boots=tuple(telemetry.boots for telemetry in self._telemetry),
+            position_resets=tuple(telemetry.position_resets for telemetry in self._telemetry),
+            fix_type=np.array([telemetry.fix_type for telemetry in self._telemetry]),
+            sick_sensors=np.array([telemetry.sick_sensors for telemetry in self._telemetry], np.int64),
+            clock_base_s=np.array([telemetry.clock_base_s for telemetry in self._telemetry]),
+            texts=tuple(telemetry.texts for telemetry in self._telemetry),
         )
 
     def _look(self) -> None:
@@ -235,8 +238,8 @@ class MavsdkLink(LinkFacts):
         # Forbid first what is not listed, and what was asked before; then replace what MAVSDK repeats; only
         # then allow. The other way round it could repeat an old setpoint of a vehicle that is listed again.
         since_s = min(now_s, setpoints.time_s)
-        said = velocity_ned_m_s.astype("<f4")
-        self._asked.replace({system_id: said[row].tobytes() for system_id, row in rows.items()})
+        reported = velocity_ned_m_s.astype("<f4")
+        self._asked.replace({system_id: reported[row].tobytes() for system_id, row in rows.items()})
         self._deadman.refresh((known for known in rows if self._deadman.allows(known, now_s)), since_s)
         agreed: list[int] = []
         for system_id, row in rows.items():
@@ -255,14 +258,14 @@ class MavsdkLink(LinkFacts):
         Raises: UnknownError for a vehicle of another link; CommandError.
         """
         protocol, system_id = self._protocol_for(command.vehicle_id, f"{command.verb} impossible")
-        heard = self._wire.heard[system_id]
+        telemetry = self._wire.telemetry[system_id]
         if command.verb is Verb.KILL:
-            await protocol.kill(command, heard, lambda: self._send_kill(system_id))
+            await protocol.kill(command, telemetry, lambda: self._send_kill(system_id))
             return
         hand = self._hand(command.vehicle_id, f"{command.verb} impossible")
         if command.verb is Verb.OFFBOARD and not self._deadman.allows(system_id, self._clock()):
             raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
-        await protocol.execute(command, hand, heard)
+        await protocol.execute(command, hand, telemetry)
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
@@ -292,12 +295,12 @@ class MavsdkLink(LinkFacts):
         vehicle = self._met.get(self._vehicles[vehicle_id])
         if vehicle is None or self._workers is None:
             raise CommandError(f"{vehicle_id}: {otherwise}: never heard on link {self._name}")
-        return self._workers.hand(vehicle_id, vehicle, self._wire.heard[self._vehicles[vehicle_id]])
+        return self._workers.hand(vehicle_id, vehicle, self._wire.telemetry[self._vehicles[vehicle_id]])
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
         """Whether it has a sign of life and a known mode."""
-        heard = self._wire.heard[system_id]
-        return now_s - heard.life_time_s <= SILENT_AFTER_S and heard.mode is not Mode.UNKNOWN
+        telemetry = self._wire.telemetry[system_id]
+        return now_s - telemetry.life_time_s <= SILENT_AFTER_S and telemetry.mode is not Mode.UNKNOWN
 
     def _is_met(self, system_id: int) -> bool:
         return system_id in self._met
@@ -308,7 +311,7 @@ class MavsdkLink(LinkFacts):
         if self._fleet is None or frame.message_id in NOT_FOR_MAVSDK:
             return  # it has been counted as an arrival, and observers see it
         if frame.message_id == GLOBAL_POSITION_INT:
-            now_s = self._wire.heard[frame.system_id].position_time_s
+            now_s = self._wire.telemetry[frame.system_id].position_time_s
             if now_s - self._passed_s[frame.system_id] < _POSITION_PERIOD_S:
                 return
             self._passed_s[frame.system_id] = now_s
@@ -352,7 +355,7 @@ class MavsdkLink(LinkFacts):
         desired = frozenset(self._vehicles.values())
         while True:
             missing = desired - self._met.keys()
-            if any(heard.mode is not Mode.UNKNOWN for heard in self._heard) and missing:
+            if any(telemetry.mode is not Mode.UNKNOWN for telemetry in self._telemetry) and missing:
                 found = await asyncio.to_thread(fleet.discover, missing)
                 if found:
                     self._met = MappingProxyType({**self._met, **found})

@@ -21,7 +21,7 @@ from gcs.links.mmsg import Batch
 from gcs.links.setpoint_watchdog import Asked, Deadman, Pulse
 from gcs.links.settings import Forward
 from gcs.links.signing_keys import Signing
-from gcs.links.telemetry import Heard
+from gcs.links.telemetry import VehicleTelemetry
 from gcs.mavlink.framing import (
     HEARTBEAT,
     PING,
@@ -55,7 +55,7 @@ class Wire:
     """Sockets and ports, routing by system id, arrival times, the deadman, and a record of what left.
 
     Attributes:
-        heard: per configured system id, what the wire itself read.
+        telemetry: per configured system id, what the wire itself read.
         counters: totals, for metrics.
         observers: whoever wants to see every frame; replace the tuple, do not mutate it.
     """
@@ -92,7 +92,9 @@ class Wire:
             signing: signs all that leaves and judges all that comes. Whoever gives it opens and closes it.
             forward: further ground stations.
         """
-        self.heard: Mapping[int, Heard] = MappingProxyType({system_id: Heard() for system_id in system_ids})
+        self.telemetry: Mapping[int, VehicleTelemetry] = MappingProxyType(
+            {system_id: VehicleTelemetry() for system_id in system_ids}
+        )
         self.counters = Counters()
         self.observers: tuple[Observer, ...] = ()
         self._name = name
@@ -104,7 +106,7 @@ class Wire:
         self._asked = asked
         self._pulse = pulse
         self._signing = signing
-        self._roster = Roster(self.heard)
+        self._roster = Roster(self.telemetry)
         self._endpoints = make(name, listen if isinstance(listen, Sequence) else (listen,))
         self._tended = tuple(each for each in self._endpoints if not isinstance(each, Udp))
         self._far = tuple(each for each in self._endpoints if each.standing or each in self._tended)
@@ -112,7 +114,7 @@ class Wire:
         self._forwarders = tuple(Forwarder(each, self.counters) for each in forward)
         self._selector: selectors.BaseSelector | None = None
         self._sent_s: Mapping[int, deque[float]] = {
-            system_id: deque(maxlen=_RECORD_LENGTH) for system_id in self.heard
+            system_id: deque(maxlen=_RECORD_LENGTH) for system_id in self.telemetry
         }
         self._gate = SetpointGate(
             deadman=deadman,
@@ -335,7 +337,7 @@ class Wire:
             if verdict not in TAKEN:
                 continue
             self.counters.received += 1
-            self.heard[system_id].take(frame, time_s)
+            self.telemetry[system_id].take(frame, time_s)
             self._deliver(frame)
             for observer in self.observers:
                 observer(time_s, Direction.RECEIVED, frame.raw, system_id)
@@ -345,7 +347,7 @@ class Wire:
     def _take_from_other(self, frame: Frame) -> None:
         """Pass on to a vehicle what another ground station sent, where that may be."""
         signed = self._signing is None or self._signing.judge(frame) is Judgement.GOOD
-        passes = signed and may_pass(frame, self.heard, self._station_id)
+        passes = signed and may_pass(frame, self.telemetry, self._station_id)
         if passes and self._send_unless_killed(frame, target_system(frame)):
             self.counters.taken_from_others += 1
         else:
@@ -353,7 +355,7 @@ class Wire:
 
     def _has_signed(self, signing: Signing, frame: Frame, address: Address) -> bool:
         """Whether a vehicle's frame is to be believed. Strangers are left to the roster."""
-        if frame.system_id not in self.heard:
+        if frame.system_id not in self.telemetry:
             return True
         judgement = signing.judge(frame)
         if judgement is Judgement.GOOD:
@@ -373,7 +375,7 @@ class Wire:
         """Count what was not taken, and log every change once."""
         about = {"link": self._name, "system_id": frame.system_id, "address": str(address)}
         if verdict is Verdict.FIRST:
-            log.info("vehicle_heard", extra=about)
+            log.info("vehicle_connected", extra=about)
         elif verdict is Verdict.MOVED:
             log.warning("vehicle_moved", extra=about)
         elif verdict is Verdict.STRANGER:

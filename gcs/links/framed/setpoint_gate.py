@@ -71,11 +71,11 @@ class SetpointGate:
         is_setpoint = are_setpoints(written.data, written.length, count)
         others: list[int] = np.flatnonzero(~is_setpoint).tolist()
         rows = np.flatnonzero(is_setpoint)
-        said = frames_of(written, rows)["said"]
-        velocities = np.stack([said["vx"], said["vy"], said["vz"]], axis=1)
+        stated = frames_of(written, rows)["stated"]
+        velocities = np.stack([stated["vx"], stated["vy"], stated["vz"]], axis=1)
         ways: dict[int, _Way] = {}
         now_s = self._clock()
-        for at, (row, target) in enumerate(zip(rows.tolist(), said["target_system"].tolist(), strict=True)):
+        for at, (row, target) in enumerate(zip(rows.tolist(), stated["target_system"].tolist(), strict=True)):
             address = self._address_of(target)
             if address is None or not isinstance(self._endpoints[address.socket_index], Udp):
                 others.append(row)

@@ -8,7 +8,7 @@ from typing import Final
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.stream_rates import ASKING_COMPONENT, Rates
-from gcs.links.telemetry import Heard
+from gcs.links.telemetry import VehicleTelemetry
 from gcs.mavlink.framing import COMMAND_ACK, SET_MESSAGE_INTERVAL, Frame, acknowledged_component
 
 _PERIOD_S: Final = 0.05
@@ -32,7 +32,7 @@ def is_answer(frame: Frame) -> bool:
 
 
 async def keep_asking(
-    heard: Mapping[int, Heard],
+    received: Mapping[int, VehicleTelemetry],
     desired: Mapping[int, float],
     station_id: int,
     is_met: Callable[[int], bool],
@@ -40,8 +40,8 @@ async def keep_asking(
     clock: Callable[[], float],
 ) -> None:
     """Have the vehicles that are met send what is wanted, as often as wanted, for ever."""
-    rates = Rates(desired, heard)
-    turn = deque(heard.items())
+    rates = Rates(desired, received)
+    turn = deque(received.items())
     while desired:
         asked = 0
         for _ in range(len(turn)):

@@ -214,5 +214,5 @@ def _take_messages() -> None:
 
 def _pass_on(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
     """MAVSDK prints to stdout unless somebody takes its messages."""
-    log.log(_LOG_LEVELS.get(level, logging.DEBUG), "mavsdk", extra={"said": message})
+    log.log(_LOG_LEVELS.get(level, logging.DEBUG), "mavsdk", extra={"reported": message})
     return True

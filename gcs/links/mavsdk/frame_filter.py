@@ -22,7 +22,7 @@ class Shown:
         self._position_s = np.full(count, -np.inf)  # arrival of the position that it was shown last
 
     def of(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> Mask:
-        """(k,) which of them MAVSDK is to see; arguments as of `FleetHeard.take`."""
+        """(k,) which of them MAVSDK is to see; arguments as of `FleetTelemetry.take`."""
         message = frames[:, MESSAGE]
         shown: Mask = ~np.isin(message, self._hidden)
         positions = np.flatnonzero(message == GLOBAL_POSITION_INT)
@@ -31,6 +31,6 @@ class Shown:
         self._position_s[rows[positions[due]]] = time_s[positions[due]]
         answers = np.flatnonzero(message == COMMAND_ACK)
         if len(answers):  # it knows of no question
-            said = codec.decode(COMMAND_ACK, data, frames[answers])
-            shown[answers] = said["target_component"] != ASKING_COMPONENT
+            stated = codec.decode(COMMAND_ACK, data, frames[answers])
+            shown[answers] = stated["target_component"] != ASKING_COMPONENT
         return shown

@@ -117,7 +117,7 @@ class MavsdkUdpLink(UdpLink):
     def snapshot(self) -> Telemetry:
         """See `UdpLink`; vehicles not yet discovered by MAVSDK have no position: they take no commands."""
         self._hear()
-        return self._heard.telemetry(may_be_ready=self._healthy, met=self._is_met)
+        return self._telemetry.telemetry(may_be_ready=self._healthy, met=self._is_met)
 
     def _poll_health(self) -> None:
         """Ask MAVSDK who is healthy: a part of the vehicles each time."""
@@ -151,8 +151,8 @@ class MavsdkUdpLink(UdpLink):
     def _hand(self, row: int, otherwise: str) -> MavsdkHand:
         vehicle = self._met.get(row)
         if vehicle is None or self._workers is None:
-            raise self._never_heard(row, otherwise)
-        return self._workers.hand(self._ids[row], vehicle, self._heard.said(row))
+            raise self._never_connected(row, otherwise)
+        return self._workers.hand(self._ids[row], vehicle, self._telemetry.reported(row))
 
     def _forget_commands(self, row: int) -> None:
         self._outlet.forbid(np.array([row]))  # and the latch drops what MAVSDK still repeats
@@ -165,17 +165,17 @@ class MavsdkUdpLink(UdpLink):
 
     def _to_meet(self) -> Mask:
         """(n,) who was heard, but not by MAVSDK."""
-        to_meet: Mask = np.isfinite(self._addresses.heard_s) & ~self._is_met
+        to_meet: Mask = np.isfinite(self._addresses.received_s) & ~self._is_met
         return to_meet
 
     def _watch(self, now_s: float) -> None:
         """MAVSDK sets a rate itself when it meets a vehicle; ours come after."""
         self._poll_health()
-        anew = self._is_met & ((self._heard.lives != self._lives) | (self._since_s == inf))
+        anew = self._is_met & ((self._telemetry.lives != self._lives) | (self._since_s == inf))
         self._since_s[anew] = now_s
-        self._lives = self._heard.lives.copy()
+        self._lives = self._telemetry.lives.copy()
         may_be_asked = self._connected(now_s) & (now_s - self._since_s >= SETTLE_S)
-        self._streams.watch(may_be_asked, self._heard.lives, self._heard.positions, now_s)
+        self._streams.watch(may_be_asked, self._telemetry.lives, self._telemetry.positions, now_s)
 
     def _move_bytes(self) -> None:
         """Send what MAVSDK has written, and give it what came: behind setpoints, which do not wait for it."""

@@ -18,7 +18,7 @@ _OFFBOARD_TRIES: Final = 3
 _OFFBOARD_RETRY_S: Final = 0.1
 
 
-class Heard(Protocol):
+class LandedState(Protocol):
     """What a vehicle's own frames said."""
 
     @property
@@ -37,9 +37,9 @@ class Workers:
             for vehicle_id in vehicle_ids
         }
 
-    def hand(self, vehicle_id: VehicleId, vehicle: MavsdkVehicle, heard: Heard) -> "MavsdkHand":
+    def hand(self, vehicle_id: VehicleId, vehicle: MavsdkVehicle, received: LandedState) -> "MavsdkHand":
         """What moves this vehicle."""
-        return MavsdkHand(vehicle, heard, self._workers[vehicle_id], lambda: self._closed)
+        return MavsdkHand(vehicle, received, self._workers[vehicle_id], lambda: self._closed)
 
     def close(self) -> None:
         """Start no further call. On the loop's thread, before `join`."""
@@ -55,16 +55,20 @@ class MavsdkHand:
     """One vehicle through MAVSDK. A `gcs.links.command_protocol.Hand`."""
 
     def __init__(
-        self, vehicle: MavsdkVehicle, heard: Heard, worker: ThreadPoolExecutor, closed: Callable[[], bool]
+        self,
+        vehicle: MavsdkVehicle,
+        received: LandedState,
+        worker: ThreadPoolExecutor,
+        closed: Callable[[], bool],
     ) -> None:
         self._vehicle = vehicle
-        self._heard = heard
+        self._received = received
         self._worker = worker
         self._closed = closed
 
     def landed(self) -> Landed:
         """As it said last."""
-        return self._heard.landed
+        return self._received.landed
 
     async def command(self, command: Command, may_leave: Callable[[], None]) -> None:
         """Run MAVSDK's call on the vehicle's worker. Raises: CommandError."""

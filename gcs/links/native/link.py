@@ -87,10 +87,10 @@ class DirectLink(UdpLink):
         self._counters.setpoints_sent += int(left.sum())
 
     def _hand(self, row: int, otherwise: str) -> DirectHand:
-        said = self._heard.said(row)
-        if not np.isfinite(said.heartbeat_time_s):
-            raise self._never_heard(row, otherwise)
-        return DirectHand(row, self._commands, said)
+        reported = self._telemetry.reported(row)
+        if not np.isfinite(reported.heartbeat_time_s):
+            raise self._never_connected(row, otherwise)
+        return DirectHand(row, self._commands, reported)
 
     def _forget_commands(self, row: int) -> None:
         self._counters.commands_dropped += self._commands.fail(lambda other: other == row, "killed meanwhile")

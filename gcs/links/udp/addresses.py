@@ -24,14 +24,14 @@ class Addresses:
 
     Attributes:
         source: (n,) where each vehicle's frames go, see `packets.source_of`; -1: not heard yet.
-        heard_s: (n,) arrival of its newest frame, -inf before.
+        received_s: (n,) arrival of its newest frame, -inf before.
     """
 
     def __init__(
         self, name: str, system_ids: Sequence[int], counters: Counters, clock: Callable[[], float]
     ) -> None:
         self.source: Whole = np.full(len(system_ids), _NOWHERE, np.int64)
-        self.heard_s: Array = np.full(len(system_ids), -np.inf)
+        self.received_s: Array = np.full(len(system_ids), -np.inf)
         self._name = name
         self._counters = counters
         self._clock = clock
@@ -51,8 +51,8 @@ class Addresses:
     def everybody(self) -> Whole:
         """(k,) rows of vehicles heard, one for each address, though several may share it."""
         _, rows = np.unique(self.source, return_index=True)
-        heard: Whole = rows[self.source[rows] != _NOWHERE]
-        return heard
+        telemetry: Whole = rows[self.source[rows] != _NOWHERE]
+        return telemetry
 
     def judge(self, frames: Whole, arrived: Datagrams) -> tuple[Whole, NDArray[np.bool_]]:
         """The row of every frame (k,), and whether it is taken: strangers' and duplicates' are not."""
@@ -60,7 +60,7 @@ class Addresses:
         source = arrived.source[frames[:, DATAGRAM]]
         time_s = arrived.time_s[frames[:, DATAGRAM]]
         taken = (rows != _NOWHERE) & (self.source[rows] == source)
-        np.maximum.at(self.heard_s, rows[taken], time_s[taken])
+        np.maximum.at(self.received_s, rows[taken], time_s[taken])
         for odd in np.flatnonzero(~taken).tolist():
             row, system_id = int(rows[odd]), int(frames[odd, SYSTEM])
             taken[odd] = self._ask(row, system_id, int(source[odd]), float(time_s[odd]))
@@ -71,20 +71,20 @@ class Addresses:
         address = Address(host_of(source), port_of(source), socket_of(source))
         known = self._roster.address(system_id)
         if known is not None:  # the roster was not told of the frames that came from where they should
-            self._roster.hear(system_id, known, float(self.heard_s[row]))
+            self._roster.hear(system_id, known, float(self.received_s[row]))
         verdict = self._roster.hear(system_id, address, time_s)
         self._note(verdict, system_id, address)
         if verdict not in TAKEN:
             return False
         self.source[row] = source
-        self.heard_s[row] = max(time_s, self.heard_s[row])
+        self.received_s[row] = max(time_s, self.received_s[row])
         return True
 
     def _note(self, verdict: Verdict, system_id: int, address: Address) -> None:
         """Count what was not taken, and log every change once."""
         about = {"link": self._name, "system_id": system_id, "address": str(address)}
         if verdict is Verdict.FIRST:
-            log.info("vehicle_heard", extra=about)
+            log.info("vehicle_connected", extra=about)
         elif verdict is Verdict.MOVED:
             log.warning("vehicle_moved", extra=about)
         elif verdict is Verdict.STRANGER:

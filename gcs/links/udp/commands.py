@@ -133,16 +133,16 @@ class Commands:
         if answer.value != (value if isinstance(value, int) else float(np.float32(value))):
             raise CommandError(f"the vehicle says that it is {answer.value:g}")
 
-    def take_acks(self, rows: Whole, said: Records) -> None:
+    def take_acks(self, rows: Whole, reported: Records) -> None:
         """Read COMMAND_ACKs: (k,) rows and messages, in order of arrival."""
         for row, command, result in zip(
-            rows.tolist(), said["command"].tolist(), said["result"].tolist(), strict=True
+            rows.tolist(), reported["command"].tolist(), reported["result"].tolist(), strict=True
         ):
             self._resolve((row, command), Answer(result))
 
-    def take_values(self, rows: Whole, said: Records) -> None:
+    def take_values(self, rows: Whole, reported: Records) -> None:
         """Read PARAM_VALUEs."""
-        for row, (name, value) in zip(rows.tolist(), parameter_values(said), strict=True):
+        for row, (name, value) in zip(rows.tolist(), parameter_values(reported), strict=True):
             self._resolve((row, name), Answer(value=value))
 
     def _resolve(self, key: tuple[int, int | str], answer: Answer) -> None:
@@ -180,10 +180,10 @@ class Commands:
         raise CommandError(TIMEOUT)
 
 
-def parameter_values(said: Records) -> list[tuple[str, ParameterValue]]:
+def parameter_values(reported: Records) -> list[tuple[str, ParameterValue]]:
     """Names and values of PARAM_VALUEs, whole numbers encoded bytewise, as PX4 does."""
     values: list[tuple[str, ParameterValue]] = []
-    for message in said:
+    for message in reported:
         whole = _WHOLE.get(int(message["param_type"]))
         value: ParameterValue = float(message["param_value"])
         if whole is not None:

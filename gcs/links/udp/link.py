@@ -31,7 +31,7 @@ from gcs.links.udp.send_times import Sent
 from gcs.links.udp.sender import Outbox
 from gcs.links.udp.sockets import Packets
 from gcs.links.udp.stream_requests import Streams
-from gcs.links.udp.telemetry import FleetHeard
+from gcs.links.udp.telemetry import FleetTelemetry
 from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT
 from gcs.mavlink.kernels import Whole
@@ -111,9 +111,9 @@ class UdpLink(LinkFacts, ABC):
         self._heartbeat_hold_s = heartbeat_hold_s
         self._packets = Packets(name, listen, clock)
         self._outbox = Outbox(self._packets, self._addresses, self._counters, self._system_ids, station_id)
-        self._heard = FleetHeard(self._ids)
+        self._telemetry = FleetTelemetry(self._ids)
         self._streams = Streams(self._system_ids, rates_hz or {}, self._ask_for_streams)
-        self._inbox = Inbox(self._addresses, self._heard, self._streams, self._counters)
+        self._inbox = Inbox(self._addresses, self._telemetry, self._streams, self._counters)
         self._inbox.note_parameter = self._note_parameter
         self._latch = KillLatch(vehicles.values())
         self._killed: set[int] = set()
@@ -191,7 +191,7 @@ class UdpLink(LinkFacts, ABC):
     def snapshot(self) -> Telemetry:
         """The newest known of every vehicle, with arrival times: what waits in the sockets is read first."""
         self._hear()
-        return self._heard.telemetry(may_be_ready=self._protocol is not None)
+        return self._telemetry.telemetry(may_be_ready=self._protocol is not None)
 
     def _hear(self) -> None:
         """Read what waits in the sockets: a tick wants it, and the next one will in as long again."""
@@ -232,17 +232,17 @@ class UdpLink(LinkFacts, ABC):
         """
         otherwise = f"{command.verb} impossible"
         protocol, row = self._protocol_for(command.vehicle_id, otherwise)
-        said = self._heard.said(row)
+        reported = self._telemetry.reported(row)
         if command.verb is Verb.KILL:
             self._killed.add(row)
-            killing = protocol.kill(command, said, lambda: self._send_kill(row))
+            killing = protocol.kill(command, reported, lambda: self._send_kill(row))
             self._forget_commands(row)
             await killing
             return
         hand = self._hand(row, otherwise)
         if command.verb is Verb.OFFBOARD and not self._clock() - self._sent.newest_s[row] <= self._hold_s:
             raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
-        await protocol.execute(command, hand, said)
+        await protocol.execute(command, hand, reported)
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
@@ -267,7 +267,7 @@ class UdpLink(LinkFacts, ABC):
             raise CommandError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
         return self._protocol, row
 
-    def _never_heard(self, row: int, otherwise: str) -> CommandError:
+    def _never_connected(self, row: int, otherwise: str) -> CommandError:
         return CommandError(f"{self._ids[row]}: {otherwise}: never heard on link {self._name}")
 
     def _places(self, ids: tuple[VehicleId, ...]) -> tuple[tuple[VehicleId, ...], Whole, Whole]:
@@ -277,14 +277,14 @@ class UdpLink(LinkFacts, ABC):
 
     def _by_urgency(self, rows: Whole) -> Whole:
         """(k,) an order of `rows`: the oldest newest telemetry first, vehicles without any last."""
-        news_s = self._heard.position_time_s[rows]
+        news_s = self._telemetry.position_time_s[rows]
         command: Whole = np.argsort(np.where(news_s > self._asked_before_s, news_s, np.inf), kind="stable")
         return command
 
     def _connected(self, now_s: float) -> Mask:
         """(n,) vehicles with a sign of life and a known mode."""
-        alive: Mask = now_s - self._heard.life_time_s <= SILENT_AFTER_S
-        connected: Mask = alive & np.isfinite(self._heard.heartbeat_time_s)
+        alive: Mask = now_s - self._telemetry.life_time_s <= SILENT_AFTER_S
+        connected: Mask = alive & np.isfinite(self._telemetry.heartbeat_time_s)
         return connected
 
     def _tell(self, message_id: int, messages: codec.Records, rows: Whole) -> None:
@@ -307,7 +307,7 @@ class UdpLink(LinkFacts, ABC):
     async def _keep_receiving(self) -> None:
         watched_s = -np.inf
         while True:
-            busy = self._is_awaiting() or self._heard.awaited
+            busy = self._is_awaiting() or self._telemetry.awaited
             now_s = self._clock()
             if busy or now_s - self._received_s >= _IDLE_S:
                 self._receive()
@@ -320,7 +320,7 @@ class UdpLink(LinkFacts, ABC):
     def _watch(self, now_s: float) -> None:
         """Look after what changes slowly."""
         may_be_asked = self._connected(now_s) & self._orderable()
-        self._streams.watch(may_be_asked, self._heard.lives, self._heard.positions, now_s)
+        self._streams.watch(may_be_asked, self._telemetry.lives, self._telemetry.positions, now_s)
 
     async def _keep_beating(self) -> None:
         """Our heartbeat, for as long as control lives: autopilots have a failsafe for its end."""

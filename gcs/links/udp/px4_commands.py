@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.udp.commands import Commands
-from gcs.links.udp.telemetry import Said
+from gcs.links.udp.telemetry import VehicleReport
 from gcs.mavlink.codec import Records, records
 from gcs.mavlink.framing import COMMAND_LONG
 from gcs.model.state import Landed
@@ -38,14 +38,14 @@ _COMMANDS: Final[dict[Verb, tuple[int, tuple[float, ...]]]] = {
 class DirectHand:
     """One vehicle. A `gcs.links.command_protocol.Hand`."""
 
-    def __init__(self, row: int, commands: Commands, said: Said) -> None:
+    def __init__(self, row: int, commands: Commands, reported: VehicleReport) -> None:
         self._row = row
         self._commands = commands
-        self._said = said
+        self._stated = reported
 
     def landed(self) -> Landed:
         """As it said last."""
-        return self._said.landed
+        return self._stated.landed
 
     async def command(self, given: Command, may_leave: Callable[[], None]) -> None:
         """Send it and wait for the acknowledgement. Raises: CommandError."""

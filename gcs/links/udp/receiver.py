@@ -10,7 +10,7 @@ from gcs.links.udp.addresses import Addresses
 from gcs.links.udp.commands import COMMAND_ACK, PARAM_VALUE, Commands, parameter_values
 from gcs.links.udp.sockets import Datagrams
 from gcs.links.udp.stream_requests import Streams
-from gcs.links.udp.telemetry import FleetHeard
+from gcs.links.udp.telemetry import FleetTelemetry
 from gcs.mavlink import codec
 from gcs.mavlink.kernels import BEGIN, COMPONENT, DATAGRAM, END, MESSAGE, SYSTEM, Bytes, Whole
 from gcs.model.state import Array
@@ -25,17 +25,19 @@ class Inbox:
         observers: whoever wants to see every frame; replace the tuple, do not mutate it.
         commands: who waits for answers; None: nobody.
         note_parameter: called with row, name and value of every PARAM_VALUE; None: not called.
-        pass_on: who else is to read what was taken: (data, frames, rows, times) as `FleetHeard.take` gets
+        pass_on: who else is to read what was taken: (data, frames, rows, times) as `FleetTelemetry.take` gets
             them; None: nobody.
     """
 
-    def __init__(self, addresses: Addresses, heard: FleetHeard, streams: Streams, counters: Counters) -> None:
+    def __init__(
+        self, addresses: Addresses, telemetry: FleetTelemetry, streams: Streams, counters: Counters
+    ) -> None:
         self.observers: tuple[Observer, ...] = ()
         self.commands: Commands | None = None
         self.note_parameter: Callable[[int, str, ParameterValue], None] | None = None
         self.pass_on: Callable[[Bytes, Whole, Whole, Array], None] | None = None
         self._addresses = addresses
-        self._heard = heard
+        self._telemetry = telemetry
         self._streams = streams
         self._counters = counters
 
@@ -48,7 +50,7 @@ class Inbox:
         frames, rows = found.frames[taken], rows[taken]
         time_s = arrived.time_s[frames[:, DATAGRAM]]
         self._counters.received += len(frames)
-        self._heard.take(arrived.data, frames, rows, time_s)
+        self._telemetry.take(arrived.data, frames, rows, time_s)
         self._take_answers(arrived.data, frames, rows)
         if self.pass_on is not None:
             self.pass_on(arrived.data, frames, rows, time_s)
@@ -61,15 +63,17 @@ class Inbox:
         message = np.where(frames[:, COMPONENT] == _AUTOPILOT_COMPONENT, frames[:, MESSAGE], -1)
         acks = np.flatnonzero(message == COMMAND_ACK)
         if len(acks):
-            said = codec.decode(COMMAND_ACK, data, frames[acks])
-            self._streams.take_acks(rows[acks], said)
+            ack_records = codec.decode(COMMAND_ACK, data, frames[acks])
+            self._streams.take_acks(rows[acks], ack_records)
             if self.commands is not None:
-                self.commands.take_acks(rows[acks], said)
+                self.commands.take_acks(rows[acks], ack_records)
         values = np.flatnonzero(message == PARAM_VALUE)
         if len(values):
-            told = codec.decode(PARAM_VALUE, data, frames[values])
+            value_records = codec.decode(PARAM_VALUE, data, frames[values])
             if self.commands is not None:
-                self.commands.take_values(rows[values], told)
+                self.commands.take_values(rows[values], value_records)
             if self.note_parameter is not None:
-                for row, (name, value) in zip(rows[values].tolist(), parameter_values(told), strict=True):
+                for row, (name, value) in zip(
+                    rows[values].tolist(), parameter_values(value_records), strict=True
+                ):
                     self.note_parameter(row, name, value)

@@ -65,7 +65,7 @@ class Streams:
 
         Args:
             connected: (n,) heard lately, and may be asked.
-            lives: (n,) how often each was met, see `FleetHeard`.
+            lives: (n,) how often each was met, see `FleetTelemetry`.
             positions: (n,) how many have come, in all.
             now_s: the link's clock.
         """
@@ -75,10 +75,10 @@ class Streams:
         self._begin(new | self._off(positions, now_s))
         self._ask(np.flatnonzero(connected & ~self.settled & (now_s - self._asked_s >= _ANSWER_S)), now_s)
 
-    def take_acks(self, rows: Whole, said: Records) -> None:
+    def take_acks(self, rows: Whole, reported: Records) -> None:
         """Go on with those that answered: (k,) rows and COMMAND_ACKs. Whatever they answered, it is said."""
-        is_ours = np.isin(said["target_component"], (ASKING_COMPONENT, _ANY_COMPONENT))
-        answered = np.unique(rows[is_ours & (said["command"] == SET_MESSAGE_INTERVAL)])
+        is_ours = np.isin(reported["target_component"], (ASKING_COMPONENT, _ANY_COMPONENT))
+        answered = np.unique(rows[is_ours & (reported["command"] == SET_MESSAGE_INTERVAL)])
         answered = answered[np.isfinite(self._asked_s[answered])]
         self._step[answered] += 1
         self._tries[answered] = 0

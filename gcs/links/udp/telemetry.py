@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.address_book import SILENT_AFTER_S
 from gcs.links.battery_packs import BatteryPacks
-from gcs.links.telemetry import Heard
+from gcs.links.telemetry import VehicleTelemetry
 from gcs.mavlink.codec import Records, decode
 from gcs.mavlink.framing import (
     AHRS,
@@ -55,7 +55,7 @@ _UNKNOWN, _OTHER = -1, -2
 _LANDED: Final = tuple(Landed)
 
 
-class _Told(Generic[Value]):
+class _Reported(Generic[Value]):
     """A column as values of Python: made again only when it has changed, which is seldom."""
 
     def __init__(self, value_of: Callable[[Any], Value]) -> None:
@@ -71,7 +71,7 @@ class _Told(Generic[Value]):
         return self._values
 
 
-class FleetHeard:
+class FleetTelemetry:
     """Newest known of n vehicles, rows as on the link. Arrays are replaced row by row as frames come.
 
     Attributes:
@@ -104,14 +104,14 @@ class FleetHeard:
         self._velocity_m_s = np.full((n, 3), np.nan)
         self._yaw_deg = np.full(n, np.nan)
         self._batteries = BatteryPacks(n)
-        self._texts = tuple(Heard() for _ in ids)
-        self._texts_told: tuple[tuple[StatusText, ...], ...] = ((),) * n
+        self._texts = tuple(VehicleTelemetry() for _ in ids)
+        self._texts_reported: tuple[tuple[StatusText, ...], ...] = ((),) * n
         self._waiting: dict[int, asyncio.Event] = {}
         self._modes: dict[int, Mode] = {_UNKNOWN: Mode.UNKNOWN, _OTHER: Mode.OTHER}
-        self._armed_told, self._ready_told = _Told(bool), _Told(bool)
-        self._failsafe_told = _Told(bool)
-        self._boots_told, self._resets_told = _Told(int), _Told(int)
-        self._modes_told, self._landed_told = _Told(self._mode_of), _Told(_LANDED.__getitem__)
+        self._armed_reported, self._ready_reported = _Reported(bool), _Reported(bool)
+        self._failsafe_reported = _Reported(bool)
+        self._boots_reported, self._resets_reported = _Reported(int), _Reported(int)
+        self._modes_reported, self._landed_reported = _Reported(self._mode_of), _Reported(_LANDED.__getitem__)
         self._readers: MappingProxyType[int, Callable[[Whole, Records, Array], None]] = MappingProxyType(
             {
                 GLOBAL_POSITION_INT: self._take_positions,
@@ -150,15 +150,15 @@ class FleetHeard:
             frame = Frame(STATUSTEXT, 0, _AUTOPILOT_COMPONENT, payload, b"")
             self._texts[rows[at]].take(frame, float(time_s[at]))
         if texts:
-            self._texts_told = tuple(heard.texts for heard in self._texts)
+            self._texts_reported = tuple(telemetry.texts for telemetry in self._texts)
 
     def mode(self, row: int) -> Mode:
         """As its newest heartbeat says."""
         return self._mode_of(int(self._mode[row]))
 
-    def said(self, row: int) -> "Said":
+    def reported(self, row: int) -> "VehicleReport":
         """One vehicle's part."""
-        return Said(self, row)
+        return VehicleReport(self, row)
 
     def text(self, row: int) -> tuple[str, float]:
         """Its newest status text, and when that arrived."""
@@ -194,19 +194,19 @@ class FleetHeard:
             velocity_ned_m_s=np.where(unmet[:, None], np.nan, self._velocity_m_s),
             yaw_deg=np.where(unmet, np.nan, self._yaw_deg),
             battery_remaining=self._batteries.remaining.copy(),
-            armed=self._armed_told.of(self.armed),
-            mode=self._modes_told.of(self._mode),
-            in_failsafe=self._failsafe_told.of(self.in_failsafe),
-            landed=self._landed_told.of(self.landed),
-            ready=self._ready_told.of(ready),
+            armed=self._armed_reported.of(self.armed),
+            mode=self._modes_reported.of(self._mode),
+            in_failsafe=self._failsafe_reported.of(self.in_failsafe),
+            landed=self._landed_reported.of(self.landed),
+            ready=self._ready_reported.of(ready),
             horizontal_accuracy_m=self._accuracy_m[:, 0].copy(),
             vertical_accuracy_m=self._accuracy_m[:, 1].copy(),
-            boots=self._boots_told.of(self.boots),
-            position_resets=self._resets_told.of(self.position_resets),
+            boots=self._boots_reported.of(self.boots),
+            position_resets=self._resets_reported.of(self.position_resets),
             fix_type=self._fix_type.copy(),
             sick_sensors=self._sick_sensors.copy(),
             clock_base_s=self._clock_base_s.copy(),
-            texts=self._texts_told,
+            texts=self._texts_reported,
         )
 
     def _mode_of(self, custom_mode: int) -> Mode:
@@ -217,9 +217,9 @@ class FleetHeard:
                 self._modes[custom_mode] = known
         return known
 
-    def _take_clocks(self, rows: Whole, said: Records, _time_s: Array) -> None:
+    def _take_clocks(self, rows: Whole, reported: Records, _time_s: Array) -> None:
         """Of messages not asked for, but sent by an autopilot that has just restarted."""
-        boot_ms = said["time_boot_ms"].astype(np.int64)
+        boot_ms = reported["time_boot_ms"].astype(np.int64)
         again = np.unique(rows[boot_ms < self._boot_ms[rows] - _REBOOTED_MS])
         self.boots[again] += 1
         self.lives[again] += 1
@@ -231,75 +231,77 @@ class FleetHeard:
         self._boot_ms[rows[restarted]] = boot_ms[restarted]
         np.maximum.at(self._boot_ms, rows[~restarted], boot_ms[~restarted])  # late datagrams change nothing
 
-    def _take_positions(self, rows: Whole, said: Records, time_s: Array) -> None:
-        self._take_clocks(rows, said, time_s)
+    def _take_positions(self, rows: Whole, reported: Records, time_s: Array) -> None:
+        self._take_clocks(rows, reported, time_s)
         self.position_time_s[rows] = time_s
         np.add.at(self.positions, rows, 1)
-        self._place[rows, 0] = said["lat"] * 1e-7
-        self._place[rows, 1] = said["lon"] * 1e-7
-        self._place[rows, 2] = said["alt"] * 1e-3
+        self._place[rows, 0] = reported["lat"] * 1e-7
+        self._place[rows, 1] = reported["lon"] * 1e-7
+        self._place[rows, 2] = reported["alt"] * 1e-3
         for axis, name in enumerate(("vx", "vy", "vz")):
-            self._velocity_m_s[rows, axis] = said[name] * 0.01
-        known = said["hdg"] <= _HEADING_MAX_CDEG
-        self._yaw_deg[rows] = np.where(known, said["hdg"] * 0.01, np.nan)
+            self._velocity_m_s[rows, axis] = reported[name] * 0.01
+        known = reported["hdg"] <= _HEADING_MAX_CDEG
+        self._yaw_deg[rows] = np.where(known, reported["hdg"] * 0.01, np.nan)
 
-    def _take_heartbeats(self, rows: Whole, said: Records, time_s: Array) -> None:
-        autopilots = said["autopilot"] == _PX4
-        rows, said, time_s = rows[autopilots], said[autopilots], time_s[autopilots]
-        base: NDArray[np.int64] = said["base_mode"].astype(np.int64)
+    def _take_heartbeats(self, rows: Whole, reported: Records, time_s: Array) -> None:
+        autopilots = reported["autopilot"] == _PX4
+        rows, reported, time_s = rows[autopilots], reported[autopilots], time_s[autopilots]
+        base: NDArray[np.int64] = reported["base_mode"].astype(np.int64)
         met = np.unique(rows[~(time_s - self.heartbeat_time_s[rows] <= SILENT_AFTER_S)])
         self.lives[met] += 1
         self.heartbeat_time_s[rows] = time_s
         self.armed[rows] = (base & _ARMED) != 0
-        self.in_failsafe[rows] = self.armed[rows] & np.isin(said["system_status"], FAILSAFE_STATES)
-        self._mode[rows] = np.where(base & _CUSTOM, said["custom_mode"].astype(np.int64), _OTHER)
+        self.in_failsafe[rows] = self.armed[rows] & np.isin(reported["system_status"], FAILSAFE_STATES)
+        self._mode[rows] = np.where(base & _CUSTOM, reported["custom_mode"].astype(np.int64), _OTHER)
         if self._waiting:
             for row in rows.tolist():
                 event = self._waiting.pop(row, None)
                 if event is not None:
                     event.set()
 
-    def _take_status(self, rows: Whole, said: Records, _time_s: Array) -> None:
-        health = said["onboard_control_sensors_health"].astype(np.int64)
-        enabled = said["onboard_control_sensors_enabled"].astype(np.int64)
+    def _take_status(self, rows: Whole, reported: Records, _time_s: Array) -> None:
+        health = reported["onboard_control_sensors_health"].astype(np.int64)
+        enabled = reported["onboard_control_sensors_enabled"].astype(np.int64)
         self.prearm_ok[rows] = (health & PREARM_CHECK) != 0
         self._sick_sensors[rows] = (enabled & SENSORS | AHRS) & ~health
-        self._batteries.take_totals(rows, said["battery_remaining"])
+        self._batteries.take_totals(rows, reported["battery_remaining"])
 
-    def _take_batteries(self, rows: Whole, said: Records, _time_s: Array) -> None:
-        self._batteries.take_packs(rows, said["id"], said["battery_remaining"])
+    def _take_batteries(self, rows: Whole, reported: Records, _time_s: Array) -> None:
+        self._batteries.take_packs(rows, reported["id"], reported["battery_remaining"])
 
-    def _take_accuracies(self, rows: Whole, said: Records, _time_s: Array) -> None:
+    def _take_accuracies(self, rows: Whole, reported: Records, _time_s: Array) -> None:
         """As `mavlink_frames.gps_accuracy` reads one."""
-        self._fix_type[rows] = said["fix_type"]
-        fixed = said["fix_type"] >= FIX_3D
+        self._fix_type[rows] = reported["fix_type"]
+        fixed = reported["fix_type"] >= FIX_3D
         fields = (("eph", "h_acc"), ("epv", "v_acc"))
-        for column, ((dilution, reported), metres) in enumerate(
+        for column, ((dilution, accuracy_field), metres) in enumerate(
             zip(fields, METRES_PER_DILUTION, strict=True)
         ):
-            known = said[dilution] != UNKNOWN_DILUTION
-            by_dilution_m = np.where(known, said[dilution] / 100 * metres, np.nan)
-            accuracy_m = np.where(said[reported] != 0, said[reported] / 1000, by_dilution_m)
+            known = reported[dilution] != UNKNOWN_DILUTION
+            by_dilution_m = np.where(known, reported[dilution] / 100 * metres, np.nan)
+            accuracy_m = np.where(
+                reported[accuracy_field] != 0, reported[accuracy_field] / 1000, by_dilution_m
+            )
             self._accuracy_m[rows, column] = np.where(fixed, accuracy_m, np.inf)
 
-    def _take_times(self, rows: Whole, said: Records, time_s: Array) -> None:
-        unix_s = said["time_unix_usec"] * 1e-6
+    def _take_times(self, rows: Whole, reported: Records, time_s: Array) -> None:
+        unix_s = reported["time_unix_usec"] * 1e-6
         self._clock_base_s[rows] = np.where(unix_s >= UNIX_KNOWN_S, unix_s, np.nan) - time_s
 
-    def _take_reset_counters(self, rows: Whole, said: Records, _time_s: Array) -> None:
-        for row, counted in zip(rows.tolist(), said["reset_counter"].tolist(), strict=True):
+    def _take_reset_counters(self, rows: Whole, reported: Records, _time_s: Array) -> None:
+        for row, counted in zip(rows.tolist(), reported["reset_counter"].tolist(), strict=True):
             self.position_resets[row] += 0 <= self._reset_counter[row] != counted
             self._reset_counter[row] = counted
 
-    def _take_landed(self, rows: Whole, said: Records, _time_s: Array) -> None:
-        landed = said["landed_state"]
+    def _take_landed(self, rows: Whole, reported: Records, _time_s: Array) -> None:
+        landed = reported["landed_state"]
         self.landed[rows] = np.where(landed < len(_LANDED), landed, Landed.UNKNOWN)
 
 
-class Said:
+class VehicleReport:
     """One vehicle's part of what was heard: what `gcs.links.command_protocol` believes."""
 
-    def __init__(self, fleet: FleetHeard, row: int) -> None:
+    def __init__(self, fleet: FleetTelemetry, row: int) -> None:
         self._fleet = fleet
         self._row = row
 

@@ -36,7 +36,7 @@ TOLERATED_SETPOINT: Final = 1e-4
 PAIRS_AT_ONCE: Final = 20_000_000
 """Times samples: what is judged between two reports of progress, about 0.1 s."""
 
-LEEWAY_TOLD: Final = 1.01
+LEEWAY_REPORTED: Final = 1.01
 """Less is single precision's."""
 
 
@@ -56,7 +56,7 @@ class Check:
     @property
     def leeway(self) -> str:
         """What is tolerated beyond the limit, in words; empty where nothing to speak of is."""
-        return f" (kept up to {self.tolerated:g})" if self.tolerated > self.limit * LEEWAY_TOLD else ""
+        return f" (kept up to {self.tolerated:g})" if self.tolerated > self.limit * LEEWAY_REPORTED else ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,7 +48,7 @@ class Tracks:
     setpoint_held_at: NDArray[np.intp] | None = None  # (j,) likewise, of the setpoints' own times
 
 
-GAPS_TOLD: Final = 20
+GAPS_REPORTED: Final = 20
 GAP_S: Final = 1.0
 """Between two samples farther apart than this the path is unknown."""
 
@@ -133,21 +133,21 @@ def _before(data: FlightData, first: Flown, *, flies: bool) -> list[str]:
 
 
 def _gaps(
-    ticks: Sequence[Flown], time_s: Array, airborne: Mask, told: set[float | None]
+    ticks: Sequence[Flown], time_s: Array, airborne: Mask, reported: set[float | None]
 ) -> list[tuple[int, str]]:
-    """Gaps while a vehicle flies: the sample after each, and what is missing; without those in `told`."""
+    """Gaps while a vehicle flies: the sample after each, and what is missing; without those in `reported`."""
     numbers = [int(tick.tick.get("number", 0)) for tick in ticks]  # an older file has none
     found = []
     for at in range(1, len(ticks)):
         away_s, lost = time_s[at] - time_s[at - 1], numbers[at] - numbers[at - 1] - 1
-        if ticks[at].unix_s in told:
+        if ticks[at].unix_s in reported:
             found.append((at, ""))
         elif airborne[at - 1 : at + 1].any() and (lost > 0 or away_s > GAP_S):
             of = f"{lost} ticks were not recorded" if lost > 0 else "nothing was recorded"
             found.append(
                 (at, f"{of} from {time_s[at - 1] - time_s[0]:.2f} s to {time_s[at] - time_s[0]:.2f} s")
             )
-    if len([text for _, text in found if text]) > GAPS_TOLD:
+    if len([text for _, text in found if text]) > GAPS_REPORTED:
         total_s = sum(time_s[at] - time_s[at - 1] for at, text in found if text)
         rest = f"in {len(found)} places ticks were not recorded, {total_s:.2f} s together"
         return [(at, rest if number == 0 else "") for number, (at, _) in enumerate(found)]
@@ -310,8 +310,8 @@ def _read(file: Path, report: OnProgress) -> _Part:
         except (ValueError, KeyError, TypeError) as error:
             is_cut = number == len(lines) and bool(samples)  # of a process that was killed while writing it
             if not is_cut:
-                told = f"{type(error).__name__}: {error}"
-                raise GcsError(f"{file}, line {number}: not a sample of true states: {told}") from None
+                reported = f"{type(error).__name__}: {error}"
+                raise GcsError(f"{file}, line {number}: not a sample of true states: {reported}") from None
     if len(samples) < 2:
         raise GcsError(f"{file}: no true states were written")
     numbers = samples[0][1]

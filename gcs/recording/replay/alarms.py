@@ -13,7 +13,7 @@ def replay_alarm(path: Path, began_unix_s: float, *, ended: bool, cut: str) -> A
     over = f" The record has ended. {cut}".rstrip() if ended else ""
     row = CAUSES[AlarmCause.REPLAY]
     text = f"{row.headline}: this is a record of {path}. Nothing here flies.{over}"
-    return _told(AlarmCause.REPLAY, AlarmCause.REPLAY.value, text, began_unix_s)
+    return _reported(AlarmCause.REPLAY, AlarmCause.REPLAY.value, text, began_unix_s)
 
 
 def recorded(status: Mapping[str, Any], path: Path, began_unix_s: float) -> tuple[Alarm, ...]:
@@ -27,7 +27,7 @@ def recorded(status: Mapping[str, Any], path: Path, began_unix_s: float) -> tupl
         problems: Sequence[str] = status["problems"]
         note = AlarmCause.SERVICE_NOTE
         return tuple(
-            _told(note, f"{note}-{number}", f"{CAUSES[note].headline}: {text}.", began_unix_s)
+            _reported(note, f"{note}-{number}", f"{CAUSES[note].headline}: {text}.", began_unix_s)
             for number, text in enumerate(problems, start=1)
         )
     except (KeyError, TypeError, ValueError) as error:
@@ -46,6 +46,6 @@ def _alarm(raw: Mapping[str, Any]) -> Alarm:
     )
 
 
-def _told(cause: AlarmCause, alarm_id: str, text: str, unix_s: float) -> Alarm:
+def _reported(cause: AlarmCause, alarm_id: str, text: str, unix_s: float) -> Alarm:
     row = CAUSES[cause]
     return Alarm(alarm_id, row.severity, cause, text, row.advice, (), unix_s, unix_s)

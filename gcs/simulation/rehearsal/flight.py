@@ -101,7 +101,7 @@ class Rehearsal(SimulatedFlight):
         center = self.memory.center
         charge = np.array(self.traits.charge)
         if center is not None and stands(
-            self.world.heard_m - center.position_m, self.memory.radius_m, charge
+            self.world.received_m - center.position_m, self.memory.radius_m, charge
         ):
             self.began_s = self.time_s
         elif self.time_s > ASSEMBLED_BY_S:

@@ -24,7 +24,7 @@ REACHED_M = 1.0
 LOOKED_AT = 5
 """Every so many ticks: nobody passes above another within a quarter of a second."""
 
-COLUMNS_TOLD, COLUMNS_NAMED = 50, 3
+COLUMNS_REPORTED, COLUMNS_NAMED = 50, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +139,7 @@ class _Judge:
             fence_height_margin_m=_short(margin_m),
             battery_need=_short(need),
             vertical_overlaps=len(columns),
-            columns=tuple(columns[:COLUMNS_TOLD]),
+            columns=tuple(columns[:COLUMNS_REPORTED]),
             cues=cues,
         )
 

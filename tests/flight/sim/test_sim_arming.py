@@ -49,9 +49,9 @@ def test_each_vehicle_has_a_local_origin_of_its_own() -> None:
 
 def test_a_mode_change_is_acknowledged_twice_first_accepted_then_the_result() -> None:
     bench = Bench().take_off()
-    before = len(bench.heard)
+    before = len(bench.received)
     assert bench.set_mode(OFFBOARD) == [ACCEPTED, TEMPORARILY_REJECTED]
-    times = [time_s for time_s, m in bench.heard[before:] if m.get_type() == "COMMAND_ACK"]
+    times = [time_s for time_s, m in bench.received[before:] if m.get_type() == "COMMAND_ACK"]
     assert 0.006 <= times[1] - times[0] <= 0.015
     assert "Switching to Offboard is currently not available" in bench.texts
 

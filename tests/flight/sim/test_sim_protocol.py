@@ -129,7 +129,7 @@ def test_a_parameter_is_read_by_name_and_by_index_and_an_unknown_one_is_not_answ
     assert set_parameter(bench, "NO_SUCH", 1.0, REAL32) == []
 
 
-def test_texts_come_only_while_a_ground_station_is_heard() -> None:
+def test_texts_come_only_while_a_ground_station_is_received() -> None:
     bench = Bench()
     bench.heartbeats = False
     bench.ready()
@@ -155,7 +155,7 @@ def test_the_boot_clock_loses_one_to_two_percent() -> None:
     lost_s = bench.now_s - bench.last("SYSTEM_TIME").time_boot_ms * 1e-3
     assert 0.0 < lost_s < 1.3
     first, last = bench.all("ATTITUDE")[0], bench.all("ATTITUDE")[-1]
-    times = [t for t, m in bench.heard if m.get_type() == "ATTITUDE"]
+    times = [t for t, m in bench.received if m.get_type() == "ATTITUDE"]
     rate = (last.time_boot_ms - first.time_boot_ms) * 1e-3 / (times[-1] - times[0])
     assert 0.979 < rate < 0.991
 
@@ -248,7 +248,7 @@ def test_mavlink_1_frames_and_unknown_messages_change_nothing() -> None:
     assert state_of(bench) == before
 
 
-def test_sound_frames_behind_garbage_and_several_in_one_datagram_are_heard() -> None:
+def test_sound_frames_behind_garbage_and_several_in_one_datagram_are_received() -> None:
     bench = Bench().ready()
     both = [bench.frame(commands()[which]) for which in (0, 2)]
     bench.send_bytes(b"\xfd\x00garbage" + b"".join(both))

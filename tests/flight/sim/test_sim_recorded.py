@@ -59,8 +59,8 @@ def play(name: str) -> tuple[Bench, float, dict[str, Any]]:
 
 def spoken(bench: Bench, begin_s: float, kind: str) -> list[tuple[float, list[Any]]]:
     """What the fake said, in the digest's form."""
-    said: list[tuple[float, list[Any]]] = []
-    for time_s, message in bench.heard:
+    stated: list[tuple[float, list[Any]]] = []
+    for time_s, message in bench.received:
         if message.get_type() != kind or time_s < begin_s:
             continue
         values = {
@@ -70,9 +70,9 @@ def spoken(bench: Bench, begin_s: float, kind: str) -> list[tuple[float, list[An
             "STATUSTEXT": lambda m: [m.severity, m.text, m.chunk_seq],
         }[kind](message)
         is_state = kind in {"HEARTBEAT", "EXTENDED_SYS_STATE"}
-        if not (is_state and said and said[-1][1] == values):
-            said.append((time_s - begin_s, values))
-    return said
+        if not (is_state and stated and stated[-1][1] == values):
+            stated.append((time_s - begin_s, values))
+    return stated
 
 
 def recorded(recording: dict[str, Any], kind: str) -> list[tuple[float, list[Any]]]:
@@ -97,7 +97,7 @@ def test_the_message_set_and_its_rates_are_the_recorded_ones() -> None:
     begin_s = bench.now_s
     bench.run(20.0)
     counts: dict[str, int] = {}
-    for time_s, message in bench.heard:
+    for time_s, message in bench.received:
         if time_s > begin_s:
             counts[message.get_type()] = counts.get(message.get_type(), 0) + 1
     assert set(counts) - ON_OCCASION == set(streams) - LEFT_OUT - ON_OCCASION

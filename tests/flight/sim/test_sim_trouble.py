@@ -116,23 +116,23 @@ def test_a_frozen_receiver_repeats_its_position() -> None:
     bench.stream(3.0, 0.0, 0.0)
     begin_s = bench.now_s + 0.05
     bench.run(2.5)
-    told = {(m.lat, m.lon, m.alt) for m in bench.all("GLOBAL_POSITION_INT", begin_s)}
-    assert len(told) == 1
+    reported = {(m.lat, m.lon, m.alt) for m in bench.all("GLOBAL_POSITION_INT", begin_s)}
+    assert len(reported) == 1
     assert bench.last("GLOBAL_POSITION_INT").vx > 150
     bench.run(1.0)
     trouble.pass_time()
     bench.run(0.2)
-    assert (bench.last("GLOBAL_POSITION_INT").lat, 0) != (told.pop()[0], 0)
+    assert (bench.last("GLOBAL_POSITION_INT").lat, 0) != (reported.pop()[0], 0)
 
 
-def test_accuracy_is_told_in_gps_raw_int() -> None:
+def test_accuracy_is_reported_in_gps_raw_int() -> None:
     bench = Bench().ready()
     command(Trouble(bench.fleet), fault="accuracy", eph_m=4.5, epv_m=7.0, hdop=2.5)
     gps = bench.run(0.5).last("GPS_RAW_INT")
     assert (gps.h_acc, gps.v_acc, gps.eph, gps.epv) == (4500, 7000, 250, 110)
 
 
-def test_a_worse_fix_and_a_wrong_time_are_told_until_their_time_is_over() -> None:
+def test_a_worse_fix_and_a_wrong_time_are_reported_until_their_time_is_over() -> None:
     bench = Bench().ready()
     trouble = Trouble(bench.fleet)
     true_us = bench.run(1.1).last("SYSTEM_TIME").time_unix_usec
@@ -150,7 +150,7 @@ def test_a_worse_fix_and_a_wrong_time_are_told_until_their_time_is_over() -> Non
 
 
 @pytest.mark.parametrize(("which", "bit"), [("gyro", 0x1), ("ahrs", 0x200000)])
-def test_a_sick_sensor_is_told_and_keeps_the_vehicle_from_arming(which: str, bit: int) -> None:
+def test_a_sick_sensor_is_reported_and_keeps_the_vehicle_from_arming(which: str, bit: int) -> None:
     bench = Bench().ready()
     trouble = Trouble(bench.fleet)
     assert bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health & bit
@@ -173,7 +173,7 @@ def test_a_reboot_on_the_ground_restarts_the_clock_disarms_and_restores_the_stre
     assert bench.prearm_ok
 
 
-def test_a_reboot_in_the_air_stops_the_motors_unless_told_to_go_on() -> None:
+def test_a_reboot_in_the_air_stops_the_motors_unless_reported_to_go_on() -> None:
     bench = Bench().take_off()
     trouble = Trouble(bench.fleet)
     command(trouble, fault="reboot", off_s=0.0, motors="go-on")

@@ -145,12 +145,12 @@ def test_access_says_what_it_is(station: Station) -> None:
     assert station("", "POST", "/api/v1/show/start").json()["by"] == "local"
 
 
-def test_every_denied_call_is_told(station: Station) -> None:
+def test_every_denied_call_is_reported(station: Station) -> None:
     station("", "GET", "/api/v1/fleet")
     station("watch", "PUT", "/api/v1/target")
     station("operate", "POST", "/api/v1/show/stop", headers={"Origin": "http://evil.example"})
-    told = [(each.who, each.method, each.path, each.status, each.address) for each in station.denied]
-    assert told == [
+    reported = [(each.who, each.method, each.path, each.status, each.address) for each in station.denied]
+    assert reported == [
         ("anonymous", "GET", "/api/v1/fleet", 401, "10.0.0.9"),
         ("watch-token", "PUT", "/api/v1/target", 403, "10.0.0.9"),
         ("operate-token", "POST", "/api/v1/show/stop", 403, "10.0.0.9"),
@@ -219,7 +219,7 @@ def test_the_emergency_lane_answers_nothing_else(station: Station) -> None:
     assert station("emergency", "POST", "/api/v1/show/stop", lane=True).status_code == 202
 
 
-def test_a_page_from_elsewhere_is_told_nothing_of_cross_origin_calls(station: Station) -> None:
+def test_a_page_from_elsewhere_is_reported_nothing_of_cross_origin_calls(station: Station) -> None:
     preflight = {"Origin": "http://evil.example", "Access-Control-Request-Method": "POST"}
     answer = station("operate", "OPTIONS", "/api/v1/show/stop", headers=preflight)
     assert answer.status_code == 403

@@ -135,7 +135,7 @@ def test_a_missing_field_is_required(api: Api, method: str, path: str, field: st
     assert (problem.field, problem.value, problem.allowed) == (field, None, "required")
 
 
-def test_several_problems_are_told_at_once(api: Api) -> None:
+def test_several_problems_are_reported_at_once(api: Api) -> None:
     answer = api("POST", "/api/v1/obstacles", json={**BOX, "x_m": "here", "y_m": "there"})
     assert [problem.field for problem in problems(answer)] == ["x_m", "y_m"]
 

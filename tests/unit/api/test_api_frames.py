@@ -95,12 +95,12 @@ def test_counters_that_are_too_long_go_round_and_a_heading_stays_below_360() -> 
 def test_the_document_tells_the_bytes_as_they_are() -> None:
     fields = frames.HEADER.fields
     assert fields is not None
-    told = {
+    reported = {
         int(at)
         for row in re.findall(r"^\| ([\d, ]+) \| \w+ \|", DOCUMENT, re.MULTILINE)
         for at in row.split(",")
     }
-    assert told == {offset for _, offset, *_ in fields.values()}
+    assert reported == {offset for _, offset, *_ in fields.values()}
     for names in (frames.FLOATS, frames.BYTES):
         places = [re.search(rf"\b{name}\b", DOCUMENT.partition("From byte 128 on")[2]) for name in names]
         found = [place.start() for place in places if place is not None]

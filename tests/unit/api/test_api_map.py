@@ -38,15 +38,15 @@ def field(tmp_path: Path) -> GroundMap | None:
 
 
 def test_a_tile_of_the_file_is_a_picture_and_the_status_says_where(field: GroundMap | None) -> None:
-    told = ask(field, "/api/v1/status").json()["map"]
-    assert told["tiles"].startswith("/api/v1/map/{z}/{x}/{y}?v=")
-    assert told == {
-        "tiles": told["tiles"],
+    reported = ask(field, "/api/v1/status").json()["map"]
+    assert reported["tiles"].startswith("/api/v1/map/{z}/{x}/{y}?v=")
+    assert reported == {
+        "tiles": reported["tiles"],
         "attribution": "© Crew",
         "zoom_min": 3,
         "zoom_max": 3,
     }
-    answer = ask(field, told["tiles"].format(z=3, x=1, y=1))
+    answer = ask(field, reported["tiles"].format(z=3, x=1, y=1))
     assert (answer.status_code, answer.content) == (200, PICTURE)
     assert answer.headers["content-type"] == "image/png"
     assert answer.headers["x-content-type-options"] == "nosniff"

@@ -76,15 +76,15 @@ def test_what_is_not_known_is_absent() -> None:
     assert "nan" not in text.lower()
 
 
-def test_a_dead_control_loop_is_told() -> None:
+def test_a_dead_control_loop_is_reported() -> None:
     api = Api()
     api.service.control_alive = False
     api.service.tick()
     assert "gcs_control_alive 0.0" in api("GET", "/metrics").text
 
 
-def test_the_dashboard_asks_for_nothing_that_is_not_told(samples: dict[tuple[str, ...], float]) -> None:
-    told = {name for name, *_ in samples}
+def test_the_dashboard_asks_for_nothing_that_is_not_reported(samples: dict[tuple[str, ...], float]) -> None:
+    reported = {name for name, *_ in samples}
     panels = json.loads(DASHBOARD.read_text())["panels"]
     asked = {
         name
@@ -93,5 +93,5 @@ def test_the_dashboard_asks_for_nothing_that_is_not_told(samples: dict[tuple[str
         for name in re.findall(r"\bgcs_\w+", target["expr"])
     }
     assert len(asked) > 10
-    assert asked <= told
+    assert asked <= reported
     assert len({panel["id"] for panel in panels}) == len(panels)

@@ -101,7 +101,7 @@ BAD = [
 
 
 @pytest.mark.parametrize("path", BAD)
-def test_nothing_else_is_told_to_whoever_has_no_token(built: Path, path: str) -> None:
+def test_nothing_else_is_reported_to_whoever_has_no_token(built: Path, path: str) -> None:
     answer = ask(built, path)
     assert answer.status_code in {401, 404}
     assert "classified" not in answer.text

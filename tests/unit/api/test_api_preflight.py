@@ -18,9 +18,9 @@ def api() -> Api:
 
 def test_every_check_is_answered_with_its_state_value_unit_and_limit(api: Api) -> None:
     api.service.battery = 0.2
-    told = api("GET", PREFLIGHT).json()
-    assert told["passes"] is False
-    assert told["vehicles"][0]["checks"] == [
+    reported = api("GET", PREFLIGHT).json()
+    assert reported["passes"] is False
+    assert reported["vehicles"][0]["checks"] == [
         {
             "name": "battery",
             "state": "fail",
@@ -31,8 +31,8 @@ def test_every_check_is_answered_with_its_state_value_unit_and_limit(api: Api) -
             "to_do": "charge it",
         }
     ]
-    assert told["fleet"][0]["value"] is None
-    assert told["not_checked"] == ["start pattern: there is none"]
+    assert reported["fleet"][0]["value"] is None
+    assert reported["not_checked"] == ["start pattern: there is none"]
 
 
 def test_who_is_taken_out_is_named_with_who_did_it_and_why_until_included(api: Api) -> None:
@@ -40,9 +40,9 @@ def test_who_is_taken_out_is_named_with_who_did_it_and_why_until_included(api: A
     assert answer.status_code == 202
     assert answer.headers["Location"] == f"/api/v1/commands/{answer.json()['id']}"
     assert (answer.json()["action"], answer.json()["by"]) == ("exclude", "local")
-    told = api("GET", PREFLIGHT).json()
-    assert told["not_flying"] == {"d2": "taken out of the show by local: cracked"}
-    assert [vehicle["flies"] for vehicle in told["vehicles"]] == [True, False, True]
+    reported = api("GET", PREFLIGHT).json()
+    assert reported["not_flying"] == {"d2": "taken out of the show by local: cracked"}
+    assert [vehicle["flies"] for vehicle in reported["vehicles"]] == [True, False, True]
     assert api("POST", f"{D2}/include").status_code == 202
     assert api("GET", PREFLIGHT).json()["not_flying"] == {}
     assert api("POST", f"{D2}/exclude").status_code == 202, "a reason may be left out"

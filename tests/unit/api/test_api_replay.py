@@ -44,11 +44,16 @@ def test_a_service_that_flies_replays_nothing_and_says_so(method: str, path: str
 def test_what_is_given_changes_and_the_status_tells_it() -> None:
     api, _ = playing()
     assert api("GET", "/api/v1/replay").json()["paused"] is False
-    told = api("POST", "/api/v1/replay", json={"paused": True, "position_s": 12.5}).json()
-    assert (told["paused"], told["position_s"], told["speed"], told["duration_s"]) == (True, 12.5, 1.0, 60.0)
-    assert api("POST", "/api/v1/replay", json={"speed": 4}).json() == {**told, "speed": 4.0}
+    reported = api("POST", "/api/v1/replay", json={"paused": True, "position_s": 12.5}).json()
+    assert (reported["paused"], reported["position_s"], reported["speed"], reported["duration_s"]) == (
+        True,
+        12.5,
+        1.0,
+        60.0,
+    )
+    assert api("POST", "/api/v1/replay", json={"speed": 4}).json() == {**reported, "speed": 4.0}
     api.service.tick()
-    assert api("GET", "/api/v1/status").json()["replay"] == {**told, "speed": 4.0}
+    assert api("GET", "/api/v1/status").json()["replay"] == {**reported, "speed": 4.0}
 
 
 @pytest.mark.parametrize(
@@ -73,7 +78,7 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(body: dict[str, Any]
     assert (record.playback.position_s, record.playback.speed) == (5.0, 1.0)
 
 
-def test_the_certificate_is_told_once_it_is_made() -> None:
+def test_the_certificate_is_reported_once_it_is_made() -> None:
     api, record = playing()
     assert api("GET", "/api/v1/replay/certificate").json() == {
         "state": "running",
@@ -96,8 +101,8 @@ def test_the_certificate_is_told_once_it_is_made() -> None:
         "nearest_pairs": [],
     }
     record.certification = Certification(CheckState.DONE, report=report)
-    told = api("GET", "/api/v1/replay/certificate").json()
-    assert (told["state"], told["report"]) == ("done", report)
+    reported = api("GET", "/api/v1/replay/certificate").json()
+    assert (reported["state"], reported["report"]) == ("done", report)
     record.certification = Certification(CheckState.FAILED, "the disk is gone")
     assert api("GET", "/api/v1/replay/certificate").json()["reason"] == "the disk is gone"
 
@@ -128,9 +133,9 @@ def test_control_is_never_called_stopped_where_there_is_none(age_s: float) -> No
     api.service.view.set(replace(view, time_s=view.time_s - age_s, control_alive=False))
     alarms = [alarm.cause.value for alarm in view.alarms]
     for path in ("/api/v1/fleet", "/api/v1/status"):
-        told = api("GET", path).json()
-        assert [alarm["cause"] for alarm in told["alarms"]] == alarms
-        assert "control loop" not in told["control_reason"]
-        assert bool(told["control_reason"]) == (age_s > 0.0)
+        reported = api("GET", path).json()
+        assert [alarm["cause"] for alarm in reported["alarms"]] == alarms
+        assert "control loop" not in reported["control_reason"]
+        assert bool(reported["control_reason"]) == (age_s > 0.0)
     assert [alarm["cause"] for alarm in api("GET", "/api/v1/alarms").json()["alarms"]] == alarms
     assert api("GET", "/healthz").status_code == (503 if age_s > 0.0 else 200)

@@ -58,10 +58,10 @@ def test_gcs_status_shows_the_alarms_on_top(capsys: pytest.CaptureFixture[str]) 
     service.tick()
     fleet = wire.Fleet.model_validate(Api(service)("GET", "/api/v1/fleet").json())
     Console(width=80).print(board(fleet, 80))
-    told = capsys.readouterr().out.splitlines()
-    assert told[0].split() == ["WARNING", "1", "alarm,", "1", "not", "acknowledged"]
-    assert told[1].split()[0] == "warning"
-    assert "Vehicle d2 low on battery: battery at 15%" in told[1]
+    reported = capsys.readouterr().out.splitlines()
+    assert reported[0].split() == ["WARNING", "1", "alarm,", "1", "not", "acknowledged"]
+    assert reported[1].split()[0] == "warning"
+    assert "Vehicle d2 low on battery: battery at 15%" in reported[1]
 
 
 def test_what_is_not_known_is_null_and_never_nan(api: Api) -> None:
@@ -257,8 +257,10 @@ def test_a_target_in_the_show_frame_is_answered_in_both_frames(api: Api) -> None
 
 
 def test_a_target_on_the_globe_comes_to_the_same_place(api: Api) -> None:
-    told = api("PUT", "/api/v1/target", json={"x_m": 100.0, "y_m": -40.0, "velocity_y_m_s": 2.0}).json()
-    geodetic = {name: value for name, value in told.items() if not name.startswith(("x_", "y_", "velocity_"))}
+    reported = api("PUT", "/api/v1/target", json={"x_m": 100.0, "y_m": -40.0, "velocity_y_m_s": 2.0}).json()
+    geodetic = {
+        name: value for name, value in reported.items() if not name.startswith(("x_", "y_", "velocity_"))
+    }
     again = api("PUT", "/api/v1/target", json={**geodetic, "velocity_north_m_s": -2.0}).json()
     assert (again["x_m"], again["y_m"]) == (pytest.approx(100.0, abs=1e-3), pytest.approx(-40.0, abs=1e-3))
     assert again["velocity_y_m_s"] == pytest.approx(2.0)
@@ -302,13 +304,13 @@ def test_an_obstacle_is_added_read_changed_and_removed(api: Api) -> None:
         assert api(method, "/api/v1/obstacles/tower", json=body).status_code == 404
 
 
-def test_an_obstacle_that_moves_is_told_where_it_is_now(api: Api) -> None:
+def test_an_obstacle_that_moves_is_reported_where_it_is_now(api: Api) -> None:
     moving = {**BOX, "id": "crane", "velocity_x_m_s": 1.0, "velocity_y_m_s": -0.5}
     assert api("POST", "/api/v1/obstacles", json=moving).json()["x_m"] == pytest.approx(BOX["x_m"], abs=0.5)
     box = api.service.plan.obstacles[0]
     assert (box.velocity_x_m_s, box.velocity_y_m_s) == (1.0, -0.5)
-    told = convert.obstacle(box, box.time_s + 4.0)
-    assert (told.x_m, told.y_m) == pytest.approx((box.x_m + 4.0, box.y_m - 2.0))
+    reported = convert.obstacle(box, box.time_s + 4.0)
+    assert (reported.x_m, reported.y_m) == pytest.approx((box.x_m + 4.0, box.y_m - 2.0))
 
 
 def test_an_obstacle_without_an_id_is_given_one_that_was_never_used(api: Api) -> None:

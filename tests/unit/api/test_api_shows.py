@@ -34,8 +34,8 @@ def pass_check(api: Api, text: str = LIGHTHOUSE, *, good: bool = True) -> str:
         "problems": [] if good else [{"line": 3, "cue": "lamp", "text": "too fast"}],
         "model": SHOW.model_dump(mode="json"),
     }
-    told = api.service.shows.found("lighthouse", text.encode(), answer)
-    assert told.hash == SHOW.digest
+    reported = api.service.shows.found("lighthouse", text.encode(), answer)
+    assert reported.hash == SHOW.digest
     return SHOW.digest
 
 
@@ -86,7 +86,7 @@ def test_names_that_could_lead_elsewhere_are_refused(api: Api, tmp_path: Path, n
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
-def test_a_folder_that_is_full_or_cannot_be_written_is_said_so(api: Api, tmp_path: Path) -> None:
+def test_a_folder_that_is_full_or_cannot_be_written_is_stated_so(api: Api, tmp_path: Path) -> None:
     folder = tmp_path / "shows"
     folder.mkdir()
     for number in range(FILES_MAX):
@@ -199,9 +199,9 @@ def test_a_yaml_bomb_is_a_problem_with_line_and_column_and_a_short_answer(api: A
 
     asyncio.run(checked())
     answer = api("GET", f"{PATH}/check")
-    told = answer.json()
-    assert (told["state"], told["good"]) == ("done", False)
-    (problem,) = told["problems"]
+    reported = answer.json()
+    assert (reported["state"], reported["good"]) == ("done", False)
+    (problem,) = reported["problems"]
     assert problem["line"] == 1
     assert problem["text"].startswith("column 8: &a0: anchors are not allowed")
     assert len(answer.content) < 1000

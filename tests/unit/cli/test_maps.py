@@ -47,7 +47,7 @@ def test_an_address_is_the_pages_own_business_and_names_whom_it_asks() -> None:
 
 
 @pytest.mark.parametrize(
-    ("tiles", "said"),
+    ("tiles", "stated"),
     [
         ("map.png", "path of an .mbtiles file"),
         ("", "path of an .mbtiles file"),
@@ -65,15 +65,15 @@ def test_an_address_is_the_pages_own_business_and_names_whom_it_asks() -> None:
         ("https://maps.example/{z}/{x}/{y}.png\r\nX: y", "no spaces"),
     ],
 )
-def test_what_is_neither_is_refused_with_its_key(tiles: str, said: str) -> None:
+def test_what_is_neither_is_refused_with_its_key(tiles: str, stated: str) -> None:
     with pytest.raises(ConfigError) as refused:
         configured(tiles=tiles)
     assert str(refused.value).startswith("my.yaml: line 6: map.tiles = ")
-    assert said in str(refused.value)
+    assert stated in str(refused.value)
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "stated"),
     [
         ({}, "line 5: map.tiles: is required, and missing"),
         ({"tiles": 7}, "map.tiles = 7"),
@@ -83,16 +83,16 @@ def test_what_is_neither_is_refused_with_its_key(tiles: str, said: str) -> None:
         ({"tiles": ADDRESS, "zoom": 3}, "map.zoom = 3"),
     ],
 )
-def test_the_rest_of_the_section_is_checked_too(settings: dict[str, Any], said: str) -> None:
+def test_the_rest_of_the_section_is_checked_too(settings: dict[str, Any], stated: str) -> None:
     with pytest.raises(ConfigError, match=r"my\.yaml: .*") as refused:
         configured(**settings)
-    assert said in str(refused.value)
+    assert stated in str(refused.value)
 
 
 def test_a_file_tells_its_zooms_and_whom_to_thank_and_is_read_from_the_north(tmp_path: Path) -> None:
-    told = {"format": "jpg", "attribution": '<a href="https://x">&copy; Crew</a>'}
+    reported = {"format": "jpg", "attribution": '<a href="https://x">&copy; Crew</a>'}
     path = mbtiles(
-        tmp_path / "field.mbtiles", told, {(3, 1, 0): b"south", (3, 1, 7): b"north", (5, 2, 2): b"t"}
+        tmp_path / "field.mbtiles", reported, {(3, 1, 0): b"south", (3, 1, 7): b"north", (5, 2, 2): b"t"}
     )
     path.chmod(0o444)
     ground = open_map(MapSettings(tiles=str(path)))
@@ -111,7 +111,7 @@ def test_a_file_tells_its_zooms_and_whom_to_thank_and_is_read_from_the_north(tmp
         open_map(MapSettings(tiles=str(path), zoom_max=2))
 
 
-def test_tiles_that_are_not_there_or_nowhere_are_told_apart(tmp_path: Path) -> None:
+def test_tiles_that_are_not_there_or_nowhere_are_reported_apart(tmp_path: Path) -> None:
     file = TileFile(mbtiles(tmp_path / "a.mbtiles", {"format": "png"}, {(3, 1, 0): b"a", (3, 2, 0): "text"}))
     for place in ((3, 0, 0), (3, 2, 7), (22, 0, 0)):
         with pytest.raises(UnknownError, match=r"a\.mbtiles has no tile"):
@@ -164,7 +164,7 @@ def test_a_file_that_cannot_be_drawn_is_refused_at_the_start(tmp_path: Path) -> 
     mbtiles(tmp_path / "zoom.mbtiles", {"format": "png", "minzoom": "low"}, one)
     for name, low, high in (("below", -5, -1), ("turned", 9, 3), ("deep", 25, 26)):
         mbtiles(tmp_path / f"{name}.mbtiles", {"format": "png", "minzoom": low, "maxzoom": high}, one)
-    for name, said in {
+    for name, stated in {
         "none": "there is no such file",
         "folder": "not an MBTiles file",
         "n" * 300: "File name too long",
@@ -178,7 +178,7 @@ def test_a_file_that_cannot_be_drawn_is_refused_at_the_start(tmp_path: Path) -> 
         "turned": "minzoom = 9 and maxzoom = 3 in its metadata",
         "deep": "minzoom = 25 and maxzoom = 26 in its metadata",
     }.items():
-        with pytest.raises(ConfigError, match=rf"^map\.tiles: .*{name}\.mbtiles: .*{said}"):
+        with pytest.raises(ConfigError, match=rf"^map\.tiles: .*{name}\.mbtiles: .*{stated}"):
             open_map(MapSettings(tiles=str(tmp_path / f"{name}.mbtiles")))
 
 

@@ -39,9 +39,9 @@ def changed(change: Callable[[dict[str, Any]], object]) -> str:
 def refusal(text: str) -> str:
     with pytest.raises(ConfigError) as refused:
         parse(text, "my.yaml")
-    said = str(refused.value)
-    assert said.startswith("my.yaml: ")
-    return said
+    stated = str(refused.value)
+    assert stated.startswith("my.yaml: ")
+    return stated
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
@@ -366,12 +366,12 @@ BAD: dict[str, tuple[Callable[[dict[str, Any]], object], tuple[str, ...]]] = {
 @pytest.mark.parametrize("what", BAD)
 def test_what_cannot_be_flown_is_refused_with_file_key_and_value(what: str) -> None:
     change, named = BAD[what]
-    said = refusal(changed(change))
-    assert all(part in said for part in named), said
+    stated = refusal(changed(change))
+    assert all(part in stated for part in named), stated
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "reported"),
     [
         ("  raduis_m: 15.0", "line 4: formation.raduis_m = 15.0: unknown key; did you mean radius_m?"),
         ("  radius_m: yes", "line 4: formation.radius_m = 'yes': a number is needed"),
@@ -386,10 +386,10 @@ def test_what_cannot_be_flown_is_refused_with_file_key_and_value(what: str) -> N
         ("  radius_m: {a: 1}", "line 4: formation.radius_m: a number is needed"),
     ],
 )
-def test_a_formation_is_refused_with_line_key_value_and_what_was_meant(line: str, told: str) -> None:
-    said = refusal(f"{SIX}formation:\n{line}\n  height_m: 25.0\n")
-    assert told in said, said
-    assert not [words for words in FOREIGN if words in said], said
+def test_a_formation_is_refused_with_line_key_value_and_what_was_meant(line: str, reported: str) -> None:
+    stated = refusal(f"{SIX}formation:\n{line}\n  height_m: 25.0\n")
+    assert reported in stated, stated
+    assert not [words for words in FOREIGN if words in stated], stated
 
 
 SIX = """show_frame: {latitude_deg: 47.0, longitude_deg: 8.0, altitude_amsl_m: 400.0}
@@ -410,7 +410,7 @@ FOREIGN = (
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         (SIX.replace("ports: 6", "ports: 5") + FORMED, "line 2: links.0.ports = 5: 1 port for all, or one"),
         (SIX + "formation:\n", "line 3: formation = nothing: a section is needed, with radius_m, height_m"),
@@ -446,10 +446,10 @@ FOREIGN = (
         (SIX.replace("ports: 6", "ports: 6.5") + FORMED, "links.0.ports = 6.5: a whole number is needed"),
     ],
 )
-def test_a_configuration_is_refused_in_words_of_its_own(text: str, told: str) -> None:
-    said = refusal(text)
-    assert told in said, said
-    assert not [words for words in FOREIGN if words in said], said
+def test_a_configuration_is_refused_in_words_of_its_own(text: str, reported: str) -> None:
+    stated = refusal(text)
+    assert reported in stated, stated
+    assert not [words for words in FOREIGN if words in stated], stated
 
 
 def test_yes_and_no_still_answer_what_is_asked_so() -> None:
@@ -468,7 +468,7 @@ def test_a_folder_given_as_a_file_and_another_encoding_are_named(
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "reported"),
     [
         (
             ("127.0.0.1:14540", "203.0.113.9:14540"),
@@ -481,14 +481,14 @@ def test_a_folder_given_as_a_file_and_another_encoding_are_named(
     ],
 )
 def test_an_address_that_this_computer_does_not_have_is_refused_where_it_would_be_listened_on(
-    tmp_path: Path, change: tuple[str, str], told: str
+    tmp_path: Path, change: tuple[str, str], reported: str
 ) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text((SIX + FORMED).replace(*change))
     assert load(file).ids  # to judge a record by, another computer's will do
     with pytest.raises(ConfigError) as refused:
         load_here(str(file))
-    assert told in str(refused.value)
+    assert reported in str(refused.value)
     assert load_here("demo").ids
 
 
@@ -497,9 +497,9 @@ def test_every_problem_is_named_at_once_and_whole_sections_are_not_printed() -> 
         raw["formation"].update(radius_m=-1.0)
         raw["show_frame"].update(latitude_deg=100.0)
 
-    said = refusal(changed(spoil))
-    assert "formation.radius_m" in said
-    assert "show_frame.latitude_deg" in said
+    stated = refusal(changed(spoil))
+    assert "formation.radius_m" in stated
+    assert "show_frame.latitude_deg" in stated
     assert "{'" not in refusal(changed(lambda raw: raw.update(links=[])))
 
 

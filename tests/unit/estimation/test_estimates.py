@@ -70,9 +70,9 @@ def test_a_charge_that_jumps_is_no_rate() -> None:
     assert np.isnan(history.left_s(0.0, 202.0)).all()
 
 
-def of(remaining: Array, flying: list[bool], heard: list[bool]) -> list[float | None]:
+def of(remaining: Array, flying: list[bool], received: list[bool]) -> list[float | None]:
     n = len(remaining)
-    found = batteries(BatteryHistory(n), remaining, np.array(flying), np.array(heard), 0.2, 0.0)
+    found = batteries(BatteryHistory(n), remaining, np.array(flying), np.array(received), 0.2, 0.0)
     known = (found.battery_least, found.battery_median)
     return [None if value is None else round(value, 6) for value in known]
 

@@ -16,14 +16,14 @@ from gcs.model.state import FleetState, Landed, Mode, Setpoints, Telemetry
 FRAME = ShowFrame(47.0, 8.0, 400.0, heading_deg=90.0)
 
 
-def telemetry(ids: tuple[str, ...], *, heard_s: float, altitude_amsl_m: float = 420.0) -> Telemetry:
+def telemetry(ids: tuple[str, ...], *, received_s: float, altitude_amsl_m: float = 420.0) -> Telemetry:
     """All at the show's origin, 20 m up, flying east at 2 m/s and looking south."""
     n = len(ids)
     return Telemetry(
         ids=ids,
-        position_time_s=np.full(n, heard_s),
-        heartbeat_time_s=np.full(n, heard_s),
-        life_time_s=np.full(n, heard_s),
+        position_time_s=np.full(n, received_s),
+        heartbeat_time_s=np.full(n, received_s),
+        life_time_s=np.full(n, received_s),
         latitude_deg=np.full(n, 47.0),
         longitude_deg=np.full(n, 8.0),
         altitude_amsl_m=np.full(n, altitude_amsl_m),
@@ -47,7 +47,7 @@ def telemetry(ids: tuple[str, ...], *, heard_s: float, altitude_amsl_m: float = 
 
 
 def test_the_table_rotates_everything_into_the_show_frame() -> None:
-    state = Table(("a",), FRAME).state([telemetry(("a",), heard_s=10.0)], 10.0)
+    state = Table(("a",), FRAME).state([telemetry(("a",), received_s=10.0)], 10.0)
     assert state.position_m[0] == pytest.approx([0.0, 0.0, -20.0], abs=1e-3)
     assert state.velocity_m_s[0] == pytest.approx([2.0, 0.0, 0.0])  # east is ahead
     assert state.yaw_rad[0] == pytest.approx(pi / 2)  # south is to the right
@@ -56,16 +56,16 @@ def test_the_table_rotates_everything_into_the_show_frame() -> None:
 
 def test_positions_are_brought_forward_with_their_velocity_but_not_for_long() -> None:
     table = Table(("a",), FRAME)
-    fresh = table.state([telemetry(("a",), heard_s=10.0)], 10.3)
-    old = table.state([telemetry(("a",), heard_s=10.0)], 17.0)
+    fresh = table.state([telemetry(("a",), received_s=10.0)], 10.3)
+    old = table.state([telemetry(("a",), received_s=10.0)], 17.0)
     assert fresh.position_m[0, 0] == pytest.approx(0.6, abs=1e-3)
     assert old.position_m[0, 0] == pytest.approx(2.0 * FORWARD_MAX_S, abs=1e-3)
     assert old.age_s[0] == pytest.approx(7.0)
 
 
-def test_rows_follow_the_fleets_order_and_who_was_never_heard_is_unknown() -> None:
+def test_rows_follow_the_fleets_order_and_who_was_never_received_is_unknown() -> None:
     table = Table(("a", "b", "c"), FRAME)
-    parts = [telemetry(("c",), heard_s=1.0, altitude_amsl_m=430.0), telemetry(("a",), heard_s=0.5)]
+    parts = [telemetry(("c",), received_s=1.0, altitude_amsl_m=430.0), telemetry(("a",), received_s=0.5)]
     state = table.state(parts, 1.0)
     assert state.age_s.tolist() == [0.5, inf, 0.0]
     assert state.position_m[[0, 2], 2] == pytest.approx([-20.0, -30.0], abs=1e-3)
@@ -74,7 +74,7 @@ def test_rows_follow_the_fleets_order_and_who_was_never_heard_is_unknown() -> No
 
 
 def test_telemetry_from_the_future_is_not_younger_than_now() -> None:
-    state = Table(("a",), FRAME).state([telemetry(("a",), heard_s=11.0)], 10.0)
+    state = Table(("a",), FRAME).state([telemetry(("a",), received_s=11.0)], 10.0)
     assert state.age_s[0] == 0.0
 
 
@@ -89,7 +89,7 @@ def test_batches_of_the_wrong_shape_are_refused_by_name() -> None:
     with pytest.raises(ShapeError, match="age_s"):
         FleetState(0.0, ("a",), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), np.zeros(2))
     with pytest.raises(ShapeError, match="armed: 1 values for 2"):
-        replace(telemetry(("a", "b"), heard_s=0.0), armed=(True,))
+        replace(telemetry(("a", "b"), received_s=0.0), armed=(True,))
 
 
 def test_a_batch_cannot_be_changed_once_made() -> None:

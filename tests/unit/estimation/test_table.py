@@ -13,7 +13,7 @@ STEP_S = 0.1
 HERE, THERE = (10.0, 5.0, -20.0), (5010.0, 5.0, -20.0)
 
 
-class Heard:
+class ReportedVehicle:
     """One vehicle, told every tenth of a second to be where it is not, or is."""
 
     def __init__(self) -> None:
@@ -107,33 +107,33 @@ def test_the_compiled_way_into_the_frame_is_pymap3ds(frame: ShowFrame) -> None:
 
 
 @pytest.fixture
-def heard() -> Heard:
+def received() -> ReportedVehicle:
     """A vehicle that has been where it is for a second."""
-    vehicle = Heard()
+    vehicle = ReportedVehicle()
     vehicle.keep_telling(HERE, 1.0)
     return vehicle
 
 
-def test_a_jump_is_not_believed_and_the_last_place_is_still_shown(heard: Heard) -> None:
-    for state in heard.keep_telling(THERE, 4.0):
+def test_a_jump_is_not_believed_and_the_last_place_is_still_shown(received: ReportedVehicle) -> None:
+    for state in received.keep_telling(THERE, 4.0):
         assert state.position_m[0] == pytest.approx(HERE, abs=1e-3)
         assert state.age_s[0] == np.inf
 
 
-def test_after_a_jump_and_back_it_is_believed_at_once(heard: Heard) -> None:
-    heard.keep_telling(THERE, 4.0)
-    state = heard.tell((16.0, 5.0, -20.0))
+def test_after_a_jump_and_back_it_is_believed_at_once(received: ReportedVehicle) -> None:
+    received.keep_telling(THERE, 4.0)
+    state = received.tell((16.0, 5.0, -20.0))
     assert state.position_m[0] == pytest.approx((16.0, 5.0, -20.0), abs=1e-3)
     assert state.age_s[0] == 0.0
 
 
-def test_a_single_wrong_message_costs_no_more_than_itself(heard: Heard) -> None:
-    assert heard.tell((24.0, 5.0, -20.0)).age_s[0] == np.inf
-    assert heard.tell(HERE).age_s[0] == 0.0
+def test_a_single_wrong_message_costs_no_more_than_itself(received: ReportedVehicle) -> None:
+    assert received.tell((24.0, 5.0, -20.0)).age_s[0] == np.inf
+    assert received.tell(HERE).age_s[0] == 0.0
 
 
-def test_on_the_ground_a_new_place_is_believed_once_it_has_been_told_for_long_enough() -> None:
-    vehicle = Heard()
+def test_on_the_ground_a_new_place_is_believed_once_it_has_been_reported_for_long_enough() -> None:
+    vehicle = ReportedVehicle()
     vehicle.keep_telling(HERE, 1.0, armed=False)
     states = vehicle.keep_telling(THERE, CONSISTENT_S + 0.05, armed=False)
     assert ages_s(states) == {np.inf}
@@ -143,27 +143,29 @@ def test_on_the_ground_a_new_place_is_believed_once_it_has_been_told_for_long_en
 
 
 def test_a_place_that_keeps_jumping_is_never_believed() -> None:
-    vehicle = Heard()
+    vehicle = ReportedVehicle()
     vehicle.keep_telling(HERE, 1.0, armed=False)
     states = [vehicle.tell((1000.0 * (index % 2) + 500.0, 0.0, 0.0), armed=False) for index in range(60)]
     assert ages_s(states) == {np.inf}
 
 
-def test_in_the_air_a_reset_of_some_metres_is_believed_once_it_could_have_been_flown(heard: Heard) -> None:
-    states = heard.keep_telling((40.0, 5.0, -20.0), 4.0)
+def test_in_the_air_a_reset_of_some_metres_is_believed_once_it_could_have_been_flown(
+    received: ReportedVehicle,
+) -> None:
+    states = received.keep_telling((40.0, 5.0, -20.0), 4.0)
     believed = [state.age_s[0] == 0.0 for state in states]
     assert not any(believed[: round(CONSISTENT_S / STEP_S)])
     assert all(believed[round(CONSISTENT_S / STEP_S) + 1 :])
 
 
-def test_in_the_air_kilometres_take_as_long_as_it_takes_to_fly_them(heard: Heard) -> None:
-    assert ages_s(heard.keep_telling(THERE, 60.0)) == {np.inf}
+def test_in_the_air_kilometres_take_as_long_as_it_takes_to_fly_them(received: ReportedVehicle) -> None:
+    assert ages_s(received.keep_telling(THERE, 60.0)) == {np.inf}
 
 
 @pytest.mark.parametrize("armed", [True, False])
-def test_null_island_is_never_believed_however_long_it_is_told(armed: bool) -> None:
+def test_null_island_is_never_believed_however_long_it_is_reported(armed: bool) -> None:
     at_zero = ShowFrame(0.0, 0.0, 400.0)
-    vehicle = Heard()
+    vehicle = ReportedVehicle()
     vehicle.table = Table(("a",), at_zero)  # even here
     states = [vehicle.tell(HERE, armed=armed, nowhere=True) for _ in range(50)]
     assert ages_s(states) == {np.inf}
@@ -171,25 +173,27 @@ def test_null_island_is_never_believed_however_long_it_is_told(armed: bool) -> N
 
 
 def test_a_first_place_beyond_all_reason_is_not_believed_and_a_good_one_after_it_is() -> None:
-    vehicle = Heard()
+    vehicle = ReportedVehicle()
     assert ages_s(vehicle.keep_telling((FAR_M + 5.0, 0.0, 0.0), 5.0, armed=False)) == {np.inf}
     assert vehicle.tell(HERE, armed=False).age_s[0] == 0.0
 
 
-def test_one_that_was_silent_may_be_as_far_away_as_it_can_have_flown(heard: Heard) -> None:
-    heard.time_s += 30.0
-    assert heard.tell((700.0, 5.0, -20.0)).age_s[0] == 0.0
-    heard.time_s += 30.0
-    assert heard.tell((-300.0, 5.0, -20.0)).age_s[0] == np.inf
+def test_one_that_was_silent_may_be_as_far_away_as_it_can_have_flown(received: ReportedVehicle) -> None:
+    received.time_s += 30.0
+    assert received.tell((700.0, 5.0, -20.0)).age_s[0] == 0.0
+    received.time_s += 30.0
+    assert received.tell((-300.0, 5.0, -20.0)).age_s[0] == np.inf
 
 
-def test_the_fastest_plausible_flight_is_believed_all_along(heard: Heard) -> None:
-    states = [heard.tell((10.0 + 2.5 * index, 5.0, -20.0), velocity=(25.0, 0.0, 0.0)) for index in range(50)]
+def test_the_fastest_plausible_flight_is_believed_all_along(received: ReportedVehicle) -> None:
+    states = [
+        received.tell((10.0 + 2.5 * index, 5.0, -20.0), velocity=(25.0, 0.0, 0.0)) for index in range(50)
+    ]
     assert ages_s(states) == {0.0}
 
 
 def test_what_is_kept_of_one_not_believed_moves_no_farther_than_usual() -> None:
-    vehicle = Heard()
+    vehicle = ReportedVehicle()
     for index in range(10):
         vehicle.tell((0.3 * index, 0.0, -20.0), velocity=(3.0, 0.0, 0.0))
     last = [vehicle.tell(THERE, velocity=(-9.0, 9.0, 9.0)) for _ in range(30)][-1]
@@ -197,9 +201,9 @@ def test_what_is_kept_of_one_not_believed_moves_no_farther_than_usual() -> None:
     assert last.velocity_m_s[0] == pytest.approx((1.5, 0.0, 0.0))  # 3 s after it was believed: it fades
 
 
-def test_asking_twice_about_the_same_message_says_the_same(heard: Heard) -> None:
-    first = heard.tell(THERE)
-    heard.time_s -= STEP_S
-    again = heard.tell(THERE)
+def test_asking_twice_about_the_same_message_says_the_same(received: ReportedVehicle) -> None:
+    first = received.tell(THERE)
+    received.time_s -= STEP_S
+    again = received.tell(THERE)
     assert again.age_s.tolist() == first.age_s.tolist()
     assert again.position_m.tolist() == first.position_m.tolist()

@@ -202,7 +202,7 @@ def test_whoever_brakes_for_the_fence_as_the_filter_allows_is_not_about_to_cross
 
 
 @pytest.mark.parametrize(("blown", "found"), [(3, False), (4, True)])
-def test_wind_is_too_strong_when_half_of_them_cannot_fly_as_told(blown: int, found: bool) -> None:
+def test_wind_is_too_strong_when_half_of_them_cannot_fly_as_reported(blown: int, found: bool) -> None:
     flown_m_s = np.where((np.arange(N) < blown)[:, None], (1.8, 0.0, 0.0), 0.0)
     rules, windy = Rules(), calm(velocity_m_s=flown_m_s)
     assert rules.see(windy, 5.0) == ()
@@ -212,7 +212,7 @@ def test_wind_is_too_strong_when_half_of_them_cannot_fly_as_told(blown: int, fou
     assert describe(rules.see(windy, 2.0)) == ([(Cause.WIND, Action.RETURN, ())] if found else [])
 
 
-def test_whoever_swings_about_what_it_is_told_is_not_blown_away() -> None:
+def test_whoever_swings_about_what_it_is_reported_is_not_blown_away() -> None:
     rules = Rules()
     for beat in range(40):
         flown_m_s = np.full((N, 3), 2.5 if beat % 2 else -2.5) * (1.0, 0.0, 0.0)

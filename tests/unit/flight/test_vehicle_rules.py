@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs.control import Task
-from gcs.flight.vehicle import Heard, Vehicle, require_phase
+from gcs.flight.vehicle import Vehicle, VehicleStatus, require_phase
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowPhase
 from gcs.model.state import Landed, Mode
@@ -21,28 +21,28 @@ def vehicle(phase: Phase, *, modes: frozenset[Mode] = FLOWN_BY_US) -> Vehicle:
     return Vehicle("d1", 0, 1, "link", phase=phase, modes=modes)
 
 
-def heard(
+def status(
     *, age_s: float = 0.0, mode: Mode = Mode.OFFBOARD, armed: bool = True, landed: Landed = Landed.IN_AIR
-) -> Heard:
-    return Heard(age_s, mode, armed, landed)
+) -> VehicleStatus:
+    return VehicleStatus(age_s, mode, armed, landed)
 
 
-ON_GROUND = heard(mode=Mode.HOLD, armed=False, landed=Landed.ON_GROUND)
+ON_GROUND = status(mode=Mode.HOLD, armed=False, landed=Landed.ON_GROUND)
 
 
-def test_one_never_heard_stays_offline() -> None:
+def test_one_never_received_stays_offline() -> None:
     subject = vehicle(Phase.OFFLINE)
-    assert not subject.observe(heard(age_s=math.inf), SILENCE_S)
+    assert not subject.observe(status(age_s=math.inf), SILENCE_S)
     assert subject.phase is Phase.OFFLINE
 
 
 def test_an_age_that_is_not_a_number_counts_as_silence() -> None:
     subject = vehicle(Phase.FORMATION)
-    assert subject.observe(heard(age_s=math.nan), SILENCE_S)
+    assert subject.observe(status(age_s=math.nan), SILENCE_S)
     assert subject.phase is Phase.LOST
 
 
-def test_one_heard_on_the_ground_is_on_standby() -> None:
+def test_one_received_on_the_ground_is_on_standby() -> None:
     subject = vehicle(Phase.OFFLINE)
     assert subject.observe(ON_GROUND, SILENCE_S)
     assert subject.phase is Phase.STANDBY
@@ -52,31 +52,31 @@ def test_one_heard_on_the_ground_is_on_standby() -> None:
 @pytest.mark.parametrize("landed", [Landed.IN_AIR, Landed.TAKEOFF, Landed.LANDING])
 def test_one_found_in_the_air_without_an_order_of_ours_is_a_pilots(phase: Phase, landed: Landed) -> None:
     subject = vehicle(phase)
-    assert subject.observe(heard(landed=landed), SILENCE_S)
+    assert subject.observe(status(landed=landed), SILENCE_S)
     assert subject.phase is Phase.PILOT
     assert "not by our order" in subject.reason
 
 
 def test_an_armed_vehicle_on_the_ground_is_still_on_standby() -> None:
     subject = vehicle(Phase.STANDBY)
-    assert not subject.observe(heard(landed=Landed.ON_GROUND, mode=Mode.HOLD), SILENCE_S)
+    assert not subject.observe(status(landed=Landed.ON_GROUND, mode=Mode.HOLD), SILENCE_S)
 
 
 def test_an_armed_vehicle_that_may_be_in_the_air_does_not_count_as_on_the_ground() -> None:
     subject = vehicle(Phase.STANDBY)
-    assert subject.observe(heard(landed=Landed.UNKNOWN, mode=Mode.HOLD), SILENCE_S)
+    assert subject.observe(status(landed=Landed.UNKNOWN, mode=Mode.HOLD), SILENCE_S)
     assert subject.phase is Phase.PILOT
 
 
 def test_one_that_does_not_say_whether_it_flies_stays_offline_and_the_reason_says_so() -> None:
     subject = vehicle(Phase.OFFLINE)
-    assert not subject.observe(heard(landed=Landed.UNKNOWN), SILENCE_S)
+    assert not subject.observe(status(landed=Landed.UNKNOWN), SILENCE_S)
     assert subject.reason == "heard, but it does not say yet whether it flies"
 
 
 def test_one_silent_on_the_ground_is_offline() -> None:
     subject = vehicle(Phase.STANDBY)
-    assert subject.observe(heard(age_s=2.5), SILENCE_S)
+    assert subject.observe(status(age_s=2.5), SILENCE_S)
     assert subject.phase is Phase.OFFLINE
     assert subject.reason == "no telemetry for 2.5 s"
 
@@ -84,8 +84,8 @@ def test_one_silent_on_the_ground_is_offline() -> None:
 @pytest.mark.parametrize("phase", [*COMMANDED, Phase.PILOT])
 def test_one_silent_in_the_air_is_lost(phase: Phase) -> None:
     subject = vehicle(phase)
-    assert not subject.observe(heard(age_s=SILENCE_S), SILENCE_S)
-    assert subject.observe(heard(age_s=SILENCE_S + 0.1), SILENCE_S)
+    assert not subject.observe(status(age_s=SILENCE_S), SILENCE_S)
+    assert subject.observe(status(age_s=SILENCE_S + 0.1), SILENCE_S)
     assert subject.phase is Phase.LOST
     assert subject.reason == "no telemetry for 2.1 s"
 
@@ -94,7 +94,7 @@ def test_one_silent_in_the_air_is_lost(phase: Phase) -> None:
 @pytest.mark.parametrize("mode", [Mode.POSITION, Mode.RETURN, Mode.LAND, Mode.OTHER, Mode.UNKNOWN])
 def test_a_mode_that_no_order_explains_hands_the_vehicle_to_the_pilot(phase: Phase, mode: Mode) -> None:
     subject = vehicle(phase)
-    assert subject.observe(heard(mode=mode), SILENCE_S)
+    assert subject.observe(status(mode=mode), SILENCE_S)
     assert subject.phase is Phase.PILOT
     assert "this station did not command" in subject.reason
 
@@ -103,28 +103,28 @@ def test_a_mode_that_no_order_explains_hands_the_vehicle_to_the_pilot(phase: Pha
 @pytest.mark.parametrize("mode", sorted(FLOWN_BY_US))
 def test_a_mode_that_an_order_explains_changes_nothing(phase: Phase, mode: Mode) -> None:
     subject = vehicle(phase)
-    assert not subject.observe(heard(mode=mode), SILENCE_S)
+    assert not subject.observe(status(mode=mode), SILENCE_S)
     assert subject.phase is phase
 
 
 @pytest.mark.parametrize("phase", [*COMMANDED, Phase.PILOT])
 def test_motors_off_means_down_whatever_the_mode(phase: Phase) -> None:
     subject = vehicle(phase)
-    assert subject.observe(heard(mode=Mode.POSITION, armed=False, landed=Landed.ON_GROUND), SILENCE_S)
+    assert subject.observe(status(mode=Mode.POSITION, armed=False, landed=Landed.ON_GROUND), SILENCE_S)
     assert subject.phase is Phase.STANDBY
 
 
 @pytest.mark.parametrize("mode", sorted(Mode))
 def test_a_pilots_vehicle_stays_the_pilots_in_every_mode(mode: Mode) -> None:
     subject = vehicle(Phase.PILOT)
-    assert not subject.observe(heard(mode=mode), SILENCE_S)
+    assert not subject.observe(status(mode=mode), SILENCE_S)
     assert subject.phase is Phase.PILOT
 
 
 @pytest.mark.parametrize("mode", [Mode.OFFBOARD, Mode.HOLD])
 def test_a_lost_vehicle_that_still_waits_for_us_is_left_to_an_order_to_hold(mode: Mode) -> None:
     subject = vehicle(Phase.LOST)
-    assert not subject.observe(heard(mode=mode), SILENCE_S)
+    assert not subject.observe(status(mode=mode), SILENCE_S)
     assert subject.phase is Phase.LOST
 
 
@@ -136,23 +136,23 @@ def test_an_order_to_hold_takes_a_lost_vehicle_on() -> None:
 
 
 @pytest.mark.parametrize("mode", [Mode.TAKEOFF, Mode.LAND])
-def test_a_lost_vehicle_heard_again_in_a_mode_that_was_ordered_is_not_the_pilots(mode: Mode) -> None:
+def test_a_lost_vehicle_received_again_in_a_mode_that_was_ordered_is_not_the_pilots(mode: Mode) -> None:
     subject = vehicle(Phase.LOST)
     subject.modes = frozenset({mode})
-    assert not subject.observe(heard(mode=mode), SILENCE_S)
+    assert not subject.observe(status(mode=mode), SILENCE_S)
     assert subject.phase is Phase.LOST
 
 
 @pytest.mark.parametrize("mode", sorted(set(Mode) - {Mode.OFFBOARD, Mode.HOLD}))
-def test_a_lost_vehicle_heard_again_in_a_mode_nobody_ordered_is_the_pilots(mode: Mode) -> None:
+def test_a_lost_vehicle_received_again_in_a_mode_nobody_ordered_is_the_pilots(mode: Mode) -> None:
     subject = vehicle(Phase.LOST)
     subject.modes = frozenset({Mode.OFFBOARD})
-    assert subject.observe(heard(mode=mode), SILENCE_S)
+    assert subject.observe(status(mode=mode), SILENCE_S)
     assert subject.phase is Phase.PILOT
     assert "received again" in subject.reason
 
 
-def test_a_lost_vehicle_heard_again_with_its_motors_off_is_on_standby() -> None:
+def test_a_lost_vehicle_received_again_with_its_motors_off_is_on_standby() -> None:
     subject = vehicle(Phase.LOST)
     assert subject.observe(ON_GROUND, SILENCE_S)
     assert subject.phase is Phase.STANDBY
@@ -160,13 +160,13 @@ def test_a_lost_vehicle_heard_again_with_its_motors_off_is_on_standby() -> None:
 
 def test_a_lost_vehicle_stays_lost_while_it_is_silent() -> None:
     subject = vehicle(Phase.LOST)
-    assert not subject.observe(heard(age_s=100.0), SILENCE_S)
+    assert not subject.observe(status(age_s=100.0), SILENCE_S)
 
 
 @pytest.mark.parametrize(
-    "telemetry", [heard(), ON_GROUND, heard(age_s=10.0), heard(mode=Mode.LAND, landed=Landed.LANDING)]
+    "telemetry", [status(), ON_GROUND, status(age_s=10.0), status(mode=Mode.LAND, landed=Landed.LANDING)]
 )
-def test_nothing_that_is_heard_brings_a_killed_vehicle_back(telemetry: Heard) -> None:
+def test_nothing_that_is_received_brings_a_killed_vehicle_back(telemetry: VehicleStatus) -> None:
     subject = vehicle(Phase.KILLED)
     assert not subject.observe(telemetry, SILENCE_S)
     assert subject.phase is Phase.KILLED
@@ -264,10 +264,10 @@ def test_from_a_climb_and_once_handed_over_a_vehicle_comes_down_alone(
 @pytest.mark.parametrize("mode", sorted(Mode))
 def test_what_a_pilot_had_before_a_silence_is_the_pilots_behind_it(mode: Mode) -> None:
     subject = vehicle(Phase.FORMATION)
-    assert subject.observe(heard(mode=Mode.POSITION), SILENCE_S)
-    assert subject.observe(heard(age_s=3.0), SILENCE_S)
+    assert subject.observe(status(mode=Mode.POSITION), SILENCE_S)
+    assert subject.observe(status(age_s=3.0), SILENCE_S)
     assert (subject.phase, subject.pilot_in_control) == (Phase.LOST, True)
-    assert subject.observe(heard(mode=mode), SILENCE_S)
+    assert subject.observe(status(mode=mode), SILENCE_S)
     assert (subject.phase, subject.pilot_in_control) == (Phase.PILOT, True)
     assert "no take-control came since" in subject.reason
 
@@ -290,11 +290,11 @@ def test_a_pilots_vehicle_that_comes_down_while_silent_is_on_standby() -> None:
 def test_a_lost_vehicle_in_hold_is_the_pilots_where_its_failsafe_would_not_hold_it() -> None:
     for lost_holds, phase in ((True, Phase.LOST), (False, Phase.PILOT)):
         subject = vehicle(Phase.LOST, modes=frozenset({Mode.OFFBOARD}))
-        subject.observe(heard(mode=Mode.HOLD), SILENCE_S, lost_holds=lost_holds)
+        subject.observe(status(mode=Mode.HOLD), SILENCE_S, lost_holds=lost_holds)
         assert subject.phase is phase
 
 
 def test_a_lost_vehicle_in_offboard_to_which_nobody_ordered_it_is_the_pilots() -> None:
     subject = vehicle(Phase.LOST, modes=frozenset({Mode.HOLD}))
-    assert subject.observe(heard(mode=Mode.OFFBOARD), SILENCE_S)
+    assert subject.observe(status(mode=Mode.OFFBOARD), SILENCE_S)
     assert subject.phase is Phase.PILOT

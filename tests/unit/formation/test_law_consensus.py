@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from gcs.formation.consensus import Belief, ConsensusSettings, Heard, agree
+from gcs.formation.consensus import Belief, ConsensusSettings, NeighbourMessages, agree
 from gcs.model.state import Array, Mask
 
 DT_S = 0.05
 SETTINGS = ConsensusSettings()
 
 
-def heard_by(belief: Belief, hears: Mask) -> Heard:
+def received_by(belief: Belief, hears: Mask) -> NeighbourMessages:
     """(n, n) True where the row hears the column: everybody a column, NaN where it is not heard.
 
     Brought forward, as a receiver does with what was said a round ago.
@@ -20,7 +20,7 @@ def heard_by(belief: Belief, hears: Mask) -> Heard:
     degree = hears.sum(axis=1).astype(float)
     forward_m = belief.center_m + DT_S * belief.velocity_m_s
     center, velocity = (np.tile(part, (n, 1, 1)) + silent for part in (forward_m, belief.velocity_m_s))
-    return Heard(center, velocity, np.tile(degree, (n, 1)))
+    return NeighbourMessages(center, velocity, np.tile(degree, (n, 1)))
 
 
 def ring(count: int) -> Mask:
@@ -37,11 +37,11 @@ def test_a_round_takes_metropolis_weights_and_leans_towards_the_own_sighting() -
     hears = np.array([[False, True, False], [True, False, True], [False, True, False]])
     belief = Belief(at(0.0, 3.0, 9.0), np.zeros((3, 3)))
     blind = Belief.nothing(3)
-    once = agree(belief, heard_by(belief, hears), blind, DT_S, SETTINGS)
+    once = agree(belief, received_by(belief, hears), blind, DT_S, SETTINGS)
     assert once.center_m == pytest.approx(at(1.0, 4.0, 7.0))
     sighting = Belief(at(0.0, 13.0, 9.0), np.zeros((3, 3)))
     lean = 1.0 - np.exp(-SETTINGS.sighting_rate_per_s * DT_S)
-    leaning = agree(belief, heard_by(belief, hears), sighting, DT_S, SETTINGS)
+    leaning = agree(belief, received_by(belief, hears), sighting, DT_S, SETTINGS)
     assert leaning.center_m == pytest.approx(at(1.0, 4.0 + 10.0 * lean, 7.0))
 
 
@@ -52,11 +52,11 @@ def test_who_knows_nothing_takes_its_own_sighting_else_its_neighbours_mean() -> 
         np.array([[4.0, 0.0, 0.0], nothing, nothing]), np.array([[1.0, 0.0, 0.0], nothing, nothing])
     )
     seen = Belief(np.array([nothing, nothing, [7.0, 0.0, 0.0]]), np.array([nothing, nothing, np.zeros(3)]))
-    later = agree(known, heard_by(known, hears), seen, DT_S, SETTINGS)
+    later = agree(known, received_by(known, hears), seen, DT_S, SETTINGS)
     assert later.center_m == pytest.approx(at(4.0 + DT_S, 4.0 + DT_S, 7.0))
     lonely = agree(
         Belief.nothing(1),
-        heard_by(Belief.nothing(1), ~np.ones((1, 1), bool)),
+        received_by(Belief.nothing(1), ~np.ones((1, 1), bool)),
         Belief.nothing(1),
         DT_S,
         SETTINGS,
@@ -71,18 +71,18 @@ def test_all_agree_on_the_mean_of_what_they_see_although_messages_are_lost() -> 
     belief = seen
     for _ in range(2000):
         hears = ring(n) & (random.random((n, n)) >= 0.1)
-        belief = agree(belief, heard_by(belief, hears), seen, DT_S, SETTINGS)
+        belief = agree(belief, received_by(belief, hears), seen, DT_S, SETTINGS)
     assert np.ptp(belief.center_m, axis=0).max() < 0.15 * np.ptp(seen.center_m, axis=0).max()
     assert belief.center_m.mean(axis=0) == pytest.approx(seen.center_m.mean(axis=0), abs=0.05)
 
 
-def test_those_who_are_told_carry_all_along_with_a_centre_that_moves() -> None:
+def test_those_who_are_reported_carry_all_along_with_a_centre_that_moves() -> None:
     n, speed = 20, 1.0
     firm = ConsensusSettings(sighting_rate_per_s=5.0)
     belief = Belief.nothing(n)
     unseen = np.where(np.arange(n) < 2, 0.0, np.nan)[:, None]
     for round_ in range(2400):
         seen = Belief(at(speed * DT_S * round_) + unseen, at(speed) + unseen)
-        belief = agree(belief, heard_by(belief, ring(n)), seen, DT_S, firm)
+        belief = agree(belief, received_by(belief, ring(n)), seen, DT_S, firm)
     assert belief.velocity_m_s == pytest.approx(np.tile(at(speed), (n, 1)), abs=1e-3)
     assert np.ptp(belief.center_m, axis=0).max() < 1e-3

@@ -121,9 +121,9 @@ def test_contact_is_how_far_one_flies_until_the_ellipse() -> None:
 
 def test_a_box_that_moves_is_where_dead_reckoning_says() -> None:
     box = Obstacle("b", 1.0, 2.0, 3.0, 4.0, 5.0, velocity_x_m_s=0.5, velocity_y_m_s=-1.0, time_s=10.0)
-    told = Ellipse.around(box, margin_m=2.0, headroom_m=3.0)
+    reported = Ellipse.around(box, margin_m=2.0, headroom_m=3.0)
     later = Ellipse.around(box, margin_m=2.0, headroom_m=3.0, time_s=14.0)
-    assert (told.x_m, told.y_m) == (1.0, 2.0)
+    assert (reported.x_m, reported.y_m) == (1.0, 2.0)
     assert (later.x_m, later.y_m) == (3.0, -2.0)
     assert (later.velocity_x_m_s, later.velocity_y_m_s) == (0.5, -1.0)
 
@@ -205,7 +205,7 @@ def test_with_no_side_given_the_tangent_that_changes_less_is_taken() -> None:
     assert flown(place, np.array([2.0, -0.4, 0.0]))[1] < -0.4
 
 
-def test_straight_at_the_obstacle_one_waits_or_slides_as_told() -> None:
+def test_straight_at_the_obstacle_one_waits_or_slides_as_reported() -> None:
     place, straight = np.array([-6.0, 0.0, -5.0]), np.array([1.0, 0.0, 0.0])
     assert np.hypot(*flown(place, straight, sliding_m_s=3.0)[:2]) > 2.5
     assert np.hypot(*flown(place, straight, sliding_m_s=0.0)[:2]) < 1.5

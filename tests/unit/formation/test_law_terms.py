@@ -239,7 +239,7 @@ def trimmed(measured: Array, *, requested: float = 0.0, trim: float = 0.0, ticks
     return trim_m_s
 
 
-def test_a_vehicle_that_stays_too_slow_is_told_to_fly_faster_and_no_more_than_so() -> None:
+def test_a_vehicle_that_stays_too_slow_is_reported_to_fly_faster_and_no_more_than_so() -> None:
     slow = np.array([[0.5, 0.0, 0.0]])
     assert 0.0 < trimmed(slow)[0, 0] < trimmed(slow, ticks=20)[0, 0]
     assert trimmed(slow, ticks=4000) == pytest.approx(np.array([[4.0, 0.0, 0.0]]))

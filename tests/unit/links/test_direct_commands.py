@@ -32,14 +32,18 @@ class Bench:
             raise CommandError("killed meanwhile")
 
     def ack(self, row: int, command: int, result: int = 0) -> None:
-        said = records(COMMAND_ACK, 1)
-        said["command"], said["result"] = command, result
-        self.commands.take_acks(np.array([row]), said)
+        reported = records(COMMAND_ACK, 1)
+        reported["command"], reported["result"] = command, result
+        self.commands.take_acks(np.array([row]), reported)
 
     def value(self, row: int, name: str, value: float, kind: int = 9) -> None:
-        said = records(PARAM_VALUE, 1)
-        said["param_id"], said["param_value"], said["param_type"] = text_field(name, 16), value, kind
-        self.commands.take_values(np.array([row]), said)
+        reported = records(PARAM_VALUE, 1)
+        reported["param_id"], reported["param_value"], reported["param_type"] = (
+            text_field(name, 16),
+            value,
+            kind,
+        )
+        self.commands.take_values(np.array([row]), reported)
 
 
 def run(main: Callable[[Bench], Coroutine[None, None, None]]) -> None:
@@ -101,7 +105,7 @@ def test_nothing_leaves_after_a_kill_and_what_waits_ends_at_once() -> None:
     run(main)
 
 
-def test_a_parameter_is_set_as_what_it_is_and_believed_when_it_is_told_back() -> None:
+def test_a_parameter_is_set_as_what_it_is_and_believed_when_it_is_reported_back() -> None:
     async def main(bench: Bench) -> None:
         whole = float(np.array([5], np.int32).view(np.float32)[0])
         loop = asyncio.get_running_loop()

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.telemetry import Heard
-from gcs.links.udp.telemetry import FleetHeard
+from gcs.links.telemetry import VehicleTelemetry
+from gcs.links.udp.telemetry import FleetTelemetry
 from gcs.mavlink import codec
 from gcs.mavlink.framing import PREARM_CHECK, split
 from gcs.mavlink.kernels import SYSTEM
@@ -53,7 +53,7 @@ STORY = (
 )
 
 
-def both(each: Heard, fleet: FleetHeard, messages: tuple[Any, ...], time_s: float) -> None:
+def both(each: VehicleTelemetry, fleet: FleetTelemetry, messages: tuple[Any, ...], time_s: float) -> None:
     sender = dialect.MAVLink(None, srcSystem=2, srcComponent=1)
     data = b"".join(bytes(message.pack(sender)) for message in messages)
     for frame in split(data).frames:
@@ -64,20 +64,20 @@ def both(each: Heard, fleet: FleetHeard, messages: tuple[Any, ...], time_s: floa
 
 
 def test_accuracies_restarts_and_resets_are_read_as_the_wire_reads_them() -> None:
-    fleet, each = FleetHeard(IDS), Heard()
+    fleet, each = FleetTelemetry(IDS), VehicleTelemetry()
     for time_s, messages in enumerate(STORY):
         both(each, fleet, messages, float(time_s))
-        said = fleet.telemetry()
-        assert (said.boots, said.position_resets) == ((0, each.boots), (0, each.position_resets))
+        reported = fleet.telemetry()
+        assert (reported.boots, reported.position_resets) == ((0, each.boots), (0, each.position_resets))
         assert fleet.lives.tolist() == [0, each.lives]
         assert fleet.prearm_ok.tolist() == [False, each.prearm_ok]
-        accuracy_m = said.horizontal_accuracy_m[1], said.vertical_accuracy_m[1]
+        accuracy_m = reported.horizontal_accuracy_m[1], reported.vertical_accuracy_m[1]
         assert accuracy_m == pytest.approx(tuple(each.accuracy), nan_ok=True)
     assert (each.boots, each.position_resets, each.lives) == (3, 3, 4)
 
 
 def test_who_is_silent_and_speaks_again_is_met_again() -> None:
-    fleet, each = FleetHeard(IDS), Heard()
+    fleet, each = FleetTelemetry(IDS), VehicleTelemetry()
     for time_s, lives in ((1.0, 1), (3.9, 1), (7.0, 2), (8.0, 2), (20.0, 3)):
         both(each, fleet, (BEAT, BEAT), time_s)
         assert (fleet.lives[1], each.lives) == (lives, lives)
@@ -95,7 +95,7 @@ RECORDED = 0x301402F, 0x320C83F  # of PX4 SITL, which has no remote control
 
 
 @pytest.mark.parametrize(
-    ("message", "told", "expected"),
+    ("message", "described", "expected"),
     [
         (gps(900, 1780, fix=6), "fix_type", 6.0),
         (gps(900, 1780, fix=0), "fix_type", 0.0),
@@ -109,14 +109,14 @@ RECORDED = 0x301402F, 0x320C83F  # of PX4 SITL, which has no remote control
     ],
 )
 def test_fix_sick_sensors_and_clock_are_read_and_by_both_alike(
-    message: Any, told: str, expected: float
+    message: Any, described: str, expected: float
 ) -> None:
-    fleet, each = FleetHeard(IDS), Heard()
-    before = getattr(fleet.telemetry(), told)
+    fleet, each = FleetTelemetry(IDS), VehicleTelemetry()
+    before = getattr(fleet.telemetry(), described)
     both(each, fleet, (message,), 8.0)
-    for value in (getattr(each, told), float(getattr(fleet.telemetry(), told)[1])):
+    for value in (getattr(each, described), float(getattr(fleet.telemetry(), described)[1])):
         assert value == pytest.approx(expected, nan_ok=True)
-    assert getattr(fleet.telemetry(), told)[0] == pytest.approx(before[0], nan_ok=True), "another's"
+    assert getattr(fleet.telemetry(), described)[0] == pytest.approx(before[0], nan_ok=True), "another's"
 
 
 def pack(battery_id: int, percent: int) -> Any:
@@ -142,7 +142,7 @@ def total(percent: int) -> Any:
 )
 def test_both_readers_report_the_emptiest_pack(story: tuple[Any, ...], expected: tuple[float, ...]) -> None:
     """A vehicle with two packs never flaps between them; a restart may have brought new ones."""
-    fleet, each = FleetHeard(IDS), Heard()
+    fleet, each = FleetTelemetry(IDS), VehicleTelemetry()
     read = []
     for time_s, message in enumerate(story):
         both(each, fleet, (message,), float(time_s))

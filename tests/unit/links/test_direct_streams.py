@@ -28,9 +28,9 @@ class Bench:
         self.streams.watch(connected, self.lives, np.full(2, round(now_s * 10)), now_s)
 
     def answer(self, *rows: int) -> None:
-        said = records(77, len(rows))
-        said["command"] = SET_MESSAGE_INTERVAL
-        self.streams.take_acks(np.array(rows), said)
+        reported = records(77, len(rows))
+        reported["command"] = SET_MESSAGE_INTERVAL
+        self.streams.take_acks(np.array(rows), reported)
 
 
 def test_each_interval_is_asked_for_when_the_one_before_was_answered() -> None:

@@ -71,7 +71,7 @@ def test_noise_before_between_and_behind_is_counted_and_skipped() -> None:
     assert garbage == 2 + 1 + len(two) - 1
 
 
-def test_a_message_nobody_told_us_about_is_skipped_whole() -> None:
+def test_a_message_nobody_reported_us_about_is_skipped_whole() -> None:
     known = framed(beat())
     unknown = known[:7] + (410).to_bytes(3, "little") + known[10:]
     frames, garbage, unknown_bytes = split(known + unknown + known + unknown)
@@ -198,7 +198,7 @@ def test_the_kill_command_is_the_one_px4_obeys_in_flight() -> None:
     assert (message.get_srcSystem(), message.get_srcComponent()) == (245, 190)
 
 
-def test_what_moves_a_vehicle_is_told_from_questions() -> None:
+def test_what_moves_a_vehicle_is_reported_from_questions() -> None:
     def command(number: int) -> Frame:
         return only(framed(dialect.MAVLink_command_long_message(5, 1, number, 0, 1, 0, 0, 0, 0, 0, 0)))
 

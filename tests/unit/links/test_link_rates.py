@@ -3,7 +3,7 @@ from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.settings import StreamSettings
 from gcs.links.stream_rates import Rates, desired
-from gcs.links.telemetry import Heard
+from gcs.links.telemetry import VehicleTelemetry
 from gcs.mavlink.framing import split
 
 DESIRED = {33: 20.0, 147: 0.5, 30: 0.0}
@@ -17,7 +17,7 @@ class Vehicle:
     """Sends at some rates; time passes with `run`."""
 
     def __init__(self) -> None:
-        self.heard = Heard()
+        self.telemetry = VehicleTelemetry()
         self.rates = Rates(DESIRED, [1])
         self.now_s = 100.0
         self.sends_hz = dict(DESIRED)
@@ -29,15 +29,15 @@ class Vehicle:
         for _ in range(round(seconds / 0.05)):
             self.now_s += 0.05
             if self.speaks:
-                self.heard.take(BEAT, self.now_s)
+                self.telemetry.take(BEAT, self.now_s)
                 for message_id, rate_hz in self.sends_hz.items():
                     self._sent[message_id] += rate_hz * 0.05
-                    self.heard.counts[message_id] = int(self._sent[message_id])
-            asked += self.rates.due(1, self.heard, self.now_s)
+                    self.telemetry.counts[message_id] = int(self._sent[message_id])
+            asked += self.rates.due(1, self.telemetry, self.now_s)
         return asked
 
 
-def test_nobody_is_asked_before_being_heard_and_who_is_heard_is_asked_for_all_once() -> None:
+def test_nobody_is_asked_before_being_received_and_who_is_received_is_asked_for_all_once() -> None:
     vehicle = Vehicle()
     vehicle.speaks = False
     assert vehicle.run(10.0) == []
@@ -48,7 +48,7 @@ def test_nobody_is_asked_before_being_heard_and_who_is_heard_is_asked_for_all_on
 def test_who_restarted_or_was_silent_is_asked_again() -> None:
     vehicle = Vehicle()
     assert vehicle.run(2.0) == ALL
-    vehicle.heard.lives += 1
+    vehicle.telemetry.lives += 1
     assert vehicle.run(2.0) == ALL
     vehicle.speaks = False
     vehicle.run(5.0)

@@ -88,7 +88,7 @@ def test_nothing_is_written_before_there_is_something(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_had_is_said_once_and_counted(
+def test_a_folder_that_cannot_be_had_is_stated_once_and_counted(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "file").touch()

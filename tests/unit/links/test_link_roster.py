@@ -5,7 +5,7 @@ B = Address("127.0.0.1", 14599, 0)
 TEXT = "system id 3 at 127.0.0.1:14582 and at 127.0.0.1:14599"
 
 
-def test_a_vehicle_is_reached_where_it_was_heard_last() -> None:
+def test_a_vehicle_is_reached_where_it_was_received_last() -> None:
     roster = Roster([3])
     assert roster.address(3) is None
     assert roster.hear(3, A, 0.0) is Verdict.FIRST

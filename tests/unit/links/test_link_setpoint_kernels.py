@@ -24,8 +24,8 @@ def setpoint(system_id: int, velocity_m_s: np.ndarray) -> bytes:
     x_m_s, y_m_s, z_m_s = velocity_m_s.tolist()
     position, acceleration = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     target = (system_id, 1, dialect.MAV_FRAME_LOCAL_NED, 0x0DC7)
-    said = (0, *target, *position, x_m_s, y_m_s, z_m_s, *acceleration, 1.5, 0.0)
-    packed: bytes = dialect.MAVLink_set_position_target_local_ned_message(*said).pack(mavlink)
+    stated = (0, *target, *position, x_m_s, y_m_s, z_m_s, *acceleration, 1.5, 0.0)
+    packed: bytes = dialect.MAVLink_set_position_target_local_ned_message(*stated).pack(mavlink)
     return packed
 
 

@@ -68,7 +68,7 @@ def test_without_or_with_a_wrong_signature_nothing_is_believed() -> None:
     assert signer.judge(frame(good)) is Judgement.GOOD
 
 
-def test_a_sender_not_heard_before_may_be_a_minute_late_not_more() -> None:
+def test_a_sender_not_received_before_may_be_a_minute_late_not_more() -> None:
     for late_s, judged in ((59, Judgement.GOOD), (61, Judgement.REPLAYED)):
         signer = a_signer()
         signer.begin(NOW)
@@ -76,7 +76,7 @@ def test_a_sender_not_heard_before_may_be_a_minute_late_not_more() -> None:
         assert signer.judge(frame(bytes(beat))) is judged
 
 
-def test_senders_are_told_apart_by_system_component_and_link() -> None:
+def test_senders_are_reported_apart_by_system_component_and_link() -> None:
     signer = a_signer()
     beat = messages()[0]
     for system_id in (3, 4):
@@ -113,7 +113,7 @@ def test_an_old_frame_becomes_one_that_can_be_signed() -> None:
         assert (taken.get_signed(), taken.to_dict()) == (True, message.to_dict())
 
 
-def test_what_is_signed_stays_and_what_cannot_be_is_said() -> None:
+def test_what_is_signed_stays_and_what_cannot_be_is_stated() -> None:
     signed = bytes(messages()[0].pack(a_packer()))
     assert a_signer().sign(signed) == signed
     unknown = b"\xfd\x01\x00\x00\x00\x01\x01\xff\xff\x7f\x00\x00\x00"

@@ -46,7 +46,7 @@ def test_the_show_goes_where_the_table_says_or_the_refusal_says_from_where_it_co
 
 def test_an_ordinary_flight_leads_from_standby_back_to_standby() -> None:
     phase = Phase.OFFLINE
-    way = [Event.HEARD, Event.TAKE_OFF, Event.HOLD, Event.ENGAGE, Event.COME_HOME, Event.DESCEND]
+    way = [Event.CONNECTED, Event.TAKE_OFF, Event.HOLD, Event.ENGAGE, Event.COME_HOME, Event.DESCEND]
     for event in [*way, Event.TOUCHED_DOWN]:
         phase = advance(phase, event)
     assert phase is Phase.STANDBY
@@ -70,7 +70,7 @@ def test_whoever_falls_silent_in_the_air_is_lost_and_whoever_is_taken_over_is_th
 
 
 @pytest.mark.parametrize("phase", sorted(set(Phase) - {Phase.OFFLINE, Phase.KILLED}))
-def test_everybody_who_is_heard_can_be_killed(phase: Phase) -> None:
+def test_everybody_who_is_received_can_be_killed(phase: Phase) -> None:
     assert advance(phase, Event.KILL) is Phase.KILLED
 
 

@@ -54,7 +54,7 @@ def test_it_waits_so_long_in_all_and_no_longer() -> None:
 
 
 @pytest.mark.parametrize("away_m", [20.0, np.nan])
-def test_nobody_waits_for_one_that_has_gone_elsewhere_or_is_not_heard(away_m: float) -> None:
+def test_nobody_waits_for_one_that_has_gone_elsewhere_or_is_not_received(away_m: float) -> None:
     assert flown(
         PathProgress(abreast()), 2.0, np.array([[0.0] * 3, [away_m, 0.0, 0.0]]), BOTH
     ) == pytest.approx(2.0)

@@ -108,8 +108,8 @@ def test_the_last_known_of_vehicles_and_show_is_read_back(tmp_path: Path) -> Non
     assert known.session is not None
     assert known.session.config == {"show_frame": {}}
     assert known.session.ended_unix_s is None, "a vehicle of ours was in the air"
-    told = [event["event"] for event in events(tmp_path)]
-    assert told == ["vehicle_mode", "vehicle_mode", "pad", "plan"]
+    reported = [event["event"] for event in events(tmp_path)]
+    assert reported == ["vehicle_mode", "vehicle_mode", "pad", "plan"]
 
 
 def test_a_session_has_ended_when_nobody_of_ours_is_in_the_air(tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_a_session_has_ended_when_nobody_of_ours_is_in_the_air(tmp_path: Path) -
     assert session.ended_unix_s is not None
 
 
-def test_a_session_that_has_heard_nobody_forgets_nothing_of_the_one_before(tmp_path: Path) -> None:
+def test_a_session_that_has_received_nobody_forgets_nothing_of_the_one_before(tmp_path: Path) -> None:
     places = Places(d1=Address("10.0.0.7", 14580, 0))
     home_m = np.array([1.0, 2.0, -0.5])
     with Record(tmp_path, CONFIG, VEHICLES) as first:
@@ -149,7 +149,7 @@ def test_what_changes_nothing_writes_nothing(tmp_path: Path) -> None:
     assert PLAN.formation.radius_m == last_known(tmp_path).show.plan["formation"]["radius_m"]  # type: ignore[union-attr]
 
 
-def test_a_written_show_moves_the_plan_all_the_time_and_is_told_cue_by_cue(tmp_path: Path) -> None:
+def test_a_written_show_moves_the_plan_all_the_time_and_is_reported_cue_by_cue(tmp_path: Path) -> None:
     cues = ("stand", "walk")
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         for tick in range(100):
@@ -157,8 +157,8 @@ def test_a_written_show_moves_the_plan_all_the_time_and_is_told_cue_by_cue(tmp_p
             plan = Plan(Formation(radius_m=10.0 + tick / 100, height_m=20.0))
             record.note(sample(time_s=100.0 + tick / 20, plan=plan, selected=show), [])
         tower = Obstacle("tower", 5.0, 6.0, 1.0, 2.0, 30.0)
-        told = replace(plan, obstacles=(tower,))
-        record.note(sample(time_s=105.0, plan=told, selected=show), [])
+        reported = replace(plan, obstacles=(tower,))
+        record.note(sample(time_s=105.0, plan=reported, selected=show), [])
     shown = [event for event in events(tmp_path) if event["event"] != "vehicle_mode"]
     assert [event["event"] for event in shown] == ["cue", "plan", "cue", "plan"]
     assert shown[2]["detail"] == {"name": "small", "hash": "ab" * 32, "cue": "walk"}
@@ -242,7 +242,7 @@ def test_a_truncated_audit_is_refused_with_a_reason(tmp_path: Path) -> None:
         last_known(tmp_path)
 
 
-def test_a_disk_that_fails_is_told_of_and_what_was_noted_meanwhile_is_written_once_it_works(
+def test_a_disk_that_fails_is_reported_of_and_what_was_noted_meanwhile_is_written_once_it_works(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     root = tmp_path / "runs"

@@ -127,9 +127,9 @@ def test_a_limit_that_an_answer_passed_by_what_is_tolerated_says_so(
     assert check(report, "greatest distance")["tolerated"] == check(report, "greatest distance")["limit"]
     capsys.readouterr()
     main(["certify", str(file), "--config", "demo"])
-    told = capsys.readouterr().out
-    assert "limit 8 m/s (kept up to 9.1)" in told
-    assert "limit 300 m " in told
+    reported = capsys.readouterr().out
+    assert "limit 8 m/s (kept up to 9.1)" in reported
+    assert "limit 300 m " in reported
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def flight(folder: Path, *, apart_m: float, uncertainty_m: float = 0.35, count: 
     return folder / "flight.mcap"
 
 
-def test_estimates_are_judged_too_and_their_uncertainty_is_told(tmp_path: Path) -> None:
+def test_estimates_are_judged_too_and_their_uncertainty_is_reported(tmp_path: Path) -> None:
     code, report = judged(flight(tmp_path, apart_m=3.0))
     assert (code, report["based_on"]) == (0, "estimated positions")
     assert "up to 0.35 m sideways" in str(report["uncertainty"])
@@ -244,9 +244,9 @@ def test_what_is_no_record_is_refused_with_file_and_reason(
 ) -> None:
     (tmp_path / name).write_bytes(content)
     assert main(["certify", str(tmp_path / name), "--config", "demo"]) == 2
-    told = capsys.readouterr().err
-    assert name in told
-    assert reason in told
+    reported = capsys.readouterr().err
+    assert name in reported
+    assert reason in reported
 
 
 def test_what_cannot_be_judged_says_what_is_missing(

@@ -20,7 +20,7 @@ from gcs.model.plan import Obstacle
 from gcs.model.state import Mode, Setpoints
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_reader import FlightData
-from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, Said
+from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 
@@ -92,10 +92,10 @@ def test_the_mcap_library_reads_it_and_finds_the_schemas_that_foxglove_draws(tmp
         for schema, channel, message in reader.iter_messages():
             assert schema is not None
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
-            told = json.loads(message.data)
+            reported = json.loads(message.data)
             declared = json.loads(schema.data)["properties"]
-            assert set(told) <= set(declared), channel.topic
-            seen.setdefault(f"{channel.topic} {schema.name}", []).append(told)
+            assert set(reported) <= set(declared), channel.topic
+            seen.setdefault(f"{channel.topic} {schema.name}", []).append(reported)
     assert {"/fleet/vehicles foxglove.PointCloud", "/fleet/tick gcs.Tick", "/fleet/status gcs.Status"} <= set(
         seen
     )
@@ -116,7 +116,7 @@ def test_events_stand_in_the_files_log(tmp_path: Path) -> None:
     file = FlightFile(tmp_path, ABOUT)
     file.open()
     file.put(sample())
-    file.put(Said(1.7e9, "warning", "vehicle_phase", "d1 was=hold phase=lost"))
+    file.put(LogLine(1.7e9, "warning", "vehicle_phase", "d1 was=hold phase=lost"))
     file.close()
     with (tmp_path / "flight.mcap").open("rb") as found:
         (logged,) = [json.loads(m.data) for _, _, m in make_reader(found).iter_messages(topics=["/log"])]
@@ -194,7 +194,7 @@ def test_another_version_is_refused(tmp_path: Path) -> None:
         FlightData(tmp_path / "flight.mcap")
 
 
-def test_a_disk_that_fails_is_told_of_and_there_is_another_file_once_it_works(
+def test_a_disk_that_fails_is_reported_of_and_there_is_another_file_once_it_works(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = tmp_path / "s1"
@@ -238,13 +238,13 @@ def test_the_work_for_a_tick_grows_with_the_fleet_not_with_its_square() -> None:
     desired_m_s = np.arange(3.0 * count).reshape(count, 3)
     one = sample(count)
     fleet = replace(one.fleet, ids=ids)
-    told = Setpoints(one.fleet.time_s, ids[::-1], desired_m_s, np.zeros(count))
-    table = layout.packed(replace(one, fleet=fleet, setpoints=told))
+    reported = Setpoints(one.fleet.time_s, ids[::-1], desired_m_s, np.zeros(count))
+    table = layout.packed(replace(one, fleet=fleet, setpoints=reported))
     np.testing.assert_allclose(layout.setpoints_m_s(table), desired_m_s[::-1])
     assert Name.looked_up < 10 * count
 
 
-def test_who_is_faster_than_the_writer_is_told_to_wait(tmp_path: Path) -> None:
+def test_who_is_faster_than_the_writer_is_reported_to_wait(tmp_path: Path) -> None:
     record = Record(tmp_path, "{}", {"d1": (1, "radio"), "d2": (2, "radio")})  # nobody writes yet
     for _ in range(WAITING_MAX // 2):
         assert record.has_room

@@ -46,19 +46,19 @@ def test_where_it_had_taken_off_last(tmp_path: Path) -> None:
         assert np.array_equal(past.home_m("d1", unix_s), home_m)  # type: ignore[arg-type]
 
 
-def test_without_an_audit_nothing_is_told_and_a_damaged_one_is_named(tmp_path: Path) -> None:
+def test_without_an_audit_nothing_is_reported_and_a_damaged_one_is_named(tmp_path: Path) -> None:
     assert Past.of(tmp_path / "s1" / "flight.mcap", "s1").until(1e12) == ()
     (tmp_path / AUDIT).write_bytes(b"no database" * 100)
     with pytest.raises(GcsError, match=AUDIT):
         Past.of(tmp_path / "s1" / "flight.mcap", "s1")
 
 
-def test_no_more_is_told_than_a_page_shows(tmp_path: Path) -> None:
+def test_no_more_is_reported_than_a_page_shows(tmp_path: Path) -> None:
     journal = Journal(tmp_path / AUDIT)
     journal.open()
     audit = Audit(journal, "s1", {})
     for number in range(KEPT + 50):
-        audit.event(float(number), "info", "vehicle_heard", f"d{number}", {})
+        audit.event(float(number), "info", "vehicle_connected", f"d{number}", {})
     journal.close()
-    told = Past.of(tmp_path / "s1" / "flight.mcap", "s1").until(120.0)
-    assert [each.vehicle for each in told] == [f"d{number}" for number in range(21, 121)]
+    reported = Past.of(tmp_path / "s1" / "flight.mcap", "s1").until(120.0)
+    assert [each.vehicle for each in reported] == [f"d{number}" for number in range(21, 121)]

@@ -27,7 +27,7 @@ def test_in_a_line_all_may_stand_above_each_other_however_it_lies(count: int, mo
     assert most_overlapping(line_m, 2.0) == most
 
 
-def test_what_stands_as_it_may_is_no_more_than_what_was_told() -> None:
+def test_what_stands_as_it_may_is_no_more_than_what_was_reported() -> None:
     random = np.random.default_rng(3)
     for _ in range(50):
         place_m = random.normal(size=(10, 3))
@@ -36,7 +36,7 @@ def test_what_stands_as_it_may_is_no_more_than_what_was_told() -> None:
         assert len(overlapping(turned_m, 2.5)[0]) <= most_overlapping(place_m, 2.5 + 0.8)
 
 
-def test_it_is_told_in_words_and_not_at_all_where_there_is_nothing_to_tell() -> None:
+def test_it_is_reported_in_words_and_not_at_all_where_there_is_nothing_to_tell() -> None:
     assert describe(0) == ""
     assert "up to 3 pairs in the formation are stacked:" in describe(3)
     assert "pairs in the formation are stacked (in the show's check a above b):" in describe(3, ["a above b"])

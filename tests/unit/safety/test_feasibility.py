@@ -165,8 +165,8 @@ BOX = Obstacle("box", 0.0, 0.0, 3.0, 3.0, 10.0)  # its ellipse is a circle of 7.
 
 
 def test_an_obstacle_on_a_vehicle_in_the_air_is_refused_by_name_and_one_well_below_is_not() -> None:
-    said = refuse(BOX, {"a": (7.0, 0.0, -12.9), "b": (30.0, 0.0, -5.0)}, {})
-    assert "would stand on a " in said
+    stated = refuse(BOX, {"a": (7.0, 0.0, -12.9), "b": (30.0, 0.0, -5.0)}, {})
+    assert "would stand on a " in stated
     accept(BOX, {"a": (7.0, 0.0, -13.1), "b": (7.2, 0.0, -5.0)}, {})
 
 

@@ -142,7 +142,7 @@ def test_one_that_is_higher_than_the_return_height_flies_home_where_it_is() -> N
     assert swept[2].tolist() == [[30.0, 40.0, -60.0], [1.0, 2.0, -60.0]]
 
 
-def test_without_a_known_home_the_column_is_all_that_can_be_said() -> None:
+def test_without_a_known_home_the_column_is_all_that_can_be_stated() -> None:
     assert swept_segments_m(LAST, None, None, "return", 30.0).tolist() == COLUMN
 
 

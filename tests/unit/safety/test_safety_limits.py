@@ -24,7 +24,7 @@ def test_every_restraint_has_its_reason_in_words() -> None:
     assert reasons == ("separation from d1", "separation from d0", "least height", "")
 
 
-def test_the_worst_of_several_restraints_is_the_one_that_is_told() -> None:
+def test_the_worst_of_several_restraints_is_the_one_that_is_reported() -> None:
     position = np.array([[-7.0, 0.0, -3.3]])
     around = surroundings(position, ellipses={"b": BOX})
     _, reasons = filter_velocities(np.array([[8.0, 0.0, 0.6]]), around, SETTINGS)
@@ -55,13 +55,13 @@ def test_nothing_within_the_limits_is_faster_than_the_fastest_they_allow() -> No
     assert Limits(horizontal_m_s=4.0, up_m_s=1.0, down_m_s=3.0).fastest_m_s == pytest.approx(5.0)
 
 
-@pytest.mark.parametrize(("desired_m_s", "told"), [(0.1, "least height"), (0.04, "")])
-def test_only_a_change_that_can_be_noticed_is_told(desired_m_s: float, told: str) -> None:
+@pytest.mark.parametrize(("desired_m_s", "reported"), [(0.1, "least height"), (0.04, "")])
+def test_only_a_change_that_can_be_noticed_is_reported(desired_m_s: float, reported: str) -> None:
     # at the least height nothing down is allowed
     _, reasons = filter_velocities(
         np.array([[0.0, 0.0, desired_m_s]]), surroundings(np.array([[0.0, 0.0, -3.0]])), SETTINGS
     )
-    assert reasons == (told,)
+    assert reasons == (reported,)
 
 
 @pytest.mark.parametrize(("desired_m_s", "capped_m_s"), [(-0.6, -0.6), (-0.9, -0.7), (0.6, 0.5), (0.4, 0.4)])
@@ -70,7 +70,7 @@ def test_up_and_down_have_limits_of_their_own_however_slow(desired_m_s: float, c
     assert cap(np.array([[0.0, 0.0, desired_m_s]]), limits)[0, 2] == pytest.approx(capped_m_s)
 
 
-def test_the_worst_restraint_is_told_to_both_of_a_pair() -> None:
+def test_the_worst_restraint_is_reported_to_both_of_a_pair() -> None:
     # d2 comes close to d0, less close to d1
     position = np.array([[0.0, 0.0, -20.0], [9.0, 0.0, -20.0], [3.2, 0.0, -20.0]])
     desired = np.array([[3.0, 0.0, 0.0], [-2.0, 0.0, 0.0], [0.0, 0.0, 0.0]])

@@ -106,7 +106,7 @@ def test_who_holds_or_returns_does_not_sink_onto_another(action: Action) -> None
     assert clashing([(0.0, 0.0, -50.0), (0.0, 2.1, -60.0)], action) == []
 
 
-def test_those_who_come_closest_are_told_first_and_how_close() -> None:
+def test_those_who_come_closest_are_reported_first_and_how_close() -> None:
     found = clashing([(0.0, 0.0, -20.0), (1.5, 0.0, -20.0), (2.5, 0.0, -20.0), (9.0, 0.0, -20.0)], "hold")
     assert found == [Clash(1, 2, 1.0), Clash(0, 1, 1.5)]
 

@@ -111,7 +111,7 @@ MANY = FEW + 40
 
 
 @pytest.mark.parametrize("look_m", [4.0, 3.0, 2.0], ids=["two cells", "three cells", "four cells"])
-def test_who_looks_across_most_of_the_crowd_is_told_everybody_there_once(look_m: float) -> None:
+def test_who_looks_across_most_of_the_crowd_is_reported_everybody_there_once(look_m: float) -> None:
     rng = np.random.default_rng(3)
     radius = rng.uniform(0.9 * look_m, look_m, MANY)
     assert_each_near_pair_once(rng.uniform(-4.0, 4.0, (MANY, 3)), radius, np.arange(MANY) % 4 == 0)

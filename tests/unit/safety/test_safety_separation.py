@@ -126,7 +126,7 @@ def test_a_single_one_pushed_to_where_nobody_had_looked_is_looked_at_again_in_a_
     assert reasons[:4] == ("", "separation from d0", "separation from d1", "")
 
 
-def test_a_single_one_pushed_to_where_nobody_is_is_told_so_and_leaves_the_others_alone() -> None:
+def test_a_single_one_pushed_to_where_nobody_is_is_reported_so_and_leaves_the_others_alone() -> None:
     position = np.vstack([[[0.0, 0.0, -20.0], [0.4, 0.0, -20.0]], FAR_APART])
     fence = SETTINGS.fence.model_copy(update={"distance_max_m": 1e5})
     around = surroundings(position, commanded=[row > 0 for row in range(len(position))])

@@ -185,7 +185,7 @@ def test_an_autopilot_that_is_not_ready_is_named_with_the_sensors_that_it_calls_
     assert check.problem.endswith("arming checks: gyroscope, position and attitude estimate")
 
 
-def test_a_position_that_is_heard_but_not_believed_is_told_from_one_never_heard() -> None:
+def test_a_position_that_is_received_but_not_believed_is_reported_from_one_never_received() -> None:
     _, check = only(known(age_s=(0.1, np.inf, 0.1)))
     assert "no position to believe" in check.problem
     assert check.to_do == "check its GPS and show_frame"
@@ -205,7 +205,7 @@ def test_a_receiver_without_a_good_fix_is_named_with_what_it_reports() -> None:
     assert found[0][1].problem.startswith("its receiver reports an accuracy of 6.0 m sideways and 1.8 m up")
 
 
-def test_a_receiver_that_knows_no_accuracy_is_not_said_to_have_an_infinite_one() -> None:
+def test_a_receiver_that_knows_no_accuracy_is_not_stated_to_have_an_infinite_one() -> None:
     found = failed(known(of_b("horizontal_accuracy_m", np.inf), east_m=(0.0, 8.0, 16.0)))
     assert {check.problem for _, check in found} == {"its receiver does not tell its accuracy"}
 
@@ -337,7 +337,7 @@ def test_one_far_off_its_place_does_not_turn_or_shift_the_pattern_of_the_others(
     assert wrong(nine(place_m)) == {"d3": "stands 30.0 m off its start place"}
 
 
-def test_a_fleet_that_stands_in_no_such_pattern_is_told_so() -> None:
+def test_a_fleet_that_stands_in_no_such_pattern_is_reported_so() -> None:
     found = wrong(nine(np.column_stack([np.arange(9) * 4.0, np.zeros(9)])))
     assert "stand in the start pattern, however it is turned and shifted" in found["start pattern"]
 
@@ -351,7 +351,7 @@ def test_a_spare_takes_a_place_that_is_left_and_who_has_none_is_named() -> None:
     assert wrong(nine(GRID_M), NINE, expected) == {"d9": "has no place in the start pattern"}
 
 
-def test_a_pattern_too_small_to_tell_a_rotation_is_judged_by_what_can_be_told() -> None:
+def test_a_pattern_too_small_to_tell_a_rotation_is_judged_by_what_can_be_reported() -> None:
     two = ("d1", "d2")
     expected = pattern(np.array([[0.0, 0.0], [0.0, 4.0]]), two)
     place_m = np.zeros((9, 2))
@@ -378,7 +378,7 @@ def test_a_pad_above_or_below_all_others_is_named_against_the_middle_one() -> No
     }
 
 
-def test_what_is_wrong_with_several_is_said_once_and_then_what_to_do() -> None:
+def test_what_is_wrong_with_several_is_stated_once_and_then_what_to_do() -> None:
     red, blue = (
         Check("c", State.FAIL, problem=f"is {colour}", to_do="paint it") for colour in ("red", "blue")
     )

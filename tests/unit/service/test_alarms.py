@@ -50,18 +50,18 @@ class Story:
     def __init__(self) -> None:
         self.book = AlarmBook()
         self.now_s = 100.0
-        self.told: list[tuple[ChangeKind, AlarmCause]] = []
+        self.reported: list[tuple[ChangeKind, AlarmCause]] = []
 
     def holds(self, *conditions: Condition, for_s: float = 0.2) -> tuple[Alarm, ...]:
         """These for so long. Returns: the alarms then."""
         for _ in range(max(1, round(for_s / 0.2))):
             changes = self.book.look(conditions, self.now_s, UNIX_S + self.now_s)
-            self.told += [(change.kind, change.alarm.cause) for change in changes]
+            self.reported += [(change.kind, change.alarm.cause) for change in changes]
             self.now_s += 0.2
         return self.book.alarms
 
     def count(self, kind: ChangeKind) -> int:
-        return sum(each is kind for each, _ in self.told)
+        return sum(each is kind for each, _ in self.reported)
 
 
 @pytest.fixture
@@ -177,7 +177,7 @@ def test_a_cause_that_comes_back_at_once_is_the_same_alarm(story: Story) -> None
 def test_numbers_alone_change_a_text_every_few_seconds_only(story: Story) -> None:
     texts = {story.holds(low("d1", share=0.19 - step * 0.001))[0].text for step in range(50)}  # 10 s
     assert len(texts) == 2
-    assert story.told == [(ChangeKind.BEGUN, AlarmCause.LOW_BATTERY)]
+    assert story.reported == [(ChangeKind.BEGUN, AlarmCause.LOW_BATTERY)]
 
 
 def test_an_alarm_with_changed_words_is_rewritten_at_once(story: Story) -> None:
@@ -230,8 +230,8 @@ def test_a_pair_that_is_nowhere_is_not_close() -> None:
 
 def test_every_cause_is_in_the_table_of_the_operations_manual() -> None:
     row = rf"^\| `([a-z-]+)` \| ({'|'.join(AlarmSeverity)}) \|"
-    told = re.findall(row, OPERATIONS.read_text(), re.MULTILINE)
-    assert dict(told) == {cause.value: row.severity.value for cause, row in CAUSES.items()}
+    reported = re.findall(row, OPERATIONS.read_text(), re.MULTILINE)
+    assert dict(reported) == {cause.value: row.severity.value for cause, row in CAUSES.items()}
 
 
 def test_every_cause_says_what_an_operator_can_do() -> None:

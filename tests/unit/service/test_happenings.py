@@ -2,7 +2,7 @@
 
 import logging
 
-from gcs.service.event_log import KEPT, EventLog, Severity, heard
+from gcs.service.event_log import KEPT, EventLog, Severity, received
 
 
 def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:
@@ -10,9 +10,9 @@ def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:
     log = logging.getLogger("gcs.flight.vehicle")
     logger = logging.getLogger("gcs")
     before = logger.level, list(logger.handlers)
-    with heard(events):
-        said = {"vehicle": "d1", "was": "hold", "phase": "formation", "reason": "offboard accepted"}
-        log.info("vehicle_phase", extra=said)
+    with received(events):
+        stated = {"vehicle": "d1", "was": "hold", "phase": "formation", "reason": "offboard accepted"}
+        log.info("vehicle_phase", extra=stated)
         logging.getLogger("gcs.api.auth.authorization").warning("access_denied")  # no event of the flight
         log.error("link_failed", extra={"link": "a", "cause": "no route"})
     log.error("link_failed", extra={"link": "a", "cause": "nobody listens"})
@@ -26,9 +26,9 @@ def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:
 
 def test_no_more_are_kept_than_a_page_shows() -> None:
     events = EventLog()
-    with heard(events):
+    with received(events):
         for number in range(KEPT + 7):
-            logging.getLogger("gcs").info("vehicle_heard", extra={"vehicle": f"d{number}"})
+            logging.getLogger("gcs").info("vehicle_connected", extra={"vehicle": f"d{number}"})
     newest = events.newest()
     assert [each.number for each in newest] == list(range(8, KEPT + 8))
     assert newest[-1].vehicle == f"d{KEPT + 6}"

@@ -9,7 +9,7 @@ import pytest
 from core_silent_link import SilentLink
 
 from gcs.config.schema import find, load, parse
-from gcs.flight.vehicle import Heard, Vehicle
+from gcs.flight.vehicle import Vehicle, VehicleStatus
 from gcs.links.routing import Shares
 from gcs.model.errors import ConfigError
 from gcs.model.lifecycle import Phase
@@ -25,7 +25,7 @@ def test_a_calm_vehicle_is_one_whose_telemetry_changes_nothing(modes: frozenset[
         vehicle = Vehicle("a", 0, 1, "one", phase=phase, modes=modes)
         if vehicle.is_calm(mode, armed=armed) and not (phase is Phase.STANDBY and armed):
             before = deepcopy(vehicle.phase)
-            assert not vehicle.observe(Heard(0.1, mode, armed, landed), 2.0)
+            assert not vehicle.observe(VehicleStatus(0.1, mode, armed, landed), 2.0)
             assert vehicle.phase is before
 
 

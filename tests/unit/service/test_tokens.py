@@ -71,7 +71,7 @@ GOOD = {"name": "a", "role": "watch", "sha256": "0" * 64, "created_unix_time_s":
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "stated"),
     [
         ("", "no token file"),
         ("[]", "no token file"),
@@ -83,10 +83,10 @@ GOOD = {"name": "a", "role": "watch", "sha256": "0" * 64, "created_unix_time_s":
         ('{"tokens": []}', "no token in it; gcs token create NAME"),
     ],
 )
-def test_a_file_that_is_none_is_refused_with_what_is_wrong(tmp_path: Path, text: str, said: str) -> None:
+def test_a_file_that_is_none_is_refused_with_what_is_wrong(tmp_path: Path, text: str, stated: str) -> None:
     path = tmp_path / "tokens.json"
     path.write_text(text)
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=stated):
         Tokens(path)
     assert path.read_text() == text
 
@@ -150,16 +150,16 @@ def test_on_loopback_none_are(host: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("api", "said"),
+    ("api", "stated"),
     [({"port": 65535}, "emergency_port = 65536"), ({"port": 80, "emergency_port": 80}, "not port itself")],
 )
-def test_the_emergency_port_is_another_one(api: dict[str, int], said: str) -> None:
-    with pytest.raises(ValueError, match=said):
+def test_the_emergency_port_is_another_one(api: dict[str, int], stated: str) -> None:
+    with pytest.raises(ValueError, match=stated):
         config_with(api=api)
 
 
 @pytest.mark.usefixtures("logging_restored")
-def test_what_serve_is_told_on_the_command_line_is_checked_as_the_file_is(
+def test_what_serve_is_reported_on_the_command_line_is_checked_as_the_file_is(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["serve", "--config", "demo", "--host", "10.0.0.1", "--quiet"]) == 2

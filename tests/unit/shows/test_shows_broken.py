@@ -47,7 +47,7 @@ def test_what_only_a_flight_shows_the_rules_let_pass(name: str) -> None:
     assert load(BROKEN / f"{name}.yaml").show.fleet.vehicles == 8
 
 
-def test_all_problems_are_told_at_once_in_the_order_of_their_lines() -> None:
+def test_all_problems_are_reported_at_once_in_the_order_of_their_lines() -> None:
     found = problems(
         {"cue": "a", "at_s": 5, "radius_m": 3}, {"cue": "b", "at_s": 25, "spin": {"rate_deg_s": 60}}
     )
@@ -160,7 +160,7 @@ def test_five_shows_are_shipped() -> None:
     assert len(shipped()) >= 5
 
 
-def test_a_show_that_is_not_there_is_told_with_those_that_are() -> None:
+def test_a_show_that_is_not_there_is_reported_with_those_that_are() -> None:
     with pytest.raises(ConfigError, match="breathing-sphere"):
         find("nothing")
 

@@ -62,7 +62,7 @@ def test_lights_are_given_in_turn_and_blended() -> None:
     assert desired.colours_at(15.0)[0].tolist() == [128, 0, 0]
 
 
-def test_a_target_glides_at_rest_at_both_ends_and_is_told_with_its_velocity() -> None:
+def test_a_target_glides_at_rest_at_both_ends_and_is_reported_with_its_velocity() -> None:
     desired = timeline({"cue": "go", "at_s": 5, "target": {"x_m": 10, "y_m": -4}})
     assert desired.plan_at(4.0).target.speed_m_s == 0.0
     end_s = desired.leg_at(20.0).to_s
@@ -92,11 +92,11 @@ def test_a_first_cue_may_begin_with_a_path_of_its_own() -> None:
     assert desired.plan_at(30.0).target.x_m == pytest.approx(0.0)
 
 
-def test_a_live_target_is_the_one_that_is_told_and_stands_until_it_is() -> None:
+def test_a_live_target_is_the_one_that_is_reported_and_stands_until_it_is() -> None:
     desired = timeline({"cue": "follow", "at_s": 10, "target": "live"})
-    told = Target(3.0, 4.0, 0.5, 0.0, 1000.0)
-    assert desired.plan_at(5.0, live=told).target.x_m == 0.0
-    assert desired.plan_at(15.0, live=told).target is told
+    reported = Target(3.0, 4.0, 0.5, 0.0, 1000.0)
+    assert desired.plan_at(5.0, live=reported).target.x_m == 0.0
+    assert desired.plan_at(15.0, live=reported).target is reported
     assert desired.plan_at(15.0).target.speed_m_s == 0.0
 
 

@@ -105,7 +105,7 @@ def test_a_vehicle_not_read_yet_stays_on_the_ground() -> None:
     assert check.problem == "parameters not read yet: d1: parameter GF_ACTION: no answer"
 
 
-def test_every_wrong_value_is_told_with_what_would_be_right_and_the_command_that_mends_it() -> None:
+def test_every_wrong_value_is_reported_with_what_would_be_right_and_the_command_that_mends_it() -> None:
     first, second = failed(GOOD | {"COM_OBL_RC_ACT": 0, "GF_ACTION": 4})
     assert first.problem.startswith("COM_OBL_RC_ACT is 0, 5 is needed (")
     assert (first.name, first.value, first.limit) == ("parameters", 0.0, "COM_OBL_RC_ACT: 5")
@@ -115,13 +115,13 @@ def test_every_wrong_value_is_told_with_what_would_be_right_and_the_command_that
     assert first.to_do == second.to_do
 
 
-def test_a_parameter_that_the_vehicle_does_not_have_is_told() -> None:
+def test_a_parameter_that_the_vehicle_does_not_have_is_reported() -> None:
     without = {name: value for name, value in GOOD.items() if name != "GF_ACTION"}
     (check,) = failed(without)
     assert check.problem.startswith("GF_ACTION is not there, 2 is needed")
 
 
-def test_parameters_that_hold_are_told_by_what_they_are_for_and_how_many_they_are() -> None:
+def test_parameters_that_hold_are_reported_by_what_they_are_for_and_how_many_they_are() -> None:
     checks = parameter_checks(NEEDED, GOOD, None)
     assert {check.name for check in checks} == {"parameters", "speed limits", "own fence"}
     assert all(check.passes for check in checks)

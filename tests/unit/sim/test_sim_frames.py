@@ -16,9 +16,9 @@ from gcs.sim.protocol.streams import RECORDED_HZ
 from gcs.sim.vehicle.geodesy import Tangent
 
 
-def heard(fleet: Fleet) -> list[tuple[int, bytes]]:
+def received(fleet: Fleet) -> list[tuple[int, bytes]]:
     fleet.step()
-    return [(row, frame) for row, said in fleet.take_frames().items() for frame in said]
+    return [(row, frame) for row, stated in fleet.take_frames().items() for frame in stated]
 
 
 def test_every_stream_is_byte_equal_to_pymavlinks() -> None:
@@ -26,7 +26,7 @@ def test_every_stream_is_byte_equal_to_pymavlinks() -> None:
     seen = set()
     ears = common.MAVLink(None)
     for _ in range(900):
-        for row, frame in heard(fleet):
+        for row, frame in received(fleet):
             message: Any = ears.decode(bytearray(frame))
             voice = common.MAVLink(None, srcSystem=row + 1, srcComponent=1)
             voice.seq = message.get_seq()
@@ -42,7 +42,7 @@ def setpoint_frame(target: int) -> bytes:
     return bytes(message.pack(common.MAVLink(None, 245, 190)))
 
 
-def test_setpoints_are_read_together_and_damaged_ones_are_told() -> None:
+def test_setpoints_are_read_together_and_damaged_ones_are_reported() -> None:
     raw = bytearray(b"".join(setpoint_frame(k) for k in (1, 2, 3)))
     raw[70 + 10] ^= 0x10
     found = frames.setpoints(bytes(raw))
@@ -69,7 +69,7 @@ def test_the_same_seed_is_the_same_flight() -> None:
     runs = []
     for _ in range(2):
         fleet = Fleet(Settings(count=7, seed=9), start_s=5.0)
-        runs.append([frame for _ in range(700) for frame in heard(fleet)])
+        runs.append([frame for _ in range(700) for frame in received(fleet)])
     assert runs[0] == runs[1]
 
 
@@ -92,7 +92,7 @@ def test_vehicles_beyond_a_namespace_begin_again_with_ids_and_have_ports_of_thei
 
 
 @pytest.mark.parametrize(("sender", "heeded"), [((245, 190), True), ((245, 1), False)])
-def test_only_what_claims_to_be_the_autopilot_itself_is_not_heard(
+def test_only_what_claims_to_be_the_autopilot_itself_is_not_received(
     sender: tuple[int, int], heeded: bool
 ) -> None:
     fleet = Fleet(Settings(count=2, first=243), start_s=0.0)

@@ -74,7 +74,7 @@ def test_an_unknown_name_is_refused_with_those_there_are() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ("[1, 2]", "a mapping is needed"),
         ("about: x", "duration_s"),
@@ -93,10 +93,10 @@ def test_an_unknown_name_is_refused_with_those_there_are() -> None:
         ("about: \x00", "YAML"),
     ],
 )
-def test_what_cannot_be_flown_is_refused(tmp_path: Path, text: str, told: str) -> None:
+def test_what_cannot_be_flown_is_refused(tmp_path: Path, text: str, reported: str) -> None:
     message = refusal(tmp_path, text)
-    assert told in message
-    assert "trial.yaml" in message or told == "nobody"
+    assert reported in message
+    assert "trial.yaml" in message or reported == "nobody"
 
 
 def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_a_run_that_never_settled_is_the_worst_there_is() -> None:
     assert cells["failed"] == "1"
 
 
-def test_what_failed_is_told_below_the_table() -> None:
+def test_what_failed_is_reported_below_the_table() -> None:
     text = summary([run(7, None, failed=("formation.settled False: at least 1",))])
     assert "trial seed 7: formation.settled False: at least 1" in text
 

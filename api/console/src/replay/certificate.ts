@@ -31,7 +31,7 @@ function head(names: readonly string[]): TemplateResult {
   </thead>`;
 }
 
-const LEEWAY_TOLD = 1.01; // less is rounding
+const LEEWAY_REPORTED = 1.01; // less is rounding
 
 /** A limit that nothing was judged by is neither. */
 const rowClass = (kept: boolean | null): string => (kept === null ? "unjudged" : kept ? "kept" : "broken");
@@ -56,7 +56,7 @@ function checks(actions: DeskActions, certificate: CertificateReport): TemplateR
             ${each.kept === null ? nothing : icon(each.kept ? "check" : "cross")}${each.name}<span class="for-readers">: ${each.kept === null ? t.nothing : each.kept ? t.keptShort : t.brokenShort}</span>
           </th>
           <td class="number">${each.worst === null ? t.nothing : fixed(each.worst, 2)}</td>
-          <td class="number">${fixed(each.limit, 2)} ${each.unit} ${(each.tolerated ?? 0) <= (each.limit ?? 0) * LEEWAY_TOLD ? nothing : html`<small>${t.tolerated(fixed(each.tolerated, 2))}</small>`}</td>
+          <td class="number">${fixed(each.limit, 2)} ${each.unit} ${(each.tolerated ?? 0) <= (each.limit ?? 0) * LEEWAY_REPORTED ? nothing : html`<small>${t.tolerated(fixed(each.tolerated, 2))}</small>`}</td>
           <td>${each.vehicle} ${moment(actions, each.at_s)}</td>
         </tr>`,
       )}

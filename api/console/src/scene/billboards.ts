@@ -6,7 +6,7 @@ import { color, type Shared } from "./eye";
 import { Repeated, stripShape, telling, type Table } from "./instances";
 import { ORDER } from "./materials";
 import type { Palette } from "./palette";
-import { HALF_SPAN_M, least_px, TOLD } from "./vehicles";
+import { HALF_SPAN_M, least_px, REPORTED } from "./vehicles";
 
 export class Billboards {
   readonly #all: Repeated;
@@ -53,11 +53,11 @@ varying vec2 vAt; // in half spans
 varying vec4 vTint;
 varying vec3 vMark;
 varying float vPixel;
-${telling(TOLD)}
+${telling(REPORTED)}
 void main() {
-  vec4 place = told(0);
-  vec4 tint = told(1);
-  float mark = told(2).x;
+  vec4 place = reported(0);
+  vec4 tint = reported(1);
+  float mark = reported(2).x;
   float shine = tint.a * mix(0.0, 1.0, uNight);
   vMark = vec3(mod(mark, 2.0), mod(floor(mark / 2.0), 2.0), mod(floor(mark / 4.0), 2.0));
   float reach = max(shine > 0.05 ? uGlow * mix(0.55, 1.0, shine) : 0.0, mark > 0.5 ? 2.3 : 0.0);

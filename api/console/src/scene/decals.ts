@@ -46,13 +46,13 @@ varying float vKind;
 varying float vPixel;
 ${telling(3)}
 void main() {
-  vec3 place = told(0).xyz;
-  vec2 kind = told(2).xy;
+  vec3 place = reported(0).xyz;
+  vec2 kind = reported(2).xy;
   float away = -(viewMatrix * vec4(place, 1.0)).z;
   float pixel = uPerPixel * max(away, 0.1);
   float radius = kind.x < 0.0 ? -kind.x * pixel : max(kind.x, 5.0 * pixel);
   vAt = vec2(position.x * 2.0 - 1.0, position.y);
-  vColor = told(1);
+  vColor = reported(1);
   vKind = kind.y;
   vPixel = pixel / radius;
   gl_Position = projectionMatrix * viewMatrix * vec4(place + radius * vec3(vAt.x, 0.0, vAt.y), 1.0);

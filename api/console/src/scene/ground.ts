@@ -62,7 +62,7 @@ export class Ground {
         sheet.renderOrder = tile.zoom === tiles[0]!.zoom ? ORDER.farGround : ORDER.ground;
       }
     }
-    overlay.credit(this.#said(addresses, map.attribution), eye);
+    overlay.credit(this.#stated(addresses, map.attribution), eye);
   }
 
   dispose(): void {
@@ -92,7 +92,7 @@ export class Ground {
   }
 
   /** Whom to thank for what is shown, and what keeps the rest from being shown. */
-  #said(addresses: readonly string[], attribution: string): string {
+  #stated(addresses: readonly string[], attribution: string): string {
     const shown = addresses.filter((address) => this.#shelf.picture(address) !== null).length;
     const failures = addresses.map((address) => this.#shelf.failure(address)).filter((failure) => failure !== null);
     const broken = failures.find((failure) => !failure.isMissing);

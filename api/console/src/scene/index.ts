@@ -30,7 +30,7 @@ import { Scenery } from "./scenery";
 import { SelectionBox, type Rect } from "./selectionBox";
 import { Shell } from "./shell";
 import { Trails } from "./trails";
-import { TOLD, Vehicles } from "./vehicles";
+import { REPORTED, Vehicles } from "./vehicles";
 
 export interface Scene {
   /** Reads the state; keeps GPU objects, trails and the camera alone. */
@@ -63,7 +63,7 @@ class LiveScene implements Scene {
   readonly #backdrop = new Backdrop();
   readonly #grid;
   readonly #ground;
-  readonly #told = new Table(TOLD);
+  readonly #reported = new Table(REPORTED);
   readonly #vehicles;
   readonly #billboards;
   readonly #trails;
@@ -200,8 +200,8 @@ class LiveScene implements Scene {
     this.#looks.set(frame, palette, isFresh, this.#selectionOf(state));
     const { tints } = this.#looks;
     this.#tell(frame.n);
-    this.#vehicles.draw(this.#told, frame.n);
-    this.#billboards.draw(this.#told, frame.n);
+    this.#vehicles.draw(this.#reported, frame.n);
+    this.#billboards.draw(this.#reported, frame.n);
     this.#trails.draw(this.#poses, tints, selected);
     this.#shell.place(this.#poses.center, frame.radius_m, this.#eye);
     this.#scenery.draw(status, frame, this.#poses.time_s, palette, this.#eye);
@@ -224,12 +224,12 @@ class LiveScene implements Scene {
 
   /** What the graphics card is told of each vehicle, once for all that is drawn of it. */
   #tell(n: number): void {
-    this.#told.grow(n);
-    const { numbers, texture } = this.#told;
+    this.#reported.grow(n);
+    const { numbers, texture } = this.#reported;
     for (let i = 0; i < n; i += 1) {
-      numbers.set(this.#poses.place.subarray(4 * i, 4 * i + 4), 4 * TOLD * i);
-      numbers.set(this.#looks.tints.subarray(4 * i, 4 * i + 4), 4 * TOLD * i + 4);
-      numbers[4 * TOLD * i + 8] = this.#looks.marks[i]!;
+      numbers.set(this.#poses.place.subarray(4 * i, 4 * i + 4), 4 * REPORTED * i);
+      numbers.set(this.#looks.tints.subarray(4 * i, 4 * i + 4), 4 * REPORTED * i + 4);
+      numbers[4 * REPORTED * i + 8] = this.#looks.marks[i]!;
     }
     texture.needsUpdate = n > 0;
   }

@@ -10,15 +10,15 @@ import { material, type Recipe } from "./materials";
 const PER_LINE = 64; // rows in a line of the texture
 const ROOM_LEAST = 16;
 
-/** For vertex shaders: `told(k)` is column k of the vertex' own row, `toldOf(row, k)` of any. */
+/** For vertex shaders: `reported(k)` is column k of the vertex' own row, `reportedOf(row, k)` of any. */
 export function telling(columns: number): string {
   return /* glsl */ `
 uniform sampler2D uRows;
 attribute float aRow;
-vec4 toldOf(int row, int column) {
+vec4 reportedOf(int row, int column) {
   return texelFetch(uRows, ivec2((row % ${PER_LINE}) * ${columns} + column, row / ${PER_LINE}), 0);
 }
-vec4 told(int column) { return toldOf(int(aRow + 0.5), column); }`;
+vec4 reported(int column) { return reportedOf(int(aRow + 0.5), column); }`;
 }
 
 /** Rows of columns of four numbers, as a texture. */

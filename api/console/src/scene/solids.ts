@@ -44,9 +44,9 @@ varying vec3 vNormal;
 varying vec3 vToEye;
 ${telling(3)}
 void main() {
-  vec3 halves = told(1).xyz;
-  vec3 at = told(0).xyz + halves * position;
-  vColor = told(2);
+  vec3 halves = reported(1).xyz;
+  vec3 at = reported(0).xyz + halves * position;
+  vColor = reported(2);
   vNormal = normalize(normal / halves);
   vToEye = cameraPosition - at;
   gl_Position = projectionMatrix * viewMatrix * vec4(at, 1.0);

@@ -94,13 +94,13 @@ varying vec2 vDash;
 ${telling(4)}
 ${STRIP}
 void main() {
-  vec4 style = told(3);
-  vec3 start = (modelMatrix * vec4(told(0).xyz, 1.0)).xyz;
-  vec3 end = (modelMatrix * vec4(told(1).xyz, 1.0)).xyz;
+  vec4 style = reported(3);
+  vec3 start = (modelMatrix * vec4(reported(0).xyz, 1.0)).xyz;
+  vec3 end = (modelMatrix * vec4(reported(1).xyz, 1.0)).xyz;
   gl_Position = strip(start, end, position.xy, style.x);
   vec3 own = modelMatrix[3].xyz;
   float facing = dot(normalize((position.x < 0.5 ? start : end) - own + 1e-6), normalize(cameraPosition - own));
-  vColor = told(2);
+  vColor = reported(2);
   vColor.a *= mix(1.0, mix(0.22, 1.0, smoothstep(-0.15, 0.45, facing)), uRounded);
   vDash = vec2(mix(style.z, style.w, position.x), style.y);
 }`;

@@ -156,10 +156,10 @@ ${telling(COLUMNS)}
 ${STRIP}
 void main() {
   int row = int(aRow + 0.5);
-  vec4 from = toldOf(row, 0);
-  vec4 fromColor = toldOf(row, 1);
-  vec4 to = toldOf(row + uN, 0);
-  vec4 toColor = toldOf(row + uN, 1);
+  vec4 from = reportedOf(row, 0);
+  vec4 fromColor = reportedOf(row, 1);
+  vec4 to = reportedOf(row + uN, 0);
+  vec4 toColor = reportedOf(row + uN, 1);
   float selected = abs(float(row % uN) - uSelected) < 0.5 ? 1.0 : 0.0;
   float fresh = 1.0 - (uNow - (position.x < 0.5 ? from.w : to.w)) / uLasts;
   if (fromColor.a * toColor.a < 0.5 || to.w < from.w || fresh <= 0.0) {

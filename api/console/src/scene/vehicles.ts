@@ -9,7 +9,7 @@ import type { Palette } from "./palette";
 import { quadrotor } from "./quadrotor";
 
 /** What is told of every vehicle in every picture: place and turn; colour and shine; marks. */
-export const TOLD = 3;
+export const REPORTED = 3;
 
 /** Half of the span that is drawn at least: somewhat more than theirs, and what one still sees from far away. */
 export const HALF_SPAN_M = 0.45;
@@ -66,7 +66,7 @@ uniform float uNight;
 uniform vec3 uStructure;
 uniform vec3 uNose;
 varying vec3 vColor;
-${telling(TOLD)}
+${telling(REPORTED)}
 
 /** Who is seen from the edge leans towards the eye, for a flat thing seen from its edge has no shape. Heading stays. */
 mat3 leaning(vec3 toEye) {
@@ -83,8 +83,8 @@ mat3 leaning(vec3 toEye) {
   );
 }
 void main() {
-  vec4 place = told(0);
-  vec4 tint = told(1);
+  vec4 place = reported(0);
+  vec4 tint = reported(1);
   if (!(place.x + place.y + place.z < 1e9)) { // unknown
     gl_Position = vec4(0.0, 0.0, 2.0, 1.0);
     return;
