@@ -25,7 +25,7 @@ _KILL_REPEAT_S: Final = 0.1
 
 CLOSED: Final = "the link was closed"
 TIMEOUT: Final = "TIMEOUT"
-"""What a `Hand` says when nobody answers."""
+"""What a `CommandChannel` says when nobody answers."""
 
 _DESIRED_MODE: Final = {
     Verb.TAKEOFF: Mode.TAKEOFF,
@@ -70,7 +70,7 @@ class ReportedState(Protocol):
         ...
 
 
-class Hand(Protocol):
+class CommandChannel(Protocol):
     """How a transport moves one vehicle."""
 
     def landed(self) -> Landed:
@@ -135,7 +135,7 @@ class CommandProtocol:
         """Send nothing more; orders under way fail. On the loop's thread."""
         self._closed = True
 
-    async def execute(self, command: Command, hand: Hand, reported: ReportedState) -> None:
+    async def execute(self, command: Command, channel: CommandChannel, reported: ReportedState) -> None:
         """Order, and return when the vehicle's heartbeat shows that it obeyed. Raises: CommandError."""
         ticket = self._latch.ticket(self._system_ids[command.vehicle_id])
 
@@ -151,26 +151,26 @@ class CommandProtocol:
                 began_s = self._clock()
                 cause: str | None = None
                 try:
-                    await hand.command(command, may_leave)
+                    await channel.command(command, may_leave)
                 except CommandError as error:
                     cause = str(error)
                 wait_s = CONFIRM_S if cause is None else _REASON_S
-                if not await self._confirmed(command.verb, hand, reported, began_s, wait_s):
+                if not await self._confirmed(command.verb, channel, reported, began_s, wait_s):
                     raise CommandError(self._failure(command, cause, reported, began_s))
 
     async def read_parameters(
-        self, vehicle_id: VehicleId, names: Sequence[str], hand: Hand
+        self, vehicle_id: VehicleId, names: Sequence[str], channel: CommandChannel
     ) -> Mapping[str, ParameterValue]:
         """One after the other: orders pass in between. Raises: CommandError naming the parameter."""
         with self._awaiting():
-            return {name: await _about(vehicle_id, name, hand.parameter(name)) for name in names}
+            return {name: await _about(vehicle_id, name, channel.parameter(name)) for name in names}
 
     async def set_parameter(
-        self, vehicle_id: VehicleId, name: str, value: ParameterValue, hand: Hand
+        self, vehicle_id: VehicleId, name: str, value: ParameterValue, channel: CommandChannel
     ) -> None:
         """Change one. Raises: CommandError naming it."""
         with self._awaiting():
-            await _about(vehicle_id, name, hand.set_parameter(name, value))
+            await _about(vehicle_id, name, channel.set_parameter(name, value))
 
     async def kill(self, command: Command, reported: ReportedState, send_kill: Callable[[], None]) -> None:
         """Send the kill command now and again until the heartbeat says disarmed. Raises: CommandError.
@@ -196,12 +196,12 @@ class CommandProtocol:
             self._awaited -= 1
 
     async def _confirmed(
-        self, verb: Verb, hand: Hand, reported: ReportedState, began_s: float, wait_s: float
+        self, verb: Verb, channel: CommandChannel, reported: ReportedState, began_s: float, wait_s: float
     ) -> bool:
         """Whether a heartbeat younger than the order shows it obeyed, within `wait_s`."""
         until_s = self._clock() + wait_s
         while not self._closed:  # a closed link's vehicles must not be asked any more
-            if reported.heartbeat_time_s > began_s and obeyed(verb, reported, hand.landed()):
+            if reported.heartbeat_time_s > began_s and obeyed(verb, reported, channel.landed()):
                 return True
             left_s = until_s - self._clock()
             if left_s <= 0:

@@ -27,7 +27,7 @@ from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.mavsdk.binding import COMPONENT_ID, MavsdkVehicle
 from gcs.links.mavsdk.instances import MavsdkShards
 from gcs.links.mavsdk.threads import Offstage
-from gcs.links.mavsdk.workers import MavsdkHand, Workers
+from gcs.links.mavsdk.workers import MavsdkCommandChannel, Workers
 from gcs.links.setpoint_watchdog import Asked, Deadman, Pulse, before_it_leaves_s
 from gcs.links.settings import Forward
 from gcs.links.signing_keys import Signing
@@ -262,24 +262,24 @@ class MavsdkLink(LinkFacts):
         if command.verb is Verb.KILL:
             await protocol.kill(command, telemetry, lambda: self._send_kill(system_id))
             return
-        hand = self._hand(command.vehicle_id, f"{command.verb} impossible")
+        channel = self._command_channel(command.vehicle_id, f"{command.verb} impossible")
         if command.verb is Verb.OFFBOARD and not self._deadman.allows(system_id, self._clock()):
             raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
-        await protocol.execute(command, hand, telemetry)
+        await protocol.execute(command, channel, telemetry)
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
         """See `Link.read_parameters`."""
         protocol, _ = self._protocol_for(vehicle_id, "its parameters cannot be read")
-        hand = self._hand(vehicle_id, "its parameters cannot be read")
-        return await protocol.read_parameters(vehicle_id, names, hand)
+        channel = self._command_channel(vehicle_id, "its parameters cannot be read")
+        return await protocol.read_parameters(vehicle_id, names, channel)
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
         """See `Link.set_parameter`."""
         protocol, _ = self._protocol_for(vehicle_id, f"{name} cannot be set")
-        hand = self._hand(vehicle_id, f"{name} cannot be set")
-        await protocol.set_parameter(vehicle_id, name, value, hand)
+        channel = self._command_channel(vehicle_id, f"{name} cannot be set")
+        await protocol.set_parameter(vehicle_id, name, value, channel)
 
     def _protocol_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[CommandProtocol, int]:
         """Who executes orders, and the vehicle's system id. Raises: UnknownError, CommandError."""
@@ -290,12 +290,12 @@ class MavsdkLink(LinkFacts):
             raise CommandError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
         return self._protocol, system_id
 
-    def _hand(self, vehicle_id: VehicleId, otherwise: str) -> MavsdkHand:
+    def _command_channel(self, vehicle_id: VehicleId, otherwise: str) -> MavsdkCommandChannel:
         """What moves the vehicle. Raises: CommandError for one that MAVSDK has not met."""
         vehicle = self._met.get(self._vehicles[vehicle_id])
         if vehicle is None or self._workers is None:
             raise CommandError(f"{vehicle_id}: {otherwise}: never heard on link {self._name}")
-        return self._workers.hand(vehicle_id, vehicle, self._wire.telemetry[self._vehicles[vehicle_id]])
+        return self._workers.channel(vehicle_id, vehicle, self._wire.telemetry[self._vehicles[vehicle_id]])
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
         """Whether it has a sign of life and a known mode."""

@@ -24,7 +24,7 @@ from gcs.links.mavsdk.frame_filter import Shown
 from gcs.links.mavsdk.instances import MavsdkShards
 from gcs.links.mavsdk.setpoint_filter import MavsdkOutlet
 from gcs.links.mavsdk.threads import Offstage
-from gcs.links.mavsdk.workers import MavsdkHand, Workers
+from gcs.links.mavsdk.workers import MavsdkCommandChannel, Workers
 from gcs.links.stream_rates import SETTLE_S
 from gcs.links.udp.link import SetpointBatch, UdpLink, Works
 from gcs.links.vehicle_ids import station_id
@@ -148,11 +148,11 @@ class MavsdkUdpLink(UdpLink):
             sleep(pause_s)
             self._pass_on()
 
-    def _hand(self, row: int, otherwise: str) -> MavsdkHand:
+    def _command_channel(self, row: int, otherwise: str) -> MavsdkCommandChannel:
         vehicle = self._met.get(row)
         if vehicle is None or self._workers is None:
             raise self._never_connected(row, otherwise)
-        return self._workers.hand(self._ids[row], vehicle, self._telemetry.reported(row))
+        return self._workers.channel(self._ids[row], vehicle, self._telemetry.reported(row))
 
     def _forget_commands(self, row: int) -> None:
         self._outlet.forbid(np.array([row]))  # and the latch drops what MAVSDK still repeats

@@ -37,9 +37,11 @@ class Workers:
             for vehicle_id in vehicle_ids
         }
 
-    def hand(self, vehicle_id: VehicleId, vehicle: MavsdkVehicle, received: LandedState) -> "MavsdkHand":
+    def channel(
+        self, vehicle_id: VehicleId, vehicle: MavsdkVehicle, received: LandedState
+    ) -> "MavsdkCommandChannel":
         """What moves this vehicle."""
-        return MavsdkHand(vehicle, received, self._workers[vehicle_id], lambda: self._closed)
+        return MavsdkCommandChannel(vehicle, received, self._workers[vehicle_id], lambda: self._closed)
 
     def close(self) -> None:
         """Start no further call. On the loop's thread, before `join`."""
@@ -51,7 +53,7 @@ class Workers:
             worker.shutdown(wait=True)
 
 
-class MavsdkHand:
+class MavsdkCommandChannel:
     """One vehicle through MAVSDK. A `gcs.links.command_protocol.Hand`."""
 
     def __init__(

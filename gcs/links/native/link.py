@@ -15,7 +15,7 @@ from gcs.links.command_protocol import CommandProtocol
 from gcs.links.endpoints import Listen
 from gcs.links.udp.commands import Commands
 from gcs.links.udp.link import SetpointBatch, UdpLink, Works
-from gcs.links.udp.px4_commands import DirectHand
+from gcs.links.udp.px4_commands import NativeCommandChannel
 from gcs.mavlink.codec import SYSTEM_ID
 from gcs.mavlink.outgoing import SETPOINT, setpoint_messages
 from gcs.model.frames import ShowFrame
@@ -86,11 +86,11 @@ class DirectLink(UdpLink):
         self._sent.note(rows[left], left_s)
         self._counters.setpoints_sent += int(left.sum())
 
-    def _hand(self, row: int, otherwise: str) -> DirectHand:
+    def _command_channel(self, row: int, otherwise: str) -> NativeCommandChannel:
         reported = self._telemetry.reported(row)
         if not np.isfinite(reported.heartbeat_time_s):
             raise self._never_connected(row, otherwise)
-        return DirectHand(row, self._commands, reported)
+        return NativeCommandChannel(row, self._commands, reported)
 
     def _forget_commands(self, row: int) -> None:
         self._counters.commands_dropped += self._commands.fail(lambda other: other == row, "killed meanwhile")

@@ -16,7 +16,7 @@ import numpy as np
 
 from gcs.links.address_book import SILENT_AFTER_S
 from gcs.links.base import LinkFacts
-from gcs.links.command_protocol import CommandProtocol, Hand
+from gcs.links.command_protocol import CommandChannel, CommandProtocol
 from gcs.links.counters import Counters, Observer
 from gcs.links.endpoints import Listen
 from gcs.links.kill_latch import KillLatch
@@ -136,7 +136,7 @@ class UdpLink(LinkFacts, ABC):
         """Have these leave, and none that were asked for earlier; not called while the link is not open."""
 
     @abstractmethod
-    def _hand(self, row: int, otherwise: str) -> Hand:
+    def _command_channel(self, row: int, otherwise: str) -> CommandChannel:
         """What moves a vehicle of the open link. Raises: CommandError for one that was never heard."""
 
     @abstractmethod
@@ -239,10 +239,10 @@ class UdpLink(LinkFacts, ABC):
             self._forget_commands(row)
             await killing
             return
-        hand = self._hand(row, otherwise)
+        channel = self._command_channel(row, otherwise)
         if command.verb is Verb.OFFBOARD and not self._clock() - self._sent.newest_s[row] <= self._hold_s:
             raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
-        await protocol.execute(command, hand, reported)
+        await protocol.execute(command, channel, reported)
 
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
@@ -250,13 +250,13 @@ class UdpLink(LinkFacts, ABC):
         """See `Link.read_parameters`."""
         otherwise = "its parameters cannot be read"
         protocol, row = self._protocol_for(vehicle_id, otherwise)
-        return await protocol.read_parameters(vehicle_id, names, self._hand(row, otherwise))
+        return await protocol.read_parameters(vehicle_id, names, self._command_channel(row, otherwise))
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
         """See `Link.set_parameter`."""
         otherwise = f"{name} cannot be set"
         protocol, row = self._protocol_for(vehicle_id, otherwise)
-        await protocol.set_parameter(vehicle_id, name, value, self._hand(row, otherwise))
+        await protocol.set_parameter(vehicle_id, name, value, self._command_channel(row, otherwise))
 
     def _protocol_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[CommandProtocol, int]:
         """Who executes orders, and the vehicle's row. Raises: UnknownError, CommandError."""

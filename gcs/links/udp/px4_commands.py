@@ -35,7 +35,7 @@ _COMMANDS: Final[dict[Verb, tuple[int, tuple[float, ...]]]] = {
 """PX4's main and sub mode where a mode is set."""
 
 
-class DirectHand:
+class NativeCommandChannel:
     """One vehicle. A `gcs.links.command_protocol.Hand`."""
 
     def __init__(self, row: int, commands: Commands, reported: VehicleReport) -> None:
