@@ -29,7 +29,7 @@ from gcs.api.routes import preflight as preflight_routes
 from gcs.api.routes import replay as replay_routes
 from gcs.api.routes import shows as show_routes
 from gcs.api.routes import stream
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import rest as schemas
 from gcs.api.security_headers import SecurityHeaders
 from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
 from gcs.model.quoting import cut
@@ -143,7 +143,7 @@ async def _on_gcs_error(_request: Request, error: Exception) -> Response:
         raise error
     if isinstance(error, InvalidError):
         return invalid_response(
-            [wire.Problem(field=error.field, value=echo(error.value), allowed=error.allowed)]
+            [schemas.Problem(field=error.field, value=echo(error.value), allowed=error.allowed)]
         )
     return error_response(status, str(error))
 

@@ -6,7 +6,7 @@ from fastapi import Depends
 from fastapi.security import HTTPBearer
 from starlette.requests import Request
 
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import rest as schemas
 from gcs.model.errors import InvalidError
 
 MEANING: Final = {
@@ -27,7 +27,7 @@ MEANING: Final = {
 
 def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """How the errors that a route may answer are documented."""
-    return {status: {"model": wire.ErrorBody, "description": MEANING[status]} for status in statuses}
+    return {status: {"model": schemas.ErrorBody, "description": MEANING[status]} for status in statuses}
 
 
 async def _no_body(request: Request) -> None:

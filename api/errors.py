@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from starlette.responses import Response
 
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import rest as schemas
 from gcs.api.security_headers import HEADERS
 from gcs.model.quoting import cut, quoted
 
@@ -51,7 +51,7 @@ def _text(value: object) -> str:
     return quoted(value)
 
 
-def error_response(status: int, detail: str, problems: Sequence[wire.Problem] = ()) -> Response:
+def error_response(status: int, detail: str, problems: Sequence[schemas.Problem] = ()) -> Response:
     """An error in its one shape. Plain ASCII, so that no text from outside can break it."""
     body = {
         "detail": detail if len(detail) <= DETAIL_MAX else detail[:DETAIL_MAX] + "…",
@@ -61,17 +61,17 @@ def error_response(status: int, detail: str, problems: Sequence[wire.Problem] = 
     return Response(text, status_code=status, media_type="application/json", headers=ERROR_HEADERS)
 
 
-def invalid_response(problems: Sequence[wire.Problem]) -> Response:
+def invalid_response(problems: Sequence[schemas.Problem]) -> Response:
     """Fields that are wrong: 422."""
     detail = "; ".join(f"{problem.field} = {_text(problem.value)}: {problem.allowed}" for problem in problems)
     return error_response(HTTPStatus.UNPROCESSABLE_ENTITY, detail, problems)
 
 
-def from_pydantic(error: dict[str, Any]) -> wire.Problem:
+def from_pydantic(error: dict[str, Any]) -> schemas.Problem:
     """One complaint of pydantic's, in our words."""
     kind, value = error["type"], error["input"]
     path = [str(part) for part in error["loc"][1:]]
-    if len(path) > 1 and path[0] in wire.TARGET_FRAMES:  # which of two forms was meant: no field
+    if len(path) > 1 and path[0] in schemas.TARGET_FRAMES:  # which of two forms was meant: no field
         path = path[1:]
     field = ".".join(path) or "body"
     allowed = KINDS.get(kind) or error["msg"].removeprefix("Input should be ")
@@ -83,4 +83,4 @@ def from_pydantic(error: dict[str, Any]) -> wire.Problem:
         allowed = "not a field of this request"
     elif field == "body" and not isinstance(value, dict):
         allowed = "a JSON object, sent as Content-Type: application/json"
-    return wire.Problem(field=cut(field), value=echo(value), allowed=allowed)
+    return schemas.Problem(field=cut(field), value=echo(value), allowed=allowed)

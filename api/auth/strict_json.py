@@ -12,7 +12,7 @@ from typing import Any, Final
 from starlette.datastructures import Headers
 
 from gcs.api.errors import echo
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import rest as schemas
 from gcs.model.quoting import cut
 
 DEPTH_MAX: Final = 32
@@ -39,7 +39,7 @@ class _Long(str):
     __slots__ = ()
 
 
-def find_problem(headers: Headers, body: bytes) -> wire.Problem | None:
+def find_problem(headers: Headers, body: bytes) -> schemas.Problem | None:
     """What is wrong with a body that says it is JSON; None when nothing is, or when it is not JSON at all.
 
     A body that is no JSON is left to the route, which knows what it wants.
@@ -50,9 +50,9 @@ def find_problem(headers: Headers, body: bytes) -> wire.Problem | None:
     try:
         text = body.decode()
     except UnicodeDecodeError as error:
-        return wire.Problem(field="body", value=None, allowed=f"JSON in UTF-8; byte {error.start} is not")
+        return schemas.Problem(field="body", value=None, allowed=f"JSON in UTF-8; byte {error.start} is not")
     if text.count("[") + text.count("{") > DEPTH_MAX and _depth(text) > DEPTH_MAX:
-        return wire.Problem(field="body", value=None, allowed=f"JSON at most {DEPTH_MAX} levels deep")
+        return schemas.Problem(field="body", value=None, allowed=f"JSON at most {DEPTH_MAX} levels deep")
     try:
         value = json.loads(text, object_pairs_hook=_object, parse_int=_whole)
     except json.JSONDecodeError:
@@ -80,14 +80,14 @@ def _whole(digits: str) -> int | _Long:
     return int(digits) if len(digits) <= DIGITS_MAX else _Long(digits)
 
 
-def _problems(value: object, path: tuple[str, ...]) -> Iterator[wire.Problem]:
+def _problems(value: object, path: tuple[str, ...]) -> Iterator[schemas.Problem]:
     """Every problem inside a value, by the dotted name of its field."""
     if isinstance(value, _Twice):
         name = _field((*path, value.name))
-        yield wire.Problem(field=name, value=echo(value[value.name]), allowed="given once, not twice")
+        yield schemas.Problem(field=name, value=echo(value[value.name]), allowed="given once, not twice")
     if isinstance(value, _Long):
         allowed = f"a number of at most {DIGITS_MAX} digits"
-        yield wire.Problem(field=_field(path), value=echo(str(value)), allowed=allowed)
+        yield schemas.Problem(field=_field(path), value=echo(str(value)), allowed=allowed)
     if isinstance(value, dict):
         for name, part in value.items():
             yield from _problems(part, (*path, name))

@@ -12,7 +12,7 @@ from starlette.requests import HTTPConnection
 from gcs.api.context import Desk, DeskDep
 from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.api.schemas import from_service as convert
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import rest as schemas
 from gcs.api.schemas.path_names import CommandId, ObstacleId, VehicleId
 from gcs.api.schemas.stream import Access, Status
 from gcs.model.errors import InvalidError, UnknownError
@@ -25,12 +25,12 @@ api = APIRouter(dependencies=TOKEN)
 
 
 @health.get("/healthz", summary="Is control alive?", responses=errors(503))
-async def healthz(desk: DeskDep) -> wire.Health:
+async def healthz(desk: DeskDep) -> schemas.Health:
     """200 only while the control loop runs and its newest state is fresh, judged by the clock."""
     problem = desk.health_problem()
     if problem:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, problem)
-    return wire.Health(
+    return schemas.Health(
         alive=True,
         view_age_s=max(0.0, desk.age_s()),
         tick_rate_hz=desk.view.tick.rate_hz,
@@ -40,7 +40,7 @@ async def healthz(desk: DeskDep) -> wire.Health:
 
 
 @health.get("/readyz", summary="Can anybody be ordered anything?", responses=errors(503))
-async def readyz(desk: DeskDep) -> wire.Readiness:
+async def readyz(desk: DeskDep) -> schemas.Readiness:
     """200 only while control is alive and a vehicle is ready to start, or flies."""
     problem = convert.readiness_problem(desk.view, desk.now_s())
     if problem:
@@ -51,7 +51,7 @@ async def readyz(desk: DeskDep) -> wire.Readiness:
 # Fleet
 
 
-@api.get("/fleet", tags=["fleet"], summary="Everything at one instant", response_model=wire.Fleet)
+@api.get("/fleet", tags=["fleet"], summary="Everything at one instant", response_model=schemas.Fleet)
 async def get_fleet(desk: DeskDep) -> Response:
     """The show, the formation, the target, the obstacles and every vehicle, as the newest tick left them."""
     return Response(desk.fleet_json(), media_type="application/json")
@@ -71,13 +71,13 @@ async def get_access(connection: HTTPConnection, desk: DeskDep) -> Access:
 
 
 @api.get("/vehicles", tags=["fleet"], summary="Every vehicle")
-async def list_vehicles(desk: DeskDep) -> list[wire.Vehicle]:
+async def list_vehicles(desk: DeskDep) -> list[schemas.Vehicle]:
     """All configured vehicles, heard or not."""
     return convert.vehicles(desk.view, desk.frame)
 
 
 @api.get("/vehicles/{vehicle_id}", tags=["fleet"], summary="One vehicle", responses=READ | errors(404))
-async def get_vehicle(vehicle_id: VehicleId, desk: DeskDep) -> wire.Vehicle:
+async def get_vehicle(vehicle_id: VehicleId, desk: DeskDep) -> schemas.Vehicle:
     """One vehicle, as the service believes it to be."""
     for each in convert.vehicles(desk.view, desk.frame):
         if each.id == vehicle_id:
@@ -103,20 +103,20 @@ SHOW_SUMMARY: Final = {
 }
 
 
-def _accepted(response: Response, command: wire.Command) -> wire.Command:
+def _accepted(response: Response, command: schemas.Command) -> schemas.Command:
     response.headers["Location"] = f"/api/v1/commands/{command.id}"
     return command
 
 
-def _vehicle_command(action: VehicleAction) -> Callable[..., Awaitable[wire.Command]]:
-    async def command(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> wire.Command:
+def _vehicle_command(action: VehicleAction) -> Callable[..., Awaitable[schemas.Command]]:
+    async def command(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> schemas.Command:
         return _accepted(response, convert.command(desk.service.command_vehicle(vehicle_id, action)))
 
     return command
 
 
-def _show_command(action: ShowAction) -> Callable[..., Awaitable[wire.Command]]:
-    async def command(desk: DeskDep, response: Response) -> wire.Command:
+def _show_command(action: ShowAction) -> Callable[..., Awaitable[schemas.Command]]:
+    async def command(desk: DeskDep, response: Response) -> schemas.Command:
         return _accepted(response, convert.command(desk.service.command_show(action)))
 
     return command
@@ -146,8 +146,10 @@ GROUP_SUMMARY: Final = {
 }
 
 
-def _group_command(action: VehicleAction) -> Callable[..., Awaitable[wire.Command]]:
-    async def command(desk: DeskDep, response: Response, body: wire.GroupBody | None = None) -> wire.Command:
+def _group_command(action: VehicleAction) -> Callable[..., Awaitable[schemas.Command]]:
+    async def command(
+        desk: DeskDep, response: Response, body: schemas.GroupBody | None = None
+    ) -> schemas.Command:
         given = None if body is None else body.vehicles
         return _accepted(response, convert.command(desk.service.command_vehicles(action, given)))
 
@@ -175,7 +177,7 @@ for _group_action, _summary in GROUP_SUMMARY.items():
 
 
 @api.get("/show", tags=["show"], summary="Where the show stands")
-async def get_show(desk: DeskDep) -> wire.Show:
+async def get_show(desk: DeskDep) -> schemas.Show:
     """The show's phase, and what may be asked of it now."""
     return convert.show(desk.view)
 
@@ -187,9 +189,11 @@ async def get_show(desk: DeskDep) -> wire.Show:
     status_code=HTTPStatus.ACCEPTED,
     responses=COMMAND | errors(404),
 )
-async def start_show(desk: DeskDep, response: Response, body: wire.StartBody | None = None) -> wire.Command:
+async def start_show(
+    desk: DeskDep, response: Response, body: schemas.StartBody | None = None
+) -> schemas.Command:
     """With the vehicles named, or all online; now, or at a clock time. A selected show by its hash."""
-    given = body or wire.StartBody()
+    given = body or schemas.StartBody()
     record = desk.service.command_show(
         ShowAction.START,
         given.vehicles,
@@ -220,8 +224,8 @@ OFFER_SUMMARY: Final = {
 }
 
 
-def _offer_command(offer: Offer) -> Callable[..., Awaitable[wire.Command]]:
-    async def command(desk: DeskDep, response: Response) -> wire.Command:
+def _offer_command(offer: Offer) -> Callable[..., Awaitable[schemas.Command]]:
+    async def command(desk: DeskDep, response: Response) -> schemas.Command:
         return _accepted(response, convert.command(desk.service.settle(offer)))
 
     return command
@@ -243,13 +247,13 @@ for _offer, _summary in OFFER_SUMMARY.items():
 
 
 @api.get("/commands", tags=["show"], summary="The last orders")
-async def list_commands(desk: DeskDep) -> list[wire.Command]:
+async def list_commands(desk: DeskDep) -> list[schemas.Command]:
     """The newest first, as many as are remembered."""
     return [convert.command(record) for record in desk.service.commands()]
 
 
 @api.get("/commands/{command_id}", tags=["show"], summary="An order's outcome", responses=READ | errors(404))
-async def get_command(command_id: CommandId, desk: DeskDep) -> wire.Command:
+async def get_command(command_id: CommandId, desk: DeskDep) -> schemas.Command:
     """How far an accepted order has got, vehicle by vehicle."""
     return convert.command(desk.service.command_record(command_id))
 
@@ -258,13 +262,13 @@ async def get_command(command_id: CommandId, desk: DeskDep) -> wire.Command:
 
 
 @api.get("/formation", tags=["formation"], summary="Radius and height, wanted and now")
-async def get_formation(desk: DeskDep) -> wire.Formation:
+async def get_formation(desk: DeskDep) -> schemas.Formation:
     """What was asked for, and what is commanded now on the way there."""
     return convert.formation(desk.plan.formation, desk.view)
 
 
 @api.patch("/formation", tags=["formation"], summary="Change radius or height", responses=COMMAND)
-async def change_formation(body: wire.FormationChange, desk: DeskDep) -> wire.Formation:
+async def change_formation(body: schemas.FormationChange, desk: DeskDep) -> schemas.Formation:
     """It follows without a jump. A radius too small for the fleet is refused with the smallest that works."""
     desired = replace(desk.plan.formation, **body.given())
     desk.service.set_formation(desired)
@@ -273,14 +277,14 @@ async def change_formation(body: wire.FormationChange, desk: DeskDep) -> wire.Fo
 
 
 @api.get("/target", tags=["target"], summary="Where the target is now")
-async def get_target(desk: DeskDep) -> wire.Target:
+async def get_target(desk: DeskDep) -> schemas.Target:
     """The target's place and velocity, in both frames; it goes on with its velocity."""
     target = desk.plan.target
     return convert.target(target, target.position_m(desk.now_s()), desk.frame)
 
 
 @api.put("/target", tags=["target"], summary="Say where the target is", responses=COMMAND)
-async def put_target(body: wire.TargetPut, desk: DeskDep) -> wire.Target:
+async def put_target(body: schemas.TargetPut, desk: DeskDep) -> schemas.Target:
     """In the show frame or as latitude and longitude. A velocity left out is 0."""
     now_s = desk.now_s()
     desired = convert.target_desired(body, desk.frame, now_s)
@@ -290,13 +294,13 @@ async def put_target(body: wire.TargetPut, desk: DeskDep) -> wire.Target:
 
 
 @api.get("/orbit", tags=["target"], summary="How the formation circles the target")
-async def get_orbit(desk: DeskDep) -> wire.Orbit:
+async def get_orbit(desk: DeskDep) -> schemas.Orbit:
     """Radius, speed and direction."""
     return convert.orbit(desk.plan.orbit)
 
 
 @api.patch("/orbit", tags=["target"], summary="Change the orbit", responses=COMMAND)
-async def change_orbit(body: wire.OrbitChange, desk: DeskDep) -> wire.Orbit:
+async def change_orbit(body: schemas.OrbitChange, desk: DeskDep) -> schemas.Orbit:
     """The formation follows without a jump."""
     desired = replace(desk.plan.orbit, **body.given())
     desk.service.set_orbit(desired)
@@ -305,13 +309,13 @@ async def change_orbit(body: wire.OrbitChange, desk: DeskDep) -> wire.Orbit:
 
 
 @api.get("/yaw", tags=["formation"], summary="Where the vehicles look")
-async def get_yaw(desk: DeskDep) -> wire.Yaw:
+async def get_yaw(desk: DeskDep) -> schemas.Yaw:
     """The policy, and the heading for the policy `fixed`."""
     return convert.yaw(desk.plan.yaw, desk.frame)
 
 
 @api.patch("/yaw", tags=["formation"], summary="Change where the vehicles look", responses=COMMAND)
-async def change_yaw(body: wire.YawChange, desk: DeskDep) -> wire.Yaw:
+async def change_yaw(body: schemas.YawChange, desk: DeskDep) -> schemas.Yaw:
     """The policy, the heading for the policy `fixed`, or both."""
     desired = convert.yaw_desired(body, desk.plan.yaw, desk.frame)
     desk.service.set_yaw(desired)
@@ -330,13 +334,13 @@ def _box(desk: Desk, obstacle_id: str) -> Obstacle:
 
 
 @api.get("/obstacles", tags=["obstacles"], summary="Every obstacle")
-async def list_obstacles(desk: DeskDep) -> list[wire.Obstacle]:
+async def list_obstacles(desk: DeskDep) -> list[schemas.Obstacle]:
     """All boxes that the fleet keeps clear of."""
     return [convert.obstacle(box, desk.now_s()) for box in desk.plan.obstacles]
 
 
 @api.get("/obstacles/{obstacle_id}", tags=["obstacles"], summary="One obstacle", responses=READ | errors(404))
-async def get_obstacle(obstacle_id: ObstacleId, desk: DeskDep) -> wire.Obstacle:
+async def get_obstacle(obstacle_id: ObstacleId, desk: DeskDep) -> schemas.Obstacle:
     """One box."""
     return convert.obstacle(_box(desk, obstacle_id), desk.now_s())
 
@@ -348,7 +352,7 @@ async def get_obstacle(obstacle_id: ObstacleId, desk: DeskDep) -> wire.Obstacle:
     status_code=HTTPStatus.CREATED,
     responses=COMMAND,
 )
-async def add_obstacle(body: wire.ObstaclePost, desk: DeskDep, response: Response) -> wire.Obstacle:
+async def add_obstacle(body: schemas.ObstaclePost, desk: DeskDep, response: Response) -> schemas.Obstacle:
     """Refused when its id is taken, or it would stand on a vehicle in the air or too close ahead of one."""
     box = convert.obstacle_desired(body, body.id or desk.new_obstacle_id(), desk.now_s())
     desk.service.add_obstacle(box)
@@ -363,7 +367,9 @@ async def add_obstacle(body: wire.ObstaclePost, desk: DeskDep, response: Respons
     summary="Move or resize an obstacle",
     responses=COMMAND | errors(404),
 )
-async def change_obstacle(obstacle_id: ObstacleId, body: wire.ObstaclePut, desk: DeskDep) -> wire.Obstacle:
+async def change_obstacle(
+    obstacle_id: ObstacleId, body: schemas.ObstaclePut, desk: DeskDep
+) -> schemas.Obstacle:
     """Replace the box of this id. Refused when it would stand on a vehicle or too close ahead of one."""
     if body.id and body.id != obstacle_id:
         raise InvalidError("id", body.id, f"{obstacle_id!r}, as in the path, or absent")

@@ -8,8 +8,8 @@ from gcs.api.auth.kill_confirmation import VALID_S
 from gcs.api.context import DeskDep
 from gcs.api.error_docs import COMMAND, TOKEN, errors
 from gcs.api.schemas import from_service as convert
-from gcs.api.schemas import kill as wire_kill
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import kill as kill_schemas
+from gcs.api.schemas import rest as schemas
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import Phase
 from gcs.service import WHO
@@ -18,10 +18,10 @@ kill = APIRouter(prefix="/kill", tags=["fleet"], dependencies=TOKEN)
 
 
 @kill.post("", summary="Arm a kill: the first of two steps", responses=COMMAND | errors(404))
-async def arm_kill(desk: DeskDep, body: wire_kill.KillBody | None = None) -> wire_kill.KillArmed:
+async def arm_kill(desk: DeskDep, body: kill_schemas.KillBody | None = None) -> kill_schemas.KillArmed:
     """Names whom the code will kill, all that are not offline where nobody is named. Nothing happens yet."""
     phases = {each.id: each.phase for each in desk.view.vehicles}
-    named = (body or wire_kill.KillBody()).vehicles
+    named = (body or kill_schemas.KillBody()).vehicles
     for name in named or ():
         if name not in phases:
             raise UnknownError(f"there is no vehicle {name!r}; there are {', '.join(phases)}")
@@ -33,7 +33,7 @@ async def arm_kill(desk: DeskDep, body: wire_kill.KillBody | None = None) -> wir
     if not chosen:
         raise RefusedError("all vehicles are offline, at unknown addresses: gcs kill --direct may know them")
     armed = desk.kill_switch.arm(chosen, WHO.get(), desk.now_s())
-    return wire_kill.KillArmed(code=armed.code, vehicles=list(armed.vehicles), valid_s=VALID_S)
+    return kill_schemas.KillArmed(code=armed.code, vehicles=list(armed.vehicles), valid_s=VALID_S)
 
 
 @kill.post(
@@ -42,7 +42,9 @@ async def arm_kill(desk: DeskDep, body: wire_kill.KillBody | None = None) -> wir
     status_code=HTTPStatus.ACCEPTED,
     responses=COMMAND,
 )
-async def confirm_kill(body: wire_kill.KillConfirmation, desk: DeskDep, response: Response) -> wire.Command:
+async def confirm_kill(
+    body: kill_schemas.KillConfirmation, desk: DeskDep, response: Response
+) -> schemas.Command:
     """Those that the code names. Accepted as an order; a code works once, and for a short time."""
     vehicles = desk.kill_switch.confirm(body.code, WHO.get(), desk.now_s())
     command = convert.command(desk.service.kill(vehicles))

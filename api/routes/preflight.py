@@ -8,8 +8,8 @@ from fastapi import APIRouter, Query, Response
 from gcs.api.context import DeskDep
 from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.api.schemas import from_service as convert
-from gcs.api.schemas import preflight as wire_preflight
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import preflight as preflight_schemas
+from gcs.api.schemas import rest as schemas
 from gcs.api.schemas.path_names import VehicleId
 from gcs.model import preflight_report as checks
 
@@ -21,8 +21,8 @@ Named = Annotated[
 ]
 
 
-def _check(one: checks.Check) -> wire_preflight.Check:
-    return wire_preflight.Check(
+def _check(one: checks.Check) -> preflight_schemas.Check:
+    return preflight_schemas.Check(
         name=one.name,
         state=one.state,
         value=one.value,
@@ -33,8 +33,8 @@ def _check(one: checks.Check) -> wire_preflight.Check:
     )
 
 
-def _vehicle(one: checks.VehicleChecks) -> wire_preflight.VehicleChecks:
-    return wire_preflight.VehicleChecks(
+def _vehicle(one: checks.VehicleChecks) -> preflight_schemas.VehicleChecks:
+    return preflight_schemas.VehicleChecks(
         id=one.id,
         passes=not one.failed,
         flies=one.flies,
@@ -49,10 +49,10 @@ def _vehicle(one: checks.VehicleChecks) -> wire_preflight.VehicleChecks:
     summary="What a start would find",
     responses=READ | errors(404, 409, 503),
 )
-async def get_preflight(desk: DeskDep, vehicles: Named = None) -> wire_preflight.Preflight:
+async def get_preflight(desk: DeskDep, vehicles: Named = None) -> preflight_schemas.Preflight:
     """Every check of every vehicle and of the fleet; made at most once a second, and only on the ground."""
     report = desk.service.preflight(vehicles)
-    return wire_preflight.Preflight(
+    return preflight_schemas.Preflight(
         passes=report.passes,
         unix_time_s=report.unix_time_s,
         show=report.show,
@@ -72,8 +72,11 @@ async def get_preflight(desk: DeskDep, vehicles: Named = None) -> wire_preflight
     responses=COMMAND | errors(404),
 )
 async def exclude_vehicle(
-    vehicle_id: VehicleId, desk: DeskDep, response: Response, body: wire_preflight.ExcludeBody | None = None
-) -> wire.Command:
+    vehicle_id: VehicleId,
+    desk: DeskDep,
+    response: Response,
+    body: preflight_schemas.ExcludeBody | None = None,
+) -> schemas.Command:
     """On the ground: no start takes it along until it is included again. An order, with who gave it."""
     reason = "" if body is None else body.reason
     record = desk.service.exclude(vehicle_id, reason)
@@ -89,7 +92,7 @@ async def exclude_vehicle(
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def include_vehicle(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> wire.Command:
+async def include_vehicle(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> schemas.Command:
     """On the ground: it has to pass every check, as everybody else."""
     record = desk.service.include(vehicle_id)
     response.headers["Location"] = f"/api/v1/commands/{record.id}"

@@ -4,7 +4,7 @@ from fastapi import APIRouter
 
 from gcs.api.context import Desk, DeskDep
 from gcs.api.error_docs import COMMAND, READ, TOKEN, errors
-from gcs.api.schemas import replay as wire_replay
+from gcs.api.schemas import replay as replay_schemas
 from gcs.api.schemas import status_from_service as convert_status
 from gcs.model.errors import RefusedError
 from gcs.service import Replaying
@@ -21,24 +21,24 @@ def _replaying(desk: Desk) -> Replaying:
 
 
 @router.get("/replay", summary="How the record is played", responses=READ | errors(409))
-async def get_replay(desk: DeskDep) -> wire_replay.Replay:
+async def get_replay(desk: DeskDep) -> replay_schemas.Replay:
     """Where in the record it is, and how fast; `409` where vehicles fly."""
     return convert_status.replay(_replaying(desk).playback)
 
 
 @router.post("/replay", summary="Pause, go on, at another speed, from elsewhere", responses=COMMAND)
-async def change_replay(body: wire_replay.ReplayChange, desk: DeskDep) -> wire_replay.Replay:
+async def change_replay(body: replay_schemas.ReplayChange, desk: DeskDep) -> replay_schemas.Replay:
     """What is given changes, at once; `409` where vehicles fly, and for going on behind the end."""
     return convert_status.replay(_replaying(desk).change(**body.given()))
 
 
 @router.get("/replay/marks", summary="Phases, cues, events, idle time", responses=READ | errors(409))
-async def get_replay_marks(desk: DeskDep) -> wire_replay.ReplayMarks:
+async def get_replay_marks(desk: DeskDep) -> replay_schemas.ReplayMarks:
     """All of the record at once, for a scrubber; it never changes."""
     return convert_status.replay_marks(_replaying(desk).marks)
 
 
 @router.get("/replay/certificate", summary="What the flight kept and broke", responses=READ | errors(409))
-async def get_certificate(desk: DeskDep) -> wire_replay.Certificate:
+async def get_certificate(desk: DeskDep) -> replay_schemas.Certificate:
     """Answers at once. The first call begins the judgement beside the replay: ask again until it is done."""
     return convert_status.certificate(_replaying(desk).certify())

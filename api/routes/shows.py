@@ -9,10 +9,10 @@ from starlette.requests import Request
 from gcs.api.context import DeskDep
 from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.api.schemas import from_service as convert
-from gcs.api.schemas import rest as wire
-from gcs.api.schemas import shows as wire_shows
+from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import shows as show_schemas
 
-Name = Annotated[str, Path(pattern=wire_shows.NAME_PATTERN, examples=["lighthouse"])]
+Name = Annotated[str, Path(pattern=show_schemas.NAME_PATTERN, examples=["lighthouse"])]
 
 YAML_BODY: Final[dict[str, Any]] = {
     "requestBody": {
@@ -32,19 +32,19 @@ selected = APIRouter(prefix="/show", tags=["show"], dependencies=TOKEN)
 
 
 @files.get("", summary="Every show file", responses=errors(409))
-async def list_shows(desk: DeskDep) -> list[wire_shows.StoredShow]:
+async def list_shows(desk: DeskDep) -> list[show_schemas.StoredShow]:
     """All files that were uploaded, by name."""
     return [convert.stored_show(each) for each in await desk.service.shows.list_shows()]
 
 
 @files.get("/{name}", summary="One show file", responses=READ | errors(404, 409))
-async def get_show_file(name: Name, desk: DeskDep) -> wire_shows.ShowText:
+async def get_show_file(name: Name, desk: DeskDep) -> show_schemas.ShowText:
     """As it was uploaded."""
-    return wire_shows.ShowText(name=name, text=await desk.service.shows.text(name))
+    return show_schemas.ShowText(name=name, text=await desk.service.shows.text(name))
 
 
 @files.put("/{name}", summary="Upload a show file", responses=COMMAND, openapi_extra=YAML_BODY)
-async def put_show_file(name: Name, request: Request, desk: DeskDep) -> wire_shows.StoredShow:
+async def put_show_file(name: Name, request: Request, desk: DeskDep) -> show_schemas.StoredShow:
     """Kept under that name, in place of what had it. What is selected or flies does not change by that."""
     return convert.stored_show(await desk.service.shows.store(name, await request.body()))
 
@@ -68,19 +68,19 @@ async def remove_show_file(name: Name, desk: DeskDep) -> None:
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def check_show(name: Name, desk: DeskDep) -> wire_shows.ShowCheck:
+async def check_show(name: Name, desk: DeskDep) -> show_schemas.ShowCheck:
     """Fly it in virtual time, in a process of its own at the lowest priority; GET tells how far that is."""
     return convert.show_check(desk.service.shows.check(name))
 
 
 @files.get("/{name}/check", summary="What a check found", responses=READ | errors(404))
-async def get_show_check(name: Name, desk: DeskDep) -> wire_shows.ShowCheck:
+async def get_show_check(name: Name, desk: DeskDep) -> show_schemas.ShowCheck:
     """Of the newest check since this service began."""
     return convert.show_check(desk.service.shows.checked(name))
 
 
 @files.post("/{name}/select", summary="Have a show fly next", responses=COMMAND | errors(404))
-async def select_show(name: Name, body: wire_shows.SelectBody, desk: DeskDep) -> wire.SelectedShow:
+async def select_show(name: Name, body: show_schemas.SelectBody, desk: DeskDep) -> schemas.SelectedShow:
     """On the ground. Refused when it was never checked, is not good, has changed since, or does not fit."""
     return convert.selected_show(desk.service.select_show(name, body.hash))
 
@@ -98,6 +98,6 @@ async def deselect_show(desk: DeskDep) -> None:
 
 
 @selected.post("/seek", summary="Begin at a cue", responses=COMMAND | errors(404))
-async def seek_show(body: wire_shows.SeekBody, desk: DeskDep) -> wire.SelectedShow:
+async def seek_show(body: show_schemas.SeekBody, desk: DeskDep) -> schemas.SelectedShow:
     """On the ground: the show begins with that cue, the first time that it is played."""
     return convert.selected_show(desk.service.seek_show(body.cue))

@@ -1,6 +1,6 @@
 """Alarms, between the service's types and the wire's."""
 
-from gcs.api.schemas.alarms import Alarm as WireAlarm
+from gcs.api.schemas.alarms import Alarm as AlarmSchema
 from gcs.api.schemas.alarms import AlarmList
 from gcs.service import FleetView
 from gcs.service.alarms import CAUSES, Alarm, AlarmCause, OverallSeverity, overall
@@ -30,9 +30,9 @@ def _control_stopped(view: FleetView, problem: str) -> Alarm:
     )
 
 
-def alarm(known: Alarm) -> WireAlarm:
+def alarm(known: Alarm) -> AlarmSchema:
     """One of them."""
-    return WireAlarm(
+    return AlarmSchema(
         id=known.id,
         severity=known.severity,
         cause=known.cause.value,
@@ -48,7 +48,7 @@ def alarm(known: Alarm) -> WireAlarm:
     )
 
 
-def alarms(view: FleetView, problem: str) -> list[WireAlarm]:
+def alarms(view: FleetView, problem: str) -> list[AlarmSchema]:
     """All of a state, the most severe first."""
     return [alarm(each) for each in current(view, problem)]
 

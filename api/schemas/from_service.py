@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 
 from gcs.api.schemas import alarms_from_service as convert_alarms
-from gcs.api.schemas import recovery as wire_interrupted
-from gcs.api.schemas import rest as wire
-from gcs.api.schemas import shows as wire_shows
+from gcs.api.schemas import recovery as recovery_schemas
+from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import shows as show_schemas
 from gcs.model import plan
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.fleet_counts import Counts
@@ -61,9 +61,9 @@ def readiness_problem(view: FleetView, now_s: float) -> str:
     return ""
 
 
-def readiness(view: FleetView) -> wire.Readiness:
+def readiness(view: FleetView) -> schemas.Readiness:
     """Who could fly, and who does."""
-    return wire.Readiness(
+    return schemas.Readiness(
         ready=True,
         vehicles_ready=sum(each.ready for each in view.vehicles),
         vehicles_airborne=view.counts.airborne,
@@ -75,10 +75,10 @@ def _above(down_m: float) -> float:
     return 0.0 - down_m  # not -down_m: that makes -0.0
 
 
-def _velocity(vector_m_s: Triple | None) -> wire.VelocityOut | None:
+def _velocity(vector_m_s: Triple | None) -> schemas.VelocityOut | None:
     if vector_m_s is None:
         return None
-    return wire.VelocityOut(x_m_s=vector_m_s[0], y_m_s=vector_m_s[1], up_m_s=_above(vector_m_s[2]))
+    return schemas.VelocityOut(x_m_s=vector_m_s[0], y_m_s=vector_m_s[1], up_m_s=_above(vector_m_s[2]))
 
 
 def heading_deg(yaw_rad: float, frame: ShowFrame) -> float:
@@ -94,10 +94,10 @@ def yaw_rad(heading: float, frame: ShowFrame) -> float:
 
 def vehicle(
     view: VehicleView, frame: ShowFrame, low_s: float | None = None, empty_s: float | None = None
-) -> wire.Vehicle:
+) -> schemas.Vehicle:
     """One vehicle for the wire; how long its battery lasts, None: not known."""
     x_m, y_m, down_m = view.position_m if view.position_m is not None else (None, None, None)
-    return wire.Vehicle(
+    return schemas.Vehicle(
         id=view.id,
         system_id=view.system_id,
         link=view.link,
@@ -107,7 +107,7 @@ def vehicle(
         armed=view.armed,
         landed=view.landed.name.lower(),
         ready=view.ready,
-        position=wire.Position(
+        position=schemas.Position(
             x_m=x_m,
             y_m=y_m,
             height_m=None if down_m is None else _above(down_m),
@@ -130,12 +130,12 @@ def vehicle(
     )
 
 
-def estimates(view: FleetView) -> wire.Estimates | None:
+def estimates(view: FleetView) -> schemas.Estimates | None:
     """Energy and time for the wire."""
     found, ids = view.estimates, view.rows.ids
     if found is None:
         return None
-    return wire.Estimates(
+    return schemas.Estimates(
         battery_least=found.battery_least,
         battery_least_vehicle=None if found.battery_least_row is None else ids[found.battery_least_row],
         battery_median=found.battery_median,
@@ -147,7 +147,7 @@ def estimates(view: FleetView) -> wire.Estimates | None:
     )
 
 
-def vehicles(view: FleetView, frame: ShowFrame) -> list[wire.Vehicle]:
+def vehicles(view: FleetView, frame: ShowFrame) -> list[schemas.Vehicle]:
     """All vehicles for the wire."""
     found = view.estimates
     if found is None:
@@ -167,7 +167,7 @@ def _possible(phase: ShowPhase, action: ShowAction) -> bool:
     return True
 
 
-def show(view: FleetView) -> wire.Show:
+def show(view: FleetView) -> schemas.Show:
     """The show for the wire."""
     flies = view.counts.airborne > 0
     possible = [
@@ -175,7 +175,7 @@ def show(view: FleetView) -> wire.Show:
         for action in ShowAction
         if _possible(view.show, action) or (flies and action in ALWAYS_IN_THE_AIR)
     ]
-    return wire.Show(
+    return schemas.Show(
         phase=view.show,
         reason=view.reason,
         possible=possible,
@@ -185,44 +185,44 @@ def show(view: FleetView) -> wire.Show:
     )
 
 
-def counts(reported: Counts) -> wire.Counts:
+def counts(reported: Counts) -> schemas.Counts:
     """How many vehicles are where, for the wire."""
-    return wire.Counts(airborne=reported.airborne, **asdict(reported))
+    return schemas.Counts(airborne=reported.airborne, **asdict(reported))
 
 
-def selected_show(selected: SelectedShow) -> wire.SelectedShow:
+def selected_show(selected: SelectedShow) -> schemas.SelectedShow:
     """The selected show for the wire."""
-    return wire.SelectedShow(**asdict(selected))
+    return schemas.SelectedShow(**asdict(selected))
 
 
-def stored_show(stored: StoredShow) -> wire_shows.StoredShow:
+def stored_show(stored: StoredShow) -> show_schemas.StoredShow:
     """A show file for the wire."""
-    return wire_shows.StoredShow(**asdict(stored))
+    return show_schemas.StoredShow(**asdict(stored))
 
 
-def show_check(check: ShowCheck) -> wire_shows.ShowCheck:
+def show_check(check: ShowCheck) -> show_schemas.ShowCheck:
     """A show's check for the wire."""
-    return wire_shows.ShowCheck(**asdict(check))
+    return show_schemas.ShowCheck(**asdict(check))
 
 
-def command(record: CommandRecord) -> wire.Command:
+def command(record: CommandRecord) -> schemas.Command:
     """An order for the wire."""
-    return wire.Command(
+    return schemas.Command(
         id=record.id,
         action=record.action,
         by=record.by,
         accepted_unix_time_s=record.accepted_time_s,
         outcome=record.outcome,
         vehicles={
-            vehicle_id: wire.CommandPart(outcome=part.outcome, reason=part.reason)
+            vehicle_id: schemas.CommandPart(outcome=part.outcome, reason=part.reason)
             for vehicle_id, part in record.outcomes.items()
         },
     )
 
 
-def formation(desired: plan.Formation, view: FleetView) -> wire.Formation:
+def formation(desired: plan.Formation, view: FleetView) -> schemas.Formation:
     """The formation for the wire: wanted, and commanded now."""
-    return wire.Formation(
+    return schemas.Formation(
         radius_m=desired.radius_m,
         height_m=desired.height_m,
         radius_now_m=view.radius_m,
@@ -230,13 +230,13 @@ def formation(desired: plan.Formation, view: FleetView) -> wire.Formation:
     )
 
 
-def center(view: FleetView, frame: ShowFrame) -> wire.Center | None:
+def center(view: FleetView, frame: ShowFrame) -> schemas.Center | None:
     """The formation's centre for the wire; None while no formation flies."""
     if view.center_m is None:
         return None
     latitude_deg, longitude_deg, altitude_amsl_m = frame.geodetic(np.array([view.center_m]))
-    return wire.Center(
-        position=wire.Position(
+    return schemas.Center(
+        position=schemas.Position(
             x_m=view.center_m[0],
             y_m=view.center_m[1],
             height_m=_above(view.center_m[2]),
@@ -248,11 +248,11 @@ def center(view: FleetView, frame: ShowFrame) -> wire.Center | None:
     )
 
 
-def target(desired: plan.Target, position_m: tuple[float, float], frame: ShowFrame) -> wire.Target:
+def target(desired: plan.Target, position_m: tuple[float, float], frame: ShowFrame) -> schemas.Target:
     """The target for the wire, in both frames; `position_m` is where it is now."""
     latitude_deg, longitude_deg, _ = frame.geodetic(np.array([[*position_m, 0.0]]))
     ned_m_s = frame.into_ned(np.array([[desired.velocity_x_m_s, desired.velocity_y_m_s, 0.0]]))
-    return wire.Target(
+    return schemas.Target(
         x_m=position_m[0],
         y_m=position_m[1],
         velocity_x_m_s=desired.velocity_x_m_s,
@@ -264,20 +264,20 @@ def target(desired: plan.Target, position_m: tuple[float, float], frame: ShowFra
     )
 
 
-def orbit(desired: plan.Orbit) -> wire.Orbit:
+def orbit(desired: plan.Orbit) -> schemas.Orbit:
     """The orbit for the wire."""
-    return wire.Orbit(radius_m=desired.radius_m, speed_m_s=desired.speed_m_s, direction=desired.direction)
+    return schemas.Orbit(radius_m=desired.radius_m, speed_m_s=desired.speed_m_s, direction=desired.direction)
 
 
-def yaw(desired: plan.Yaw, frame: ShowFrame) -> wire.Yaw:
+def yaw(desired: plan.Yaw, frame: ShowFrame) -> schemas.Yaw:
     """The yaw for the wire."""
-    return wire.Yaw(policy=desired.policy, heading_deg=heading_deg(desired.fixed_rad, frame))
+    return schemas.Yaw(policy=desired.policy, heading_deg=heading_deg(desired.fixed_rad, frame))
 
 
-def obstacle(box: plan.Obstacle, now_s: float) -> wire.Obstacle:
+def obstacle(box: plan.Obstacle, now_s: float) -> schemas.Obstacle:
     """An obstacle for the wire, where it is at `now_s`."""
     x_m, y_m = box.position_m(now_s)
-    return wire.Obstacle(
+    return schemas.Obstacle(
         id=box.id,
         x_m=x_m,
         y_m=y_m,
@@ -289,9 +289,9 @@ def obstacle(box: plan.Obstacle, now_s: float) -> wire.Obstacle:
     )
 
 
-def origin(frame: ShowFrame) -> wire.Origin:
+def origin(frame: ShowFrame) -> schemas.Origin:
     """Where the show frame lies, for the wire."""
-    return wire.Origin(
+    return schemas.Origin(
         latitude_deg=frame.latitude_deg,
         longitude_deg=frame.longitude_deg,
         altitude_amsl_m=frame.altitude_amsl_m,
@@ -299,9 +299,9 @@ def origin(frame: ShowFrame) -> wire.Origin:
     )
 
 
-def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.Fleet:
+def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schemas.Fleet:
     """Everything for the wire; `problem` is `health_problem`'s answer, `access` the door's text."""
-    return wire.Fleet(
+    return schemas.Fleet(
         time_s=view.time_s,
         unix_time_s=view.unix_time_s,
         control_alive=not problem,
@@ -323,7 +323,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
         alarms=convert_alarms.alarms(view, problem),
         estimates=estimates(view),
         access=access,
-        tick=wire.Tick(
+        tick=schemas.Tick(
             rate_hz=view.tick.rate_hz,
             count=view.tick.count,
             missed=view.tick.missed,
@@ -335,31 +335,31 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> wire.
     )
 
 
-def interrupted(found: InterruptedFlight) -> wire_interrupted.InterruptedFlight:
+def interrupted(found: InterruptedFlight) -> recovery_schemas.InterruptedFlight:
     """A flight that was cut off, for the wire."""
     selected = None
     if found.written is not None:
-        selected = wire_interrupted.WrittenShow(**asdict(found.written))
-    return wire_interrupted.InterruptedFlight(
+        selected = recovery_schemas.WrittenShow(**asdict(found.written))
+    return recovery_schemas.InterruptedFlight(
         session=found.session,
         unix_time_s=found.unix_time_s,
         cause=found.cause,
         show=found.show,
         selected=selected,
-        vehicles={one.id: wire_interrupted.Remaining(**asdict(one)) for one in found.vehicles},
+        vehicles={one.id: recovery_schemas.Remaining(**asdict(one)) for one in found.vehicles},
         offers=list(found.offers),
         problems=list(found.problems),
     )
 
 
 def target_desired(
-    body: wire.ShowTarget | wire.GeodeticTarget, frame: ShowFrame, now_s: float
+    body: schemas.ShowTarget | schemas.GeodeticTarget, frame: ShowFrame, now_s: float
 ) -> plan.Target:
     """The target in the show frame, at `now_s`.
 
     Raises: InvalidError when a place on the globe is too far away for a flat frame.
     """
-    if isinstance(body, wire.ShowTarget):
+    if isinstance(body, schemas.ShowTarget):
         return plan.Target(**body.model_dump(), time_s=now_s)
     place_m = frame.position_m(
         np.array([body.latitude_deg]),
@@ -369,22 +369,22 @@ def target_desired(
     velocity_m_s = frame.from_ned(np.array([[body.velocity_north_m_s, body.velocity_east_m_s, 0.0]]))
     x_m, y_m = float(place_m[0, 0]), float(place_m[0, 1])
     # With z: seen from here, the other side of the globe is straight below.
-    if not hypot(x_m, y_m, float(place_m[0, 2])) <= wire.LENGTH_MAX_M:
-        allowed = f"within {wire.LENGTH_MAX_M / 1000:.0f} km of the show's origin"
+    if not hypot(x_m, y_m, float(place_m[0, 2])) <= schemas.LENGTH_MAX_M:
+        allowed = f"within {schemas.LENGTH_MAX_M / 1000:.0f} km of the show's origin"
         raise InvalidError(
             "latitude_deg, longitude_deg", f"{body.latitude_deg}, {body.longitude_deg}", allowed
         )
     return plan.Target(x_m, y_m, float(velocity_m_s[0, 0]), float(velocity_m_s[0, 1]), now_s)
 
 
-def yaw_desired(body: wire.YawChange, current: plan.Yaw, frame: ShowFrame) -> plan.Yaw:
+def yaw_desired(body: schemas.YawChange, current: plan.Yaw, frame: ShowFrame) -> plan.Yaw:
     """The yaw after a change."""
     given = body.given()
     fixed_rad = yaw_rad(given["heading_deg"], frame) if "heading_deg" in given else current.fixed_rad
     return replace(current, policy=given.get("policy", current.policy), fixed_rad=fixed_rad)
 
 
-def obstacle_desired(body: wire.Box, obstacle_id: str, now_s: float) -> plan.Obstacle:
+def obstacle_desired(body: schemas.Box, obstacle_id: str, now_s: float) -> plan.Obstacle:
     """The box under the id that it shall have, there at `now_s`."""
     return plan.Obstacle(id=obstacle_id, **body.model_dump(exclude={"id"}), time_s=now_s)
 

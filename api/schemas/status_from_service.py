@@ -9,8 +9,8 @@ import numpy as np
 from gcs.api.map_tiles import GroundMap
 from gcs.api.schemas import alarms_from_service as convert_alarms
 from gcs.api.schemas import from_service as convert
-from gcs.api.schemas import replay as wire_replay
-from gcs.api.schemas import stream as wire_stream
+from gcs.api.schemas import replay as replay_schemas
+from gcs.api.schemas import stream as stream_schemas
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
 from gcs.service import Certification, FleetView, FlightEnvelope, Playback, ReplayMarks
@@ -28,14 +28,14 @@ def status(
     access: str,
     ground: GroundMap | None,
     shows_refused: str,
-) -> wire_stream.Status:
+) -> stream_schemas.Status:
     """What changes seldom.
 
     `problem` is `health_problem`'s answer, `access` the door's text,
     `shows_refused` the shows' `why_not_kept`.
     """
     plan, selected = view.plan, view.selected
-    return wire_stream.Status(
+    return stream_schemas.Status(
         revision=revision,
         time_s=view.time_s,
         unix_time_s=view.unix_time_s,
@@ -44,7 +44,7 @@ def status(
         show=convert.show(view),
         counts=convert.counts(view.counts),
         timeline=[
-            wire_stream.CueTime(cue=cue, at_s=at_s)
+            stream_schemas.CueTime(cue=cue, at_s=at_s)
             for cue, at_s in (() if selected is None else selected.timeline)
         ],
         shows_refused=shows_refused,
@@ -69,9 +69,9 @@ def status(
     )
 
 
-def replay(playback: Playback) -> wire_replay.Replay:
+def replay(playback: Playback) -> replay_schemas.Replay:
     """How a record is played."""
-    return wire_replay.Replay(
+    return replay_schemas.Replay(
         file=playback.file,
         began_unix_time_s=playback.began_unix_s,
         duration_s=playback.duration_s,
@@ -83,23 +83,23 @@ def replay(playback: Playback) -> wire_replay.Replay:
     )
 
 
-def replay_marks(marks: ReplayMarks) -> wire_replay.ReplayMarks:
+def replay_marks(marks: ReplayMarks) -> replay_schemas.ReplayMarks:
     """What a scrubber shows of a record."""
-    return wire_replay.ReplayMarks(
-        phases=[wire_replay.PhaseSpan(**asdict(span)) for span in marks.phases],
-        cues=[wire_replay.CueMark(**asdict(mark)) for mark in marks.cues],
-        events=[wire_replay.EventMark(**asdict(mark)) for mark in marks.events],
-        idle=[wire_replay.IdleSpan(**asdict(span)) for span in marks.idle],
+    return replay_schemas.ReplayMarks(
+        phases=[replay_schemas.PhaseSpan(**asdict(span)) for span in marks.phases],
+        cues=[replay_schemas.CueMark(**asdict(mark)) for mark in marks.cues],
+        events=[replay_schemas.EventMark(**asdict(mark)) for mark in marks.events],
+        idle=[replay_schemas.IdleSpan(**asdict(span)) for span in marks.idle],
     )
 
 
-def certificate(found: Certification) -> wire_replay.Certificate:
+def certificate(found: Certification) -> replay_schemas.Certificate:
     """The judgement of a record."""
-    return wire_replay.Certificate(state=found.state, reason=found.reason, report=_report(found.report))
+    return replay_schemas.Certificate(state=found.state, reason=found.reason, report=_report(found.report))
 
 
-def _report(reported: dict[str, Any] | None) -> wire_replay.CertificateReport | None:
-    return None if reported is None else wire_replay.CertificateReport.model_validate(reported)
+def _report(reported: dict[str, Any] | None) -> replay_schemas.CertificateReport | None:
+    return None if reported is None else replay_schemas.CertificateReport.model_validate(reported)
 
 
 def fixes(rows: VehicleTable) -> list[int | None]:
@@ -109,9 +109,9 @@ def fixes(rows: VehicleTable) -> list[int | None]:
     return [fix if is_known else None for fix, is_known in zip(numbers, known, strict=True)]
 
 
-def _vehicles(rows: VehicleTable) -> list[wire_stream.StatusVehicle]:
+def _vehicles(rows: VehicleTable) -> list[stream_schemas.StatusVehicle]:
     return [
-        wire_stream.StatusVehicle(
+        stream_schemas.StatusVehicle(
             id=name,
             system_id=rows.system_ids[row],
             link=rows.links[row],
@@ -124,15 +124,15 @@ def _vehicles(rows: VehicleTable) -> list[wire_stream.StatusVehicle]:
     ]
 
 
-def _home(place_m: Array | None) -> wire_stream.Home | None:
+def _home(place_m: Array | None) -> stream_schemas.Home | None:
     if place_m is None:
         return None
     x_m, y_m, z_m = place_m.tolist()
-    return wire_stream.Home(x_m=x_m, y_m=y_m, height_m=0.0 - z_m)
+    return stream_schemas.Home(x_m=x_m, y_m=y_m, height_m=0.0 - z_m)
 
 
-def _map(ground: GroundMap) -> wire_stream.Map:
-    return wire_stream.Map(
+def _map(ground: GroundMap) -> stream_schemas.Map:
+    return stream_schemas.Map(
         tiles=ground.tiles,
         attribution=ground.attribution,
         zoom_min=ground.zoom_min,
@@ -140,24 +140,24 @@ def _map(ground: GroundMap) -> wire_stream.Map:
     )
 
 
-def _fence(flight_envelope: FlightEnvelope) -> wire_stream.Fence:
-    return wire_stream.Fence(
+def _fence(flight_envelope: FlightEnvelope) -> stream_schemas.Fence:
+    return stream_schemas.Fence(
         height_min_m=flight_envelope.height_min_m,
         height_max_m=flight_envelope.height_max_m,
         distance_max_m=flight_envelope.distance_max_m,
     )
 
 
-def _separation(flight_envelope: FlightEnvelope) -> wire_stream.Separation:
-    return wire_stream.Separation(
+def _separation(flight_envelope: FlightEnvelope) -> stream_schemas.Separation:
+    return stream_schemas.Separation(
         horizontal_m=flight_envelope.floor_horizontal_m,
         vertical_m=flight_envelope.floor_vertical_m,
         margin_m=flight_envelope.margin_m,
     )
 
 
-def _event(each: LogEvent) -> wire_stream.LogEvent:
-    return wire_stream.LogEvent(
+def _event(each: LogEvent) -> stream_schemas.LogEvent:
+    return stream_schemas.LogEvent(
         number=each.number,
         unix_time_s=each.unix_time_s,
         severity=each.severity,

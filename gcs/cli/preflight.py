@@ -15,7 +15,7 @@ from gcs.cli.remote import add_connection, connected
 from gcs.model.preflight_report import State
 
 if TYPE_CHECKING:
-    from gcs.api.schemas import preflight as wire_preflight
+    from gcs.api.schemas import preflight as preflight_schemas
 
 STYLE: Final = {State.PASS: "green", State.FAIL: "bold red", State.UNKNOWN: "bold yellow"}
 
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if report.passes else REFUSED
 
 
-def board(report: wire_preflight.Preflight, *, everything: bool) -> RenderableType:
+def board(report: preflight_schemas.Preflight, *, everything: bool) -> RenderableType:
     """Checks that fail first of all, and what was not looked at; nobody who stays behind is left out."""
     table = Table(expand=True)
     for name in ("whose", "check", "state", "measured", "limit", "what is wrong, and what to do"):

@@ -27,9 +27,9 @@ from gcs.model.errors import GcsError, UnknownError
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from gcs.api.schemas import rest as wire
+    from gcs.api.schemas import rest as schemas
 else:
-    wire = Deferred("gcs.api.schemas.rest")
+    schemas = Deferred("gcs.api.schemas.rest")
 
 CONFIRM_DOWN: Final = "confirm-down"
 LAND: Final = "land"
@@ -170,7 +170,7 @@ def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int
     }
     with connected(arguments) as client:
         answer = attrgetter(call.method)(client)(**given)
-        if isinstance(answer, wire.Command):
+        if isinstance(answer, schemas.Command):
             return _reported(client, [answer], arguments)
     _print(answer, arguments)
     return 0
@@ -203,7 +203,7 @@ def _commanded(client: Client, action: str, arguments: argparse.Namespace) -> in
 
 
 def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> int:
-    commands: list[wire.Command] = []
+    commands: list[schemas.Command] = []
     errors: list[GcsError] = []
     for name in arguments.vehicles:
         try:
@@ -220,7 +220,7 @@ def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> i
     return (_reported(client, commands, arguments) if commands else 0) or code
 
 
-def _reported(client: Client, commands: Sequence[wire.Command], arguments: argparse.Namespace) -> int:
+def _reported(client: Client, commands: Sequence[schemas.Command], arguments: argparse.Namespace) -> int:
     """Print orders, waited for if that was asked. Returns: the exit code."""
     if arguments.wait is not None:
         commands = [client.wait_for(command.id, arguments.wait) for command in commands]

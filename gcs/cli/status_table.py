@@ -18,7 +18,7 @@ from gcs.cli.alarm_lines import alarm_lines
 from gcs.model.lifecycle import Phase
 
 if TYPE_CHECKING:
-    from gcs.api.schemas import rest as wire
+    from gcs.api.schemas import rest as schemas
 
 OLD_S: Final = 1.0
 POOR_LINK: Final = 0.8
@@ -44,11 +44,11 @@ class Column(NamedTuple):
     """One column: what it shows of a vehicle, and what it is sorted by."""
 
     head: str
-    cell: Callable[[wire.Vehicle], Text]
+    cell: Callable[[schemas.Vehicle], Text]
     is_number: bool = True
 
 
-def _speed_m_s(each: wire.Vehicle) -> float | None:
+def _speed_m_s(each: schemas.Vehicle) -> float | None:
     velocity = each.velocity
     if velocity is None:
         return None
@@ -57,7 +57,7 @@ def _speed_m_s(each: wire.Vehicle) -> float | None:
     return sqrt(sum(part**2 for part in known)) if len(known) == len(parts) else None
 
 
-def _why(each: wire.Vehicle) -> str:
+def _why(each: schemas.Vehicle) -> str:
     """The reason for what is not ordinary; empty where all is as the phase says."""
     if each.restrained_by:
         return each.restrained_by
@@ -94,7 +94,7 @@ SORTED: Final = ("vehicle", "phase", "battery", "link", "age", "height", "speed"
 
 
 def board(
-    fleet: wire.Fleet, width: int, *, columns: Sequence[str] | None = None, sort: str | None = None
+    fleet: schemas.Fleet, width: int, *, columns: Sequence[str] | None = None, sort: str | None = None
 ) -> RenderableType:
     """Everything that an operator looks at, `width` characters wide.
 
@@ -111,9 +111,9 @@ def board(
     return Group(alarms, _head(fleet), Text(), _table(vehicles, chosen, width), *reasons)
 
 
-def _sorted(vehicles: Sequence[wire.Vehicle], by: str | None) -> Sequence[wire.Vehicle]:
+def _sorted(vehicles: Sequence[schemas.Vehicle], by: str | None) -> Sequence[schemas.Vehicle]:
     """What needs a look first stands first: the unknown, the least battery and link, the oldest."""
-    key: dict[str, Callable[[wire.Vehicle], float | str]] = {
+    key: dict[str, Callable[[schemas.Vehicle], float | str]] = {
         "vehicle": lambda each: each.id,
         "phase": lambda each: each.phase,
         "battery": lambda each: -inf if each.battery_remaining is None else each.battery_remaining,
@@ -125,13 +125,13 @@ def _sorted(vehicles: Sequence[wire.Vehicle], by: str | None) -> Sequence[wire.V
     return vehicles if by is None else sorted(vehicles, key=key[by])
 
 
-def _needed(vehicles: Sequence[wire.Vehicle], name: str) -> int:
+def _needed(vehicles: Sequence[schemas.Vehicle], name: str) -> int:
     """Characters that a column takes at least."""
     column = COLUMNS[name]
     return max([len(column.head), *(column.cell(each).cell_len for each in vehicles)])
 
 
-def _fitting(vehicles: Sequence[wire.Vehicle], width: int) -> tuple[str, ...]:
+def _fitting(vehicles: Sequence[schemas.Vehicle], width: int) -> tuple[str, ...]:
     """The columns that there is room for, each as wide as its widest cell."""
     needed = {name: _needed(vehicles, name) for name in COLUMNS}
     chosen = dict.fromkeys(COLUMNS)
@@ -142,7 +142,7 @@ def _fitting(vehicles: Sequence[wire.Vehicle], width: int) -> tuple[str, ...]:
     return tuple(chosen)
 
 
-def _table(vehicles: Sequence[wire.Vehicle], chosen: Sequence[str], width: int) -> RenderableType:
+def _table(vehicles: Sequence[schemas.Vehicle], chosen: Sequence[str], width: int) -> RenderableType:
     table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, width=width if "why" in chosen else None)
     for name in chosen:
         column = COLUMNS[name]
@@ -160,7 +160,7 @@ def _table(vehicles: Sequence[wire.Vehicle], chosen: Sequence[str], width: int) 
     return table
 
 
-def _reasons(vehicles: Sequence[wire.Vehicle]) -> list[RenderableType]:
+def _reasons(vehicles: Sequence[schemas.Vehicle]) -> list[RenderableType]:
     found: dict[str, list[str]] = {}
     for each in vehicles:
         if why := _why(each):
@@ -169,7 +169,7 @@ def _reasons(vehicles: Sequence[wire.Vehicle]) -> list[RenderableType]:
     return [Text(), *lines] if lines else []
 
 
-def _head(fleet: wire.Fleet) -> RenderableType:
+def _head(fleet: schemas.Fleet) -> RenderableType:
     table = Table.grid(padding=(0, 2))
     table.add_column(no_wrap=True)
     table.add_column()
@@ -211,7 +211,7 @@ def _head(fleet: wire.Fleet) -> RenderableType:
     return table
 
 
-def _energy(found: wire.Estimates | None) -> str:
+def _energy(found: schemas.Estimates | None) -> str:
     """Batteries and times in one line; what is not known is left out."""
     if found is None:
         return ""

@@ -33,17 +33,17 @@ if TYPE_CHECKING:
     import pydantic
     from pydantic import BaseModel
 
-    from gcs.api.schemas import alarms as wire_alarms
-    from gcs.api.schemas import kill as wire_kill
-    from gcs.api.schemas import rest as wire
-    from gcs.api.schemas import stream as wire_stream
+    from gcs.api.schemas import alarms as alarm_schemas
+    from gcs.api.schemas import kill as kill_schemas
+    from gcs.api.schemas import rest as schemas
+    from gcs.api.schemas import stream as stream_schemas
     from gcs.api.schemas.recovery import InterruptedFlight
 else:
     pydantic = Deferred("pydantic")
-    wire = Deferred("gcs.api.schemas.rest")
-    wire_alarms = Deferred("gcs.api.schemas.alarms")
-    wire_kill = Deferred("gcs.api.schemas.kill")
-    wire_stream = Deferred("gcs.api.schemas.stream")
+    schemas = Deferred("gcs.api.schemas.rest")
+    alarm_schemas = Deferred("gcs.api.schemas.alarms")
+    kill_schemas = Deferred("gcs.api.schemas.kill")
+    stream_schemas = Deferred("gcs.api.schemas.stream")
 
 M = TypeVar("M", bound="BaseModel")
 
@@ -103,63 +103,63 @@ class Client:
         """Close the connection."""
         self._exchange.close()
 
-    def health(self) -> wire.Health:
+    def health(self) -> schemas.Health:
         """Raises: LinkError, saying why, when control is not alive."""
-        return self.one(lambda: wire.Health, "GET", "/healthz")
+        return self.one(lambda: schemas.Health, "GET", "/healthz")
 
-    def readiness(self) -> wire.Readiness:
+    def readiness(self) -> schemas.Readiness:
         """Raises: LinkError, saying why, when nobody can be ordered anything."""
-        return self.one(lambda: wire.Readiness, "GET", "/readyz")
+        return self.one(lambda: schemas.Readiness, "GET", "/readyz")
 
     def metrics(self) -> str:
         """Every metric, in Prometheus' text format."""
         return self.call("GET", "/metrics").decode()
 
-    def fleet(self) -> wire.Fleet:
+    def fleet(self) -> schemas.Fleet:
         """Everything at one instant."""
-        return self.one(lambda: wire.Fleet, "GET", "/api/v1/fleet")
+        return self.one(lambda: schemas.Fleet, "GET", "/api/v1/fleet")
 
-    def status(self) -> wire_stream.Status:
+    def status(self) -> stream_schemas.Status:
         """What changes seldom: the fence, home places, cues, events and so on."""
-        return self.one(lambda: wire_stream.Status, "GET", "/api/v1/status")
+        return self.one(lambda: stream_schemas.Status, "GET", "/api/v1/status")
 
-    def access(self) -> wire_stream.Access:
+    def access(self) -> stream_schemas.Access:
         """Whose token this is, and what it may do."""
-        return self.one(lambda: wire_stream.Access, "GET", "/api/v1/access")
+        return self.one(lambda: stream_schemas.Access, "GET", "/api/v1/access")
 
-    def vehicles(self) -> list[wire.Vehicle]:
+    def vehicles(self) -> list[schemas.Vehicle]:
         """Every vehicle."""
-        return self.many(lambda: wire.Vehicle, "/api/v1/vehicles")
+        return self.many(lambda: schemas.Vehicle, "/api/v1/vehicles")
 
-    def vehicle(self, vehicle_id: str) -> wire.Vehicle:
+    def vehicle(self, vehicle_id: str) -> schemas.Vehicle:
         """One vehicle."""
-        return self.one(lambda: wire.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
+        return self.one(lambda: schemas.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
 
-    def command(self, vehicle_id: str, action: str) -> wire.Command:
+    def command(self, vehicle_id: str, action: str) -> schemas.Command:
         """Order one vehicle: hold, join, return, land, take-control or confirm-down."""
         path = f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}"
-        return self.one(lambda: wire.Command, "POST", path, urgent=action in URGENT)
+        return self.one(lambda: schemas.Command, "POST", path, urgent=action in URGENT)
 
-    def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> wire.Command:
+    def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> schemas.Command:
         """Order several at once: hold, join, return, land or take-control. None: all that it can apply to.
 
         Those that the order does not reach are in it as `not-included`, with the reason.
         """
         path, body = f"/api/v1/fleet/{_part(action)}", _given(vehicles=vehicles)
-        return self.one(lambda: wire.Command, "POST", path, body or None, urgent=action in URGENT)
+        return self.one(lambda: schemas.Command, "POST", path, body or None, urgent=action in URGENT)
 
-    def arm_kill(self, vehicles: list[str] | None = None) -> wire_kill.KillArmed:
+    def arm_kill(self, vehicles: list[str] | None = None) -> kill_schemas.KillArmed:
         """The first step of a kill: whom the code will kill. None: all that are not offline."""
         body = _given(vehicles=vehicles)
-        return self.one(lambda: wire_kill.KillArmed, "POST", "/api/v1/kill", body or None, urgent=True)
+        return self.one(lambda: kill_schemas.KillArmed, "POST", "/api/v1/kill", body or None, urgent=True)
 
-    def confirm_kill(self, code: str) -> wire.Command:
+    def confirm_kill(self, code: str) -> schemas.Command:
         """The second step: their motors stop, even in the air."""
-        return self.one(lambda: wire.Command, "POST", "/api/v1/kill/confirm", {"code": code}, urgent=True)
+        return self.one(lambda: schemas.Command, "POST", "/api/v1/kill/confirm", {"code": code}, urgent=True)
 
-    def show(self) -> wire.Show:
+    def show(self) -> schemas.Show:
         """Where the show stands."""
-        return self.one(lambda: wire.Show, "GET", "/api/v1/show")
+        return self.one(lambda: schemas.Show, "GET", "/api/v1/show")
 
     def start(
         self,
@@ -167,61 +167,61 @@ class Client:
         *,
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
-    ) -> wire.Command:
+    ) -> schemas.Command:
         """Start with `vehicles`, or with all that are online; a selected show by its hash; now, or later."""
         body = _given(vehicles=vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s)
-        return self.one(lambda: wire.Command, "POST", "/api/v1/show/start", body or None)
+        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/start", body or None)
 
-    def stop(self) -> wire.Command:
+    def stop(self) -> schemas.Command:
         """Everybody comes home and lands."""
-        return self.one(lambda: wire.Command, "POST", "/api/v1/show/stop", urgent=True)
+        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/stop", urgent=True)
 
-    def pause(self) -> wire.Command:
+    def pause(self) -> schemas.Command:
         """Everybody stands still."""
-        return self.one(lambda: wire.Command, "POST", "/api/v1/show/pause", urgent=True)
+        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/pause", urgent=True)
 
-    def resume(self) -> wire.Command:
+    def resume(self) -> schemas.Command:
         """Go on after a pause."""
-        return self.one(lambda: wire.Command, "POST", "/api/v1/show/resume")
+        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/resume")
 
-    def abort(self) -> wire.Command:
+    def abort(self) -> schemas.Command:
         """Everybody descends to distinct places, now."""
-        return self.one(lambda: wire.Command, "POST", "/api/v1/show/abort", urgent=True)
+        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/abort", urgent=True)
 
-    def take_over(self) -> wire.Command:
+    def take_over(self) -> schemas.Command:
         """Go on with a flight that was cut off: into the formation, which stands until `resume`."""
-        return self.one(lambda: wire.Command, "POST", "/api/v1/show/take-over")
+        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/take-over")
 
-    def bring_home(self) -> wire.Command:
+    def bring_home(self) -> schemas.Command:
         """Bring a flight that was cut off home to where it took off."""
-        return self.one(lambda: wire.Command, "POST", "/api/v1/show/bring-home", urgent=True)
+        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/bring-home", urgent=True)
 
     def interrupted(self) -> InterruptedFlight | None:
         """A flight that was cut off and is not settled, and what can be ordered; None: there is none."""
         return self.fleet().interrupted
 
-    def alarms(self) -> wire_alarms.AlarmList:
+    def alarms(self) -> alarm_schemas.AlarmList:
         """What an operator should know now, and the state of the whole."""
-        return self.one(lambda: wire_alarms.AlarmList, "GET", "/api/v1/alarms")
+        return self.one(lambda: alarm_schemas.AlarmList, "GET", "/api/v1/alarms")
 
-    def acknowledge(self, alarm_id: str) -> wire_alarms.Alarm:
+    def acknowledge(self, alarm_id: str) -> alarm_schemas.Alarm:
         """Say that an alarm was seen. Raises: UnknownError, naming those that are listed."""
         path = f"/api/v1/alarms/{_part(alarm_id)}/acknowledge"
-        return self.one(lambda: wire_alarms.Alarm, "POST", path, urgent=True)
+        return self.one(lambda: alarm_schemas.Alarm, "POST", path, urgent=True)
 
-    def acknowledge_all(self) -> list[wire_alarms.Alarm]:
+    def acknowledge_all(self) -> list[alarm_schemas.Alarm]:
         """Acknowledge all alarms; returns those that were not acknowledged before."""
-        return self.many(lambda: wire_alarms.Alarm, "/api/v1/alarms/acknowledge", "POST", urgent=True)
+        return self.many(lambda: alarm_schemas.Alarm, "/api/v1/alarms/acknowledge", "POST", urgent=True)
 
-    def commands(self) -> list[wire.Command]:
+    def commands(self) -> list[schemas.Command]:
         """The last orders, the newest first."""
-        return self.many(lambda: wire.Command, "/api/v1/commands")
+        return self.many(lambda: schemas.Command, "/api/v1/commands")
 
-    def command_record(self, command_id: str) -> wire.Command:
+    def command_record(self, command_id: str) -> schemas.Command:
         """How far an order has got."""
-        return self.one(lambda: wire.Command, "GET", f"/api/v1/commands/{_part(command_id)}")
+        return self.one(lambda: schemas.Command, "GET", f"/api/v1/commands/{_part(command_id)}")
 
-    def wait_for(self, command_id: str, timeout_s: float) -> wire.Command:
+    def wait_for(self, command_id: str, timeout_s: float) -> schemas.Command:
         """The order once it is done or has failed, which its `outcome` says.
 
         Raises: CommandError naming the vehicles that are still at it after `timeout_s`.
@@ -237,27 +237,27 @@ class Client:
                 raise CommandError(f"{command.action} not done after {timeout_s:g} s by {', '.join(pending)}")
             time.sleep(min(ASK_AGAIN_S, left_s))
 
-    def formation(self) -> wire.Formation:
+    def formation(self) -> schemas.Formation:
         """Radius and height, wanted and now."""
-        return self.one(lambda: wire.Formation, "GET", "/api/v1/formation")
+        return self.one(lambda: schemas.Formation, "GET", "/api/v1/formation")
 
     def change_formation(
         self, *, radius_m: float | None = None, height_m: float | None = None
-    ) -> wire.Formation:
+    ) -> schemas.Formation:
         """Change what is given."""
         body = _given(radius_m=radius_m, height_m=height_m)
-        return self.one(lambda: wire.Formation, "PATCH", "/api/v1/formation", body)
+        return self.one(lambda: schemas.Formation, "PATCH", "/api/v1/formation", body)
 
-    def target(self) -> wire.Target:
+    def target(self) -> schemas.Target:
         """Where the target is now."""
-        return self.one(lambda: wire.Target, "GET", "/api/v1/target")
+        return self.one(lambda: schemas.Target, "GET", "/api/v1/target")
 
     def set_target(
         self, x_m: float, y_m: float, *, velocity_x_m_s: float = 0.0, velocity_y_m_s: float = 0.0
-    ) -> wire.Target:
+    ) -> schemas.Target:
         """Say where the target is, in the show frame."""
         body = {"x_m": x_m, "y_m": y_m, "velocity_x_m_s": velocity_x_m_s, "velocity_y_m_s": velocity_y_m_s}
-        return self.one(lambda: wire.Target, "PUT", "/api/v1/target", body)
+        return self.one(lambda: schemas.Target, "PUT", "/api/v1/target", body)
 
     def set_target_geodetic(
         self,
@@ -266,7 +266,7 @@ class Client:
         *,
         velocity_north_m_s: float = 0.0,
         velocity_east_m_s: float = 0.0,
-    ) -> wire.Target:
+    ) -> schemas.Target:
         """Say where the target is, on the globe."""
         body = {
             "latitude_deg": latitude_deg,
@@ -274,11 +274,11 @@ class Client:
             "velocity_north_m_s": velocity_north_m_s,
             "velocity_east_m_s": velocity_east_m_s,
         }
-        return self.one(lambda: wire.Target, "PUT", "/api/v1/target", body)
+        return self.one(lambda: schemas.Target, "PUT", "/api/v1/target", body)
 
-    def orbit(self) -> wire.Orbit:
+    def orbit(self) -> schemas.Orbit:
         """How the formation circles the target."""
-        return self.one(lambda: wire.Orbit, "GET", "/api/v1/orbit")
+        return self.one(lambda: schemas.Orbit, "GET", "/api/v1/orbit")
 
     def change_orbit(
         self,
@@ -286,28 +286,28 @@ class Client:
         radius_m: float | None = None,
         speed_m_s: float | None = None,
         direction: str | None = None,
-    ) -> wire.Orbit:
+    ) -> schemas.Orbit:
         """Change what is given."""
         body = _given(radius_m=radius_m, speed_m_s=speed_m_s, direction=direction)
-        return self.one(lambda: wire.Orbit, "PATCH", "/api/v1/orbit", body)
+        return self.one(lambda: schemas.Orbit, "PATCH", "/api/v1/orbit", body)
 
-    def yaw(self) -> wire.Yaw:
+    def yaw(self) -> schemas.Yaw:
         """Where the vehicles look."""
-        return self.one(lambda: wire.Yaw, "GET", "/api/v1/yaw")
+        return self.one(lambda: schemas.Yaw, "GET", "/api/v1/yaw")
 
-    def change_yaw(self, *, policy: str | None = None, heading_deg: float | None = None) -> wire.Yaw:
+    def change_yaw(self, *, policy: str | None = None, heading_deg: float | None = None) -> schemas.Yaw:
         """Change what is given."""
         return self.one(
-            lambda: wire.Yaw, "PATCH", "/api/v1/yaw", _given(policy=policy, heading_deg=heading_deg)
+            lambda: schemas.Yaw, "PATCH", "/api/v1/yaw", _given(policy=policy, heading_deg=heading_deg)
         )
 
-    def obstacles(self) -> list[wire.Obstacle]:
+    def obstacles(self) -> list[schemas.Obstacle]:
         """Every obstacle."""
-        return self.many(lambda: wire.Obstacle, "/api/v1/obstacles")
+        return self.many(lambda: schemas.Obstacle, "/api/v1/obstacles")
 
-    def obstacle(self, obstacle_id: str) -> wire.Obstacle:
+    def obstacle(self, obstacle_id: str) -> schemas.Obstacle:
         """One obstacle."""
-        return self.one(lambda: wire.Obstacle, "GET", f"/api/v1/obstacles/{_part(obstacle_id)}")
+        return self.one(lambda: schemas.Obstacle, "GET", f"/api/v1/obstacles/{_part(obstacle_id)}")
 
     def add_obstacle(
         self,
@@ -320,11 +320,11 @@ class Client:
         velocity_x_m_s: float = 0.0,
         velocity_y_m_s: float = 0.0,
         obstacle_id: str | None = None,
-    ) -> wire.Obstacle:
+    ) -> schemas.Obstacle:
         """Add a box; without an id it is given one."""
         box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
         body = box | _moving(velocity_x_m_s, velocity_y_m_s) | _given(id=obstacle_id)
-        return self.one(lambda: wire.Obstacle, "POST", "/api/v1/obstacles", body)
+        return self.one(lambda: schemas.Obstacle, "POST", "/api/v1/obstacles", body)
 
     def change_obstacle(
         self,
@@ -337,11 +337,11 @@ class Client:
         height_m: float,
         velocity_x_m_s: float = 0.0,
         velocity_y_m_s: float = 0.0,
-    ) -> wire.Obstacle:
+    ) -> schemas.Obstacle:
         """Replace the box of this id."""
         box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
         body = box | _moving(velocity_x_m_s, velocity_y_m_s)
-        return self.one(lambda: wire.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
+        return self.one(lambda: schemas.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
 
     def remove_obstacle(self, obstacle_id: str) -> None:
         """Forget a box."""

@@ -11,11 +11,11 @@ from gcs.client.deferred import Deferred
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from gcs.api.schemas import preflight as wire_preflight
-    from gcs.api.schemas import rest as wire
+    from gcs.api.schemas import preflight as preflight_schemas
+    from gcs.api.schemas import rest as schemas
 else:
-    wire = Deferred("gcs.api.schemas.rest")
-    wire_preflight = Deferred("gcs.api.schemas.preflight")
+    schemas = Deferred("gcs.api.schemas.rest")
+    preflight_schemas = Deferred("gcs.api.schemas.preflight")
 
 M = TypeVar("M", bound="BaseModel")
 
@@ -36,19 +36,19 @@ class Preflight:
     def __init__(self, caller: Caller) -> None:
         self._caller = caller
 
-    def report(self, vehicles: list[str] | None = None) -> wire_preflight.Preflight:
+    def report(self, vehicles: list[str] | None = None) -> preflight_schemas.Preflight:
         """Every check, for a start of `vehicles` or of all that are online."""
         named = f"?{urlencode([('vehicles', name) for name in vehicles])}" if vehicles else ""
-        return self._caller.one(lambda: wire_preflight.Preflight, "GET", f"/api/v1/preflight{named}")
+        return self._caller.one(lambda: preflight_schemas.Preflight, "GET", f"/api/v1/preflight{named}")
 
-    def exclude(self, vehicle_id: str, *, reason: str | None = None) -> wire.Command:
+    def exclude(self, vehicle_id: str, *, reason: str | None = None) -> schemas.Command:
         """Take a vehicle out of the show, on the ground."""
         body = None if reason is None else {"reason": reason}
-        return self._caller.one(lambda: wire.Command, "POST", f"{_path(vehicle_id)}/exclude", body)
+        return self._caller.one(lambda: schemas.Command, "POST", f"{_path(vehicle_id)}/exclude", body)
 
-    def include(self, vehicle_id: str) -> wire.Command:
+    def include(self, vehicle_id: str) -> schemas.Command:
         """Take it into the show again."""
-        return self._caller.one(lambda: wire.Command, "POST", f"{_path(vehicle_id)}/include")
+        return self._caller.one(lambda: schemas.Command, "POST", f"{_path(vehicle_id)}/include")
 
 
 def _path(vehicle_id: str) -> str:

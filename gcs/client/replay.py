@@ -10,9 +10,9 @@ from gcs.client.deferred import Deferred
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from gcs.api.schemas import replay as wire_replay
+    from gcs.api.schemas import replay as replay_schemas
 else:
-    wire_replay = Deferred("gcs.api.schemas.replay")
+    replay_schemas = Deferred("gcs.api.schemas.replay")
 
 M = TypeVar("M", bound="BaseModel")
 
@@ -35,13 +35,13 @@ class Playback:
     def __init__(self, caller: Caller) -> None:
         self._caller = caller
 
-    def now(self) -> wire_replay.Replay:
+    def now(self) -> replay_schemas.Replay:
         """How the record is played, and where it is."""
-        return self._caller.one(lambda: wire_replay.Replay, "GET", PATH)
+        return self._caller.one(lambda: replay_schemas.Replay, "GET", PATH)
 
-    def marks(self) -> wire_replay.ReplayMarks:
+    def marks(self) -> replay_schemas.ReplayMarks:
         """Phases, cues, events and idle time of the whole record."""
-        return self._caller.one(lambda: wire_replay.ReplayMarks, "GET", f"{PATH}/marks")
+        return self._caller.one(lambda: replay_schemas.ReplayMarks, "GET", f"{PATH}/marks")
 
     def change(
         self,
@@ -50,12 +50,12 @@ class Playback:
         speed: float | None = None,
         position_s: float | None = None,
         skips_idle: bool | None = None,
-    ) -> wire_replay.Replay:
+    ) -> replay_schemas.Replay:
         """Play the record otherwise: what is given changes."""
         given = {"paused": paused, "speed": speed, "position_s": position_s, "skips_idle": skips_idle}
         body = {name: value for name, value in given.items() if value is not None}
-        return self._caller.one(lambda: wire_replay.Replay, "POST", PATH, body)
+        return self._caller.one(lambda: replay_schemas.Replay, "POST", PATH, body)
 
-    def certificate(self) -> wire_replay.Certificate:
+    def certificate(self) -> replay_schemas.Certificate:
         """What the flight kept and broke; the first call begins the judgement: ask again until it is done."""
-        return self._caller.one(lambda: wire_replay.Certificate, "GET", f"{PATH}/certificate")
+        return self._caller.one(lambda: replay_schemas.Certificate, "GET", f"{PATH}/certificate")

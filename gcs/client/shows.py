@@ -14,11 +14,11 @@ from gcs.model.errors import CommandError, InvalidError
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from gcs.api.schemas import rest as wire
-    from gcs.api.schemas import shows as wire_shows
+    from gcs.api.schemas import rest as schemas
+    from gcs.api.schemas import shows as show_schemas
 else:
-    wire = Deferred("gcs.api.schemas.rest")
-    wire_shows = Deferred("gcs.api.schemas.shows")
+    schemas = Deferred("gcs.api.schemas.rest")
+    show_schemas = Deferred("gcs.api.schemas.shows")
 
 M = TypeVar("M", bound="BaseModel")
 
@@ -52,15 +52,15 @@ class Shows:
     def __init__(self, caller: Caller) -> None:
         self._caller = caller
 
-    def stored(self) -> list[wire_shows.StoredShow]:
+    def stored(self) -> list[show_schemas.StoredShow]:
         """Every show file."""
-        return self._caller.many(lambda: wire_shows.StoredShow, "/api/v1/shows")
+        return self._caller.many(lambda: show_schemas.StoredShow, "/api/v1/shows")
 
     def text(self, name: str) -> str:
         """A show file, as it was uploaded."""
-        return self._caller.one(lambda: wire_shows.ShowText, "GET", _path(name)).text
+        return self._caller.one(lambda: show_schemas.ShowText, "GET", _path(name)).text
 
-    def upload(self, name: str, file: Path | str) -> wire_shows.StoredShow:
+    def upload(self, name: str, file: Path | str) -> show_schemas.StoredShow:
         """Keep a show under a name: the file that has it, or its YAML.
 
         Raises: InvalidError where there is no such file.
@@ -69,21 +69,21 @@ class Shows:
             content = file.read_bytes() if isinstance(file, Path) else file.encode()
         except OSError as error:
             raise InvalidError("file", str(file), f"a file to read: {error.strerror or error}") from None
-        return self._caller.one(lambda: wire_shows.StoredShow, "PUT", _path(name), content)
+        return self._caller.one(lambda: show_schemas.StoredShow, "PUT", _path(name), content)
 
     def remove(self, name: str) -> None:
         """Forget a show file."""
         self._caller.call("DELETE", _path(name))
 
-    def check(self, name: str) -> wire_shows.ShowCheck:
+    def check(self, name: str) -> show_schemas.ShowCheck:
         """Begin the check of a show."""
-        return self._caller.one(lambda: wire_shows.ShowCheck, "POST", f"{_path(name)}/check")
+        return self._caller.one(lambda: show_schemas.ShowCheck, "POST", f"{_path(name)}/check")
 
-    def checked(self, name: str) -> wire_shows.ShowCheck:
+    def checked(self, name: str) -> show_schemas.ShowCheck:
         """How far the newest check has got."""
-        return self._caller.one(lambda: wire_shows.ShowCheck, "GET", f"{_path(name)}/check")
+        return self._caller.one(lambda: show_schemas.ShowCheck, "GET", f"{_path(name)}/check")
 
-    def wait_for_check(self, name: str, timeout_s: float) -> wire_shows.ShowCheck:
+    def wait_for_check(self, name: str, timeout_s: float) -> show_schemas.ShowCheck:
         """The check once it is done or has failed. Raises: CommandError after `timeout_s`."""
         deadline_s = time.monotonic() + timeout_s
         while True:
@@ -95,19 +95,19 @@ class Shows:
                 raise CommandError(f"the check of {name} is not done after {timeout_s:g} s")
             time.sleep(min(ASK_AGAIN_S, left_s))
 
-    def select(self, name: str, show_hash: str) -> wire.SelectedShow:
+    def select(self, name: str, show_hash: str) -> schemas.SelectedShow:
         """Have a checked show fly next."""
         return self._caller.one(
-            lambda: wire.SelectedShow, "POST", f"{_path(name)}/select", {"hash": show_hash}
+            lambda: schemas.SelectedShow, "POST", f"{_path(name)}/select", {"hash": show_hash}
         )
 
     def deselect(self) -> None:
         """Fly what is told instead."""
         self._caller.call("POST", "/api/v1/show/deselect")
 
-    def seek(self, cue: str) -> wire.SelectedShow:
+    def seek(self, cue: str) -> schemas.SelectedShow:
         """Have the selected show begin at a cue."""
-        return self._caller.one(lambda: wire.SelectedShow, "POST", "/api/v1/show/seek", {"cue": cue})
+        return self._caller.one(lambda: schemas.SelectedShow, "POST", "/api/v1/show/seek", {"cue": cue})
 
 
 def _path(name: str) -> str:

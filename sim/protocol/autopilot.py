@@ -142,7 +142,7 @@ class Autopilot:
 
     def parameter(self, name: str) -> Message:
         """A PARAM_VALUE."""
-        value = params.to_wire(name, self.parameters[name])
+        value = params.encoded_value(name, self.parameters[name])
         return common.MAVLink_param_value_message(
             name.encode("ascii"), value, params.kind(name), len(self.parameters), params.index(name)
         )
@@ -212,7 +212,7 @@ class Autopilot:
         if name not in self.parameters:
             return
         try:
-            self.parameters.set(name, params.from_wire(name, message.param_type, message.param_value))
+            self.parameters.set(name, params.decoded_value(name, message.param_type, message.param_value))
         except params.ParameterError:
             self.reply(self.parameter(name))
             return

@@ -148,15 +148,15 @@ def name_at(place: int) -> str | None:
     return names[place] if 0 <= place < len(names) else None
 
 
-def to_wire(name: str, value: Value) -> float:
+def encoded_value(name: str, value: Value) -> float:
     """PX4's bytewise encoding: an INT32's four bytes travel in the float field."""
     if kind(name) == REAL32:
         return float(value)
     return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
 
 
-def from_wire(name: str, param_type: int, value: float) -> Value:
-    """Undo to_wire.
+def decoded_value(name: str, param_type: int, value: float) -> Value:
+    """Undo encoded_value.
 
     Raises:
         ParameterError: the sender believes the parameter to be of another type.

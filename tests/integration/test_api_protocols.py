@@ -16,7 +16,7 @@ from gcs.api import server
 from gcs.api.auth.authorization import TELL_BURST, TELL_PER_S, Door
 from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.protocols import CONNECTIONS_MAX, LINES_BURST, LINES_PER_S
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import rest as schemas
 from gcs.service.access import Denied, Role
 
 UPGRADE = "Host: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
@@ -35,11 +35,11 @@ async def asked(port: int, request: str) -> tuple[int, dict[str, str], bytes]:
     return int(lines[0].split()[1]), headers, body
 
 
-def check_shape(headers: dict[str, str], body: bytes) -> wire.ErrorBody:
+def check_shape(headers: dict[str, str], body: bytes) -> schemas.ErrorBody:
     assert headers["content-type"] == "application/json"
     assert headers["x-content-type-options"] == "nosniff"
     assert "frame-ancestors 'none'" in headers["content-security-policy"]
-    return wire.ErrorBody.model_validate(json.loads(body))
+    return schemas.ErrorBody.model_validate(json.loads(body))
 
 
 @pytest.mark.parametrize(

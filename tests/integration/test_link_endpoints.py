@@ -63,14 +63,14 @@ def test_udp_out_speaks_first_and_hears_nobody_else() -> None:
         with a_socket() as vehicle, a_socket() as other:
             place = UdpOut("127.0.0.1", vehicle.getsockname()[1])
             async with bench(1, listen=place) as made:
-                made.wire.send(beat(245))
+                made.router.send(beat(245))
                 async with asyncio.timeout(120):
                     data, ground = await asyncio.get_running_loop().sock_recvfrom(vehicle, 2048)
                 assert data == beat(245)
                 other.sendto(beat(1), ground)
                 vehicle.sendto(beat(1), ground)
                 await until(lambda: made.delivered)
-                made.wire.send(command(1) + beat(245))
+                made.router.send(command(1) + beat(245))
                 assert await arrived(vehicle) == command(1)
                 assert await arrived(vehicle) == beat(245)
                 assert len(made.delivered) == 1
@@ -82,16 +82,16 @@ def test_a_tcp_client_finds_its_server_whenever_it_comes_and_comes_back() -> Non
     async def main() -> None:
         port = free_tcp_port()
         async with bench(1, listen=TcpOut("127.0.0.1", port)) as made:
-            made.wire.send(command(1))
+            made.router.send(command(1))
             await asyncio.sleep(0.1)
             for turn in range(1, 3):
                 with closing(listening(port)) as listener, closing(await accepted(listener)) as vehicle:
                     vehicle.send(beat(1))
-                    await until(lambda: made.wire.address(1) is not None)
+                    await until(lambda: made.router.address(1) is not None)
                     assert len(made.delivered) == turn
-                    made.wire.send(command(1))
+                    made.router.send(command(1))
                     assert await received(vehicle, len(command(1))) == command(1)
-                await until(lambda: made.wire.address(1) is None)
+                await until(lambda: made.router.address(1) is None)
 
     asyncio.run(main())
 
@@ -104,11 +104,11 @@ def test_a_frame_cut_anywhere_is_put_together() -> None:
                 data = b"\x00\xfd" + beat(1) + beat(2) + b"\xfe\x09" + beat(1)
                 for byte in data:
                     vehicle.send(bytes((byte,)))
-                    made.wire.receive()
+                    made.router.receive()
                 vehicle.send(bytes(300))  # what looks like a beginning is one until it cannot be any more
                 await until(lambda: len(made.delivered) == 3)
                 assert [frame.system_id for frame in made.delivered] == [1, 2, 1]
-                assert made.wire.counters.garbage_bytes >= 4
+                assert made.router.counters.garbage_bytes >= 4
 
     asyncio.run(main())
 
@@ -122,15 +122,15 @@ def test_a_tcp_server_serves_several_and_a_vehicle_that_comes_back_from_another_
                 with closing(await connected(port)) as going:
                     going.send(beat(1))
                     await until(lambda: len(made.delivered) == 2)
-                    made.wire.send(command(1) + command(2))
+                    made.router.send(command(1) + command(2))
                     assert await received(going, len(command(1))) == command(1)
                     assert await received(staying, len(command(2))) == command(2)
-                await until(lambda: made.wire.address(1) is None)
+                await until(lambda: made.router.address(1) is None)
                 with closing(await connected(port)) as back:
                     back.send(beat(1))
                     await until(lambda: len(made.delivered) == 3)
-                    assert made.wire.conflicts() == {}
-                    made.wire.send(command(1))
+                    assert made.router.conflicts() == {}
+                    made.router.send(command(1))
                     assert await received(back, len(command(1))) == command(1)
 
     asyncio.run(main())
@@ -156,17 +156,17 @@ def test_who_does_not_read_loses_whole_frames_and_delays_nobody() -> None:
                 made.deadman.refresh([1], time.monotonic() + 60.0)
                 slowest_s = 0.0
                 sent = 0
-                while made.wire.counters.no_room < 1000:
+                while made.router.counters.no_room < 1000:
                     began_s = time.thread_time()
-                    made.wire.send(command(1))
+                    made.router.send(command(1))
                     slowest_s = max(slowest_s, time.thread_time() - began_s)
                     sent += 1
                     assert sent < 1_000_000
-                refused = made.wire.counters.setpoints_sent
-                made.wire.send(setpoint(1))
-                assert made.wire.counters.setpoints_sent == refused, "a setpoint waits behind others"
+                refused = made.router.counters.setpoints_sent
+                made.router.send(setpoint(1))
+                assert made.router.counters.setpoints_sent == refused, "a setpoint waits behind others"
                 assert slowest_s < 0.05
-                whole = sent - made.wire.counters.no_room
+                whole = sent - made.router.counters.no_room
                 data = await received(slow, whole * len(command(1)))
                 assert data == command(1) * whole
 
@@ -228,16 +228,16 @@ def test_a_serial_port_carries_frames_both_ways(tmp_path: Path) -> None:
     async def main() -> None:
         with cable(tmp_path) as line:
             async with bench(1, 2, listen=SerialPort(str(line.path), 57600)) as made:
-                made.wire.send(beat(245))
+                made.router.send(beat(245))
                 assert await stated(line, len(beat(245))) == beat(245)
                 line.write(b"\x13\x11\r\n" + beat(1)[:7])
                 await asyncio.sleep(0.05)
                 line.write(beat(1)[7:] + beat(2))
                 await until(lambda: len(made.delivered) == 2)
-                made.wire.send(command(2))
+                made.router.send(command(2))
                 assert await stated(line, len(command(2))) == command(2)
-                assert made.wire.counters.garbage_bytes == 4
-                assert str(made.wire.address(1)) == str(line.path)
+                assert made.router.counters.garbage_bytes == 4
+                assert str(made.router.address(1)) == str(line.path)
 
     asyncio.run(main())
 
@@ -249,14 +249,14 @@ def test_a_serial_port_that_is_pulled_out_and_put_back_is_found(tmp_path: Path) 
                 line.write(beat(1))
                 await until(lambda: made.delivered)
                 line.pull()
-                await until(lambda: made.wire.address(1) is None)
-                made.wire.send(command(1) + beat(245))
+                await until(lambda: made.router.address(1) is None)
+                made.router.send(command(1) + beat(245))
                 line.plug()
                 async with asyncio.timeout(120):
                     while len(made.delivered) < 2:
                         line.write(beat(1))
                         await asyncio.sleep(0.1)
-                made.wire.send(command(1))
+                made.router.send(command(1))
                 assert await stated(line, len(command(1))) == command(1)
 
     asyncio.run(main())

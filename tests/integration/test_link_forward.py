@@ -45,8 +45,8 @@ def test_a_station_that_only_reads_sees_the_vehicles_and_says_nothing() -> None:
                 station.sendto(arm(1), ground)
                 await asyncio.sleep(0.1)
                 assert is_empty(vehicle)
-                assert made.wire.counters.forwarded == 3
-                assert made.wire.counters.taken_from_others == 0
+                assert made.router.counters.forwarded == 3
+                assert made.router.counters.taken_from_others == 0
 
     asyncio.run(main())
 
@@ -63,9 +63,9 @@ def test_a_station_that_may_answer_reaches_the_vehicle_it_targets_and_no_other_w
                 intruder.sendto(arm(1), ground)
                 station.sendto(arm(1), ground)
                 assert await arrived(vehicle) == arm(1)
-                await until(lambda: made.wire.counters.refused_from_others == 7)
+                await until(lambda: made.router.counters.refused_from_others == 7)
                 assert is_empty(vehicle)
-                assert made.wire.counters.taken_from_others == 1
+                assert made.router.counters.taken_from_others == 1
 
     asyncio.run(main())
 
@@ -77,8 +77,8 @@ def test_the_kill_latch_holds_for_other_stations_too() -> None:
                 ground = await introduced(made, vehicle, station)
                 made.latch.shut(1)
                 station.sendto(arm(1), ground)
-                await until(lambda: made.wire.counters.refused_from_others == 1)
-                assert made.wire.counters.commands_dropped == 1
+                await until(lambda: made.router.counters.refused_from_others == 1)
+                assert made.router.counters.commands_dropped == 1
                 assert is_empty(vehicle)
 
     asyncio.run(main())
@@ -94,9 +94,9 @@ def test_a_dead_station_delays_nobody() -> None:
                     vehicle.sendto(beat(1), ("127.0.0.1", made.port))
                     await asyncio.sleep(0.001)
                 await until(lambda: len(made.delivered) == 200)
-                made.wire.send(command(1))
+                made.router.send(command(1))
                 assert await arrived(vehicle) == command(1)
-                counters = made.wire.counters
+                counters = made.router.counters
                 assert counters.forwarded + counters.not_forwarded == 200
 
     asyncio.run(main())
@@ -112,7 +112,7 @@ def test_a_station_that_shouts_is_received_a_little_at_a_time() -> None:
                 for _ in range(100):
                     station.sendto(b"\xfe" * 60000, ground)
                 began_s = time.thread_time()
-                made.wire.receive()
+                made.router.receive()
                 assert time.thread_time() - began_s < 0.5
 
     asyncio.run(main())

@@ -55,8 +55,10 @@ def mutated(source: random.Random, pool: Sequence[bytes]) -> bytes:
 
 
 def state_size(made: Bench) -> int:
-    wire = made.wire
-    return len(wire._strangers) + len(wire._refused) + len(wire._failing) + len(wire._roster._addresses)
+    router = made.router
+    return (
+        len(router._strangers) + len(router._refused) + len(router._failing) + len(router._roster._addresses)
+    )
 
 
 def read_away(sender: socket.socket) -> None:
@@ -82,11 +84,11 @@ def a_million_bytes() -> list[bytes]:
 async def feed(made: Bench, sender: socket.socket, parts: Sequence[bytes]) -> None:
     for data in parts:
         sender.sendall(data)
-        made.wire.receive()
+        made.router.receive()
         made.delivered.clear()
         read_away(sender)
-        made.wire.send(data)  # and what comes from our own side may be anything too
-    await until(lambda: made.wire.counters.garbage_bytes > 10_000)
+        made.router.send(data)  # and what comes from our own side may be anything too
+    await until(lambda: made.router.counters.garbage_bytes > 10_000)
     assert state_size(made) < 1000
 
 
@@ -107,7 +109,7 @@ def test_a_million_mutated_bytes_do_no_harm(kind: str) -> None:
             family = socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM
             with closing(socket.socket(socket.AF_INET, family)) as sender:
                 sender.connect(("127.0.0.1", port))
-                made.wire.receive()
+                made.router.receive()
                 parts = a_million_bytes()
                 tracemalloc.start()
                 try:

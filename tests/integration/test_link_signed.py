@@ -69,16 +69,16 @@ def test_only_what_is_signed_is_taken_and_each_refusal_is_stated_once(
                     bytes(radio.pack(dialect.MAVLink(None, srcSystem=1, srcComponent=68))),
                 ):
                     vehicle.sendto(data, ground)
-                await until(lambda: made.wire.counters.strangers == 1)
+                await until(lambda: made.router.counters.strangers == 1)
                 await asyncio.sleep(0.05)
-                counters = made.wire.counters
+                counters = made.router.counters
                 assert [frame.raw for frame in made.delivered] == [good]
                 assert (counters.unsigned, counters.wrongly_signed, counters.replayed) == (3, 1, 1)
-                made.wire.send(command(1))
+                made.router.send(command(1))
                 receiver = a_packer(255)
                 (message,) = receiver.parse_buffer(await arrived(vehicle))
                 assert message.get_signed()
-                made.wire.send_kill(command(1))
+                made.router.send_kill(command(1))
                 (message,) = receiver.parse_buffer(await arrived(vehicle))
                 assert message.get_signed()
         causes = [vars(each)["cause"] for each in caplog.records if each.msg == "signature_refused"]
@@ -99,7 +99,7 @@ def test_another_station_must_sign_too(signing: Signing) -> None:
                     _, address = await asyncio.get_running_loop().sock_recvfrom(station, 2048)
                 ground = ("127.0.0.1", address[1])
                 station.sendto(command(1), ground)
-                await until(lambda: made.wire.counters.refused_from_others == 1)
+                await until(lambda: made.router.counters.refused_from_others == 1)
                 other = a_packer(255)
                 other.signing.timestamp = signing._signer.time
                 given = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)

@@ -18,7 +18,7 @@ from wire_bench import (
     setpoint,
 )
 
-from gcs.links.framed.router import Direction, Listen, Wire
+from gcs.links.framed.router import Direction, Listen, Router
 from gcs.links.kill_latch import KillLatch
 from gcs.links.setpoint_watchdog import Deadman
 from gcs.model.errors import LinkError
@@ -32,10 +32,10 @@ def test_a_frame_goes_to_its_target_only_and_one_for_everybody_to_all() -> None:
                 one.sendto(beat(1), ("127.0.0.1", made.port))
                 two.sendto(beat(2), ("127.0.0.1", made.port + 1))
                 await until(lambda: len(made.delivered) == 2)
-                made.wire.send(command(2) + command(1))
+                made.router.send(command(2) + command(1))
                 assert await arrived(two) == command(2)
                 assert await arrived(one) == command(1)
-                made.wire.send(beat(245))
+                made.router.send(beat(245))
                 assert await arrived(one) == await arrived(two) == beat(245)
                 assert is_empty(one)
                 assert is_empty(two)
@@ -53,7 +53,7 @@ def test_who_floods_its_port_keeps_neither_the_loop_nor_the_others_waiting() -> 
 
     delivered: list[int] = []
     port = free_ports(2)
-    wire = Wire(
+    router = Router(
         name="bench",
         system_ids=(1, 2),
         listen=Listen("127.0.0.1", port, 2),
@@ -62,16 +62,16 @@ def test_who_floods_its_port_keeps_neither_the_loop_nor_the_others_waiting() -> 
         clock=slow_clock,
         deliver=lambda frame: delivered.append(frame.system_id),
     )
-    wire.open()
-    with closing(wire), a_socket() as flood, a_socket() as other:
+    router.open()
+    with closing(router), a_socket() as flood, a_socket() as other:
         for _ in range(200):
             flood.sendto(beat(1), ("127.0.0.1", port))
         other.sendto(beat(2), ("127.0.0.1", port + 1))
-        wire.receive()
+        router.receive()
         assert delivered.count(2) == 1
         assert 1 <= delivered.count(1) <= 12, "half of 20 ms"
         for _ in range(40):
-            wire.receive()
+            router.receive()
         assert delivered.count(1) == 200, "nothing is lost"
 
 
@@ -81,10 +81,10 @@ def test_many_vehicles_behind_one_router_get_one_copy_of_what_is_for_everybody()
             with a_socket() as router:
                 router.sendto(beat(1) + beat(2), ("127.0.0.1", made.port))
                 await until(lambda: len(made.delivered) == 2)
-                made.wire.send(beat(245) + command(2) + command(3))
+                made.router.send(beat(245) + command(2) + command(3))
                 assert [await arrived(router), await arrived(router)] == [beat(245), command(2)]
                 assert is_empty(router)
-                assert made.wire.counters.unroutable == 1
+                assert made.router.counters.unroutable == 1
 
     asyncio.run(main())
 
@@ -95,17 +95,17 @@ def test_a_setpoint_leaves_only_with_permission_and_never_to_everybody() -> None
             with a_socket() as one:
                 one.sendto(beat(1) + beat(2), ("127.0.0.1", made.port))
                 await until(lambda: len(made.delivered) == 2)
-                made.wire.send(setpoint(1))
+                made.router.send(setpoint(1))
                 made.deadman.refresh([1], time.monotonic() + 60.0)  # it does not expire before it is tried
-                made.wire.send(setpoint(1) + setpoint(2) + setpoint(0))
+                made.router.send(setpoint(1) + setpoint(2) + setpoint(0))
                 assert await arrived(one) == setpoint(1)
                 made.deadman.refresh([1], time.monotonic() - 0.201)
-                made.wire.send(setpoint(1))
+                made.router.send(setpoint(1))
                 assert is_empty(one)
-                counters = made.wire.counters
+                counters = made.router.counters
                 assert (counters.setpoints_sent, counters.setpoints_dropped) == (1, 4)
-                assert len(made.wire.setpoint_times_s(1)) == 1
-                assert made.wire.setpoint_times_s(2) == ()
+                assert len(made.router.setpoint_times_s(1)) == 1
+                assert made.router.setpoint_times_s(2) == ()
 
     asyncio.run(main())
 
@@ -120,11 +120,11 @@ def test_a_duplicate_system_id_is_dropped_and_both_addresses_are_named(
                 await until(lambda: made.delivered)
                 for _ in range(5):
                     other.sendto(beat(3), ("127.0.0.1", made.port))
-                await until(lambda: made.wire.counters.duplicates == 5)
+                await until(lambda: made.router.counters.duplicates == 5)
                 text = f"system id 3 at {address_of(one)} and at {address_of(other)}"
-                assert made.wire.conflicts() == {3: text}
+                assert made.router.conflicts() == {3: text}
                 assert len(made.delivered) == 1
-                made.wire.send(command(3))
+                made.router.send(command(3))
                 assert await arrived(one) == command(3)
                 assert is_empty(other)
                 assert [
@@ -152,9 +152,9 @@ def test_strangers_and_garbage_are_counted_and_change_nothing(caplog: pytest.Log
                 sender.sendto(beat(1), ("127.0.0.1", made.port))
                 await until(lambda: made.delivered)
                 assert [frame.system_id for frame in made.delivered] == [1]
-                assert made.wire.counters.strangers == 3
-                assert made.wire.counters.garbage_bytes == 1 + 300 + len(beat(1)) - 1
-                assert made.wire.telemetry[1].mode is Mode.OFFBOARD
+                assert made.router.counters.strangers == 3
+                assert made.router.counters.garbage_bytes == 1 + 300 + len(beat(1)) - 1
+                assert made.router.telemetry[1].mode is Mode.OFFBOARD
                 assert sum(record.msg == "stranger_ignored" for record in caplog.records) == 2
 
     with caplog.at_level("INFO", logger="gcs.links.framed.router"):
@@ -167,7 +167,7 @@ def test_a_port_in_use_is_named_and_no_other_stays_open() -> None:
         with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as taken:
             taken.bind(("127.0.0.1", port + 1))
             with pytest.raises(LinkError, match=f"UDP port {port + 1} on 127.0.0.1"):
-                Bench(Listen("127.0.0.1", port, 2), (1,)).wire.open()
+                Bench(Listen("127.0.0.1", port, 2), (1,)).router.open()
         with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as free:
             free.bind(("127.0.0.1", port))
 
@@ -178,7 +178,7 @@ def test_a_port_in_use_is_named_and_no_other_stays_open() -> None:
 def test_an_address_that_cannot_be_is_a_link_error(listen: Listen) -> None:
     async def main() -> None:
         with pytest.raises(LinkError, match="UDP port"):
-            Bench(listen, (1,)).wire.open()
+            Bench(listen, (1,)).router.open()
 
     asyncio.run(main())
 
@@ -192,7 +192,7 @@ def test_a_vehicle_whose_port_is_closed_does_not_disturb_the_others() -> None:
                     living.sendto(beat(2), ("127.0.0.1", made.port))
                     await until(lambda: len(made.delivered) == 2)
                 for _ in range(3):
-                    made.wire.send(command(1) + command(2))
+                    made.router.send(command(1) + command(2))
                     assert await arrived(living) == command(2)
                 living.sendto(beat(2), ("127.0.0.1", made.port))
                 await until(lambda: len(made.delivered) == 3)
@@ -204,11 +204,13 @@ def test_observers_see_every_frame_that_passed_and_no_other() -> None:
     async def main() -> None:
         async with bench(1) as made:
             seen: list[tuple[Direction, bytes, int]] = []
-            made.wire.observers = (lambda _time_s, way, data, system_id: seen.append((way, data, system_id)),)
+            made.router.observers = (
+                lambda _time_s, way, data, system_id: seen.append((way, data, system_id)),
+            )
             with a_socket() as one:
                 one.sendto(beat(1) + beat(9), ("127.0.0.1", made.port))
                 await until(lambda: made.delivered)
-                made.wire.send(setpoint(1) + command(1))
+                made.router.send(setpoint(1) + command(1))
             assert seen == [(Direction.RECEIVED, beat(1), 1), (Direction.SENT, command(1), 1)]
 
     asyncio.run(main())
@@ -224,7 +226,7 @@ def test_what_waited_in_the_socket_is_as_old_as_it_is() -> None:
                 time.sleep(0.2)  # noqa: ASYNC251  a stalled loop is the subject
                 await until(lambda: made.delivered)
                 # older where the machine pauses between two clocks
-                assert before_s - 1.0 < made.wire.telemetry[1].heartbeat_time_s < after_s + 0.05
+                assert before_s - 1.0 < made.router.telemetry[1].heartbeat_time_s < after_s + 0.05
 
     asyncio.run(main())
 
@@ -235,8 +237,8 @@ def test_a_closed_wire_sends_nothing_and_says_nothing() -> None:
             with a_socket() as one:
                 one.sendto(beat(1), ("127.0.0.1", made.port))
                 await until(lambda: made.delivered)
-                made.wire.close()
-                made.wire.send(command(1))
+                made.router.close()
+                made.router.send(command(1))
                 assert is_empty(one)
 
     asyncio.run(main())

@@ -10,7 +10,7 @@ import numpy as np
 from sitl_service import Service, ServiceError
 from sitl_simulators import Simulators
 
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import rest as schemas
 from gcs.cli.demo_report import Commanded
 from gcs.client import Client
 from gcs.model.errors import GcsError, RefusedError
@@ -237,7 +237,7 @@ class SitlFlight:
         self.account.steady[name] = (begin_s, time.monotonic())
         self._say(f"steady: {name}")
 
-    def _accept(self, name: str, command: Callable[[], wire.Command]) -> None:
+    def _accept(self, name: str, command: Callable[[], schemas.Command]) -> None:
         """Send a command; note a refusal, which the verdict counts."""
         try:
             command()
@@ -278,7 +278,7 @@ class SitlFlight:
             except GcsError:
                 continue
 
-    def _sample(self, fleet: wire.Fleet) -> None:
+    def _sample(self, fleet: schemas.Fleet) -> None:
         if fleet.center is None or fleet.formation.radius_now_m is None:
             return  # no formation flies
         at, radius_m = fleet.center.position, fleet.formation.radius_now_m

@@ -5,7 +5,7 @@ from typing import Any
 from api_fake_service import FakeService
 from api_harness import Api
 
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import rest as schemas
 from gcs.model.state import Mode
 
 PILOT = "its pilot flies it in POSCTL since 12:04:31"
@@ -27,7 +27,7 @@ NOT_ORDINARY: dict[str, dict[str, Any]] = {
 }
 
 
-def example_fleet(count: int = 20, name: str = "d{}") -> wire.Fleet:
+def example_fleet(count: int = 20, name: str = "d{}") -> schemas.Fleet:
     """The state, as `GET /api/v1/fleet` answers it."""
     service = FakeService(count)
     service.fly()
@@ -68,4 +68,4 @@ def example_fleet(count: int = 20, name: str = "d{}") -> wire.Fleet:
             "command_id": None,
         }
     ]
-    return wire.Fleet.model_validate(answered)
+    return schemas.Fleet.model_validate(answered)

@@ -11,7 +11,7 @@ from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.endpoints import Listen, Place
-from gcs.links.framed.router import Wire
+from gcs.links.framed.router import Router
 from gcs.links.kill_latch import KillLatch
 from gcs.links.setpoint_watchdog import Deadman
 from gcs.links.settings import Forward
@@ -35,7 +35,7 @@ class Bench:
         self.deadman = Deadman(0.2)
         self.delivered: list[Frame] = []
         self.latch = KillLatch(system_ids)
-        self.wire = Wire(
+        self.router = Router(
             name="bench",
             system_ids=system_ids,
             listen=listen,
@@ -49,7 +49,7 @@ class Bench:
 
     async def receive(self) -> None:
         while True:
-            self.wire.receive()
+            self.router.receive()
             await asyncio.sleep(0.002)
 
 
@@ -64,13 +64,13 @@ async def bench(
     """A wire that runs; on free UDP ports unless told otherwise."""
     place = listen or Listen("127.0.0.1", free_ports(port_count), port_count)
     made = Bench(place, system_ids, signing, forward)
-    made.wire.open()
+    made.router.open()
     receiving = asyncio.create_task(made.receive())
     try:
         yield made
     finally:
         receiving.cancel()
-        made.wire.close()
+        made.router.close()
 
 
 def a_socket() -> closing[socket.socket]:

@@ -20,7 +20,7 @@ from gcs.links.base import LinkFacts
 from gcs.links.command_protocol import CommandProtocol
 from gcs.links.counters import Observer
 from gcs.links.endpoints import Place
-from gcs.links.framed.router import Wire
+from gcs.links.framed.router import Router
 from gcs.links.framed.stream_requests import is_answer, keep_asking
 from gcs.links.kill_latch import KillLatch
 from gcs.links.link import Command, ParameterValue, Verb
@@ -99,7 +99,7 @@ class MavsdkLink(LinkFacts):
         self._pulse = Pulse(heartbeat_hold_s)
         self._latch = KillLatch(vehicles.values())
         self._source = station_id(vehicles.values()), COMPONENT_ID
-        self._wire = Wire(
+        self._router = Router(
             name=name,
             system_ids=vehicles.values(),
             listen=listen,
@@ -114,12 +114,12 @@ class MavsdkLink(LinkFacts):
             forward=forward,
         )
         self._rates_hz = dict(rates_hz or {})
-        recorder = None if record is None else Recorder(record, name, self._wire.counters, clock)
-        super().__init__(name, vehicles, self._wire, self._wire.counters, recorder)
+        recorder = None if record is None else Recorder(record, name, self._router.counters, clock)
+        super().__init__(name, vehicles, self._router, self._router.counters, recorder)
         self._signing = signing
         self._system_ids = tuple(vehicles.values())
         self._id_of = {system_id: vehicle_id for vehicle_id, system_id in vehicles.items()}
-        self._telemetry = tuple(self._wire.telemetry[system_id] for system_id in vehicles.values())
+        self._telemetry = tuple(self._router.telemetry[system_id] for system_id in vehicles.values())
         self._fleet: MavsdkShards | None = None
         self._protocol: CommandProtocol | None = None
         self._workers: Workers | None = None
@@ -133,22 +133,22 @@ class MavsdkLink(LinkFacts):
 
     def observe(self, observer: Observer) -> Callable[[], None]:
         """Show every frame to `observer` from now on; call the result to stop. See `Observer`."""
-        wire = self._wire
-        wire.observers = (*wire.observers, observer)
+        router = self._router
+        router.observers = (*router.observers, observer)
 
         def stop() -> None:
-            wire.observers = tuple(other for other in wire.observers if other is not observer)
+            router.observers = tuple(other for other in router.observers if other is not observer)
 
         return stop
 
     def setpoint_times_s(self, vehicle_id: VehicleId) -> tuple[float, ...]:
         """When the latest setpoints to this vehicle left our socket, oldest first; bounded."""
-        return self._wire.setpoint_times_s(self._vehicles[vehicle_id])
+        return self._router.setpoint_times_s(self._vehicles[vehicle_id])
 
     async def run(self) -> None:
         """Move bytes until cancelled. Raises: LinkError naming the port that cannot be had."""
-        wire = self._wire
-        wire.open()
+        router = self._router
+        router.open()
         self._pulse.beat(self._clock())  # time to begin
         fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0])
         protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
@@ -163,7 +163,7 @@ class MavsdkLink(LinkFacts):
                 group.create_task(self._pass_on_behind_ticks(fleet), name=f"link/{self._name}/pass on")
                 group.create_task(self._discover(fleet), name=f"link/{self._name}/discover")
                 asking = keep_asking(
-                    wire.telemetry, self._rates_hz, self._source[0], self._is_met, wire.send, self._clock
+                    router.telemetry, self._rates_hz, self._source[0], self._is_met, router.send, self._clock
                 )
                 group.create_task(asking, name=f"link/{self._name}/ask")
         finally:
@@ -250,7 +250,7 @@ class MavsdkLink(LinkFacts):
         self._deadman.refresh(agreed, since_s)
         self._ticked.set()
         if self._fleet is not None:
-            self._fleet.pass_on(self._wire)
+            self._fleet.pass_on(self._router)
 
     async def execute(self, command: Command) -> None:
         """Order, and return when the vehicle is seen to obey. See `Link.execute`.
@@ -258,7 +258,7 @@ class MavsdkLink(LinkFacts):
         Raises: UnknownError for a vehicle of another link; CommandError.
         """
         protocol, system_id = self._protocol_for(command.vehicle_id, f"{command.verb} impossible")
-        telemetry = self._wire.telemetry[system_id]
+        telemetry = self._router.telemetry[system_id]
         if command.verb is Verb.KILL:
             await protocol.kill(command, telemetry, lambda: self._send_kill(system_id))
             return
@@ -295,11 +295,11 @@ class MavsdkLink(LinkFacts):
         vehicle = self._met.get(self._vehicles[vehicle_id])
         if vehicle is None or self._workers is None:
             raise CommandError(f"{vehicle_id}: {otherwise}: never heard on link {self._name}")
-        return self._workers.channel(vehicle_id, vehicle, self._wire.telemetry[self._vehicles[vehicle_id]])
+        return self._workers.channel(vehicle_id, vehicle, self._router.telemetry[self._vehicles[vehicle_id]])
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
         """Whether it has a sign of life and a known mode."""
-        telemetry = self._wire.telemetry[system_id]
+        telemetry = self._router.telemetry[system_id]
         return now_s - telemetry.life_time_s <= SILENT_AFTER_S and telemetry.mode is not Mode.UNKNOWN
 
     def _is_met(self, system_id: int) -> bool:
@@ -311,7 +311,7 @@ class MavsdkLink(LinkFacts):
         if self._fleet is None or frame.message_id in NOT_FOR_MAVSDK:
             return  # it has been counted as an arrival, and observers see it
         if frame.message_id == GLOBAL_POSITION_INT:
-            now_s = self._wire.telemetry[frame.system_id].position_time_s
+            now_s = self._router.telemetry[frame.system_id].position_time_s
             if now_s - self._passed_s[frame.system_id] < _POSITION_PERIOD_S:
                 return
             self._passed_s[frame.system_id] = now_s
@@ -326,13 +326,13 @@ class MavsdkLink(LinkFacts):
             source_component=self._source[1],
         )
         self._kills += 1
-        self._wire.send_kill(frame)
+        self._router.send_kill(frame)
 
     def _take_in(self) -> None:
-        self._wire.receive()
+        self._router.receive()
         if self._fleet is not None:
             self._fleet.flush()
-            self._fleet.pass_on(self._wire)
+            self._fleet.pass_on(self._router)
 
     async def _pass_on_behind_ticks(self, fleet: MavsdkShards) -> None:
         """MAVSDK's threads write a moment after they are told."""
@@ -340,9 +340,9 @@ class MavsdkLink(LinkFacts):
             await self._ticked.wait()
             self._ticked.clear()
             for wait_s in _BEHIND_TICK_S:
-                fleet.pass_on(self._wire)
+                fleet.pass_on(self._router)
                 await asyncio.sleep(wait_s)
-            fleet.pass_on(self._wire)
+            fleet.pass_on(self._router)
 
     async def _receive(self, protocol: CommandProtocol) -> None:
         while True:
@@ -377,4 +377,4 @@ class MavsdkLink(LinkFacts):
         try:
             await asyncio.to_thread(end)
         finally:
-            self._wire.close()
+            self._router.close()

@@ -36,7 +36,7 @@ from gcs.mavlink.framing import (
 from gcs.mavlink.signing import Judgement
 from gcs.model.errors import LinkError
 
-__all__ = ["Counters", "Direction", "Listen", "Observer", "Wire"]
+__all__ = ["Counters", "Direction", "Listen", "Observer", "Router"]
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ the ports that have something, and what is left then waits for the next turn, wi
 On garbage a port may spend `_GARBAGE_S`: who jams one that is shared must not silence the others."""
 
 
-class Wire:
+class Router:
     """Sockets and ports, routing by system id, arrival times, the deadman, and a record of what left.
 
     Attributes:

@@ -87,8 +87,8 @@ def test_all_parameters_are_listed_bytewise() -> None:
 
 def set_parameter(bench: Bench, name: str, value: float, kind: int) -> list[Any]:
     before = bench.count("PARAM_VALUE")
-    wire = struct.unpack("<f", struct.pack("<i", int(value)))[0] if kind == INT32 else value
-    bench.send(common.MAVLink_param_set_message(1, 1, name.encode(), wire, kind))
+    schemas = struct.unpack("<f", struct.pack("<i", int(value)))[0] if kind == INT32 else value
+    bench.send(common.MAVLink_param_set_message(1, 1, name.encode(), schemas, kind))
     return bench.run(0.1).all("PARAM_VALUE")[before:]
 
 

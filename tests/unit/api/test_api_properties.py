@@ -6,18 +6,18 @@ from api_harness import Api
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import rest as schemas
 
 NAMES = st.sampled_from(
     sorted(
         {
-            *wire.FormationChange.model_fields,
-            *wire.OrbitChange.model_fields,
-            *wire.YawChange.model_fields,
-            *wire.ShowTarget.model_fields,
-            *wire.GeodeticTarget.model_fields,
-            *wire.ObstaclePost.model_fields,
-            *wire.StartBody.model_fields,
+            *schemas.FormationChange.model_fields,
+            *schemas.OrbitChange.model_fields,
+            *schemas.YawChange.model_fields,
+            *schemas.ShowTarget.model_fields,
+            *schemas.GeodeticTarget.model_fields,
+            *schemas.ObstaclePost.model_fields,
+            *schemas.StartBody.model_fields,
             "hash",
             "cue",
             "\ud800",

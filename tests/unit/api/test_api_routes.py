@@ -7,7 +7,7 @@ from api_harness import Api
 from rich.console import Console
 
 from gcs.api.schemas import from_service as convert
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import rest as schemas
 from gcs.cli.status_table import board
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Direction, YawPolicy
@@ -56,7 +56,7 @@ def test_gcs_status_shows_the_alarms_on_top(capsys: pytest.CaptureFixture[str]) 
     because, follows = "battery at 15%, below 20%", "It comes home."
     service.conditions = (Condition(AlarmCause.LOW_BATTERY, because, ("d2",), follows, command_id="o3"),)
     service.tick()
-    fleet = wire.Fleet.model_validate(Api(service)("GET", "/api/v1/fleet").json())
+    fleet = schemas.Fleet.model_validate(Api(service)("GET", "/api/v1/fleet").json())
     Console(width=80).print(board(fleet, 80))
     reported = capsys.readouterr().out.splitlines()
     assert reported[0].split() == ["WARNING", "1", "alarm,", "1", "not", "acknowledged"]

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 from status_example import NOT_ORDINARY, PILOT, example_fleet
 
-from gcs.api.schemas import rest as wire
+from gcs.api.schemas import rest as schemas
 from gcs.cli.status import _columns
 from gcs.cli.status_table import COLUMNS, SORTED, board
 
@@ -14,18 +14,18 @@ HEAD = "vehicle phase mode height m speed m/s battery link age s"
 
 
 @pytest.fixture(scope="module")
-def fleet() -> wire.Fleet:
+def fleet() -> schemas.Fleet:
     return example_fleet()
 
 
-def lines(fleet: wire.Fleet, width: int, **options: object) -> list[str]:
+def lines(fleet: schemas.Fleet, width: int, **options: object) -> list[str]:
     console = Console(width=width, color_system=None)
     with console.capture() as shown:
         console.print(board(fleet, width, **options))  # type: ignore[arg-type]
     return [line.rstrip() for line in shown.get().splitlines()]
 
 
-def table(fleet: wire.Fleet, width: int, **options: object) -> list[str]:
+def table(fleet: schemas.Fleet, width: int, **options: object) -> list[str]:
     """The lines of the table: its head, and one for each vehicle."""
     shown = lines(fleet, width, **options)
     first = next(index for index, line in enumerate(shown) if line.split()[:2] == ["vehicle", "phase"])
@@ -33,14 +33,14 @@ def table(fleet: wire.Fleet, width: int, **options: object) -> list[str]:
 
 
 @pytest.mark.parametrize("width", [60, 80, 100, 120, 200])
-def test_each_vehicle_has_one_line_with_its_phase_and_mode_whole(fleet: wire.Fleet, width: int) -> None:
+def test_each_vehicle_has_one_line_with_its_phase_and_mode_whole(fleet: schemas.Fleet, width: int) -> None:
     rows = table(fleet, width)[1:]
     for vehicle, row in zip(fleet.vehicles, rows, strict=True):
         assert row.split()[:3] == [vehicle.id, vehicle.phase, vehicle.mode.name.lower()]
     assert all(len(line) <= width for line in lines(fleet, width))
 
 
-def test_eighty_columns_have_every_figure_and_reasons_stand_below(fleet: wire.Fleet) -> None:
+def test_eighty_columns_have_every_figure_and_reasons_stand_below(fleet: schemas.Fleet) -> None:
     shown = "\n".join(lines(fleet, 80))
     assert table(fleet, 80)[0].split() == [
         "vehicle",
@@ -61,7 +61,9 @@ def test_eighty_columns_have_every_figure_and_reasons_stand_below(fleet: wire.Fl
     assert len(lines(fleet, 80)) <= 12 + len(fleet.vehicles) + 2 * len(NOT_ORDINARY)
 
 
-def test_with_room_the_reason_is_the_last_column_and_only_for_what_is_not_ordinary(fleet: wire.Fleet) -> None:
+def test_with_room_the_reason_is_the_last_column_and_only_for_what_is_not_ordinary(
+    fleet: schemas.Fleet,
+) -> None:
     rows = {row.split()[0]: row for row in table(fleet, 120)}
     assert rows["vehicle"].split()[-1] == "why"
     assert rows["d11"].endswith("separation from d12")
@@ -70,14 +72,14 @@ def test_with_room_the_reason_is_the_last_column_and_only_for_what_is_not_ordina
     }
 
 
-def test_a_long_name_takes_columns_away_and_not_lines(fleet: wire.Fleet) -> None:
+def test_a_long_name_takes_columns_away_and_not_lines(fleet: schemas.Fleet) -> None:
     long = example_fleet(name="a-vehicle-with-a-name-of-27-{}")
     head = table(long, 80)[0]
     assert "why" not in head
     assert all(name in head for name in ("phase", "mode", "battery"))
 
 
-def test_columns_are_chosen_and_a_wrong_one_is_named(fleet: wire.Fleet) -> None:
+def test_columns_are_chosen_and_a_wrong_one_is_named(fleet: schemas.Fleet) -> None:
     shown = lines(fleet, 80, columns=("vehicle", "phase", "battery", "why"))
     (row,) = (line for line in shown if line.split()[:1] == ["d17"])
     assert row.split()[:3] == ["d17", "lost", "?"]
@@ -90,7 +92,7 @@ def test_columns_are_chosen_and_a_wrong_one_is_named(fleet: wire.Fleet) -> None:
 @pytest.mark.parametrize(
     ("by", "first"), [("battery", "d17"), ("age", "d17"), ("link", "d17"), ("vehicle", "d1")]
 )
-def test_what_needs_a_look_first_stands_first(fleet: wire.Fleet, by: str, first: str) -> None:
+def test_what_needs_a_look_first_stands_first(fleet: schemas.Fleet, by: str, first: str) -> None:
     rows = table(fleet, 80, sort=by)[1:]
     assert rows[0].split()[0] == first
     if by == "battery":

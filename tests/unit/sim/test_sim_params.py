@@ -13,23 +13,23 @@ from gcs.sim.vehicle.params import (
     REAL32,
     ParameterError,
     Parameters,
+    decoded_value,
     defaults,
-    from_wire,
+    encoded_value,
     index,
     kind,
     name_at,
-    to_wire,
 )
 
 
-def through_the_wire(name: str, value: float) -> float:
+def through_the_frame(name: str, value: float) -> float:
     """As the float field of PARAM_VALUE carries it."""
-    return float(struct.unpack("<f", struct.pack("<f", to_wire(name, value)))[0])
+    return float(struct.unpack("<f", struct.pack("<f", encoded_value(name, value)))[0])
 
 
 def test_every_recorded_parameter_survives_the_wire() -> None:
     for name, value in defaults().items():
-        back = from_wire(name, kind(name), through_the_wire(name, value))
+        back = decoded_value(name, kind(name), through_the_frame(name, value))
         assert back == (value if kind(name) == INT32 else pytest.approx(value, rel=1e-6))
 
 
@@ -45,7 +45,7 @@ def test_the_recorded_defaults_are_there() -> None:
 
 @given(st.integers(-(2**31), 2**31 - 1).filter(lambda bits: bits & 0x7F800000 != 0x7F800000))
 def test_whole_numbers_travel_bytewise(value: int) -> None:
-    assert from_wire("COM_OBL_RC_ACT", INT32, through_the_wire("COM_OBL_RC_ACT", value)) == value
+    assert decoded_value("COM_OBL_RC_ACT", INT32, through_the_frame("COM_OBL_RC_ACT", value)) == value
 
 
 @pytest.mark.parametrize(
@@ -61,8 +61,8 @@ def test_what_px4_would_not_take_is_refused_by_name(name: str, value: float) -> 
 
 def test_a_value_of_the_wrong_type_is_refused() -> None:
     with pytest.raises(ParameterError, match="MPC_XY_VEL_MAX"):
-        from_wire("MPC_XY_VEL_MAX", INT32, 1.0)
-    assert from_wire("MPC_XY_VEL_MAX", REAL32, 1.5) == 1.5
+        decoded_value("MPC_XY_VEL_MAX", INT32, 1.0)
+    assert decoded_value("MPC_XY_VEL_MAX", REAL32, 1.5) == 1.5
 
 
 def test_indices_and_names_belong_together() -> None:
