@@ -32,7 +32,7 @@ from gcs.flight.snapshots import fleet_view
 from gcs.flight.ticker import TickClock, ticks
 from gcs.flight.vehicle import Vehicle
 from gcs.links import Link
-from gcs.links.routing import Shares
+from gcs.links.routing import SetpointRouting
 from gcs.links.supervision import keep_open
 from gcs.model.errors import RefusedError
 from gcs.model.frames import ShowFrame
@@ -125,7 +125,7 @@ class Orchestrator:
         self._standing = tuple(problems)
         self._event_log = EventLog()
         self._commander: Commander | None = None
-        self._shares = Shares(links)
+        self._routing = SetpointRouting(links)
         self._failed_links: dict[str, str] = {}
         self._alarms = AlarmMonitor(self._flight, unix_s, self._book.newest)
         self._estimating = Estimating(self._flight)
@@ -187,7 +187,7 @@ class Orchestrator:
         result = self._decide()
         flight.memory = result.memory
         flight.setpoint_gaps.note(~np.isnan(result.memory.desired_m_s[:, 0]), now_s)
-        for link, share in zip(flight.links, self._shares.of(result.setpoints), strict=True):
+        for link, share in zip(flight.links, self._routing.of(result.setpoints), strict=True):
             link.send(share)
         # What follows can wait for the next tick: setpoints cannot.
         self._interventions += sum(reason != "" for reason in result.restrained_by)

@@ -41,7 +41,7 @@ class _Conflict(NamedTuple):
     received_s: float
 
 
-class Roster:
+class AddressBook:
     """The address book. One thread writes (`hear`); reading an address is safe from any thread."""
 
     def __init__(self, system_ids: Iterable[int]) -> None:

@@ -25,7 +25,7 @@ class Whereabouts(Protocol):
         ...
 
 
-class LinkFacts:
+class BaseLink:
     """The part of `gcs.links.Link` that only tells. Used on the loop's thread."""
 
     def __init__(

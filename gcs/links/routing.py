@@ -9,7 +9,7 @@ from gcs.links.link import Link
 from gcs.model.state import Setpoints, VehicleId
 
 
-class Shares:
+class SetpointRouting:
     """Which rows of a batch are which link's; worked out anew only when a batch lists other vehicles."""
 
     def __init__(self, links: Sequence[Link]) -> None:

@@ -27,7 +27,7 @@ altitude, the estimator, vibration."""
 NOT_FOR_MAVSDK: Final = _NOT_NEEDED | {ODOMETRY}
 """What MAVSDK is not shown. Of ODOMETRY the wire itself reads the reset counter."""
 
-ASKING_COMPONENT: Final = 191
+REQUESTING_COMPONENT: Final = 191
 """Ours that asks. Not MAVSDK's own, which would wonder about answers to what it did not ask."""
 
 SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it meets a vehicle; ours come after

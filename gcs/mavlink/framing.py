@@ -42,7 +42,7 @@ SETPOINT_MESSAGES: Final = frozenset({69, 70, 82, SET_POSITION_TARGET_LOCAL_NED,
 SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ACTUATOR_CONTROL_TARGET."""
 
 SET_MESSAGE_INTERVAL: Final = 511
-_ASKING_COMMANDS: Final = frozenset({SET_MESSAGE_INTERVAL, 512, 520})
+_REQUESTING_COMMANDS: Final = frozenset({SET_MESSAGE_INTERVAL, 512, 520})
 """It, REQUEST_MESSAGE, REQUEST_AUTOPILOT_CAPABILITIES: they move nothing."""
 
 
@@ -310,7 +310,7 @@ def moves(frame: Frame) -> bool:
     if frame.message_id not in (COMMAND_INT, COMMAND_LONG):
         return False
     (command,) = unpack_from("<H", _padded(frame), 28)  # behind seven parameters of 4 bytes, in both
-    return command not in _ASKING_COMMANDS
+    return command not in _REQUESTING_COMMANDS
 
 
 def _padded(frame: Frame) -> bytes:

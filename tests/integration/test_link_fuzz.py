@@ -57,7 +57,10 @@ def mutated(source: random.Random, pool: Sequence[bytes]) -> bytes:
 def state_size(made: Bench) -> int:
     router = made.router
     return (
-        len(router._strangers) + len(router._refused) + len(router._failing) + len(router._roster._addresses)
+        len(router._strangers)
+        + len(router._refused)
+        + len(router._failing)
+        + len(router._address_book._addresses)
     )
 
 

@@ -16,17 +16,17 @@ from typing import Final
 import numpy as np
 
 from gcs.links.address_book import SILENT_AFTER_S
-from gcs.links.base import LinkFacts
+from gcs.links.base import BaseLink
 from gcs.links.command_protocol import CommandProtocol
 from gcs.links.counters import Observer
 from gcs.links.endpoints import Place
 from gcs.links.framed.router import Router
-from gcs.links.framed.stream_requests import is_answer, keep_asking
+from gcs.links.framed.stream_requests import is_answer, keep_requesting
 from gcs.links.kill_latch import KillLatch
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.mavsdk.binding import COMPONENT_ID, MavsdkVehicle
 from gcs.links.mavsdk.instances import MavsdkShards
-from gcs.links.mavsdk.threads import Offstage
+from gcs.links.mavsdk.threads import LinkThread
 from gcs.links.mavsdk.workers import MavsdkCommandChannel, Workers
 from gcs.links.setpoint_watchdog import Asked, Deadman, Pulse, before_it_leaves_s
 from gcs.links.settings import Forward
@@ -56,7 +56,7 @@ _LOOKS_SHARED: Final = 20
 _AUTOPILOT_COMPONENT: Final = 1
 
 
-class MavsdkLink(LinkFacts):
+class MavsdkLink(BaseLink):
     """Up to 250 vehicles, each 64 through a MAVSDK instance of their own. A `gcs.links.Link`."""
 
     def __init__(
@@ -154,20 +154,20 @@ class MavsdkLink(LinkFacts):
         protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         recorder = self._recorder
         stop_recording = None if recorder is None else self.observe(recorder.record)
-        offstage = Offstage(fleet, recorder, self._signing)
+        link_thread = LinkThread(fleet, recorder, self._signing)
         try:
-            await asyncio.to_thread(offstage.open)
+            await asyncio.to_thread(link_thread.open)
             self._fleet, self._protocol, self._workers = fleet, protocol, workers
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._receive(protocol), name=f"link/{self._name}/receive")
                 group.create_task(self._pass_on_behind_ticks(fleet), name=f"link/{self._name}/pass on")
                 group.create_task(self._discover(fleet), name=f"link/{self._name}/discover")
-                asking = keep_asking(
+                asking = keep_requesting(
                     router.telemetry, self._rates_hz, self._source[0], self._is_met, router.send, self._clock
                 )
                 group.create_task(asking, name=f"link/{self._name}/ask")
         finally:
-            await self._shut(offstage, protocol, workers)
+            await self._shut(link_thread, protocol, workers)
             if stop_recording is not None:
                 stop_recording()
 
@@ -362,7 +362,7 @@ class MavsdkLink(LinkFacts):
                     log.info("vehicles_met", extra={"link": self._name, "system_ids": tuple(sorted(found))})
             await asyncio.sleep(_DISCOVER_S)
 
-    async def _shut(self, offstage: Offstage, protocol: CommandProtocol, workers: Workers) -> None:
+    async def _shut(self, link_thread: LinkThread, protocol: CommandProtocol, workers: Workers) -> None:
         """Stop, inside out: no setpoints, no calls, no MAVSDK, no sockets."""
         self._deadman.refresh((), self._clock())
         self._fleet, self._protocol, self._workers, self._met = None, None, None, {}
@@ -372,7 +372,7 @@ class MavsdkLink(LinkFacts):
 
         def end() -> None:
             workers.join()
-            offstage.close()
+            link_thread.close()
 
         try:
             await asyncio.to_thread(end)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from gcs.links.address_book import TAKEN, Address, Roster, Verdict
+from gcs.links.address_book import TAKEN, Address, AddressBook, Verdict
 from gcs.links.counters import Counters, Direction, Observer
 from gcs.links.endpoints import Arrival, Listen, Place, make
 from gcs.links.endpoints.udp import Udp
@@ -106,7 +106,7 @@ class Router:
         self._asked = asked
         self._pulse = pulse
         self._signing = signing
-        self._roster = Roster(self.telemetry)
+        self._address_book = AddressBook(self.telemetry)
         self._endpoints = make(name, listen if isinstance(listen, Sequence) else (listen,))
         self._tended = tuple(each for each in self._endpoints if not isinstance(each, Udp))
         self._far = tuple(each for each in self._endpoints if each.standing or each in self._tended)
@@ -120,7 +120,7 @@ class Router:
             deadman=deadman,
             latch=latch,
             asked=asked,
-            address_of=self._roster.address,
+            address_of=self._address_book.address,
             endpoints=self._endpoints,
             counters=self.counters,
             clock=clock,
@@ -169,7 +169,7 @@ class Router:
                 endpoint.tend(now_s)
         for endpoint in self._tended:
             for address in endpoint.gone():
-                self._roster.forget(address)
+                self._address_book.forget(address)
                 self._failing.discard(address)
         for forwarder in self._forwarders:
             forwarder.flush()
@@ -209,11 +209,11 @@ class Router:
 
     def conflicts(self) -> dict[int, str]:
         """System ids heard lately from two addresses, both named in the text."""
-        return self._roster.conflicts(self._clock())
+        return self._address_book.conflicts(self._clock())
 
     def address(self, system_id: int) -> Address | None:
         """Where this system spoke from last; None before it was heard."""
-        return self._roster.address(system_id)
+        return self._address_book.address(system_id)
 
     def setpoint_times_s(self, system_id: int) -> tuple[float, ...]:
         """When the latest setpoints to this system left, oldest first; bounded."""
@@ -272,12 +272,12 @@ class Router:
 
     def _addresses(self, target: int) -> tuple[Address, ...]:
         if target:
-            address = self._roster.address(target)
+            address = self._address_book.address(target)
             return () if address is None else (address,)
         if not self._far:
-            return self._roster.everybody
+            return self._address_book.everybody
         unheard = [address for endpoint in self._far for address in endpoint.standing]
-        return tuple(dict.fromkeys((*self._roster.everybody, *unheard)))
+        return tuple(dict.fromkeys((*self._address_book.everybody, *unheard)))
 
     def _send_to(self, data: bytes, address: Address, target: int, perishable: bool) -> bool:
         send = self._endpoints[address.socket_index].send
@@ -331,7 +331,7 @@ class Router:
             system_id = frame.system_id
             if self._signing is not None and not self._has_signed(self._signing, frame, address):
                 continue
-            verdict = self._roster.hear(system_id, address, time_s)
+            verdict = self._address_book.hear(system_id, address, time_s)
             if verdict is not Verdict.KNOWN:
                 self._note(verdict, frame, address)
             if verdict not in TAKEN:
@@ -387,5 +387,5 @@ class Router:
         else:
             self.counters.duplicates += 1
             if verdict is Verdict.NEW_DUPLICATE:
-                cause = self._roster.conflicts(self._clock()).get(frame.system_id, "")
+                cause = self._address_book.conflicts(self._clock()).get(frame.system_id, "")
                 log.error("duplicate_system_id", extra=about | {"cause": cause})

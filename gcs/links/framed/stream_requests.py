@@ -7,7 +7,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.stream_rates import ASKING_COMPONENT, Rates
+from gcs.links.stream_rates import REQUESTING_COMPONENT, Rates
 from gcs.links.telemetry import VehicleTelemetry
 from gcs.mavlink.framing import COMMAND_ACK, SET_MESSAGE_INTERVAL, Frame, acknowledged_component
 
@@ -18,7 +18,7 @@ _OFF: Final = -1.0
 
 def interval_frame(target: int, message_id: int, rate_hz: float, station_id: int) -> bytes:
     """COMMAND_LONG 511; with rate 0 the stream ends."""
-    packer = dialect.MAVLink(None, srcSystem=station_id, srcComponent=ASKING_COMPONENT)
+    packer = dialect.MAVLink(None, srcSystem=station_id, srcComponent=REQUESTING_COMPONENT)
     interval_us = 1e6 / rate_hz if rate_hz else _OFF
     message = packer.command_long_encode(
         target, 1, SET_MESSAGE_INTERVAL, 0, message_id, interval_us, 0, 0, 0, 0, 0
@@ -28,10 +28,10 @@ def interval_frame(target: int, message_id: int, rate_hz: float, station_id: int
 
 def is_answer(frame: Frame) -> bool:
     """Whether a frame acknowledges what this module asks for."""
-    return frame.message_id == COMMAND_ACK and acknowledged_component(frame) == ASKING_COMPONENT
+    return frame.message_id == COMMAND_ACK and acknowledged_component(frame) == REQUESTING_COMPONENT
 
 
-async def keep_asking(
+async def keep_requesting(
     received: Mapping[int, VehicleTelemetry],
     desired: Mapping[int, float],
     station_id: int,

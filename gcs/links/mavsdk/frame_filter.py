@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links.stream_rates import ASKING_COMPONENT, NOT_FOR_MAVSDK
+from gcs.links.stream_rates import NOT_FOR_MAVSDK, REQUESTING_COMPONENT
 from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_ACK, GLOBAL_POSITION_INT
 from gcs.mavlink.kernels import MESSAGE, Bytes, Whole
@@ -32,5 +32,5 @@ class Shown:
         answers = np.flatnonzero(message == COMMAND_ACK)
         if len(answers):  # it knows of no question
             stated = codec.decode(COMMAND_ACK, data, frames[answers])
-            shown[answers] = stated["target_component"] != ASKING_COMPONENT
+            shown[answers] = stated["target_component"] != REQUESTING_COMPONENT
         return shown

@@ -23,7 +23,7 @@ from gcs.links.mavsdk.binding import MavsdkVehicle
 from gcs.links.mavsdk.frame_filter import Shown
 from gcs.links.mavsdk.instances import MavsdkShards
 from gcs.links.mavsdk.setpoint_filter import MavsdkOutlet
-from gcs.links.mavsdk.threads import Offstage
+from gcs.links.mavsdk.threads import LinkThread
 from gcs.links.mavsdk.workers import MavsdkCommandChannel, Workers
 from gcs.links.stream_rates import SETTLE_S
 from gcs.links.udp.link import SetpointBatch, UdpLink, Works
@@ -106,13 +106,13 @@ class MavsdkUdpLink(UdpLink):
     async def _opened(self) -> AsyncIterator[Works]:
         fleet = MavsdkShards(tuple(self._system_ids.tolist()), self._station_id)
         protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
-        offstage = Offstage(fleet, self._recorder, None)
+        link_thread = LinkThread(fleet, self._recorder, None)
         try:
-            await asyncio.to_thread(offstage.open)
+            await asyncio.to_thread(link_thread.open)
             self._fleet, self._protocol, self._workers = fleet, protocol, workers
             yield {"pass on": self._pass_on_behind_ticks(), "discover": self._discover(fleet)}
         finally:
-            await self._shut(offstage, protocol, workers)
+            await self._shut(link_thread, protocol, workers)
 
     def snapshot(self) -> Telemetry:
         """See `UdpLink`; vehicles not yet discovered by MAVSDK have no position: they take no commands."""
@@ -222,7 +222,7 @@ class MavsdkUdpLink(UdpLink):
                     log.info("vehicles_met", extra={"link": self._name, "system_ids": tuple(sorted(found))})
             await asyncio.sleep(_DISCOVER_S)
 
-    async def _shut(self, offstage: Offstage, protocol: CommandProtocol, workers: Workers) -> None:
+    async def _shut(self, link_thread: LinkThread, protocol: CommandProtocol, workers: Workers) -> None:
         """Stop, inside out: no setpoints, no calls, no MAVSDK; then the link closes the sockets."""
         self._outlet.forbid(slice(None))
         self._fleet, self._protocol, self._workers, self._met = None, None, None, {}
@@ -232,6 +232,6 @@ class MavsdkUdpLink(UdpLink):
 
         def end() -> None:
             workers.join()
-            offstage.close()
+            link_thread.close()
 
         await asyncio.to_thread(end)

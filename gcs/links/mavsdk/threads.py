@@ -7,7 +7,7 @@ from gcs.links.signing_keys import Signing
 from gcs.links.tlog import Recorder
 
 
-class Offstage:
+class LinkThread:
     """One run of a link. A thread cannot be cancelled, so `close` waits for `open`, or forestalls it."""
 
     def __init__(self, fleet: MavsdkShards, recorder: Recorder | None, signing: Signing | None) -> None:

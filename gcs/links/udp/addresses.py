@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.address_book import TAKEN, Address, Roster, Verdict
+from gcs.links.address_book import TAKEN, Address, AddressBook, Verdict
 from gcs.links.counters import Counters
 from gcs.links.udp.sockets import Datagrams, host_of, port_of, socket_of
 from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Whole
@@ -35,18 +35,18 @@ class Addresses:
         self._name = name
         self._counters = counters
         self._clock = clock
-        self._roster = Roster(system_ids)
+        self._address_book = AddressBook(system_ids)
         self._row_of = np.full(256, _NOWHERE, np.int64)
         self._row_of[list(system_ids)] = np.arange(len(system_ids))
         self._strangers: set[tuple[int, str]] = set()
 
     def conflicts(self) -> Mapping[int, str]:
         """System ids heard lately from two addresses, both named in the text."""
-        return self._roster.conflicts(self._clock())
+        return self._address_book.conflicts(self._clock())
 
     def address(self, system_id: int) -> Address | None:
         """Where this system spoke from last; None before it was heard."""
-        return self._roster.address(system_id)
+        return self._address_book.address(system_id)
 
     def everybody(self) -> Whole:
         """(k,) rows of vehicles heard, one for each address, though several may share it."""
@@ -69,10 +69,10 @@ class Addresses:
     def _ask(self, row: int, system_id: int, source: int, time_s: float) -> bool:
         """Have the roster judge a frame from an address that is not known as this system's."""
         address = Address(host_of(source), port_of(source), socket_of(source))
-        known = self._roster.address(system_id)
+        known = self._address_book.address(system_id)
         if known is not None:  # the roster was not told of the frames that came from where they should
-            self._roster.hear(system_id, known, float(self.received_s[row]))
-        verdict = self._roster.hear(system_id, address, time_s)
+            self._address_book.hear(system_id, known, float(self.received_s[row]))
+        verdict = self._address_book.hear(system_id, address, time_s)
         self._note(verdict, system_id, address)
         if verdict not in TAKEN:
             return False
@@ -96,5 +96,5 @@ class Addresses:
         elif verdict in (Verdict.DUPLICATE, Verdict.NEW_DUPLICATE):
             self._counters.duplicates += 1
             if verdict is Verdict.NEW_DUPLICATE:
-                cause = self._roster.conflicts(self._clock()).get(system_id, "")
+                cause = self._address_book.conflicts(self._clock()).get(system_id, "")
                 log.error("duplicate_system_id", extra=about | {"cause": cause})

@@ -15,14 +15,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from gcs.links.address_book import SILENT_AFTER_S
-from gcs.links.base import LinkFacts
+from gcs.links.base import BaseLink
 from gcs.links.command_protocol import CommandChannel, CommandProtocol
 from gcs.links.counters import Counters, Observer
 from gcs.links.endpoints import Listen
 from gcs.links.kill_latch import KillLatch
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.setpoint_watchdog import before_it_leaves_s
-from gcs.links.stream_rates import ASKING_COMPONENT
+from gcs.links.stream_rates import REQUESTING_COMPONENT
 from gcs.links.tlog import Recorder
 from gcs.links.udp.addresses import Addresses
 from gcs.links.udp.px4_commands import kill_message
@@ -65,7 +65,7 @@ class SetpointBatch(NamedTuple):
     until_s: float  # behind it nothing of this may leave
 
 
-class UdpLink(LinkFacts, ABC):
+class UdpLink(BaseLink, ABC):
     """Up to 250 vehicles over UDP. A `gcs.links.Link`. Used on the loop's thread only."""
 
     def __init__(
@@ -291,7 +291,7 @@ class UdpLink(LinkFacts, ABC):
         self._outbox.tell(message_id, messages, rows, self._clock())
 
     def _ask_for_streams(self, message_id: int, messages: codec.Records, rows: Whole) -> None:
-        self._outbox.tell(message_id, messages, rows, self._clock(), component_id=ASKING_COMPONENT)
+        self._outbox.tell(message_id, messages, rows, self._clock(), component_id=REQUESTING_COMPONENT)
 
     def _send_kill(self, row: int) -> None:
         self._tell(COMMAND_LONG, kill_message(int(self._system_ids[row])), np.array([row]))

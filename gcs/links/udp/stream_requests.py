@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links.stream_rates import ASKING_COMPONENT
+from gcs.links.stream_rates import REQUESTING_COMPONENT
 from gcs.mavlink.codec import Records, records
 from gcs.mavlink.framing import COMMAND_LONG, GLOBAL_POSITION_INT, SET_MESSAGE_INTERVAL
 from gcs.mavlink.kernels import Whole
@@ -38,7 +38,7 @@ class Streams:
         Args:
             system_ids: (n,) of the vehicles.
             rates_hz: by message id, 0 for not at all.
-            tell: sends messages of one kind to rows, from `ASKING_COMPONENT`.
+            tell: sends messages of one kind to rows, from `REQUESTING_COMPONENT`.
         """
         n = len(system_ids)
         self._message = np.array(list(rates_hz), np.int64)
@@ -77,7 +77,7 @@ class Streams:
 
     def take_acks(self, rows: Whole, reported: Records) -> None:
         """Go on with those that answered: (k,) rows and COMMAND_ACKs. Whatever they answered, it is said."""
-        is_ours = np.isin(reported["target_component"], (ASKING_COMPONENT, _ANY_COMPONENT))
+        is_ours = np.isin(reported["target_component"], (REQUESTING_COMPONENT, _ANY_COMPONENT))
         answered = np.unique(rows[is_ours & (reported["command"] == SET_MESSAGE_INTERVAL)])
         answered = answered[np.isfinite(self._asked_s[answered])]
         self._step[answered] += 1

@@ -10,7 +10,7 @@ from core_silent_link import SilentLink
 
 from gcs.config.schema import find, load, parse
 from gcs.flight.vehicle import Vehicle, VehicleStatus
-from gcs.links.routing import Shares
+from gcs.links.routing import SetpointRouting
 from gcs.model.errors import ConfigError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode, Setpoints
@@ -30,7 +30,7 @@ def test_a_calm_vehicle_is_one_whose_telemetry_changes_nothing(modes: frozenset[
 
 
 def test_a_batch_is_shared_out_among_the_links_and_nobody_gets_anothers() -> None:
-    shares = Shares([SilentLink(("a", "c")), SilentLink(("b",)), SilentLink(("d",))])
+    shares = SetpointRouting([SilentLink(("a", "c")), SilentLink(("b",)), SilentLink(("d",))])
     for ids in (("a", "b", "c"), ("b", "c"), ("b", "c"), ()):
         batch = Setpoints(1.0, ids, np.arange(3.0 * len(ids)).reshape(-1, 3), np.arange(float(len(ids))))
         parts = shares.of(batch)
