@@ -13,7 +13,7 @@ from link_bench import a_link, running, until
 from link_peer import Peer
 from machine import free_ports
 
-from gcs.links.mavsdk.binding import MavsdkFleet
+from gcs.links.mavsdk.binding import MavsdkBinding
 from gcs.links.mavsdk.link import MavsdkUdpLink
 
 VEHICLES = 6
@@ -61,7 +61,7 @@ def open_side_by_side_often() -> None:
     """In a process of its own, four at a time."""
 
     def one() -> None:
-        fleet = MavsdkFleet(245)
+        fleet = MavsdkBinding(245)
         fleet.open()
         fleet.destroy()
 

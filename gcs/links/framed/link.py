@@ -25,7 +25,7 @@ from gcs.links.framed.stream_requests import is_answer, keep_requesting
 from gcs.links.kill_latch import KillLatch
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.mavsdk.binding import COMPONENT_ID, MavsdkVehicle
-from gcs.links.mavsdk.instances import MavsdkShards
+from gcs.links.mavsdk.instances import MavsdkInstances
 from gcs.links.mavsdk.threads import LinkThread
 from gcs.links.mavsdk.workers import MavsdkCommandChannel, Workers
 from gcs.links.setpoint_watchdog import Asked, Deadman, Pulse, before_it_leaves_s
@@ -120,7 +120,7 @@ class MavsdkLink(BaseLink):
         self._system_ids = tuple(vehicles.values())
         self._id_of = {system_id: vehicle_id for vehicle_id, system_id in vehicles.items()}
         self._telemetry = tuple(self._router.telemetry[system_id] for system_id in vehicles.values())
-        self._fleet: MavsdkShards | None = None
+        self._fleet: MavsdkInstances | None = None
         self._protocol: CommandProtocol | None = None
         self._workers: Workers | None = None
         self._met: Mapping[int, MavsdkVehicle] = {}
@@ -150,7 +150,7 @@ class MavsdkLink(BaseLink):
         router = self._router
         router.open()
         self._pulse.beat(self._clock())  # time to begin
-        fleet = MavsdkShards(tuple(self._vehicles.values()), self._source[0])
+        fleet = MavsdkInstances(tuple(self._vehicles.values()), self._source[0])
         protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         recorder = self._recorder
         stop_recording = None if recorder is None else self.observe(recorder.record)
@@ -334,7 +334,7 @@ class MavsdkLink(BaseLink):
             self._fleet.flush()
             self._fleet.pass_on(self._router)
 
-    async def _pass_on_behind_ticks(self, fleet: MavsdkShards) -> None:
+    async def _pass_on_behind_ticks(self, fleet: MavsdkInstances) -> None:
         """MAVSDK's threads write a moment after they are told."""
         while True:
             await self._ticked.wait()
@@ -350,7 +350,7 @@ class MavsdkLink(BaseLink):
             is_idle = len(self._met) == len(self._ids) and not protocol.awaited
             await asyncio.sleep(_IDLE_S if is_idle else _BUSY_S)
 
-    async def _discover(self, fleet: MavsdkShards) -> None:
+    async def _discover(self, fleet: MavsdkInstances) -> None:
         """Look for vehicles that MAVSDK has met since, for ever."""
         desired = frozenset(self._vehicles.values())
         while True:

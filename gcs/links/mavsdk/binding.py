@@ -112,7 +112,7 @@ class MavsdkVehicle:
         self._action.takeoff()
 
 
-class MavsdkFleet:
+class MavsdkBinding:
     """One MAVSDK instance whose bytes we move ourselves.
 
     `open`, `discover` and `destroy` block for milliseconds and belong on another thread than the loop's. A

@@ -14,7 +14,7 @@ _POSITION_PERIOD_S: Final = 0.5
 """So often MAVSDK is shown a position; for the tick we read them all."""
 
 
-class Shown:
+class FrameFilter:
     """Chooses frames. Rows as on the link."""
 
     def __init__(self, count: int) -> None:

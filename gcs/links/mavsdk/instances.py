@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 from typing import Final, Protocol
 
 from gcs.links import mmsg
-from gcs.links.mavsdk.binding import MavsdkFleet, MavsdkVehicle
+from gcs.links.mavsdk.binding import MavsdkBinding, MavsdkVehicle
 from gcs.links.vehicle_ids import instances
 
 _DATAGRAM_BYTES: Final = 1400
@@ -28,19 +28,19 @@ class Sender(Protocol):
         ...
 
 
-class MavsdkShards:
+class MavsdkInstances:
     """The instances of one link.
 
-    `open`, `discover` and `destroy` block, see `MavsdkFleet`; all else belongs on the loop's thread, between
-    `open` and `destroy`.
+    `open`, `discover` and `destroy` block, see `MavsdkBinding`; all else belongs on the loop's thread,
+    between `open` and `destroy`.
     """
 
     def __init__(self, system_ids: Sequence[int], station_id: int) -> None:
         """As many instances as need be, alike in size. Of them all the first alone speaks to everybody."""
         count = instances(len(system_ids))
-        self._fleets = tuple(MavsdkFleet(station_id) for _ in range(count))
+        self._fleets = tuple(MavsdkBinding(station_id) for _ in range(count))
         self._ids = tuple(frozenset(system_ids[index::count]) for index in range(count))
-        self._waiting: dict[MavsdkFleet, list[bytes]] = {fleet: [] for fleet in self._fleets}
+        self._waiting: dict[MavsdkBinding, list[bytes]] = {fleet: [] for fleet in self._fleets}
         self._of = {
             system_id: fleet for fleet, ids in zip(self._fleets, self._ids, strict=True) for system_id in ids
         }
@@ -56,7 +56,7 @@ class MavsdkShards:
     def pass_on(self, sender: Sender) -> None:
         """Pass on what they have written until now. Never blocks."""
         for key, _ in self._written.select(0):
-            fleet: MavsdkFleet = key.data
+            fleet: MavsdkBinding = key.data
             count = _ROOM
             while count == _ROOM:
                 count = fleet.loopback.take(self._room)

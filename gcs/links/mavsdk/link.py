@@ -1,6 +1,6 @@
 """The link over MAVSDK where all vehicles are on UDP: its commands and setpoints, our batches.
 
-MAVSDK's bytes leave through `MavsdkOutlet` and no other way: it repeats setpoints for ever, from its own
+MAVSDK's bytes leave through `SetpointFilter` and no other way: it repeats setpoints for ever, from its own
 threads, whatever becomes of the program that set them. Serial ports, TCP, signatures and further stations are
 `MavsdkLink`'s.
 """
@@ -20,9 +20,9 @@ from gcs.links import mmsg
 from gcs.links.command_protocol import CommandProtocol
 from gcs.links.endpoints import Listen
 from gcs.links.mavsdk.binding import MavsdkVehicle
-from gcs.links.mavsdk.frame_filter import Shown
-from gcs.links.mavsdk.instances import MavsdkShards
-from gcs.links.mavsdk.setpoint_filter import MavsdkOutlet
+from gcs.links.mavsdk.frame_filter import FrameFilter
+from gcs.links.mavsdk.instances import MavsdkInstances
+from gcs.links.mavsdk.setpoint_filter import SetpointFilter
 from gcs.links.mavsdk.threads import LinkThread
 from gcs.links.mavsdk.workers import MavsdkCommandChannel, Workers
 from gcs.links.stream_rates import SETTLE_S
@@ -86,13 +86,13 @@ class MavsdkUdpLink(UdpLink):
             clock=clock,
         )
         n = len(self._ids)
-        self._outlet = MavsdkOutlet(
+        self._setpoint_filter = SetpointFilter(
             self._outbox, self._system_ids, self._latch, self._sent, self._counters, clock
         )
         self._room = mmsg.Batch(_ROOM, _LONGEST_BYTES)
-        self._shown = Shown(n)
+        self._frame_filter = FrameFilter(n)
         self._inbox.pass_on = self._show
-        self._fleet: MavsdkShards | None = None
+        self._fleet: MavsdkInstances | None = None
         self._workers: Workers | None = None
         self._met: Mapping[int, MavsdkVehicle] = {}  # by row
         self._is_met: Mask = np.zeros(n, np.bool_)
@@ -104,7 +104,7 @@ class MavsdkUdpLink(UdpLink):
 
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[Works]:
-        fleet = MavsdkShards(tuple(self._system_ids.tolist()), self._station_id)
+        fleet = MavsdkInstances(tuple(self._system_ids.tolist()), self._station_id)
         protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         link_thread = LinkThread(fleet, self._recorder, None)
         try:
@@ -127,23 +127,23 @@ class MavsdkUdpLink(UdpLink):
             self._healthy[row] = vehicle is not None and vehicle.healthy()
 
     def _tell_setpoints(self, desired: SetpointBatch) -> None:
-        self._outlet.ask(desired)  # and nothing that was asked before
+        self._setpoint_filter.ask(desired)  # and nothing that was asked before
         began_s = desired.until_s - self._hold_s
         yaw_deg = np.degrees(desired.yaw_rad)[:, None]
         rows, values = desired.rows.tolist(), np.hstack([desired.velocity_ned_m_s, yaw_deg]).tolist()
         for part in (slice(_URGENT), slice(_URGENT, None)):
             for row, each in zip(rows[part], values[part], strict=True):
                 if not self._met[row].set_velocity(*each):
-                    self._outlet.forbid(np.array([row]))  # it would be awaited in vain
+                    self._setpoint_filter.forbid(np.array([row]))  # it would be awaited in vain
             self._await(desired.rows[: part.stop], began_s)
         self._move_bytes()
-        if self._outlet.awaits(desired.rows):
+        if self._setpoint_filter.awaits(desired.rows):
             self._ticked.set()
 
     def _await(self, rows: Whole, began_s: float) -> None:
         """Send what MAVSDK's threads write for these; our core is theirs meanwhile."""
         for pause_s in _PAUSES_S:
-            if not self._outlet.awaits(rows) or self._clock() > began_s + _PATIENCE_S:
+            if not self._setpoint_filter.awaits(rows) or self._clock() > began_s + _PATIENCE_S:
                 return
             sleep(pause_s)
             self._pass_on()
@@ -155,7 +155,7 @@ class MavsdkUdpLink(UdpLink):
         return self._workers.channel(self._ids[row], vehicle, self._telemetry.reported(row))
 
     def _forget_commands(self, row: int) -> None:
-        self._outlet.forbid(np.array([row]))  # and the latch drops what MAVSDK still repeats
+        self._setpoint_filter.forbid(np.array([row]))  # and the latch drops what MAVSDK still repeats
 
     def _orderable(self) -> Mask:
         return self._is_met
@@ -187,7 +187,7 @@ class MavsdkUdpLink(UdpLink):
         """Keep for MAVSDK what concerns it of what came."""
         if self._fleet is None:
             return
-        shown = self._shown.of(data, frames, rows, time_s)
+        shown = self._frame_filter.of(data, frames, rows, time_s)
         for system_id, (begin, end) in zip(
             self._system_ids[rows[shown]].tolist(), frames[shown][:, [BEGIN, END]].tolist(), strict=True
         ):
@@ -197,7 +197,7 @@ class MavsdkUdpLink(UdpLink):
         """Send what MAVSDK has written."""
         if self._fleet is not None:
             while count := self._fleet.take(self._room):
-                self._outlet.take(self._room, count)
+                self._setpoint_filter.take(self._room, count)
 
     async def _pass_on_behind_ticks(self) -> None:
         while True:
@@ -206,10 +206,10 @@ class MavsdkUdpLink(UdpLink):
             for wait_s in _LOOKS_S:
                 await asyncio.sleep(wait_s)
                 self._pass_on()
-                if not self._outlet.awaits():
+                if not self._setpoint_filter.awaits():
                     break
 
-    async def _discover(self, fleet: MavsdkShards) -> None:
+    async def _discover(self, fleet: MavsdkInstances) -> None:
         """Look for vehicles that MAVSDK has met since, for ever."""
         rows = {system_id: row for row, system_id in enumerate(self._system_ids.tolist())}
         while True:
@@ -224,7 +224,7 @@ class MavsdkUdpLink(UdpLink):
 
     async def _shut(self, link_thread: LinkThread, protocol: CommandProtocol, workers: Workers) -> None:
         """Stop, inside out: no setpoints, no calls, no MAVSDK; then the link closes the sockets."""
-        self._outlet.forbid(slice(None))
+        self._setpoint_filter.forbid(slice(None))
         self._fleet, self._protocol, self._workers, self._met = None, None, None, {}
         self._is_met[:], self._healthy[:], self._since_s[:] = False, False, inf
         protocol.close()

@@ -21,7 +21,7 @@ from gcs.model.state import Array, Mask
 _ALL: Final = slice(None)
 
 
-class MavsdkOutlet:
+class SetpointFilter:
     """Lets through one setpoint a tick for each vehicle: what the newest tick asked, while it may leave.
 
     MAVSDK repeats setpoints by itself, and has a queue: what it writes may be said again, or long ago.

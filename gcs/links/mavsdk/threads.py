@@ -2,7 +2,7 @@
 
 from threading import Lock
 
-from gcs.links.mavsdk.instances import MavsdkShards
+from gcs.links.mavsdk.instances import MavsdkInstances
 from gcs.links.signing_keys import Signing
 from gcs.links.tlog import Recorder
 
@@ -10,7 +10,7 @@ from gcs.links.tlog import Recorder
 class LinkThread:
     """One run of a link. A thread cannot be cancelled, so `close` waits for `open`, or forestalls it."""
 
-    def __init__(self, fleet: MavsdkShards, recorder: Recorder | None, signing: Signing | None) -> None:
+    def __init__(self, fleet: MavsdkInstances, recorder: Recorder | None, signing: Signing | None) -> None:
         """Nothing is opened yet."""
         self._fleet = fleet
         self._recorder = recorder

@@ -32,7 +32,7 @@ export interface Moment {
   run: number;
 }
 
-interface Shown {
+interface FrameFilter {
   frame: Frame;
   /** The page's clock, freed from the jitter of the network. */
   at_ms: number;
@@ -40,7 +40,7 @@ interface Shown {
 
 /** A short memory of frames, each with the moment when it is due. Time is told to it. */
 export class Playback {
-  #shown: Shown[] = [];
+  #shown: FrameFilter[] = [];
   #period_ms = 100;
   #run = 0;
 
@@ -86,7 +86,7 @@ export class Playback {
     return { from: oldest.frame, to: oldest.frame, share: 1, beyond_s: 0, still: this.#shown.length === 1, run: this.#run };
   }
 
-  #carriedOn(newest: Shown, before: Shown, due_ms: number): Moment {
+  #carriedOn(newest: FrameFilter, before: FrameFilter, due_ms: number): Moment {
     const since_ms = due_ms - newest.at_ms;
     const pace = Math.max(0, recorded_s(before.frame, newest.frame) / (newest.at_ms - before.at_ms)); // of a replay
     const beyond_s = pace * Math.min(CARRIED_ON_MS, since_ms);
