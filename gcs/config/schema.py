@@ -279,7 +279,7 @@ class Config(Settings):
     failsafes: FailsafePolicy = FailsafePolicy()
     preflight: PreflightSettings = PreflightSettings()
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
-    deadman_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
+    setpoint_timeout_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
 
     @property
     def frame(self) -> ShowFrame:

@@ -140,7 +140,7 @@ class Fleet:
         self._order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
         self._in_order = self._order == list(range(len(received_in)))
         self._may_sink: tuple[FleetState, float] | None = None  # of a tick: see `may_sink`
-        noticed_s = FORWARD_MAX_S + config.deadman_s + config.operation.setpoint_loss_s
+        noticed_s = FORWARD_MAX_S + config.setpoint_timeout_s + config.operation.setpoint_loss_s
         self._table = Table(
             config.ids,
             config.frame,
@@ -407,5 +407,5 @@ class Fleet:
             "land" if killed else operation.setpoint_loss_action,
             operation.return_height_m,
             climbing_to_m=None if killed else operation.takeoff_height_m,
-            drift_s=self.config.deadman_s + operation.setpoint_loss_s + STOP_S,
+            drift_s=self.config.setpoint_timeout_s + operation.setpoint_loss_s + STOP_S,
         )

@@ -180,7 +180,7 @@ class Orchestrator:
         flight = self._flight
         flight.hear(now_s)
         gap_s = self._clock.gap_before(now_s)
-        if gap_s > self._config.deadman_s:
+        if gap_s > self._config.setpoint_timeout_s:
             commander.stalled(gap_s)
         commander.watch()
         self._show_player.lead()
@@ -218,7 +218,7 @@ class Orchestrator:
 
     @property
     def _control_alive(self) -> bool:
-        return self._clock.gap_s <= self._config.deadman_s
+        return self._clock.gap_s <= self._config.setpoint_timeout_s
 
     @property
     def _start_unix_s(self) -> float | None:

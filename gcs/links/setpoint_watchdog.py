@@ -10,17 +10,17 @@ _SEND_MARGIN_S: Final = 0.02
 """Between the last look at the clock and the datagram's leaving, other threads may hold the interpreter."""
 
 
-def before_it_leaves_s(deadman_s: float) -> float:
-    """How old a setpoint may be when it is asked for the last time, so as to leave within `deadman_s`.
+def before_it_leaves_s(setpoint_timeout_s: float) -> float:
+    """How old a setpoint may be when it is requested for the last time, to leave within `setpoint_timeout_s`.
 
     Raises: InvalidError when that leaves nothing.
     """
-    if not deadman_s > _SEND_MARGIN_S:
-        raise InvalidError("deadman_s", deadman_s, f"above {_SEND_MARGIN_S} s")
-    return deadman_s - _SEND_MARGIN_S
+    if not setpoint_timeout_s > _SEND_MARGIN_S:
+        raise InvalidError("setpoint_timeout_s", setpoint_timeout_s, f"above {_SEND_MARGIN_S} s")
+    return setpoint_timeout_s - _SEND_MARGIN_S
 
 
-class Deadman:
+class SetpointWatchdog:
     """Permission that must be renewed: without a fresh tick, every setpoint is forbidden.
 
     One thread refreshes, any thread asks: the permission is one immutable pair, published by one assignment.
@@ -48,7 +48,7 @@ class Deadman:
         return now_s <= until_s and system_id in system_ids
 
 
-class Asked:
+class ExpectedSetpoints:
     """What the newest tick asked of each vehicle: a setpoint that says anything else is an old one.
 
     MAVSDK has a queue and threads of its own. One that was stuck goes on with what waited there, and finds
@@ -68,7 +68,7 @@ class Asked:
         return self._orders.get(system_id) == setpoint
 
 
-class Pulse:
+class HeartbeatGate:
     """Whether control lives: our heartbeats say so to the vehicles, whose failsafe waits for their end."""
 
     def __init__(self, hold_s: float) -> None:

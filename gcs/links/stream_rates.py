@@ -50,7 +50,7 @@ def desired(streams: StreamSettings) -> dict[int, float]:
     }
 
 
-class _Asked:
+class _Request:
     """What is known of one vehicle's obedience."""
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class Rates:
     def __init__(self, desired: Mapping[int, float], system_ids: Iterable[int]) -> None:
         """`desired`: Hz of each message."""
         self._desired = dict(desired)
-        self._asked = {system_id: _Asked() for system_id in system_ids}
+        self._asked = {system_id: _Request() for system_id in system_ids}
 
     def due(self, system_id: int, telemetry: VehicleTelemetry, now_s: float) -> Iterator[tuple[int, float]]:
         """The messages, with their rates, to ask this vehicle for now: mostly none."""
@@ -90,12 +90,12 @@ class Rates:
             yield from wrong
             self._watch(asked, telemetry, now_s)
 
-    def _watch(self, asked: _Asked, telemetry: VehicleTelemetry, now_s: float) -> None:
+    def _watch(self, asked: _Request, telemetry: VehicleTelemetry, now_s: float) -> None:
         asked.look_s, asked.began_s = now_s + asked.pause_s, now_s
         asked.counts = {message_id: telemetry.counts[message_id] for message_id in self._desired}
 
     def _is_wrong(
-        self, asked: _Asked, telemetry: VehicleTelemetry, desired: tuple[int, float], now_s: float
+        self, asked: _Request, telemetry: VehicleTelemetry, desired: tuple[int, float], now_s: float
     ) -> bool:
         message_id, rate_hz = desired
         window_s = now_s - asked.began_s

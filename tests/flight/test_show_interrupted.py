@@ -67,7 +67,9 @@ async def one_session(
     Of those that are `late` nothing arrives before the story restores them.
     """
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
-    link = LoopbackLink("loop", system_ids(config.ids), fleet, config.frame, deadman_s=config.deadman_s)
+    link = LoopbackLink(
+        "loop", system_ids(config.ids), fleet, config.frame, setpoint_timeout_s=config.setpoint_timeout_s
+    )
     link.silence(*late)
     record = Record(
         root,

@@ -104,7 +104,7 @@ async def stale_batch(show: Show) -> tuple[int, int, int]:
     return sent_after(now_s - 0.21, 0.0), sent_after(now_s, np.nan), sent_after(now_s, 0.0)
 
 
-def test_the_link_of_these_tests_honours_the_deadman_and_sends_nothing_that_is_not_finite() -> None:
+def test_the_link_of_these_tests_honours_the_setpoint_watchdog_and_sends_nothing_that_is_not_finite() -> None:
     assert fly(stale_batch, show_config(1)) == (0, 0, 1)
 
 

@@ -37,7 +37,9 @@ async def serve_fleet(
     asked = settings_of(requirements(config.operation, config.control))
     made = Settings(count=len(config.ids), grid_columns=2, parameters=asked)
     fleet = Fleet(made, start_s=loop.time(), unix_at_start_s=time.time())
-    link = LoopbackLink("loop", system_ids(config.ids), fleet, config.frame, deadman_s=config.deadman_s)
+    link = LoopbackLink(
+        "loop", system_ids(config.ids), fleet, config.frame, setpoint_timeout_s=config.setpoint_timeout_s
+    )
     service = Orchestrator(config, [link])
     listening = loop.create_future()
     app = create_app(service, door=Door(tokens))

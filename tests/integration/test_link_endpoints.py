@@ -153,7 +153,7 @@ def test_who_does_not_read_loses_whole_frames_and_delays_nobody() -> None:
             with closing(await connected(port)) as slow:
                 slow.send(beat(1))
                 await until(lambda: made.delivered)
-                made.deadman.refresh([1], time.monotonic() + 60.0)
+                made.setpoint_watchdog.refresh([1], time.monotonic() + 60.0)
                 slowest_s = 0.0
                 sent = 0
                 while made.router.counters.no_room < 1000:

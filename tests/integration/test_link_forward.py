@@ -56,7 +56,9 @@ def test_a_station_that_may_answer_reaches_the_vehicle_it_targets_and_no_other_w
         with a_socket() as vehicle, a_socket() as station, a_socket() as intruder:
             async with bench(1, forward=[to(station, read_only=False)]) as made:
                 ground = await introduced(made, vehicle, station)
-                made.deadman.refresh([1], time.monotonic() + 60.0)  # ours may fly; theirs may not for that
+                made.setpoint_watchdog.refresh(
+                    [1], time.monotonic() + 60.0
+                )  # ours may fly; theirs may not for that
                 manual = stated(dialect.MAVLink_manual_control_message(1, 0, 0, 0, 0, 0))
                 for refused in (beat(255, 8), setpoint(1), manual, arm(0), arm(7), arm(1, 1), arm(1, 245)):
                     station.sendto(refused, ground)

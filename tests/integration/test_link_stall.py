@@ -16,7 +16,7 @@ from gcs.model.state import Mode, Setpoints
 
 pytestmark = pytest.mark.usefixtures("transport")
 
-DEADMAN_S = 0.2
+SETPOINT_TIMEOUT_S = 0.2
 
 
 def assert_ceased(link: AnyLink, peer: Peer, last_tick_s: float, watched_s: float) -> None:
@@ -26,7 +26,7 @@ def assert_ceased(link: AnyLink, peer: Peer, last_tick_s: float, watched_s: floa
     while len(arrivals_s(peer)) < link.counters.setpoints_sent and time.monotonic() < end_s:
         time.sleep(0.01)  # the vehicle's thread has not come to reading
     left_s, arrived_s = link.setpoint_times_s("v1"), arrivals_s(peer)
-    assert last_tick_s - 0.02 < arrived_s[-1] <= last_tick_s + DEADMAN_S
+    assert last_tick_s - 0.02 < arrived_s[-1] <= last_tick_s + SETPOINT_TIMEOUT_S
     assert left_s[-1] >= arrived_s[-1] - 0.001, "the record flatters"
     assert len(arrived_s) == len(left_s) == link.counters.setpoints_sent
 
@@ -65,7 +65,7 @@ def test_setpoints_cease_when_the_event_loop_is_blocked_for_three_seconds() -> N
             assert_ceased(link, peer, ticks.last_s, watched_s=3.0)
             stalled_s = ticks.last_s
             async with ticks.running():
-                await until(lambda: link.setpoint_times_s("v1")[-1] > stalled_s + DEADMAN_S)
+                await until(lambda: link.setpoint_times_s("v1")[-1] > stalled_s + SETPOINT_TIMEOUT_S)
 
     with Peer(port := free_ports(), 1) as peer:
         asyncio.run(main(peer, a_link(port, [1])))

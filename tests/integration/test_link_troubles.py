@@ -18,7 +18,7 @@ from pymavlink import mavutil
 from gcs.links.framed.link import MavsdkLink
 from gcs.links.mavsdk.link import MavsdkUdpLink
 
-DEADMAN_S = 0.2
+SETPOINT_TIMEOUT_S = 0.2
 ON_ITS_WAY_S = 0.02
 """From a station that stands, what had left it still arrives."""
 
@@ -46,7 +46,7 @@ def assert_all_fresh(peer: Peer, machine: Witness) -> None:
     assert len(asked) > 20
     assert asked == sorted(asked), "an old one came behind a new one"
     for (arrived_s, _), since_s in zip(setpoints, asked, strict=True):
-        assert machine.awake_s(since_s, arrived_s) <= DEADMAN_S
+        assert machine.awake_s(since_s, arrived_s) <= SETPOINT_TIMEOUT_S
 
 
 @TRANSPORTS
@@ -102,7 +102,7 @@ def test_control_loop_late() -> None:
         for last_s, pause_s in zip(late_s, (0.12, 0.5, 0.3, 1.0, 0.25), strict=True):
             between_s = [t for t in times_s if last_s < t < last_s + pause_s]
             assert between_s, "it was sent once more"
-            assert machine.awake_s(last_s, between_s[-1]) <= DEADMAN_S
+            assert machine.awake_s(last_s, between_s[-1]) <= SETPOINT_TIMEOUT_S
 
 
 @pytest.mark.parametrize("transport", ["mavsdk", "wire"], indirect=True)

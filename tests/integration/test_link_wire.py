@@ -20,7 +20,7 @@ from wire_bench import (
 
 from gcs.links.framed.router import Direction, Listen, Router
 from gcs.links.kill_latch import KillLatch
-from gcs.links.setpoint_watchdog import Deadman
+from gcs.links.setpoint_watchdog import SetpointWatchdog
 from gcs.model.errors import LinkError
 from gcs.model.state import Mode
 
@@ -57,7 +57,7 @@ def test_who_floods_its_port_keeps_neither_the_loop_nor_the_others_waiting() -> 
         name="bench",
         system_ids=(1, 2),
         listen=Listen("127.0.0.1", port, 2),
-        deadman=Deadman(0.18),
+        setpoint_watchdog=SetpointWatchdog(0.18),
         latch=KillLatch((1, 2)),
         clock=slow_clock,
         deliver=lambda frame: delivered.append(frame.system_id),
@@ -96,10 +96,12 @@ def test_a_setpoint_leaves_only_with_permission_and_never_to_everybody() -> None
                 one.sendto(beat(1) + beat(2), ("127.0.0.1", made.port))
                 await until(lambda: len(made.delivered) == 2)
                 made.router.send(setpoint(1))
-                made.deadman.refresh([1], time.monotonic() + 60.0)  # it does not expire before it is tried
+                made.setpoint_watchdog.refresh(
+                    [1], time.monotonic() + 60.0
+                )  # it does not expire before it is tried
                 made.router.send(setpoint(1) + setpoint(2) + setpoint(0))
                 assert await arrived(one) == setpoint(1)
-                made.deadman.refresh([1], time.monotonic() - 0.201)
+                made.setpoint_watchdog.refresh([1], time.monotonic() - 0.201)
                 made.router.send(setpoint(1))
                 assert is_empty(one)
                 counters = made.router.counters

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.links.kill_latch import KillLatch
-from gcs.links.setpoint_watchdog import Deadman
+from gcs.links.setpoint_watchdog import SetpointWatchdog
 
 HOLD_S = 0.2
 SYSTEMS = st.integers(0, 5)
@@ -17,18 +17,18 @@ ASK = st.tuples(st.just("ask"), STEP_S, SYSTEMS)
 def test_no_setpoint_is_allowed_later_than_the_hold_time_after_the_last_tick_that_listed_it(
     steps: list[Any],
 ) -> None:
-    deadman = Deadman(HOLD_S)
+    setpoint_watchdog = SetpointWatchdog(HOLD_S)
     now_s = 100.0
     last_s = -1e9
     listed: frozenset[int] = frozenset()
     for what, step_s, about in steps:
         now_s += step_s
         if what == "refresh":
-            deadman.refresh(about, now_s)
+            setpoint_watchdog.refresh(about, now_s)
             last_s, listed = now_s, about
         else:
             allowed = about in listed and about != 0 and now_s <= last_s + HOLD_S
-            assert deadman.allows(about, now_s) == allowed
+            assert setpoint_watchdog.allows(about, now_s) == allowed
 
 
 @given(st.lists(st.sampled_from(["kill", "order", "turn"])))

@@ -79,14 +79,14 @@ class LoopbackLink:
         fleet: Fleet,
         frame: ShowFrame,
         *,
-        deadman_s: float,
+        setpoint_timeout_s: float,
     ) -> None:
         """`vehicles` and `fleet.autopilots` belong together by system id."""
         self._name = name
         self._system_ids = dict(vehicles)
         self._fleet = fleet
         self._frame = frame
-        self._deadman_s = deadman_s
+        self._setpoint_timeout_s = setpoint_timeout_s
         self._row = {pilot.system_id: row for row, pilot in enumerate(fleet.autopilots)}
         self._mav = common.MAVLink(None, *STATION)
         self._ears = {vehicle_id: Ears() for vehicle_id in vehicles}
@@ -181,7 +181,7 @@ class LoopbackLink:
     def send(self, setpoints: Setpoints) -> None:
         """Let one tick's orders leave, unless they are older than the deadman's time."""
         now_s = asyncio.get_running_loop().time()
-        if now_s - setpoints.time_s > self._deadman_s:
+        if now_s - setpoints.time_s > self._setpoint_timeout_s:
             return
         velocity_ned_m_s = self._frame.into_ned(setpoints.velocity_m_s)
         yaw_rad = (setpoints.yaw_rad + np.radians(self._frame.heading_deg) + pi) % (2 * pi) - pi
@@ -336,7 +336,7 @@ class LoopbackLink:
                 )
 
     def _refuse_the_impossible(self, command: Command, received: Ears, now_s: float) -> None:
-        fed = now_s - self._setpoint_s[command.vehicle_id] <= self._deadman_s
+        fed = now_s - self._setpoint_s[command.vehicle_id] <= self._setpoint_timeout_s
         if command.verb is Verb.OFFBOARD and not fed:
             raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
         if command.verb is Verb.TAKEOFF and not received.armed:

@@ -372,7 +372,9 @@ def fly(
             start_s=loop.time(),
             unix_at_start_s=UnixClock()(),
         )
-        link = LoopbackLink("loop", system_ids(plan.ids), fleet, plan.frame, deadman_s=plan.deadman_s)
+        link = LoopbackLink(
+            "loop", system_ids(plan.ids), fleet, plan.frame, setpoint_timeout_s=plan.setpoint_timeout_s
+        )
         link.failures.extend(failures)
         links: list[Link] = [link]
         unix = UnixClock()

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as dialect
 from gcs.links.endpoints import Listen, Place
 from gcs.links.framed.router import Router
 from gcs.links.kill_latch import KillLatch
-from gcs.links.setpoint_watchdog import Deadman
+from gcs.links.setpoint_watchdog import SetpointWatchdog
 from gcs.links.settings import Forward
 from gcs.links.signing_keys import Signing
 from gcs.mavlink.framing import Frame
@@ -32,14 +32,14 @@ class Bench:
         forward: Sequence[Forward] = (),
     ) -> None:
         self.port = listen.first_port if isinstance(listen, Listen) else 0
-        self.deadman = Deadman(0.2)
+        self.setpoint_watchdog = SetpointWatchdog(0.2)
         self.delivered: list[Frame] = []
         self.latch = KillLatch(system_ids)
         self.router = Router(
             name="bench",
             system_ids=system_ids,
             listen=listen,
-            deadman=self.deadman,
+            setpoint_watchdog=self.setpoint_watchdog,
             latch=self.latch,
             clock=time.monotonic,
             deliver=self.delivered.append,

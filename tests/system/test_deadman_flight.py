@@ -15,7 +15,7 @@ from gcs.links.mavsdk.link import MavsdkUdpLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 
-DEADMAN_S = 0.2
+SETPOINT_TIMEOUT_S = 0.2
 STOPPED_S = 3.0
 BEAT_S = 1.5
 """Heartbeats come once a second."""
@@ -101,6 +101,6 @@ def test_when_control_stops_setpoints_cease_and_the_failsafe_begins(tmp_path: Pa
         assert times_s, "setpoints flowed before"
         assert last_tick_s - times_s[-1] < 0.1, "they flowed until the last tick"
         # the record says when the call that sends returned: a pause of the machine between may be in it
-        assert machine.awake_s(last_tick_s, times_s[-1]) <= DEADMAN_S
+        assert machine.awake_s(last_tick_s, times_s[-1]) <= SETPOINT_TIMEOUT_S
     if stop is block_the_loop:
         assert phases == [Phase.PILOT, Phase.PILOT], "the failsafe's mode is nobody's order: hands off"

@@ -28,7 +28,7 @@ from gcs.links.mavsdk.binding import COMPONENT_ID, MavsdkVehicle
 from gcs.links.mavsdk.instances import MavsdkInstances
 from gcs.links.mavsdk.threads import LinkThread
 from gcs.links.mavsdk.workers import MavsdkCommandChannel, Workers
-from gcs.links.setpoint_watchdog import Asked, Deadman, Pulse, before_it_leaves_s
+from gcs.links.setpoint_watchdog import ExpectedSetpoints, HeartbeatGate, SetpointWatchdog, before_it_leaves_s
 from gcs.links.settings import Forward
 from gcs.links.signing_keys import Signing
 from gcs.links.stream_rates import NOT_FOR_MAVSDK
@@ -66,7 +66,7 @@ class MavsdkLink(BaseLink):
         listen: Place | Sequence[Place],
         frame: ShowFrame,
         *,
-        deadman_s: float = 0.2,
+        setpoint_timeout_s: float = 0.2,
         heartbeat_hold_s: float = 3.0,
         clock: Callable[[], float] = monotonic,
         rates_hz: Mapping[int, float] | None = None,
@@ -81,7 +81,8 @@ class MavsdkLink(BaseLink):
             vehicles: system id of each vehicle, 1 to 250, each once.
             listen: where the vehicles are.
             frame: to turn setpoints from the show frame to NED.
-            deadman_s: no setpoint leaves later than this after the time of the tick that asked for it.
+            setpoint_timeout_s: no setpoint leaves later than this after the time of the tick that asked for
+                it.
             heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
             clock: the loop's, ``loop.time``.
             rates_hz: how often the vehicles are to send which message; they are not asked when not given.
@@ -90,26 +91,27 @@ class MavsdkLink(BaseLink):
             forward: further ground stations.
 
         Raises:
-            InvalidError: a system id is out of range or used twice, or `deadman_s` leaves no time to send.
+            InvalidError: a system id is out of range or used twice, or `setpoint_timeout_s` leaves no time
+            to send.
         """
         self._frame = frame
         self._clock = clock
-        self._deadman = Deadman(before_it_leaves_s(deadman_s))
-        self._asked = Asked()
-        self._pulse = Pulse(heartbeat_hold_s)
+        self._setpoint_watchdog = SetpointWatchdog(before_it_leaves_s(setpoint_timeout_s))
+        self._asked = ExpectedSetpoints()
+        self._heartbeat_gate = HeartbeatGate(heartbeat_hold_s)
         self._latch = KillLatch(vehicles.values())
         self._source = station_id(vehicles.values()), COMPONENT_ID
         self._router = Router(
             name=name,
             system_ids=vehicles.values(),
             listen=listen,
-            deadman=self._deadman,
+            setpoint_watchdog=self._setpoint_watchdog,
             latch=self._latch,
             clock=clock,
             deliver=self._deliver,
             station_id=self._source[0],
             asked=self._asked,
-            pulse=self._pulse,
+            heartbeat_gate=self._heartbeat_gate,
             signing=signing,
             forward=forward,
         )
@@ -149,7 +151,7 @@ class MavsdkLink(BaseLink):
         """Move bytes until cancelled. Raises: LinkError naming the port that cannot be had."""
         router = self._router
         router.open()
-        self._pulse.beat(self._clock())  # time to begin
+        self._heartbeat_gate.beat(self._clock())  # time to begin
         fleet = MavsdkInstances(tuple(self._vehicles.values()), self._source[0])
         protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         recorder = self._recorder
@@ -222,12 +224,13 @@ class MavsdkLink(BaseLink):
     def send(self, setpoints: Setpoints) -> None:
         """Hand over one tick's orders. Never blocks.
 
-        Permission lasts `deadman_s` from the tick's own time, `setpoints.time_s`, on the link's clock: a
+        Permission lasts `setpoint_timeout_s` from the tick's own time, `setpoints.time_s`, on the link's
+        clock: a
         batch that is older than that when it comes is not sent at all. A row that is not finite, and one for
         a vehicle that is not connected, is left out, as if it were not listed.
         """
         now_s = self._clock()
-        self._pulse.beat(now_s)
+        self._heartbeat_gate.beat(now_s)
         velocity_ned_m_s = self._frame.into_ned(setpoints.velocity_m_s)
         finite = np.isfinite(velocity_ned_m_s).all(axis=1) & np.isfinite(setpoints.yaw_rad)
         rows: dict[int, int] = {}
@@ -240,14 +243,16 @@ class MavsdkLink(BaseLink):
         since_s = min(now_s, setpoints.time_s)
         reported = velocity_ned_m_s.astype("<f4")
         self._asked.replace({system_id: reported[row].tobytes() for system_id, row in rows.items()})
-        self._deadman.refresh((known for known in rows if self._deadman.allows(known, now_s)), since_s)
+        self._setpoint_watchdog.refresh(
+            (known for known in rows if self._setpoint_watchdog.allows(known, now_s)), since_s
+        )
         agreed: list[int] = []
         for system_id, row in rows.items():
             north_m_s, east_m_s, down_m_s = velocity_ned_m_s[row].tolist()
             yaw_deg = (degrees(setpoints.yaw_rad[row]) + self._frame.heading_deg + 180) % 360 - 180
             if self._met[system_id].set_velocity(north_m_s, east_m_s, down_m_s, yaw_deg):
                 agreed.append(system_id)
-        self._deadman.refresh(agreed, since_s)
+        self._setpoint_watchdog.refresh(agreed, since_s)
         self._ticked.set()
         if self._fleet is not None:
             self._fleet.pass_on(self._router)
@@ -263,7 +268,7 @@ class MavsdkLink(BaseLink):
             await protocol.kill(command, telemetry, lambda: self._send_kill(system_id))
             return
         channel = self._command_channel(command.vehicle_id, f"{command.verb} impossible")
-        if command.verb is Verb.OFFBOARD and not self._deadman.allows(system_id, self._clock()):
+        if command.verb is Verb.OFFBOARD and not self._setpoint_watchdog.allows(system_id, self._clock()):
             raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
         await protocol.execute(command, channel, telemetry)
 
@@ -364,7 +369,7 @@ class MavsdkLink(BaseLink):
 
     async def _shut(self, link_thread: LinkThread, protocol: CommandProtocol, workers: Workers) -> None:
         """Stop, inside out: no setpoints, no calls, no MAVSDK, no sockets."""
-        self._deadman.refresh((), self._clock())
+        self._setpoint_watchdog.refresh((), self._clock())
         self._fleet, self._protocol, self._workers, self._met = None, None, None, {}
         self._healthy = [False] * len(self._ids)
         protocol.close()

@@ -18,7 +18,7 @@ from gcs.links.framed.forwarding import Forwarder, may_pass
 from gcs.links.framed.setpoint_gate import SetpointGate
 from gcs.links.kill_latch import KillLatch
 from gcs.links.mmsg import Batch
-from gcs.links.setpoint_watchdog import Asked, Deadman, Pulse
+from gcs.links.setpoint_watchdog import ExpectedSetpoints, HeartbeatGate, SetpointWatchdog
 from gcs.links.settings import Forward
 from gcs.links.signing_keys import Signing
 from gcs.links.telemetry import VehicleTelemetry
@@ -66,13 +66,13 @@ class Router:
         name: str,
         system_ids: Iterable[int],
         listen: Place | Sequence[Place],
-        deadman: Deadman,
+        setpoint_watchdog: SetpointWatchdog,
         latch: KillLatch,
         clock: Callable[[], float],
         deliver: Callable[[Frame], None],
         station_id: int = 245,
-        asked: Asked | None = None,
-        pulse: Pulse | None = None,
+        asked: ExpectedSetpoints | None = None,
+        heartbeat_gate: HeartbeatGate | None = None,
         signing: Signing | None = None,
         forward: Sequence[Forward] = (),
     ) -> None:
@@ -82,13 +82,13 @@ class Router:
             name: the link's, for errors and logs.
             system_ids: the vehicles; whoever else speaks is counted.
             listen: where they are.
-            deadman: permits setpoints.
+            setpoint_watchdog: permits setpoints.
             latch: holds back what a kill has overtaken.
             clock: the loop's.
             deliver: gets every accepted frame, on the thread that receives.
             station_id: our own system id.
             asked: knows old setpoints from new ones; none is too old without.
-            pulse: permits our heartbeats; they always leave without.
+            heartbeat_gate: permits our heartbeats; they always leave without.
             signing: signs all that leaves and judges all that comes. Whoever gives it opens and closes it.
             forward: further ground stations.
         """
@@ -98,13 +98,13 @@ class Router:
         self.counters = Counters()
         self.observers: tuple[Observer, ...] = ()
         self._name = name
-        self._deadman = deadman
+        self._setpoint_watchdog = setpoint_watchdog
         self._latch = latch
         self._clock = clock
         self._deliver = deliver
         self._station_id = station_id
         self._asked = asked
-        self._pulse = pulse
+        self._heartbeat_gate = heartbeat_gate
         self._signing = signing
         self._address_book = AddressBook(self.telemetry)
         self._endpoints = make(name, listen if isinstance(listen, Sequence) else (listen,))
@@ -117,7 +117,7 @@ class Router:
             system_id: deque(maxlen=_RECORD_LENGTH) for system_id in self.telemetry
         }
         self._gate = SetpointGate(
-            deadman=deadman,
+            setpoint_watchdog=setpoint_watchdog,
             latch=latch,
             asked=asked,
             address_of=self._address_book.address,
@@ -222,7 +222,7 @@ class Router:
     def _send_setpoint(self, frame: Frame, target: int) -> None:
         if self._latch.is_shut(target):
             self.counters.commands_dropped += 1
-        elif not self._deadman.allows(target, self._clock()) or self._is_old(frame, target):
+        elif not self._setpoint_watchdog.allows(target, self._clock()) or self._is_old(frame, target):
             self.counters.setpoints_dropped += 1
         elif self._send_frame(frame, target, perishable=True):
             self._note_setpoint(target)
@@ -240,7 +240,7 @@ class Router:
 
     def _is_dead(self) -> bool:
         """Whether control has been silent for so long that our heartbeats may not say otherwise."""
-        if self._pulse is None or self._pulse.is_alive(self._clock()):
+        if self._heartbeat_gate is None or self._heartbeat_gate.is_alive(self._clock()):
             return False
         self.counters.heartbeats_withheld += 1
         return True
@@ -282,7 +282,7 @@ class Router:
     def _send_to(self, data: bytes, address: Address, target: int, perishable: bool) -> bool:
         send = self._endpoints[address.socket_index].send
         # Asked again right before the call: a thread may lose its turn, and the process be stopped, anywhere.
-        if perishable and not self._deadman.allows(target, self._clock()):
+        if perishable and not self._setpoint_watchdog.allows(target, self._clock()):
             self.counters.setpoints_dropped += 1
             return False
         try:

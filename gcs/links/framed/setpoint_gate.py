@@ -12,7 +12,7 @@ from gcs.links.endpoints import Endpoint
 from gcs.links.endpoints.udp import Udp
 from gcs.links.kill_latch import KillLatch
 from gcs.links.mmsg import Batch
-from gcs.links.setpoint_watchdog import Asked, Deadman
+from gcs.links.setpoint_watchdog import ExpectedSetpoints, SetpointWatchdog
 from gcs.mavlink.codec import Records
 from gcs.mavlink.setpoint_kernels import FRAME, are_setpoints, warm_up
 from gcs.model.state import Array
@@ -34,9 +34,9 @@ class SetpointGate:
     def __init__(
         self,
         *,
-        deadman: Deadman,
+        setpoint_watchdog: SetpointWatchdog,
         latch: KillLatch,
-        asked: Asked | None,
+        asked: ExpectedSetpoints | None,
         address_of: Callable[[int], Address | None],
         endpoints: Sequence[Endpoint],
         counters: Counters,
@@ -45,7 +45,7 @@ class SetpointGate:
     ) -> None:
         """See `Wire`; `failed` is told of every datagram that could not leave."""
         warm_up()
-        self._deadman = deadman
+        self._setpoint_watchdog = setpoint_watchdog
         self._latch = latch
         self._asked = asked
         self._address_of = address_of
@@ -81,7 +81,9 @@ class SetpointGate:
                 others.append(row)
             elif self._latch.is_shut(target):
                 self._counters.commands_dropped += 1
-            elif not self._deadman.allows(target, now_s) or not self._is_newest(target, velocities[at]):
+            elif not self._setpoint_watchdog.allows(target, now_s) or not self._is_newest(
+                target, velocities[at]
+            ):
                 self._counters.setpoints_dropped += 1
             else:
                 way = ways.setdefault(address.socket_index, _Way([], [], []))
@@ -111,7 +113,7 @@ class SetpointGate:
         self._out.address([(address.host, address.port) for address in way.addresses])
         while first < end:
             # Asked again right before the call: the process may be stopped anywhere.
-            if not self._deadman.is_alive(self._clock()):
+            if not self._setpoint_watchdog.is_alive(self._clock()):
                 self._counters.setpoints_dropped += end - first
                 return
             try:

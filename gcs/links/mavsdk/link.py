@@ -26,7 +26,7 @@ from gcs.links.mavsdk.setpoint_filter import SetpointFilter
 from gcs.links.mavsdk.threads import LinkThread
 from gcs.links.mavsdk.workers import MavsdkCommandChannel, Workers
 from gcs.links.stream_rates import SETTLE_S
-from gcs.links.udp.link import SetpointBatch, UdpLink, Works
+from gcs.links.udp.link import Coroutines, SetpointBatch, UdpLink
 from gcs.links.vehicle_ids import station_id
 from gcs.mavlink.kernels import BEGIN, END, Bytes, Whole
 from gcs.model.frames import ShowFrame
@@ -65,7 +65,7 @@ class MavsdkUdpLink(UdpLink):
         listen: Listen | Sequence[Listen],
         frame: ShowFrame,
         *,
-        deadman_s: float = 0.2,
+        setpoint_timeout_s: float = 0.2,
         heartbeat_hold_s: float = 3.0,
         rates_hz: Mapping[int, float] | None = None,
         record: Path | None = None,
@@ -79,7 +79,7 @@ class MavsdkUdpLink(UdpLink):
             listen,
             frame,
             station_id=self._station_id,
-            deadman_s=deadman_s,
+            setpoint_timeout_s=setpoint_timeout_s,
             heartbeat_hold_s=heartbeat_hold_s,
             rates_hz=rates_hz,
             record=record,
@@ -103,7 +103,7 @@ class MavsdkUdpLink(UdpLink):
         self._since_s: Array = np.full(n, inf)  # when MAVSDK met it, in its newest life
 
     @asynccontextmanager
-    async def _opened(self) -> AsyncIterator[Works]:
+    async def _opened(self) -> AsyncIterator[Coroutines]:
         fleet = MavsdkInstances(tuple(self._system_ids.tolist()), self._station_id)
         protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         link_thread = LinkThread(fleet, self._recorder, None)

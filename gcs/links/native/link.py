@@ -14,7 +14,7 @@ import numpy as np
 from gcs.links.command_protocol import CommandProtocol
 from gcs.links.endpoints import Listen
 from gcs.links.udp.commands import Commands
-from gcs.links.udp.link import SetpointBatch, UdpLink, Works
+from gcs.links.udp.link import Coroutines, SetpointBatch, UdpLink
 from gcs.links.udp.px4_commands import NativeCommandChannel
 from gcs.mavlink.codec import SYSTEM_ID
 from gcs.mavlink.outgoing import SETPOINT, setpoint_messages
@@ -32,7 +32,7 @@ class DirectLink(UdpLink):
         listen: Listen | Sequence[Listen],
         frame: ShowFrame,
         *,
-        deadman_s: float = 0.2,
+        setpoint_timeout_s: float = 0.2,
         heartbeat_hold_s: float = 3.0,
         rates_hz: Mapping[int, float] | None = None,
         record: Path | None = None,
@@ -45,7 +45,7 @@ class DirectLink(UdpLink):
             listen,
             frame,
             station_id=SYSTEM_ID,
-            deadman_s=deadman_s,
+            setpoint_timeout_s=setpoint_timeout_s,
             heartbeat_hold_s=heartbeat_hold_s,
             rates_hz=rates_hz,
             record=record,
@@ -55,7 +55,7 @@ class DirectLink(UdpLink):
         self._everybody: Mask = np.ones(len(self._ids), np.bool_)
 
     @asynccontextmanager
-    async def _opened(self) -> AsyncIterator[Works]:
+    async def _opened(self) -> AsyncIterator[Coroutines]:
         recorder = self._recorder
         protocol = CommandProtocol(self._vehicles, self._latch, self._clock)
         self._commands = self._inbox.commands = Commands(self._system_ids, self._tell)

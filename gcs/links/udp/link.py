@@ -52,7 +52,7 @@ _AHEAD_S: Final = 0.002
 _WATCH_S: Final = 0.1
 """Between two looks at who has come, or has forgotten what it was asked."""
 
-Works = Mapping[str, Coroutine[Any, Any, None]]
+Coroutines = Mapping[str, Coroutine[Any, Any, None]]
 """By name, what a transport does beside, for as long as the link runs."""
 
 
@@ -76,7 +76,7 @@ class UdpLink(BaseLink, ABC):
         frame: ShowFrame,
         *,
         station_id: int,
-        deadman_s: float,
+        setpoint_timeout_s: float,
         heartbeat_hold_s: float,
         rates_hz: Mapping[int, float] | None,
         record: Path | None,
@@ -90,14 +90,16 @@ class UdpLink(BaseLink, ABC):
             listen: UDP ports where the vehicles send to.
             frame: to turn setpoints from the show frame to NED.
             station_id: our own system id.
-            deadman_s: no setpoint leaves later than this after the time of the tick that asked for it.
+            setpoint_timeout_s: no setpoint leaves later than this after the time of the tick that asked for
+                it.
             heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
             rates_hz: how often the vehicles are to send which message; they are not asked when not given.
             record: a folder for recordings of every frame.
             clock: the loop's, ``loop.time``.
 
         Raises:
-            InvalidError: a system id is out of range or used twice, or `deadman_s` leaves no time to send.
+            InvalidError: a system id is out of range or used twice, or `setpoint_timeout_s` leaves no time
+            to send.
         """
         counters = Counters()
         recorder = None if record is None else Recorder(record, name, counters, clock)
@@ -107,7 +109,7 @@ class UdpLink(BaseLink, ABC):
         self._system_ids: Whole = np.array(list(vehicles.values()), np.int64)
         self._frame = frame
         self._clock = clock
-        self._hold_s = before_it_leaves_s(deadman_s)
+        self._hold_s = before_it_leaves_s(setpoint_timeout_s)
         self._heartbeat_hold_s = heartbeat_hold_s
         self._packets = Packets(name, listen, clock)
         self._outbox = Outbox(self._packets, self._addresses, self._counters, self._system_ids, station_id)
@@ -128,7 +130,7 @@ class UdpLink(BaseLink, ABC):
     # what transports do differently
 
     @abstractmethod
-    def _opened(self) -> AbstractAsyncContextManager[Works]:
+    def _opened(self) -> AbstractAsyncContextManager[Coroutines]:
         """Open what the transport needs, `_protocol` last; close it again, `_protocol` first."""
 
     @abstractmethod
@@ -178,10 +180,10 @@ class UdpLink(BaseLink, ABC):
         self._ticked_s = self._clock()  # time to begin
         stop_recording = None if self._recorder is None else self.observe(self._recorder.record)
         try:
-            async with self._opened() as works, asyncio.TaskGroup() as group:
+            async with self._opened() as coroutines, asyncio.TaskGroup() as group:
                 group.create_task(self._keep_receiving(), name=f"link/{self._name}/receive")
                 group.create_task(self._keep_beating(), name=f"link/{self._name}/beat")
-                for name, work in works.items():
+                for name, work in coroutines.items():
                     group.create_task(work, name=f"link/{self._name}/{name}")
         finally:
             self._packets.close()

@@ -355,7 +355,7 @@ BAD: dict[str, tuple[Callable[[dict[str, Any]], object], tuple[str, ...]]] = {
         ("position", "4000", "within 288.0 m"),
     ),
     "ticks too slow": (lambda raw: raw.update(tick_rate_hz=1.0), ("tick_rate_hz", "1.0")),
-    "a deadman too patient": (lambda raw: raw.update(deadman_s=0.5), ("deadman_s", "0.5")),
+    "a deadman too patient": (lambda raw: raw.update(setpoint_timeout_s=0.5), ("setpoint_timeout_s", "0.5")),
     "an action nobody takes": (
         lambda raw: raw.update(operation={"setpoint_loss_action": "panic"}),
         ("operation.setpoint_loss_action", "panic"),

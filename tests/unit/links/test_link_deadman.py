@@ -1,42 +1,42 @@
 from math import nan
 
-from gcs.links.setpoint_watchdog import Asked, Deadman, Pulse
+from gcs.links.setpoint_watchdog import ExpectedSetpoints, HeartbeatGate, SetpointWatchdog
 
 
 def test_nothing_is_allowed_before_the_first_tick() -> None:
-    assert not Deadman(0.2).allows(1, 0.0)
+    assert not SetpointWatchdog(0.2).allows(1, 0.0)
 
 
 def test_a_listed_vehicle_is_allowed_for_the_hold_time_only() -> None:
-    deadman = Deadman(0.2)
-    deadman.refresh([1, 2], 10.0)
-    assert deadman.allows(1, 10.0)
-    assert deadman.allows(2, 10.2)
-    assert not deadman.allows(2, 10.2001)
+    setpoint_watchdog = SetpointWatchdog(0.2)
+    setpoint_watchdog.refresh([1, 2], 10.0)
+    assert setpoint_watchdog.allows(1, 10.0)
+    assert setpoint_watchdog.allows(2, 10.2)
+    assert not setpoint_watchdog.allows(2, 10.2001)
 
 
 def test_a_vehicle_no_longer_listed_is_forbidden_at_once() -> None:
-    deadman = Deadman(0.2)
-    deadman.refresh([1, 2], 10.0)
-    deadman.refresh([2], 10.05)
-    assert not deadman.allows(1, 10.05)
-    assert deadman.allows(2, 10.25)
+    setpoint_watchdog = SetpointWatchdog(0.2)
+    setpoint_watchdog.refresh([1, 2], 10.0)
+    setpoint_watchdog.refresh([2], 10.05)
+    assert not setpoint_watchdog.allows(1, 10.05)
+    assert setpoint_watchdog.allows(2, 10.25)
 
 
 def test_everybody_is_never_allowed() -> None:
-    deadman = Deadman(0.2)
-    deadman.refresh([0, 1], 10.0)
-    assert not deadman.allows(0, 10.0)
+    setpoint_watchdog = SetpointWatchdog(0.2)
+    setpoint_watchdog.refresh([0, 1], 10.0)
+    assert not setpoint_watchdog.allows(0, 10.0)
 
 
 def test_a_time_that_is_no_number_allows_nothing() -> None:
-    deadman = Deadman(0.2)
-    deadman.refresh([1], nan)
-    assert not deadman.allows(1, 10.0)
+    setpoint_watchdog = SetpointWatchdog(0.2)
+    setpoint_watchdog.refresh([1], nan)
+    assert not setpoint_watchdog.allows(1, 10.0)
 
 
 def test_only_what_was_asked_last_is_new() -> None:
-    asked = Asked()
+    asked = ExpectedSetpoints()
     assert not asked.is_newest(1, b"")
     asked.replace({1: b"north", 2: b"east"})
     assert asked.is_newest(1, b"north")
@@ -47,16 +47,16 @@ def test_only_what_was_asked_last_is_new() -> None:
 
 
 def test_a_pulse_lasts_for_its_hold_time_after_each_beat() -> None:
-    pulse = Pulse(3.0)
-    assert not pulse.is_alive(0.0)
-    pulse.beat(10.0)
-    assert pulse.is_alive(13.0)
-    assert not pulse.is_alive(13.001)
-    pulse.beat(20.0)
-    assert pulse.is_alive(20.0)
+    heartbeat_gate = HeartbeatGate(3.0)
+    assert not heartbeat_gate.is_alive(0.0)
+    heartbeat_gate.beat(10.0)
+    assert heartbeat_gate.is_alive(13.0)
+    assert not heartbeat_gate.is_alive(13.001)
+    heartbeat_gate.beat(20.0)
+    assert heartbeat_gate.is_alive(20.0)
 
 
 def test_a_pulse_at_a_time_that_is_no_number_is_none() -> None:
-    pulse = Pulse(3.0)
-    pulse.beat(nan)
-    assert not pulse.is_alive(1.0)
+    heartbeat_gate = HeartbeatGate(3.0)
+    heartbeat_gate.beat(nan)
+    assert not heartbeat_gate.is_alive(1.0)

@@ -22,10 +22,10 @@ def test_two_vehicles_with_one_system_id_are_refused() -> None:
         MavsdkLink("one", {"a": 3, "b": 3}, LISTEN, FRAME)
 
 
-@pytest.mark.parametrize("deadman_s", [0.0, -1.0, float("nan")])
-def test_a_deadman_without_time_is_refused(deadman_s: float) -> None:
-    with pytest.raises(InvalidError, match="deadman_s"):
-        MavsdkLink("one", {"a": 3}, LISTEN, FRAME, deadman_s=deadman_s)
+@pytest.mark.parametrize("setpoint_timeout_s", [0.0, -1.0, float("nan")])
+def test_a_setpoint_watchdog_without_time_is_refused(setpoint_timeout_s: float) -> None:
+    with pytest.raises(InvalidError, match="setpoint_timeout_s"):
+        MavsdkLink("one", {"a": 3}, LISTEN, FRAME, setpoint_timeout_s=setpoint_timeout_s)
 
 
 def test_a_link_that_does_not_run_takes_setpoints_and_sends_none() -> None:
