@@ -59,7 +59,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
                 terminalreporter.write_line(line, yellow=True)
 
 
-@pytest.fixture(params=["mavsdk", "direct"])
+@pytest.fixture(params=["mavsdk", "native"])
 def transport(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """The test holds for both transports: changes what `link_bench.a_link` makes."""
     monkeypatch.setattr("link_bench.chosen", request.param)

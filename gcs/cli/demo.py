@@ -30,7 +30,7 @@ from gcs.model.errors import ConfigError, GcsError
 from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.preflight.parameters import requirements, settings_of
 
-VEHICLES_MAX = {"mavsdk": 50, "direct": 1000}
+VEHICLES_MAX = {"mavsdk": 50, "native": 1000}
 CHILD_ENDS_S = 5.0
 
 PAD_SPACING_M = 4.0
@@ -74,10 +74,10 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
     """The shipped demo configuration for that many vehicles. Raises: ConfigError."""
     count, most = arguments.vehicles, VEHICLES_MAX[arguments.transport]
     if not 2 <= count <= most:
-        advice = "" if count < 2 or arguments.transport == "direct" else "; --transport direct bears more"
+        advice = "" if count < 2 or arguments.transport == "native" else "; --transport native bears more"
         raise ConfigError(f"--vehicles {count}: 2 to {most} is possible{advice}")
     raw = configuration.load(configuration.find("demo")).model_dump()
-    large = arguments.transport == "direct"
+    large = arguments.transport == "native"
     if large:
         _make_large(raw, arguments)
     else:
@@ -113,7 +113,7 @@ def _make_large(raw: dict[str, Any], arguments: argparse.Namespace) -> None:
     raw["links"] = [
         {
             "name": name,
-            "transport": "direct",
+            "transport": "native",
             "listen": f"udpin://127.0.0.1:{arguments.port_base + index}",
             "vehicles": {"count": count, "id_pattern": "{link}{system_id}"},
             "streams": {"state_hz": 2.0},
@@ -214,7 +214,7 @@ def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, trut
     common += ["--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"]
     common += ["--grid-columns", str(_columns(count)), "--spacing", f"{PAD_SPACING_M:g}"]
     common += ["--seed", str(arguments.seed)]
-    if arguments.transport == "direct":
+    if arguments.transport == "native":
         each = str(_namespaces(count)[0])
         common += ["--shared-port", "--namespace-size", each, "--telemetry-hz", "10"]
     for name, value in settings_of(requirements(config.operation, config.control)).items():

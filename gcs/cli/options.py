@@ -5,7 +5,7 @@ from typing import Final
 
 from gcs.cli import supervisor
 
-TRANSPORTS: Final = ("direct", "mavsdk")
+TRANSPORTS: Final = ("native", "mavsdk")
 ROWS: Final = (
     *(
         "shape",
@@ -32,7 +32,7 @@ def demo(parser: argparse.ArgumentParser) -> None:
         "--transport",
         choices=TRANSPORTS,
         default="mavsdk",
-        help="direct: without MAVSDK, up to 250 vehicles a port; the story is told as far as it fits; mavsdk",
+        help="native: without MAVSDK, up to 250 vehicles a port; the story is told as far as it fits; mavsdk",
     )
     parser.add_argument("--seconds", type=float, default=240.0, metavar="S", help="of the whole flight; 240")
     parser.add_argument("--seed", type=int, default=0, help="of the fake fleet")

@@ -26,7 +26,7 @@ from gcs.links import Link
 from gcs.links.endpoints import Listen
 from gcs.links.framed.link import MavsdkLink
 from gcs.links.mavsdk.link import MavsdkUdpLink
-from gcs.links.native.link import DirectLink
+from gcs.links.native.link import NativeLink
 from gcs.links.signing_keys import Signing
 from gcs.links.stream_rates import desired
 from gcs.model.errors import ConfigError, LinkError, RefusedError
@@ -46,8 +46,8 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
     Raises: ConfigError for a signing key that is none.
     """
     vehicles = {vehicle.id: vehicle.system_id for vehicle in settings.fleet}
-    if settings.transport == "direct":
-        return DirectLink(
+    if settings.transport == "native":
+        return NativeLink(
             settings.name,
             vehicles,
             settings.udp_ports,

@@ -130,7 +130,7 @@ class LinkSettings(Settings):
     """Where vehicles are. `ports` consecutive UDP ports, beginning with the one in `listen`."""
 
     name: Annotated[str, Field(min_length=1)]
-    transport: Literal["mavsdk", "direct"] = "mavsdk"
+    transport: Literal["mavsdk", "native"] = "mavsdk"
     listen: Urls
     ports: Annotated[int, Field(ge=1, le=1000)] = 1
     vehicles: Fleet
@@ -166,8 +166,8 @@ class LinkSettings(Settings):
             raise ValueError(f"listen: {error}") from None
         if len(set(taken)) < len(taken):
             raise ValueError("listen: the same place is there twice")
-        if self.transport == "direct":
-            self._check_direct()
+        if self.transport == "native":
+            self._check_native()
         seen: set[int] = set()
         for vehicle in self.fleet:
             if vehicle.system_id in seen:
@@ -175,7 +175,7 @@ class LinkSettings(Settings):
             seen.add(vehicle.system_id)
         return self
 
-    def _check_direct(self) -> None:
+    def _check_native(self) -> None:
         try:
             _ = self.udp_ports
         except ConfigError as error:

@@ -143,7 +143,7 @@ def main(desired: list[str]) -> None:
     """All, or the row asked for."""
     heads = ("age p50", "age p99", "tick p99", "late p99", "m p50", "m p99")
     print(f"{'':<10}{'N':>5}" + "".join(f"{head:>10}" for head in heads) + "   (ms; metres at 5 m/s)")
-    for transport, count in [(desired[0], int(desired[1]))] if desired else [("mavsdk", 8), ("direct", 8)]:
+    for transport, count in [(desired[0], int(desired[1]))] if desired else [("mavsdk", 8), ("native", 8)]:
         row(transport, count)
 
 

@@ -37,7 +37,7 @@ from gcs.model.state import Array, Mode, Setpoints, Telemetry
 NUMBER_AT = 4  # of a MAVLink 2 frame: where its number is
 
 
-def config_of(count: int, rate_hz: float, transport: str = "direct") -> Config:
+def config_of(count: int, rate_hz: float, transport: str = "native") -> Config:
     """So many vehicles, 250 to a port."""
     links = [
         {

@@ -69,27 +69,27 @@ ROWS = (
     Row("plainly-silent", "mavsdk", 250),
     Row("plainly-garbage", "mavsdk", 250),
     Row("wrapped", "mavsdk", 250),
-    Row("service", "direct", 1000),
-    Row("links", "direct", 1000),
-    Row("pymavlink", "direct", 1000),
-    Row("service", "direct", 250, 50.0),
-    Row("pymavlink", "direct", 250, 50.0),
-    Row("service", "direct", 250),
-    Row("silent", "direct", 250),
-    Row("garbage", "direct", 250),
-    Row("pymavlink", "direct", 250),
+    Row("service", "native", 1000),
+    Row("links", "native", 1000),
+    Row("pymavlink", "native", 1000),
+    Row("service", "native", 250, 50.0),
+    Row("pymavlink", "native", 250, 50.0),
+    Row("service", "native", 250),
+    Row("silent", "native", 250),
+    Row("garbage", "native", 250),
+    Row("pymavlink", "native", 250),
     Row("connect", "mavsdk", 250),
-    Row("connect", "direct", 250),
+    Row("connect", "native", 250),
     Row("connect-plainly", "mavsdk", 250),
-    Row("connect-pymavlink", "direct", 250),
+    Row("connect-pymavlink", "native", 250),
 )
 
 OURS = frozenset({"service", "silent", "garbage", "connect"})
 CORE_PERCENT = {
     Row("service", "mavsdk", 64): 15.0,
     Row("service", "mavsdk", 250): 40.0,
-    Row("service", "direct", 1000): 45.0,
-    Row("service", "direct", 250, 50.0): 25.0,
+    Row("service", "native", 1000): 45.0,
+    Row("service", "native", 250, 50.0): 25.0,
 }
 CONNECTED_S = 3.0
 PASSED_ON_MS = 3.0
@@ -120,7 +120,7 @@ def requirements(row: Row, cost: Cost) -> list[Requirement]:
         Requirement("telemetry lost, %", cost.lost_in_percent, 0.0),
         Requirement("setpoints lost, %", cost.lost_out_percent, 0.0),
     ]
-    if row == Row("service", "direct", 1000):
+    if row == Row("service", "native", 1000):
         required += [
             Requirement("MB", cost.resident_mb, 250.0),
             *lost,

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as dialect
 from gcs.links import Verb, mmsg
 from gcs.links.counters import Direction
 from gcs.links.endpoints import Listen
-from gcs.links.native.link import DirectLink
+from gcs.links.native.link import NativeLink
 from gcs.links.settings import StreamSettings
 from gcs.links.stream_rates import desired
 from gcs.links.udp.sockets import Datagrams, Packets, host_of, port_of, socket_of, source_of
@@ -27,12 +27,12 @@ from gcs.model.state import Setpoints
 HOST = "127.0.0.1"
 
 
-def direct(port: int, *system_ids: int, name: str = "bench") -> DirectLink:
+def direct(port: int, *system_ids: int, name: str = "bench") -> NativeLink:
     vehicles = {f"{name}{system_id}": system_id for system_id in system_ids}
     frame = ShowFrame(47.4, 8.5, 500.0)
     rates_hz = desired(StreamSettings())
     listen = Listen(HOST, port)
-    return DirectLink(name, vehicles, listen, frame, rates_hz=rates_hz)
+    return NativeLink(name, vehicles, listen, frame, rates_hz=rates_hz)
 
 
 @pytest.mark.parametrize("batched", sorted({mmsg.available(), False}))
@@ -141,7 +141,7 @@ def intervals(peer: Peer) -> list[tuple[float, float]]:
 
 
 def test_stream_rates_are_asked_for_and_again_after_a_reboot() -> None:
-    async def main(peer: Peer, link: DirectLink) -> None:
+    async def main(peer: Peer, link: NativeLink) -> None:
         async with running(link):
             await until(lambda: link._streams.settled.all() and intervals(peer))
             assert (33.0, 100_000.0) in intervals(peer)
@@ -156,7 +156,7 @@ def test_stream_rates_are_asked_for_and_again_after_a_reboot() -> None:
 
 
 def test_several_links_carry_the_same_system_ids() -> None:
-    async def main(one: DirectLink, other: DirectLink, first: Peer, second: Peer) -> None:
+    async def main(one: NativeLink, other: NativeLink, first: Peer, second: Peer) -> None:
         async with running(one), running(other):
             await asyncio.gather(ready(one), ready(other))
             await do(other, Verb.ARM, "b1")
@@ -169,7 +169,7 @@ def test_several_links_carry_the_same_system_ids() -> None:
 
 
 def test_a_batch_from_a_tick_long_ago_is_refused_whole() -> None:
-    async def main(peer: Peer, link: DirectLink) -> None:
+    async def main(peer: Peer, link: NativeLink) -> None:
         async with running(link):
             await ready(link)
             link.send(Setpoints(time.monotonic() - 0.19, link.ids, np.zeros((1, 3)), np.zeros(1)))
@@ -182,7 +182,7 @@ def test_a_batch_from_a_tick_long_ago_is_refused_whole() -> None:
 
 
 def test_observers_see_every_frame_that_passed() -> None:
-    async def main(peer: Peer, link: DirectLink) -> None:
+    async def main(peer: Peer, link: NativeLink) -> None:
         async with running(link):
             await ready(link)
             seen: list[tuple[Direction, bytes, int]] = []

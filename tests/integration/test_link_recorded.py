@@ -33,7 +33,7 @@ def recorded(path: Path) -> list[bytes]:
         return frames
 
 
-@pytest.mark.parametrize(("kind", "station_id"), [("mavsdk", 245), ("wire", 245), ("direct", 254)])
+@pytest.mark.parametrize(("kind", "station_id"), [("mavsdk", 245), ("wire", 245), ("native", 254)])
 def test_a_recording_holds_every_frame_in_order(tmp_path: Path, kind: str, station_id: int) -> None:
     seen: list[bytes] = []
 

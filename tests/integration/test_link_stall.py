@@ -11,7 +11,7 @@ from machine import free_ports
 from pymavlink.dialects.v20.common import MAV_TYPE_GCS
 
 from gcs.links import Verb
-from gcs.links.native.link import DirectLink
+from gcs.links.native.link import NativeLink
 from gcs.model.state import Mode, Setpoints
 
 pytestmark = pytest.mark.usefixtures("transport")
@@ -127,7 +127,7 @@ def test_a_batch_from_a_tick_long_ago_is_not_sent() -> None:
             await ready(link)
             old_s = time.monotonic() - 0.25
             link.send(Setpoints(old_s, ("v1",), np.zeros((1, 3)), np.zeros(1)))
-            await until(lambda: link.counters.setpoints_dropped >= (1 if isinstance(link, DirectLink) else 3))
+            await until(lambda: link.counters.setpoints_dropped >= (1 if isinstance(link, NativeLink) else 3))
             assert link.setpoint_times_s("v1") == ()
 
     with Peer(port := free_ports(), 1):

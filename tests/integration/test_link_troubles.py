@@ -24,7 +24,7 @@ ON_ITS_WAY_S = 0.02
 
 SOON_S = 120.0
 
-TRANSPORTS = pytest.mark.parametrize("transport", ["mavsdk", "direct"])
+TRANSPORTS = pytest.mark.parametrize("transport", ["mavsdk", "native"])
 
 
 def arrivals_s(peer: Peer) -> list[float]:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.framed.router import Listen
-from gcs.links.native.link import DirectLink
+from gcs.links.native.link import NativeLink
 from gcs.links.udp.sockets import Datagrams, source_of
 from gcs.mavlink import codec
 from gcs.mavlink.framing import split
@@ -140,7 +140,7 @@ def test_bytes_are_taken_apart_as_the_wire_takes_them_apart(data: bytes) -> None
     assert garbage_bytes + unknown_bytes == known.garbage_bytes + known.unknown_bytes
 
 
-LINK = DirectLink("fuzz", {"a": 2, "b": 3}, Listen("127.0.0.1", 1), ShowFrame(47.4, 8.5, 500.0))
+LINK = NativeLink("fuzz", {"a": 2, "b": 3}, Listen("127.0.0.1", 1), ShowFrame(47.4, 8.5, 500.0))
 
 
 @given(st.lists(st.one_of(mutated(), st.binary(max_size=300)), min_size=1, max_size=4))

@@ -19,7 +19,7 @@ from gcs.links import Command, Verb
 from gcs.links.endpoints import Listen
 from gcs.links.framed.link import MavsdkLink
 from gcs.links.mavsdk.link import MavsdkUdpLink
-from gcs.links.native.link import DirectLink
+from gcs.links.native.link import NativeLink
 from gcs.links.udp.link import UdpLink
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Setpoints
@@ -32,10 +32,10 @@ AGE_S = 1000.0
 
 AnyLink = MavsdkLink | UdpLink
 
-KINDS: dict[str, type[MavsdkLink] | type[MavsdkUdpLink] | type[DirectLink]] = {
+KINDS: dict[str, type[MavsdkLink] | type[MavsdkUdpLink] | type[NativeLink]] = {
     "mavsdk": MavsdkUdpLink,
     "wire": MavsdkLink,
-    "direct": DirectLink,
+    "native": NativeLink,
 }
 
 EVERY = pytest.mark.parametrize("transport", list(KINDS), indirect=True)
@@ -86,7 +86,7 @@ async def until(true: Callable[[], object], timeout_s: float = 120.0) -> None:
 
 async def repeated(link: AnyLink, times: int, *, since: int) -> None:
     """Until MAVSDK has tried in vain to repeat what it was told; the direct transport tries nothing."""
-    if not isinstance(link, DirectLink):
+    if not isinstance(link, NativeLink):
         await until(lambda: link.counters.setpoints_dropped >= since + times)
     else:
         await asyncio.sleep(times * PERIOD_S)

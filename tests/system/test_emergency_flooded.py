@@ -137,7 +137,7 @@ async def fly_and_flood(folder: Path, machine: Witness, junk_s: float = JUNK_S) 
     file = folder / "tokens.json"
     button, crew = (create_token(file, role.value, role) for role in (Role.EMERGENCY, Role.OPERATE))
     raw = flying_config(COUNT, base, silence_s=20.0).model_dump() | {"access": {"tokens_file": file}}
-    raw["links"][0]["transport"] = "direct"
+    raw["links"][0]["transport"] = "native"
     raw["formation"] = {"radius_m": 20.0, "height_m": 30.0}
     config = Config.model_validate(raw)
     with fake_fleet(base, *proper(config)):

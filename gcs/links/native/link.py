@@ -22,7 +22,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.state import Mask, VehicleId
 
 
-class DirectLink(UdpLink):
+class NativeLink(UdpLink):
     """Up to 250 vehicles over UDP, without MAVSDK. A `gcs.links.Link`. Used on the loop's thread only."""
 
     def __init__(

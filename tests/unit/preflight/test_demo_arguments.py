@@ -17,10 +17,10 @@ def config_of(*words: str) -> Config:
 
 
 def test_three_hundred_fly_over_two_links_that_carry_the_same_system_ids() -> None:
-    config = config_of("--vehicles", "300", "--transport", "direct", "--seconds", "120")
+    config = config_of("--vehicles", "300", "--transport", "native", "--seconds", "120")
     ids = [[vehicle.system_id for vehicle in link.fleet] for link in config.links]
     assert ids == [list(range(1, 151))] * 2
-    assert {link.transport for link in config.links} == {"direct"}
+    assert {link.transport for link in config.links} == {"native"}
     assert len(set(config.ids)) == 300
     first, second = (link.udp_ports.first_port for link in config.links)
     assert second == first + 1
@@ -28,12 +28,12 @@ def test_three_hundred_fly_over_two_links_that_carry_the_same_system_ids() -> No
 
 @pytest.mark.parametrize(("count", "links"), [(2, [2]), (250, [250]), (251, [126, 125]), (1000, [250] * 4)])
 def test_no_link_has_more_vehicles_than_system_ids(count: int, links: list[int]) -> None:
-    config = config_of("--vehicles", str(count), "--transport", "direct", "--seconds", "600")
+    config = config_of("--vehicles", str(count), "--transport", "native", "--seconds", "600")
     assert [len(link.fleet) for link in config.links] == links
 
 
 def test_a_large_sphere_is_inside_its_fence_and_the_pads_are_too() -> None:
-    config = config_of("--vehicles", "1000", "--transport", "direct", "--seconds", "600")
+    config = config_of("--vehicles", "1000", "--transport", "native", "--seconds", "600")
     top_m = config.formation.height_m + config.formation.radius_m
     assert top_m < config.control.safety.fence.height_max_m
     assert settings_of(requirements(config.operation, config.control))["GF_MAX_VER_DIST"] >= top_m
@@ -47,9 +47,9 @@ def test_without_a_transport_it_is_mavsdks_with_a_port_for_each() -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--vehicles", "51"), "2 to 50 is possible; --transport direct bears more"),
-        (("--vehicles", "1001", "--transport", "direct"), "2 to 1000 is possible"),
-        (("--vehicles", "300", "--transport", "direct", "--seconds", "60"), "at least 120 for 300"),
+        (("--vehicles", "51"), "2 to 50 is possible; --transport native bears more"),
+        (("--vehicles", "1001", "--transport", "native"), "2 to 1000 is possible"),
+        (("--vehicles", "300", "--transport", "native", "--seconds", "60"), "at least 120 for 300"),
         (("--vehicles", "8", "--seconds", "120"), "at least 170 for 8"),
     ],
 )
