@@ -66,22 +66,22 @@ def read_truth(files: Sequence[Path], frame: ShowFrame) -> Truth:
 
     Raises: GcsError when a file is empty.
     """
-    tracks = [_read_tracks(path) for path in files]
-    start_s, end_s = max(t.time_s[0] for t in tracks), min(t.time_s[-1] for t in tracks)
-    count = sum(len(track.down) for track in tracks)
+    trajectories = [_read_trajectories(path) for path in files]
+    start_s, end_s = max(t.time_s[0] for t in trajectories), min(t.time_s[-1] for t in trajectories)
+    count = sum(len(track.down) for track in trajectories)
     time_s = np.arange(start_s, end_s, LARGE_SAMPLE_S if count > LARGE else SAMPLE_S)
     position_m, airborne = [], []
-    for track in tracks:
+    for track in trajectories:
         for i in range(track.flying.shape[1]):
             ned_m = [np.interp(time_s, track.time_s, track.ned_m[:, i, axis]) for axis in range(3)]
             position_m.append(frame.from_ned(np.stack(ned_m, axis=1)))
             airborne.append(np.interp(time_s, track.time_s, track.flying[:, i].astype(float)) > 0.5)
-    down = np.concatenate([track.down for track in tracks])
+    down = np.concatenate([track.down for track in trajectories])
     return Truth(time_s, np.stack(position_m, axis=1), np.stack(airborne, axis=1), down)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Tracks:
+class _Trajectories:
     """What one file says of its n vehicles, k times."""
 
     time_s: Array  # (k,)
@@ -90,7 +90,7 @@ class _Tracks:
     down: Mask  # (n,) it ended on the ground with motors off
 
 
-def _read_tracks(path: Path) -> _Tracks:
+def _read_trajectories(path: Path) -> _Trajectories:
     times_s: list[float] = []
     rows: list[list[tuple[float, ...]]] = []
     with path.open(encoding="utf-8") as lines:
@@ -111,7 +111,7 @@ def _read_tracks(path: Path) -> _Tracks:
     table = np.array(rows, dtype=np.float64)
     flying = table[:, :, 3] > 0.5
     down: Mask = ~flying[-1] & (table[-1, :, 4] < 0.5)
-    return _Tracks(np.array(times_s), table[:, :, :3], flying, down)
+    return _Trajectories(np.array(times_s), table[:, :, :3], flying, down)
 
 
 def separation(truth: Truth, floor: Floor) -> tuple[float, int]:

@@ -12,7 +12,7 @@ from gcs.cli.record import session_folder
 from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
 from gcs.recording.analysis.flight_report import EXIT_CODES, Certificate, certify
-from gcs.recording.analysis.trajectories import Tracks, estimated, true
+from gcs.recording.analysis.trajectories import Trajectories, estimated, true
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.standard import Standard
 
@@ -68,15 +68,17 @@ def _judge(arguments: argparse.Namespace, report: Report) -> tuple[Certificate, 
     desired = arguments.positions or ("true" if truths else "estimated")
     if desired == "true" and not truths:
         raise GcsError("--positions true: there is no truth file; gcs sim --truth writes one")
-    tracks: Tracks | None = believed
+    trajectories: Trajectories | None = believed
     if desired == "true":
         read = part_of(report, flight_read, READ_SHARE)
-        tracks = true(truths, standard.frame, believed, data.about.ids if data is not None else (), read)
-    if tracks is None:
+        trajectories = true(
+            truths, standard.frame, believed, data.about.ids if data is not None else (), read
+        )
+    if trajectories is None:
         raise GcsError("--positions estimated: there is no flight.mcap")
     used = truths if desired == "true" else flights
     rest = part_of(report, READ_SHARE, 1.0)
-    judged = certify(tracks, standard, by_it_alone=bool(arguments.config), on_progress=rest)
+    judged = certify(trajectories, standard, by_it_alone=bool(arguments.config), on_progress=rest)
     return judged, ", ".join(str(path) for path in used)
 
 
@@ -110,10 +112,10 @@ def _write(path: Path, text: str) -> None:
 
 def summary(certificate: Certificate, source: str) -> str:
     """The judgement for a person."""
-    tracks = certificate.tracks
-    lines = [f"{source}: {len(tracks.ids)} vehicles, {certificate.duration_s:.0f} s"]
-    lines += [f"based on {tracks.based_on}: {tracks.uncertainty}"]
-    lines += [f"note: {remark}" for remark in tracks.remarks]
+    trajectories = certificate.trajectories
+    lines = [f"{source}: {len(trajectories.ids)} vehicles, {certificate.duration_s:.0f} s"]
+    lines += [f"based on {trajectories.based_on}: {trajectories.uncertainty}"]
+    lines += [f"note: {remark}" for remark in trajectories.remarks]
     for check in certificate.checks:
         worst = "nothing to judge" if check.worst is None else f"{check.worst:g}"
         who = f"{check.vehicle} at {check.at_s:g} s" if check.at_s is not None else check.vehicle

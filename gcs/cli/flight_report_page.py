@@ -42,15 +42,15 @@ svg { width: 100%; height: auto; } .pairs { columns: 2; } p.note { background: #
 
 def page(certificate: Certificate, source: str) -> str:
     """The whole page."""
-    tracks = certificate.tracks
+    trajectories = certificate.trajectories
     kind, word = certificate.verdict, WORDS[certificate.verdict]
-    reported = (*tracks.remarks, *(f"Not judged: {text}" for text in certificate.missing))
+    reported = (*trajectories.remarks, *(f"Not judged: {text}" for text in certificate.missing))
     notes = "".join(f"<p class=note>{escape(remark)}</p>" for remark in reported)
     return f"""<!DOCTYPE html>
 <html lang="en"><meta charset="utf-8"><title>Flight: {escape(word)}</title><style>{STYLE}</style>
-<h1>Flight of {len(tracks.ids)} vehicles, {certificate.duration_s:.0f} s:
+<h1>Flight of {len(trajectories.ids)} vehicles, {certificate.duration_s:.0f} s:
 <span class={kind}>{escape(word)}</span></h1>
-<p>Based on <b>{escape(tracks.based_on)}</b>: {escape(tracks.uncertainty)}.<br>
+<p>Based on <b>{escape(trajectories.based_on)}</b>: {escape(trajectories.uncertainty)}.<br>
 From {escape(source)}; judged {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. Speeds and accelerations are means over
 {SMOOTHED_S:g} s of vehicles that the service flew; a vehicle may pass what was commanded by
 {TOLERATED:.0%} and {TOLERATED_M_S:g} m/s ({TOLERATED_M_S2:g} m/s²).</p>
@@ -79,11 +79,11 @@ def _checks(certificate: Certificate) -> str:
 
 
 def _pairs(certificate: Certificate) -> str:
-    tracks, pairs = certificate.tracks, certificate.pairs
+    trajectories, pairs = certificate.trajectories, certificate.pairs
     rows = [
-        f"<tr><td>{escape(tracks.ids[i])}<td>{escape(tracks.ids[j])}<td class=n>{pairs.distance_m[i, j]:.2f}"
+        f"<tr><td>{escape(trajectories.ids[i])}<td>{escape(trajectories.ids[j])}<td class=n>{pairs.distance_m[i, j]:.2f}"
         f"<td class=n>{pairs.ratio[i, j]:.2f}<td class=n>{pairs.sure_ratio[i, j]:.2f}"
-        f"<td class=n>{tracks.time_s[pairs.sample[i, j]] - tracks.time_s[0]:.1f}"
+        f"<td class=n>{trajectories.time_s[pairs.sample[i, j]] - trajectories.time_s[0]:.1f}"
         for i, j in pairs.nearest(20)
     ]
     head = (
@@ -116,17 +116,19 @@ def figure(certificate: Certificate) -> Figure:
 
 def _shown(certificate: Certificate) -> tuple[np.ndarray, np.ndarray]:
     """Samples and vehicles that are drawn."""
-    k, n = certificate.tracks.airborne.shape
+    k, n = certificate.trajectories.airborne.shape
     samples = np.unique(np.linspace(0, k - 1, min(k, POINTS_MAX)).astype(int))
     return samples, np.unique(np.linspace(0, n - 1, min(n, SHOWN_PATHS)).astype(int))
 
 
 def _from_above(axes: Axes, certificate: Certificate) -> None:
-    tracks, fence = certificate.tracks, certificate.standard.safety.fence
+    trajectories, fence = certificate.trajectories, certificate.standard.safety.fence
     samples, rows = _shown(certificate)
     colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, len(rows)))
     for row, colour in zip(rows, colours, strict=True):
-        place_m = np.where(tracks.airborne[samples, row, None], tracks.position_m[samples, row], np.nan)
+        place_m = np.where(
+            trajectories.airborne[samples, row, None], trajectories.position_m[samples, row], np.nan
+        )
         axes.plot(place_m[:, 1], place_m[:, 0], color=colour, linewidth=0.7)
     axes.set_aspect("equal", adjustable="datalim")
     axes.apply_aspect()
@@ -139,7 +141,7 @@ def _from_above(axes: Axes, certificate: Certificate) -> None:
 
 
 def _time_s(certificate: Certificate) -> np.ndarray:
-    return np.asarray(certificate.tracks.time_s - certificate.tracks.time_s[0])
+    return np.asarray(certificate.trajectories.time_s - certificate.trajectories.time_s[0])
 
 
 def _separation(axes: Axes, certificate: Certificate) -> None:
@@ -159,11 +161,11 @@ def _separation(axes: Axes, certificate: Certificate) -> None:
 
 
 def _heights(axes: Axes, certificate: Certificate) -> None:
-    tracks, fence = certificate.tracks, certificate.standard.safety.fence
+    trajectories, fence = certificate.trajectories, certificate.standard.safety.fence
     samples, rows = _shown(certificate)
-    axes.plot(_time_s(certificate)[samples], -tracks.position_m[samples][:, rows, 2], linewidth=0.5)
+    axes.plot(_time_s(certificate)[samples], -trajectories.position_m[samples][:, rows, 2], linewidth=0.5)
     axes.axhline(fence.height_min_m, color="#b3140c", linestyle=":", linewidth=0.9)
-    highest_m = float(np.nanmax(-tracks.position_m[..., 2], initial=0.0))
+    highest_m = float(np.nanmax(-trajectories.position_m[..., 2], initial=0.0))
     if highest_m > 0.6 * fence.height_max_m:
         axes.axhline(fence.height_max_m, color="#b3140c", linestyle="--", linewidth=0.9)
     axes.set(
@@ -172,9 +174,9 @@ def _heights(axes: Axes, certificate: Certificate) -> None:
 
 
 def _speeds(axes: Axes, certificate: Certificate) -> None:
-    tracks, limits = certificate.tracks, certificate.standard.safety.limits
+    trajectories, limits = certificate.trajectories, certificate.standard.safety.limits
     samples, _ = _shown(certificate)
-    velocity_m_s = np.where(tracks.flown[samples, :, None], tracks.velocity_m_s[samples], np.nan)
+    velocity_m_s = np.where(trajectories.flown[samples, :, None], trajectories.velocity_m_s[samples], np.nan)
     time_s = _time_s(certificate)[samples]
     flat_m_s, up_m_s = np.hypot(velocity_m_s[..., 0], velocity_m_s[..., 1]), -velocity_m_s[..., 2]
     for value, name in ((flat_m_s, "sideways"), (up_m_s, "up"), (-up_m_s, "down")):

@@ -17,7 +17,7 @@ from gcs.config.schema import Config
 from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError, InvalidError, RefusedError, UnknownError
 from gcs.recording.last_known import KnownVehicle, LastKnown, last_known
-from gcs.recording.offline_audit import Outside
+from gcs.recording.offline_audit import OfflineAudit
 from gcs.service import Outcome
 
 CODE_S: Final = 30.0
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.confirm not in codes:
         raise RefusedError(f"{arguments.confirm!r} does not confirm {', '.join(names)}: leave --confirm out")
     who = f"gcs kill ({getpass.getuser()})"
-    with Outside(Path(arguments.record), known, who) as record:
+    with OfflineAudit(Path(arguments.record), known, who) as record:
         command_id = record.opened("kill", names)
         outcomes = direct_kill(config, chosen)
         for name, part in outcomes.items():

@@ -62,7 +62,7 @@ class About:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Flown:
+class RecordedSample:
     """One tick, as it was recorded."""
 
     unix_s: float
@@ -151,7 +151,7 @@ class FlightData:
                     break
         return None
 
-    def ticks(self) -> Iterator[Flown]:
+    def ticks(self) -> Iterator[RecordedSample]:
         """Every recorded tick, in order, but for those that are damaged: `losses` then names them."""
         for sample in self.samples():
             yield self.decoded(sample)
@@ -196,9 +196,9 @@ class FlightData:
                     else:
                         yield from newest.ticks(inside)
 
-    def decoded(self, sample: Sample) -> Flown:
+    def decoded(self, sample: Sample) -> RecordedSample:
         """Raises: ValueError or KeyError where it is not as we write it."""
-        return Flown(
+        return RecordedSample(
             sample.unix_s,
             self._vehicles(sample.vehicles),
             json.loads(sample.tick),

@@ -15,7 +15,7 @@ from gcs.service import CommandRecord, Outcome, VehicleOutcome
 REASON = "motors stopped by gcs kill, without the service"
 
 
-class Outside:
+class OfflineAudit:
     """Rows for the newest session. What the disk does not take is told by `problem`, and stops nothing."""
 
     def __init__(self, root: Path, known: LastKnown, who: str) -> None:

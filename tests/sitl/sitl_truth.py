@@ -75,12 +75,12 @@ class TruthRecorder:
         silent = [index for index, samples in enumerate(self._samples) if len(samples) < 2]
         if silent:
             raise ValueError(f"no true state was received from instances {silent}")
-        tracks = [np.array(samples) for samples in self._samples]
+        trajectories = [np.array(samples) for samples in self._samples]
         time_s = np.arange(
-            max(track[0, 0] for track in tracks), max(track[-1, 0] for track in tracks), SAMPLE_S
+            max(track[0, 0] for track in trajectories), max(track[-1, 0] for track in trajectories), SAMPLE_S
         )
         position_m, airborne = [], []
-        for track in tracks:
+        for track in trajectories:
             own_m = frame.position_m(track[:, 1], track[:, 2], track[:, 3])
             position_m.append(
                 np.stack([np.interp(time_s, track[:, 0], own_m[:, k]) for k in range(3)], axis=1)

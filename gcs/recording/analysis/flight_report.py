@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from gcs.model.errors import GcsError
 from gcs.model.state import Array, Mask
-from gcs.recording.analysis.pair_distances import Pairs, nearest_approaches
-from gcs.recording.analysis.trajectories import OnProgress, Single, Tracks
+from gcs.recording.analysis.pair_distances import PairDistances, nearest_approaches
+from gcs.recording.analysis.trajectories import OnProgress, Single, Trajectories
 from gcs.recording.standard import Standard
 from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
@@ -63,26 +63,26 @@ class Check:
 class Certificate:
     """The judgement, and what plots are drawn from."""
 
-    tracks: Tracks
+    trajectories: Trajectories
     standards: tuple[Standard, ...]  # that held, one after the other
-    pairs: Pairs
+    pairs: PairDistances
     least_m: Single  # (k,) least distance of all pairs
     checks: tuple[Check, ...]
 
     @property
     def standard(self) -> Standard:
         """That held last: plots are drawn for it."""
-        at = self.tracks.held_at
+        at = self.trajectories.held_at
         return self.standards[-1 if at is None else int(at[-1])]
 
     @property
     def missing(self) -> tuple[str, ...]:
         """Why it is not known that all was kept, in words; empty where it is."""
-        if not self.tracks.airborne.any():
-            return *self.tracks.missing, "no vehicle was in the air: there was nothing to judge"
+        if not self.trajectories.airborne.any():
+            return *self.trajectories.missing, "no vehicle was in the air: there was nothing to judge"
         if all(check.kept is None for check in self.checks):
-            return *self.tracks.missing, "nothing is known of those in the air"
-        return self.tracks.missing
+            return *self.trajectories.missing, "nothing is known of those in the air"
+        return self.trajectories.missing
 
     @property
     def verdict(self) -> str:
@@ -94,28 +94,28 @@ class Certificate:
     @property
     def duration_s(self) -> float:
         """From the first sample to the last."""
-        return float(self.tracks.time_s[-1] - self.tracks.time_s[0])
+        return float(self.trajectories.time_s[-1] - self.trajectories.time_s[0])
 
     def report(self) -> dict[str, Any]:
         """Everything a program wants to know; JSON."""
-        tracks, pairs = self.tracks, self.pairs
+        trajectories, pairs = self.trajectories, self.pairs
         return {
             "verdict": self.verdict,
             "missing": list(self.missing),
-            "based_on": tracks.based_on,
-            "uncertainty": tracks.uncertainty,
-            "remarks": list(tracks.remarks),
-            "vehicles": len(tracks.ids),
-            "flew": int(tracks.airborne.any(axis=0).sum()),
+            "based_on": trajectories.based_on,
+            "uncertainty": trajectories.uncertainty,
+            "remarks": list(trajectories.remarks),
+            "vehicles": len(trajectories.ids),
+            "flew": int(trajectories.airborne.any(axis=0).sum()),
             "duration_s": round(self.duration_s, 2),
             "checks": [asdict(check) for check in self.checks],
             "nearest_pairs": [
                 {
-                    "vehicles": [tracks.ids[i], tracks.ids[j]],
+                    "vehicles": [trajectories.ids[i], trajectories.ids[j]],
                     "distance_m": round(float(pairs.distance_m[i, j]), 3),
                     "floor_ratio": round(float(pairs.ratio[i, j]), 3),
                     "floor_ratio_if_off": round(float(pairs.sure_ratio[i, j]), 3),
-                    "at_s": round(float(tracks.time_s[pairs.sample[i, j]] - tracks.time_s[0]), 2),
+                    "at_s": round(float(trajectories.time_s[pairs.sample[i, j]] - trajectories.time_s[0]), 2),
                 }
                 for i, j in pairs.nearest(NEAREST)
             ],
@@ -123,7 +123,7 @@ class Certificate:
 
 
 def certify(
-    tracks: Tracks,
+    trajectories: Trajectories,
     standard: Standard,
     *,
     by_it_alone: bool = False,
@@ -132,7 +132,7 @@ def certify(
     """Judge a flight. Pure.
 
     Args:
-        tracks: of it.
+        trajectories: of it.
         standard: that holds where no limits were recorded.
         by_it_alone: whatever was recorded.
         on_progress: is called with the share that is judged, from 0 to 1.
@@ -140,42 +140,42 @@ def certify(
     Raises: GcsError when the limits that were recorded are none.
     """
     if by_it_alone:
-        count = 1 if tracks.setpoint_m_s is None else len(tracks.setpoint_m_s)
-        tracks = replace(
-            tracks,
+        count = 1 if trajectories.setpoint_m_s is None else len(trajectories.setpoint_m_s)
+        trajectories = replace(
+            trajectories,
             held=(None,),
-            held_at=np.zeros(len(tracks.time_s), np.intp),
+            held_at=np.zeros(len(trajectories.time_s), np.intp),
             setpoint_held_at=np.zeros(count, np.intp),
         )
-    standards = tuple(standard.under(limits) for limits in tracks.held)
-    pairs, least_m = _approaches(tracks, standards, on_progress)
+    standards = tuple(standard.under(limits) for limits in trajectories.held)
+    pairs, least_m = _approaches(trajectories, standards, on_progress)
     checks = (
-        _separation(tracks, pairs),
-        *_fence(tracks, standards),
-        *_speeds(tracks, standards),
-        *_setpoints(tracks, standards),
+        _separation(trajectories, pairs),
+        *_fence(trajectories, standards),
+        *_speeds(trajectories, standards),
+        *_setpoints(trajectories, standards),
     )
-    return Certificate(tracks, standards, pairs, least_m, checks)
+    return Certificate(trajectories, standards, pairs, least_m, checks)
 
 
 def _approaches(
-    tracks: Tracks, standards: Sequence[Standard], on_progress: OnProgress | None
-) -> tuple[Pairs, Single]:
+    trajectories: Trajectories, standards: Sequence[Standard], on_progress: OnProgress | None
+) -> tuple[PairDistances, Single]:
     """The nearest approaches, each judged by the floor that held then; piece by piece, for the progress."""
-    at = np.zeros(len(tracks.time_s), np.intp) if tracks.held_at is None else tracks.held_at
-    samples = max(1, PAIRS_AT_ONCE // max(1, len(tracks.ids)) ** 2)
+    at = np.zeros(len(trajectories.time_s), np.intp) if trajectories.held_at is None else trajectories.held_at
+    samples = max(1, PAIRS_AT_ONCE // max(1, len(trajectories.ids)) ** 2)
     changes = (np.flatnonzero(np.diff(at)) + 1).tolist()
     borders = sorted({0, *changes, *range(0, len(at), samples), len(at)})
-    found: Pairs | None = None
+    found: PairDistances | None = None
     least_m = np.full(len(at), np.inf, np.float32)
     for first, end in pairwise(borders):
         reach = min(end + 1, len(at))  # as far as the next sample: between two they fly straight on
         part = replace(
-            tracks,
-            time_s=tracks.time_s[first:reach],
-            position_m=tracks.position_m[first:reach],
-            uncertainty_m=tracks.uncertainty_m[first:reach],
-            airborne=tracks.airborne[first:reach],
+            trajectories,
+            time_s=trajectories.time_s[first:reach],
+            position_m=trajectories.position_m[first:reach],
+            uncertainty_m=trajectories.uncertainty_m[first:reach],
+            airborne=trajectories.airborne[first:reach],
         )
         pairs, near_m = nearest_approaches(part, standards[int(at[first])].safety.floor)
         least_m[first:reach] = np.minimum(least_m[first:reach], near_m)
@@ -188,15 +188,15 @@ def _approaches(
     return found, least_m
 
 
-def _separation(tracks: Tracks, pairs: Pairs) -> Check:
+def _separation(trajectories: Trajectories, pairs: PairDistances) -> Check:
     nearest = pairs.nearest(1)
     name, unit = "separation, as a share of the floor", "of the floor"
     if not nearest:
         return Check(name, 1.0, 1.0, None, unit, "", None, kept=None)
     i, j = nearest[0]
-    at_s = float(tracks.time_s[pairs.sample[i, j]] - tracks.time_s[0])
+    at_s = float(trajectories.time_s[pairs.sample[i, j]] - trajectories.time_s[0])
     ratio = float(pairs.ratio[i, j])
-    both = f"{tracks.ids[i]} and {tracks.ids[j]}"
+    both = f"{trajectories.ids[i]} and {trajectories.ids[j]}"
     return Check(name, 1.0, 1.0, round(ratio, 3), unit, both, round(at_s, 2), kept=ratio >= 1.0)
 
 
@@ -208,12 +208,12 @@ def _over_time(
     return np.full(count, each[0]) if at is None else each[at]
 
 
-def _fence(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
-    place_m = tracks.position_m
+def _fence(trajectories: Trajectories, standards: Sequence[Standard]) -> list[Check]:
+    place_m = trajectories.position_m
     out_m = np.hypot(place_m[..., 0], place_m[..., 1])
 
     def limit(of: Callable[[Fence], float]) -> Array:
-        at, count = tracks.held_at, len(tracks.time_s)
+        at, count = trajectories.held_at, len(trajectories.time_s)
         return _over_time(standards, at, count, lambda standard: of(standard.safety.fence))
 
     farthest_m, highest_m, lowest_m = (
@@ -222,17 +222,24 @@ def _fence(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
         limit(lambda fence: fence.height_min_m),
     )
     return [
-        _most("greatest distance", farthest_m, out_m, tracks.airborne, tracks, "m"),
-        _most("greatest height", highest_m, -place_m[..., 2], tracks.airborne, tracks, "m"),
-        _least("least height in the formation", lowest_m, -place_m[..., 2], tracks.formed, tracks, "m"),
+        _most("greatest distance", farthest_m, out_m, trajectories.airborne, trajectories, "m"),
+        _most("greatest height", highest_m, -place_m[..., 2], trajectories.airborne, trajectories, "m"),
+        _least(
+            "least height in the formation",
+            lowest_m,
+            -place_m[..., 2],
+            trajectories.formed,
+            trajectories,
+            "m",
+        ),
     ]
 
 
-def _speeds(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
-    period_s = float(np.median(np.diff(tracks.time_s))) if len(tracks.time_s) > 1 else SMOOTHED_S
+def _speeds(trajectories: Trajectories, standards: Sequence[Standard]) -> list[Check]:
+    period_s = float(np.median(np.diff(trajectories.time_s))) if len(trajectories.time_s) > 1 else SMOOTHED_S
     width = max(1, round(SMOOTHED_S / period_s))
-    velocity_m_s = _smoothed(np.asarray(tracks.velocity_m_s, np.float64), width)
-    flown = _throughout(tracks.flown, width)
+    velocity_m_s = _smoothed(np.asarray(trajectories.velocity_m_s, np.float64), width)
+    flown = _throughout(trajectories.flown, width)
     change = np.full_like(velocity_m_s, np.nan)
     if len(velocity_m_s) > width:
         change[width:] = (velocity_m_s[width:] - velocity_m_s[:-width]) / (width * period_s)
@@ -241,11 +248,11 @@ def _speeds(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
     up_m_s = -velocity_m_s[..., 2]
 
     def limit(of: Callable[[Standard], float]) -> Array:
-        return _over_time(standards, tracks.held_at, len(tracks.time_s), of)
+        return _over_time(standards, trajectories.held_at, len(trajectories.time_s), of)
 
     def judged(name: str, of: Callable[[Limits], float], value: Array) -> Check:
         most = limit(lambda standard: of(standard.safety.limits))
-        return _most(name, most, value, flown, tracks, "m/s", 1.0 + TOLERATED, TOLERATED_M_S)
+        return _most(name, most, value, flown, trajectories, "m/s", 1.0 + TOLERATED, TOLERATED_M_S)
 
     return [
         judged("speed sideways", lambda limits: limits.horizontal_m_s, flat_m_s),
@@ -256,7 +263,7 @@ def _speeds(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
             limit(lambda standard: standard.acceleration_max_m_s2),
             acceleration_m_s2,
             _throughout(flown, width),
-            tracks,
+            trajectories,
             "m/s^2",
             1.0 + TOLERATED,
             TOLERATED_M_S2,
@@ -264,18 +271,20 @@ def _speeds(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
     ]
 
 
-def _setpoints(tracks: Tracks, standards: Sequence[Standard]) -> list[Check]:
+def _setpoints(trajectories: Trajectories, standards: Sequence[Standard]) -> list[Check]:
     """What was commanded, tick by tick; where it is known."""
-    desired_m_s = tracks.setpoint_m_s
+    desired_m_s = trajectories.setpoint_m_s
     if desired_m_s is None:
         return []
     given: Mask = np.asarray(np.isfinite(desired_m_s).all(axis=-1))
     flat_m_s, up_m_s = np.hypot(desired_m_s[..., 0], desired_m_s[..., 1]), -desired_m_s[..., 2]
 
     def judged(name: str, of: Callable[[Limits], float], value: Single) -> Check:
-        at, count = tracks.setpoint_held_at, len(desired_m_s)
+        at, count = trajectories.setpoint_held_at, len(desired_m_s)
         most = _over_time(standards, at, count, lambda standard: of(standard.safety.limits))
-        return _most(name, most, value, given, tracks, "m/s", 1.0 + TOLERATED_SETPOINT, 0.0, timed=False)
+        return _most(
+            name, most, value, given, trajectories, "m/s", 1.0 + TOLERATED_SETPOINT, 0.0, timed=False
+        )
 
     return [
         judged("setpoint sideways", lambda limits: limits.horizontal_m_s, flat_m_s),
@@ -289,7 +298,7 @@ def _most(
     limit: Array,
     value: Array | Single,
     counts: Mask,
-    tracks: Tracks,
+    trajectories: Trajectories,
     unit: str,
     factor: float = 1.0,
     beyond: float = 0.0,
@@ -303,14 +312,16 @@ def _most(
     if not np.isfinite(over[at, row]):
         return Check(name, float(limit[-1]), float(tolerated[-1]), None, unit, "", None, kept=None)
     worst, most = float(value[at, row]), float(tolerated[at])
-    at_s = round(float(tracks.time_s[at] - tracks.time_s[0]), 2) if timed else None
-    who = tracks.ids[row]
+    at_s = round(float(trajectories.time_s[at] - trajectories.time_s[0]), 2) if timed else None
+    who = trajectories.ids[row]
     return Check(name, float(limit[at]), round(most, 3), round(worst, 3), unit, who, at_s, kept=worst <= most)
 
 
-def _least(name: str, limit: Array, value: Single, counts: Mask, tracks: Tracks, unit: str) -> Check:
+def _least(
+    name: str, limit: Array, value: Single, counts: Mask, trajectories: Trajectories, unit: str
+) -> Check:
     """The same of (k, n) values that are to stay above their limit (k,)."""
-    found = _most(name, -limit, -value, counts, tracks, unit)
+    found = _most(name, -limit, -value, counts, trajectories, unit)
     worst = None if found.worst is None else -found.worst
     return replace(found, limit=-found.limit, tolerated=-found.limit, worst=worst)
 

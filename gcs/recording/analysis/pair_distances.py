@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.model.jit import kernel
-from gcs.recording.analysis.trajectories import Single, Tracks
+from gcs.recording.analysis.trajectories import Single, Trajectories
 from gcs.safety.separation import Floor
 
 FAR = 8.0
@@ -14,7 +14,7 @@ FAR = 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pairs:
+class PairDistances:
     """Least of every pair (i < j), (n, n) each; inf and -1 where it never counted."""
 
     distance_m: Single  # between centres
@@ -29,10 +29,10 @@ class Pairs:
         order = np.argsort(ratio, kind="stable")[:count]
         return [(int(first[at]), int(second[at])) for at in order.tolist() if np.isfinite(ratio[at])]
 
-    def with_nearer(self, later: "Pairs") -> "Pairs":
+    def with_nearer(self, later: "PairDistances") -> "PairDistances":
         """With what was nearer later, pair by pair."""
         nearer = later.ratio < self.ratio
-        return Pairs(
+        return PairDistances(
             np.minimum(self.distance_m, later.distance_m),
             np.where(nearer, later.ratio, self.ratio),
             np.minimum(self.sure_ratio, later.sure_ratio),
@@ -40,18 +40,18 @@ class Pairs:
         )
 
 
-def nearest_approaches(tracks: Tracks, floor: Floor) -> tuple[Pairs, Single]:
+def nearest_approaches(trajectories: Trajectories, floor: Floor) -> tuple[PairDistances, Single]:
     """Every pair's least, of those of which one at least flies and that are not both low over their pads.
 
     Returns: the pairs, and (k,) the least distance of all in each sample.
     """
     distance_m, ratio, sure_ratio, sample, over_time_m = _nearest(
-        np.ascontiguousarray(tracks.position_m, np.float32),
-        np.ascontiguousarray(tracks.airborne),
-        np.ascontiguousarray(tracks.uncertainty_m, np.float32),
+        np.ascontiguousarray(trajectories.position_m, np.float32),
+        np.ascontiguousarray(trajectories.airborne),
+        np.ascontiguousarray(trajectories.uncertainty_m, np.float32),
         (floor.horizontal_m, floor.vertical_m, floor.pad_height_m, floor.vertical_uncertainty),
     )
-    return Pairs(distance_m, ratio, sure_ratio, sample), over_time_m
+    return PairDistances(distance_m, ratio, sure_ratio, sample), over_time_m
 
 
 @kernel

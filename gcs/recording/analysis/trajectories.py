@@ -14,7 +14,7 @@ from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Phase
 from gcs.model.state import Array, Landed, Mask, VehicleId
-from gcs.recording.mcap_reader import FlightData, Flown
+from gcs.recording.mcap_reader import FlightData, RecordedSample
 
 Single = NDArray[np.float32]
 OnProgress = Callable[[float], None]
@@ -27,7 +27,7 @@ TRUTH_S: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tracks:
+class Trajectories:
     """n vehicles at k times; show frame. What was not known is NaN, and False."""
 
     based_on: str  # "true positions" or "estimated positions"
@@ -53,7 +53,7 @@ GAP_S: Final = 1.0
 """Between two samples farther apart than this the path is unknown."""
 
 
-def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Tracks:
+def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Trajectories:
     """As the service believed. `on_progress` is called with the share that is read, from 0 to 1.
 
     Raises: GcsError when nothing was recorded.
@@ -71,7 +71,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Tracks
     widest_m = float(np.nanmax(uncertainty_m[airborne], initial=0.0))
     position_m = _triples(table, "x", "y", "z")
     return _with_gaps(
-        Tracks(
+        Trajectories(
             "estimated positions",
             "what the autopilots reported, brought forward to each tick; each may be off by its margin,"
             f" up to {widest_m:.2f} m sideways",
@@ -99,7 +99,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Tracks
     )
 
 
-def _reported(data: FlightData, on_progress: OnProgress) -> Iterator[Flown]:
+def _reported(data: FlightData, on_progress: OnProgress) -> Iterator[RecordedSample]:
     """Every tick; the share of the file's time that is read is reported on the way."""
     first_s = data.index.chunks[0][0] if data.index.chunks else None
     last_s = data.last_s()
@@ -109,7 +109,7 @@ def _reported(data: FlightData, on_progress: OnProgress) -> Iterator[Flown]:
         yield tick
 
 
-def _held(ticks: Sequence[Flown]) -> tuple[tuple[Mapping[str, Any] | None, ...], NDArray[np.intp]]:
+def _held(ticks: Sequence[RecordedSample]) -> tuple[tuple[Mapping[str, Any] | None, ...], NDArray[np.intp]]:
     """The limits that were recorded, each once, and which of them held at each tick."""
     number: dict[str, int] = {}
     held: list[Mapping[str, Any] | None] = []
@@ -124,7 +124,7 @@ def _held(ticks: Sequence[Flown]) -> tuple[tuple[Mapping[str, Any] | None, ...],
     return tuple(held), np.array(at, np.intp)
 
 
-def _before(data: FlightData, first: Flown, *, flies: bool) -> list[str]:
+def _before(data: FlightData, first: RecordedSample, *, flies: bool) -> list[str]:
     """What was not recorded before the first tick, where somebody flies in that."""
     lost = int(first.tick.get("number", 1)) - 1
     if any(loss.from_s is None for loss in data.losses):
@@ -133,7 +133,7 @@ def _before(data: FlightData, first: Flown, *, flies: bool) -> list[str]:
 
 
 def _gaps(
-    ticks: Sequence[Flown], time_s: Array, airborne: Mask, reported: set[float | None]
+    ticks: Sequence[RecordedSample], time_s: Array, airborne: Mask, reported: set[float | None]
 ) -> list[tuple[int, str]]:
     """Gaps while a vehicle flies: the sample after each, and what is missing; without those in `reported`."""
     numbers = [int(tick.tick.get("number", 0)) for tick in ticks]  # an older file has none
@@ -161,30 +161,32 @@ def _unknown(ids: Sequence[VehicleId], position_m: Single, airborne: Mask) -> li
     return [f"in the air, at a position that is not known: {', '.join(names)}"] if names else []
 
 
-def _with_gaps(tracks: Tracks, before: Sequence[int]) -> Tracks:
+def _with_gaps(trajectories: Trajectories, before: Sequence[int]) -> Trajectories:
     """Insert an unknown sample before each of these, so that no straight path is assumed."""
     if not before:
-        return replace(tracks, missing=tuple(text for text in tracks.missing if text))
+        return replace(trajectories, missing=tuple(text for text in trajectories.missing if text))
     time_s = np.insert(
-        tracks.time_s, before, [(tracks.time_s[at - 1] + tracks.time_s[at]) / 2.0 for at in before]
+        trajectories.time_s,
+        before,
+        [(trajectories.time_s[at - 1] + trajectories.time_s[at]) / 2.0 for at in before],
     )
 
     def unknown(values: Any, nothing: float) -> Any:
         return None if values is None else np.insert(values, before, nothing, axis=0)
 
-    held_at = tracks.held_at
+    held_at = trajectories.held_at
     at = None if held_at is None else np.insert(held_at, before, held_at[np.array(before) - 1])
     return replace(
-        tracks,
+        trajectories,
         time_s=time_s,
-        position_m=unknown(tracks.position_m, np.nan),
-        velocity_m_s=unknown(tracks.velocity_m_s, np.nan),
-        uncertainty_m=unknown(tracks.uncertainty_m, 0.0),
-        airborne=unknown(tracks.airborne, nothing=False),
-        flown=unknown(tracks.flown, nothing=False),
-        formed=unknown(tracks.formed, nothing=False),
-        setpoint_m_s=unknown(tracks.setpoint_m_s, np.nan),
-        missing=tuple(text for text in tracks.missing if text),
+        position_m=unknown(trajectories.position_m, np.nan),
+        velocity_m_s=unknown(trajectories.velocity_m_s, np.nan),
+        uncertainty_m=unknown(trajectories.uncertainty_m, 0.0),
+        airborne=unknown(trajectories.airborne, nothing=False),
+        flown=unknown(trajectories.flown, nothing=False),
+        formed=unknown(trajectories.formed, nothing=False),
+        setpoint_m_s=unknown(trajectories.setpoint_m_s, np.nan),
+        missing=tuple(text for text in trajectories.missing if text),
         held_at=at,
         setpoint_held_at=at,
     )
@@ -203,10 +205,10 @@ def _triples(table: NDArray[np.void], *names: str) -> Single:
 def true(
     files: Sequence[Path],
     frame: ShowFrame,
-    beside: Tracks | None,
+    beside: Trajectories | None,
     ids: Sequence[VehicleId],
     on_progress: OnProgress | None = None,
-) -> Tracks:
+) -> Trajectories:
     """As a simulation knows, from the files that `gcs sim --truth` writes.
 
     Args:
@@ -245,7 +247,7 @@ def true(
     cut = [
         f"{file}: its last line is cut off" for file, part in zip(files, parts, strict=True) if part.is_cut
     ]
-    return Tracks(
+    return Trajectories(
         "true positions",
         "the simulation's own states, every 0.05 s and straight between; rounded to 0.1 mm",
         names,
@@ -271,7 +273,7 @@ def _of_several(on_progress: OnProgress | None, before: int, count: int, share: 
         on_progress((before + share) / count)
 
 
-def _outside(beside: Tracks, time_s: Array) -> list[str]:
+def _outside(beside: Trajectories, time_s: Array) -> list[str]:
     """What flew before or after the times that the truth is known of, in words."""
     flew_s = beside.time_s[beside.airborne.any(axis=1)]
     if not len(flew_s) or (flew_s[0] > time_s[0] - GAP_S and flew_s[-1] < time_s[-1] + GAP_S):

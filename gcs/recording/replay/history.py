@@ -24,7 +24,7 @@ EVENTS: Final = (
 )
 
 
-class Past:
+class EventHistory:
     """One session's events, in order."""
 
     def __init__(self, events: Sequence[Event]) -> None:
@@ -43,16 +43,16 @@ class Past:
         self._times_s = [each.unix_time_s for each in self._happened]
 
     @staticmethod
-    def of(flight: Path, session: str) -> "Past":
+    def of(flight: Path, session: str) -> "EventHistory":
         """Of a session, from the audit in the folder above that of its flight data; empty without one.
 
         Raises: GcsError when there is one, and it cannot be read.
         """
         file = flight.absolute().parent.parent / AUDIT
         if not file.is_file():
-            return Past(())
+            return EventHistory(())
         try:
-            return Past(
+            return EventHistory(
                 [
                     Event(*tuple(row)[:4], json.loads(row["detail"]))  # type: ignore[call-arg]
                     for row in rows(file, EVENTS, session)

@@ -60,7 +60,7 @@ class NoShows:
         raise UnknownError(f"{name} was never checked here: {self._why}")
 
 
-class Refusing:
+class ReadOnlyService:
     """The part of a `gcs.service.Service` that orders and changes: all of it is refused."""
 
     def __init__(self, path: Path) -> None:

@@ -16,11 +16,11 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan_json import plan_of
 from gcs.model.state import Array, Landed
 from gcs.recording import mcap_layout as layout
-from gcs.recording.mcap_reader import FlightData, Flown, Sample
+from gcs.recording.mcap_reader import FlightData, RecordedSample, Sample
 from gcs.recording.replay.alarms import recorded, replay_alarm
-from gcs.recording.replay.history import Past
+from gcs.recording.replay.history import EventHistory
 from gcs.recording.replay.playhead import Playhead
-from gcs.recording.replay.read_only_service import Refusing
+from gcs.recording.replay.read_only_service import ReadOnlyService
 from gcs.recording.replay.report_task import Certifying
 from gcs.recording.standard import Standard
 from gcs.service import (
@@ -56,7 +56,7 @@ NOTHING_COUNTED: Final = Histogram((), (0,), 0.0)
 Triple = tuple[float, float, float]
 
 
-class Replay(Refusing):
+class Replay(ReadOnlyService):
     """A `gcs.service.Service` and a `gcs.service.Replaying` over a recorded flight.
 
     Must be made on the running event loop.
@@ -78,10 +78,10 @@ class Replay(Refusing):
         if first is None or last_s is None:
             raise GcsError(f"{data.path}: there is no flight in it. {data.cut}".strip())
         self._began_s = first.unix_s
-        self._past = Past.of(data.path, data.about.session)
+        self._event_history = EventHistory.of(data.path, data.about.session)
         self._certifying = Certifying((data.path, *truths))
         self._head = Playhead(last_s - first.unix_s, speed, self._now_s())
-        self._marks = self._past.marks(self._began_s, self._head.duration_s)
+        self._marks = self._event_history.marks(self._began_s, self._head.duration_s)
         self._skips_idle = True
         self._sought = False  # another place is wanted
         self._changed = asyncio.Event()
@@ -214,7 +214,7 @@ class Replay(Refusing):
 
     def events(self) -> Sequence[LogEvent]:
         """What had happened by then."""
-        return self._past.until(self._moment.unix_s)
+        return self._event_history.until(self._moment.unix_s)
 
     def _state(self, sample: Sample, now_s: float, *, ended: bool) -> FleetView:
         flown = self._data.decoded(sample)
@@ -261,7 +261,7 @@ class Replay(Refusing):
             countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - flown.unix_s),
         )
 
-    def _rows(self, flown: Flown) -> VehicleTable:
+    def _rows(self, flown: RecordedSample) -> VehicleTable:
         about, table, n = self._data.about, flown.vehicles, len(flown.vehicles)
         position_m = layout.positions_m(table)
         latitude_deg, longitude_deg, altitude_m = self._frame.geodetic(position_m)
@@ -297,7 +297,7 @@ class Replay(Refusing):
             restrained_by=[restrained_by.get(name, "") for name in about.ids],
             colour=colour,
             lit=lit,
-            homes_m=[self._past.home_m(name, flown.unix_s) for name in about.ids],
+            homes_m=[self._event_history.home_m(name, flown.unix_s) for name in about.ids],
         )
 
 

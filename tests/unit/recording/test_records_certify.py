@@ -157,10 +157,10 @@ def test_several_truth_files_are_one_flight_and_a_heading_is_minded(tmp_path: Pa
     turned = configuration.Config.model_validate(raw)
     truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20), frame=turned.frame)
     truth(tmp_path / "truth-2.jsonl", moves(6, 0, -20, (1.0, 0.0, 0.0)), frame=turned.frame, first=2)
-    tracks = true(sorted(tmp_path.glob("truth-*.jsonl")), turned.frame, None, ())
-    assert tracks.ids == ("1", "2")
-    np.testing.assert_allclose(tracks.position_m[0, 1], [6.0, 0.0, -20.0], atol=2e-3)
-    np.testing.assert_allclose(tracks.velocity_m_s[10, 1], [1.0, 0.0, 0.0], atol=1e-3)
+    trajectories = true(sorted(tmp_path.glob("truth-*.jsonl")), turned.frame, None, ())
+    assert trajectories.ids == ("1", "2")
+    np.testing.assert_allclose(trajectories.position_m[0, 1], [6.0, 0.0, -20.0], atol=2e-3)
+    np.testing.assert_allclose(trajectories.velocity_m_s[10, 1], [1.0, 0.0, 0.0], atol=1e-3)
 
 
 def flight(folder: Path, *, apart_m: float, uncertainty_m: float = 0.35, count: int = 40) -> Path:
@@ -266,25 +266,27 @@ def test_the_nearest_pairs_are_those_of_all_pairs(tmp_path: Path) -> None:
     rng, n = np.random.default_rng(4), 40
     starts_m = np.hstack([rng.uniform(-40, 40, (n, 3)) - [0, 0, 60], rng.uniform(-3, 3, (n, 3))])
     paths = [moves(x, y, z, (u, v, w)) for x, y, z, u, v, w in starts_m.tolist()]
-    tracks = true([truth(tmp_path / "a.jsonl", *paths, seconds=2.0)], FRAME, None, ())
+    trajectories = true([truth(tmp_path / "a.jsonl", *paths, seconds=2.0)], FRAME, None, ())
     floor = Floor()
-    pairs, least_m = nearest_approaches(tracks, floor)
-    away_m = np.linalg.norm(tracks.position_m[:, :, None] - tracks.position_m[:, None], axis=-1)
+    pairs, least_m = nearest_approaches(trajectories, floor)
+    away_m = np.linalg.norm(trajectories.position_m[:, :, None] - trajectories.position_m[:, None], axis=-1)
     away_m[:, np.tri(n, dtype=bool)] = np.inf
     np.testing.assert_allclose(least_m, away_m.min(axis=(1, 2)), atol=0.35)  # between samples even less
     assert (least_m <= away_m.min(axis=(1, 2)) + 1e-4).all()
     i, j = pairs.nearest(1)[0]
-    scaled = np.linalg.norm((tracks.position_m[:, i] - tracks.position_m[:, j]) * floor.scale, axis=-1).min()
+    scaled = np.linalg.norm(
+        (trajectories.position_m[:, i] - trajectories.position_m[:, j]) * floor.scale, axis=-1
+    ).min()
     assert pairs.ratio[i, j] <= scaled / floor.horizontal_m + 1e-5
 
 
 def test_progress_goes_from_nothing_to_all_of_the_flight(tmp_path: Path) -> None:
     data = FlightData(flight(tmp_path, apart_m=5.0, count=4000))
     read: list[float] = []
-    tracks = estimated(data, read.append)
+    trajectories = estimated(data, read.append)
     judged_so_far: list[float] = []
     standard = Standard.of(data.about.config, "it")
-    certify(tracks, standard, on_progress=judged_so_far.append)
+    certify(trajectories, standard, on_progress=judged_so_far.append)
     for shares in (read, judged_so_far):
         assert shares == sorted(shares)
         assert shares[-1] <= 1.0

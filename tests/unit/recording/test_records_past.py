@@ -9,7 +9,7 @@ from gcs.model.errors import GcsError
 from gcs.recording.audit import Audit
 from gcs.recording.interrupted_session import PAD
 from gcs.recording.last_known import AUDIT
-from gcs.recording.replay.history import Past
+from gcs.recording.replay.history import EventHistory
 from gcs.recording.sqlite_writer import Journal
 from gcs.service.event_log import KEPT, Severity
 
@@ -30,7 +30,7 @@ def recorded(root: Path) -> Path:
 
 
 def test_what_had_happened_by_then_of_that_session_alone(tmp_path: Path) -> None:
-    past = Past.of(recorded(tmp_path), "s2")
+    past = EventHistory.of(recorded(tmp_path), "s2")
     assert past.until(19.9) == ()
     (first,) = past.until(20.0)
     assert (first.text, first.vehicle, first.severity) == ("s2: silent", "d1", Severity.WARNING)
@@ -39,7 +39,7 @@ def test_what_had_happened_by_then_of_that_session_alone(tmp_path: Path) -> None
 
 
 def test_where_it_had_taken_off_last(tmp_path: Path) -> None:
-    past = Past.of(recorded(tmp_path), "s2")
+    past = EventHistory.of(recorded(tmp_path), "s2")
     assert past.home_m("d1", 9.0) is None
     assert past.home_m("d9", 50.0) is None
     for unix_s, home_m in ((10.0, [1.0, 2.0, -0.5]), (39.9, [1.0, 2.0, -0.5]), (41.0, [7.0, 2.0, -0.5])):
@@ -47,10 +47,10 @@ def test_where_it_had_taken_off_last(tmp_path: Path) -> None:
 
 
 def test_without_an_audit_nothing_is_reported_and_a_damaged_one_is_named(tmp_path: Path) -> None:
-    assert Past.of(tmp_path / "s1" / "flight.mcap", "s1").until(1e12) == ()
+    assert EventHistory.of(tmp_path / "s1" / "flight.mcap", "s1").until(1e12) == ()
     (tmp_path / AUDIT).write_bytes(b"no database" * 100)
     with pytest.raises(GcsError, match=AUDIT):
-        Past.of(tmp_path / "s1" / "flight.mcap", "s1")
+        EventHistory.of(tmp_path / "s1" / "flight.mcap", "s1")
 
 
 def test_no_more_is_reported_than_a_page_shows(tmp_path: Path) -> None:
@@ -60,5 +60,5 @@ def test_no_more_is_reported_than_a_page_shows(tmp_path: Path) -> None:
     for number in range(KEPT + 50):
         audit.event(float(number), "info", "vehicle_connected", f"d{number}", {})
     journal.close()
-    reported = Past.of(tmp_path / "s1" / "flight.mcap", "s1").until(120.0)
+    reported = EventHistory.of(tmp_path / "s1" / "flight.mcap", "s1").until(120.0)
     assert [each.vehicle for each in reported] == [f"d{number}" for number in range(21, 121)]

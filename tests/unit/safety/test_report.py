@@ -33,9 +33,9 @@ def truth(position_m: Array, *, airborne: bool = True) -> Truth:
     return Truth(TIME_S[:k], position_m, np.full((k, n), airborne), np.zeros(n, dtype=bool))
 
 
-def flight(*tracks: Array) -> Array:
+def flight(*trajectories: Array) -> Array:
     """(k, n, 3) from one (k, 3) or (3,) for each drone."""
-    return np.stack([np.broadcast_to(track, (len(TIME_S), 3)) for track in tracks], axis=1)
+    return np.stack([np.broadcast_to(track, (len(TIME_S), 3)) for track in trajectories], axis=1)
 
 
 def commanded(center_m: Array, radius_m: float, target_m: Array) -> Commanded:
