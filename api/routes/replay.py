@@ -38,7 +38,7 @@ async def get_replay_marks(desk: DeskDep) -> replay_schemas.ReplayMarks:
     return convert_status.replay_marks(_replaying(desk).marks)
 
 
-@router.get("/replay/certificate", summary="What the flight kept and broke", responses=READ | errors(409))
-async def get_certificate(desk: DeskDep) -> replay_schemas.Certificate:
+@router.get("/replay/report", summary="What the flight kept and broke", responses=READ | errors(409))
+async def get_flight_report(desk: DeskDep) -> replay_schemas.FlightReport:
     """Answers at once. The first call begins the judgement beside the replay: ask again until it is done."""
-    return convert_status.certificate(_replaying(desk).certify())
+    return convert_status.flight_report(_replaying(desk).make_flight_report())

@@ -81,7 +81,7 @@ class ReplayMarks(Outward):
     idle: list[IdleSpan] = Field(description="Jumped over while `skips_idle` is true.")
 
 
-class CertificateCheck(Outward):
+class ReportCheck(Outward):
     """One limit: kept or not, and the worst that was."""
 
     name: str = Field(examples=["greatest height"])
@@ -106,8 +106,8 @@ class NearestPair(Outward):
     at_s: Measured
 
 
-class CertificateReport(Outward):
-    """What `gcs certify --json` tells of a record."""
+class ReportBody(Outward):
+    """What `gcs report --json` tells of a record."""
 
     source: str
     verdict: Literal["kept", "broken", "incomplete"] = Field(
@@ -120,13 +120,13 @@ class CertificateReport(Outward):
     vehicles: int
     flew: int
     duration_s: float
-    checks: list[CertificateCheck]
+    checks: list[ReportCheck]
     nearest_pairs: list[NearestPair]
 
 
-class Certificate(Outward):
+class FlightReport(Outward):
     """How far the judgement of the record has got."""
 
     state: CheckState
     reason: str = Field(description="Why it failed, empty when it did not.")
-    report: CertificateReport | None = Field(description="null until it is done.")
+    report: ReportBody | None = Field(description="null until it is done.")

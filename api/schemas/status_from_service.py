@@ -13,7 +13,7 @@ from gcs.api.schemas import replay as replay_schemas
 from gcs.api.schemas import stream as stream_schemas
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
-from gcs.service import Certification, FleetView, FlightEnvelope, Playback, ReplayMarks
+from gcs.service import FleetView, FlightEnvelope, Playback, ReplayMarks, ReportState
 from gcs.service.event_log import LogEvent
 from gcs.service.vehicle_table import VehicleTable
 
@@ -93,13 +93,13 @@ def replay_marks(marks: ReplayMarks) -> replay_schemas.ReplayMarks:
     )
 
 
-def certificate(found: Certification) -> replay_schemas.Certificate:
+def flight_report(found: ReportState) -> replay_schemas.FlightReport:
     """The judgement of a record."""
-    return replay_schemas.Certificate(state=found.state, reason=found.reason, report=_report(found.report))
+    return replay_schemas.FlightReport(state=found.state, reason=found.reason, report=_report(found.report))
 
 
-def _report(reported: dict[str, Any] | None) -> replay_schemas.CertificateReport | None:
-    return None if reported is None else replay_schemas.CertificateReport.model_validate(reported)
+def _report(reported: dict[str, Any] | None) -> replay_schemas.ReportBody | None:
+    return None if reported is None else replay_schemas.ReportBody.model_validate(reported)
 
 
 def fixes(rows: VehicleTable) -> list[int | None]:

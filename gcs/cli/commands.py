@@ -71,8 +71,8 @@ COMMANDS: Final = {
         "show a recorded flight through the API, as if live",
         LINES,
     ),
-    "certify": Command(
-        "gcs.cli.options:certify",
+    "report": Command(
+        "gcs.cli.options:report",
         "gcs.cli.flight_report:run",
         "judge a recorded flight: separation, fence, limits",
     ),
@@ -160,9 +160,7 @@ CALLS: Final = (
     Call("include", "preflight.include", "take an excluded vehicle into the show again"),
     Call("playback show", "playback.now", "how the record is played, and where it is"),
     Call("playback set", "playback.change", "pause the record, change its speed or position"),
-    Call(
-        "playback certificate", "playback.certificate", "what the flight kept and broke; ask until it is done"
-    ),
+    Call("playback report", "playback.report", "what the flight kept and broke; ask until it is done"),
     Call("playback marks", "playback.marks", "phases, cues, alarms and idle time of the record"),
     Call("command list", "commands", "the last orders, the newest first"),
     Call("command show", "command_record", "how far an order has got"),

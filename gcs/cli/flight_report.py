@@ -1,4 +1,4 @@
-"""`gcs certify`: a recorded flight judged, as JSON and as one page."""
+"""`gcs report`: a recorded flight judged, as JSON and as one page."""
 
 import argparse
 import json
@@ -11,7 +11,7 @@ from gcs.cli.progress import Report, part_of, share_of
 from gcs.cli.record import session_folder
 from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
-from gcs.recording.analysis.flight_report import EXIT_CODES, Certificate, certify
+from gcs.recording.analysis.flight_report import EXIT_CODES, FlightReport, make_flight_report
 from gcs.recording.analysis.trajectories import Trajectories, estimated, true
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.standard import Standard
@@ -35,22 +35,22 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.html:
             require_matplotlib("--html")
         with share_of("judging the flight", shown=not arguments.json) as report_share:
-            certificate, source = _judge(arguments, report_share)
-        report = {"source": source, **certificate.report()}
+            flight_report, source = _judge(arguments, report_share)
+        report = {"source": source, **flight_report.report()}
         text = json.dumps(report, indent=2)
         if arguments.report:
             _write(Path(arguments.report), text + "\n")
         if arguments.html:
             from gcs.cli.flight_report_page import page  # noqa: PLC0415  (60 MB, for which a flight has no use)
 
-            _write(Path(arguments.html), page(certificate, source))
+            _write(Path(arguments.html), page(flight_report, source))
     except GcsError as error:
         return failed(error, arguments, WRONG)
-    print(text if arguments.json else summary(certificate, source))
-    return EXIT_CODES[certificate.verdict]
+    print(text if arguments.json else summary(flight_report, source))
+    return EXIT_CODES[flight_report.verdict]
 
 
-def _judge(arguments: argparse.Namespace, report: Report) -> tuple[Certificate, str]:
+def _judge(arguments: argparse.Namespace, report: Report) -> tuple[FlightReport, str]:
     """The judgement, and which files it is of. Raises: GcsError."""
     flights, truths = _found([Path(name) for name in arguments.files])
     if len(flights) > 1:
@@ -78,7 +78,7 @@ def _judge(arguments: argparse.Namespace, report: Report) -> tuple[Certificate, 
         raise GcsError("--positions estimated: there is no flight.mcap")
     used = truths if desired == "true" else flights
     rest = part_of(report, READ_SHARE, 1.0)
-    judged = certify(trajectories, standard, by_it_alone=bool(arguments.config), on_progress=rest)
+    judged = make_flight_report(trajectories, standard, by_it_alone=bool(arguments.config), on_progress=rest)
     return judged, ", ".join(str(path) for path in used)
 
 
@@ -110,18 +110,18 @@ def _write(path: Path, text: str) -> None:
         raise GcsError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-def summary(certificate: Certificate, source: str) -> str:
+def summary(flight_report: FlightReport, source: str) -> str:
     """The judgement for a person."""
-    trajectories = certificate.trajectories
-    lines = [f"{source}: {len(trajectories.ids)} vehicles, {certificate.duration_s:.0f} s"]
+    trajectories = flight_report.trajectories
+    lines = [f"{source}: {len(trajectories.ids)} vehicles, {flight_report.duration_s:.0f} s"]
     lines += [f"based on {trajectories.based_on}: {trajectories.uncertainty}"]
     lines += [f"note: {remark}" for remark in trajectories.remarks]
-    for check in certificate.checks:
+    for check in flight_report.checks:
         worst = "nothing to judge" if check.worst is None else f"{check.worst:g}"
         who = f"{check.vehicle} at {check.at_s:g} s" if check.at_s is not None else check.vehicle
         mark = {True: "kept  ", False: "BROKEN", None: "-     "}[check.kept]
         limit = f"limit {check.limit:g} {check.unit}{check.leeway}"
         lines.append(f"  {mark}  {check.name:<36} {worst:>16}  {limit}  {who}".rstrip())
-    lines.append(f"verdict: {certificate.verdict}: {MEANING[certificate.verdict]}")
-    lines += [f"  not judged: {text}" for text in certificate.missing]
+    lines.append(f"verdict: {flight_report.verdict}: {MEANING[flight_report.verdict]}")
+    lines += [f"  not judged: {text}" for text in flight_report.missing]
     return "\n".join(lines)

@@ -16,7 +16,7 @@ from gcs.recording.analysis.flight_report import (
     TOLERATED,
     TOLERATED_M_S,
     TOLERATED_M_S2,
-    Certificate,
+    FlightReport,
 )
 
 SHOWN_PATHS: Final = 80
@@ -40,31 +40,31 @@ svg { width: 100%; height: auto; } .pairs { columns: 2; } p.note { background: #
 """
 
 
-def page(certificate: Certificate, source: str) -> str:
+def page(flight_report: FlightReport, source: str) -> str:
     """The whole page."""
-    trajectories = certificate.trajectories
-    kind, word = certificate.verdict, WORDS[certificate.verdict]
-    reported = (*trajectories.remarks, *(f"Not judged: {text}" for text in certificate.missing))
+    trajectories = flight_report.trajectories
+    kind, word = flight_report.verdict, WORDS[flight_report.verdict]
+    reported = (*trajectories.remarks, *(f"Not judged: {text}" for text in flight_report.missing))
     notes = "".join(f"<p class=note>{escape(remark)}</p>" for remark in reported)
     return f"""<!DOCTYPE html>
 <html lang="en"><meta charset="utf-8"><title>Flight: {escape(word)}</title><style>{STYLE}</style>
-<h1>Flight of {len(trajectories.ids)} vehicles, {certificate.duration_s:.0f} s:
+<h1>Flight of {len(trajectories.ids)} vehicles, {flight_report.duration_s:.0f} s:
 <span class={kind}>{escape(word)}</span></h1>
 <p>Based on <b>{escape(trajectories.based_on)}</b>: {escape(trajectories.uncertainty)}.<br>
 From {escape(source)}; judged {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. Speeds and accelerations are means over
 {SMOOTHED_S:g} s of vehicles that the service flew; a vehicle may pass what was commanded by
 {TOLERATED:.0%} and {TOLERATED_M_S:g} m/s ({TOLERATED_M_S2:g} m/s²).</p>
 {notes}
-{_checks(certificate)}
-{_plots(certificate)}
-{_pairs(certificate)}
+{_checks(flight_report)}
+{_plots(flight_report)}
+{_pairs(flight_report)}
 </html>
 """
 
 
-def _checks(certificate: Certificate) -> str:
+def _checks(flight_report: FlightReport) -> str:
     rows = []
-    for check in certificate.checks:
+    for check in flight_report.checks:
         worst = "-" if check.worst is None else f"{check.worst:.4g}"
         when = "" if check.at_s is None else f"{check.at_s:.1f} s"
         kind = {True: "kept", False: "broken", None: "unjudged"}[check.kept]
@@ -78,8 +78,8 @@ def _checks(certificate: Certificate) -> str:
     return f"<table>{head}{''.join(rows)}</table>"
 
 
-def _pairs(certificate: Certificate) -> str:
-    trajectories, pairs = certificate.trajectories, certificate.pairs
+def _pairs(flight_report: FlightReport) -> str:
+    trajectories, pairs = flight_report.trajectories, flight_report.pairs
     rows = [
         f"<tr><td>{escape(trajectories.ids[i])}<td>{escape(trajectories.ids[j])}<td class=n>{pairs.distance_m[i, j]:.2f}"
         f"<td class=n>{pairs.ratio[i, j]:.2f}<td class=n>{pairs.sure_ratio[i, j]:.2f}"
@@ -93,37 +93,37 @@ def _pairs(certificate: Certificate) -> str:
     return f"<h2>Nearest pairs</h2><table>{head}{''.join(rows)}</table>"
 
 
-def _plots(certificate: Certificate) -> str:
+def _plots(flight_report: FlightReport) -> str:
     with mpl.rc_context({"svg.hashsalt": "gcs", "svg.fonttype": "none", "font.size": 9}):
         text = StringIO()
-        figure(certificate).savefig(text, format="svg", metadata={"Date": None})
+        figure(flight_report).savefig(text, format="svg", metadata={"Date": None})
     svg = text.getvalue()
     return svg[svg.index("<svg") :]
 
 
-def figure(certificate: Certificate) -> Figure:
+def figure(flight_report: FlightReport) -> Figure:
     """Paths from above, least distance, heights and speeds."""
     drawn = Figure(figsize=(11.0, 7.4), layout="constrained")
     above, separation, height, speed = drawn.subplots(2, 2).ravel()
-    _from_above(above, certificate)
-    _separation(separation, certificate)
-    _heights(height, certificate)
-    _speeds(speed, certificate)
+    _from_above(above, flight_report)
+    _separation(separation, flight_report)
+    _heights(height, flight_report)
+    _speeds(speed, flight_report)
     for axes in (separation, height, speed):
-        axes.set_xlim(0.0, certificate.duration_s)
+        axes.set_xlim(0.0, flight_report.duration_s)
     return drawn
 
 
-def _shown(certificate: Certificate) -> tuple[np.ndarray, np.ndarray]:
+def _shown(flight_report: FlightReport) -> tuple[np.ndarray, np.ndarray]:
     """Samples and vehicles that are drawn."""
-    k, n = certificate.trajectories.airborne.shape
+    k, n = flight_report.trajectories.airborne.shape
     samples = np.unique(np.linspace(0, k - 1, min(k, POINTS_MAX)).astype(int))
     return samples, np.unique(np.linspace(0, n - 1, min(n, SHOWN_PATHS)).astype(int))
 
 
-def _from_above(axes: Axes, certificate: Certificate) -> None:
-    trajectories, fence = certificate.trajectories, certificate.standard.safety.fence
-    samples, rows = _shown(certificate)
+def _from_above(axes: Axes, flight_report: FlightReport) -> None:
+    trajectories, fence = flight_report.trajectories, flight_report.standard.safety.fence
+    samples, rows = _shown(flight_report)
     colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, len(rows)))
     for row, colour in zip(rows, colours, strict=True):
         place_m = np.where(
@@ -140,16 +140,18 @@ def _from_above(axes: Axes, certificate: Certificate) -> None:
     axes.set(title="Paths from above (dashed: fence)", xlabel="y, m", ylabel="x, m")
 
 
-def _time_s(certificate: Certificate) -> np.ndarray:
-    return np.asarray(certificate.trajectories.time_s - certificate.trajectories.time_s[0])
+def _time_s(flight_report: FlightReport) -> np.ndarray:
+    return np.asarray(flight_report.trajectories.time_s - flight_report.trajectories.time_s[0])
 
 
-def _separation(axes: Axes, certificate: Certificate) -> None:
-    floor, least_m = certificate.standard.safety.floor, certificate.least_m
+def _separation(axes: Axes, flight_report: FlightReport) -> None:
+    floor, least_m = flight_report.standard.safety.floor, flight_report.least_m
     k = len(least_m)
     starts = np.unique(np.linspace(0, k - 1, min(k, POINTS_MAX)).astype(int))
     lowest_m = np.minimum.reduceat(least_m, starts)  # of all samples, not of those drawn
-    axes.plot(_time_s(certificate)[starts], np.where(np.isfinite(lowest_m), lowest_m, np.nan), linewidth=0.9)
+    axes.plot(
+        _time_s(flight_report)[starts], np.where(np.isfinite(lowest_m), lowest_m, np.nan), linewidth=0.9
+    )
     axes.axhspan(0.0, floor.horizontal_m, color="#b3140c", alpha=0.15)
     axes.axhline(floor.vertical_m, color="#b3140c", linestyle=":", linewidth=0.9)
     axes.set_ylim(bottom=0.0)
@@ -160,10 +162,10 @@ def _separation(axes: Axes, certificate: Certificate) -> None:
     )
 
 
-def _heights(axes: Axes, certificate: Certificate) -> None:
-    trajectories, fence = certificate.trajectories, certificate.standard.safety.fence
-    samples, rows = _shown(certificate)
-    axes.plot(_time_s(certificate)[samples], -trajectories.position_m[samples][:, rows, 2], linewidth=0.5)
+def _heights(axes: Axes, flight_report: FlightReport) -> None:
+    trajectories, fence = flight_report.trajectories, flight_report.standard.safety.fence
+    samples, rows = _shown(flight_report)
+    axes.plot(_time_s(flight_report)[samples], -trajectories.position_m[samples][:, rows, 2], linewidth=0.5)
     axes.axhline(fence.height_min_m, color="#b3140c", linestyle=":", linewidth=0.9)
     highest_m = float(np.nanmax(-trajectories.position_m[..., 2], initial=0.0))
     if highest_m > 0.6 * fence.height_max_m:
@@ -173,11 +175,11 @@ def _heights(axes: Axes, certificate: Certificate) -> None:
     )
 
 
-def _speeds(axes: Axes, certificate: Certificate) -> None:
-    trajectories, limits = certificate.trajectories, certificate.standard.safety.limits
-    samples, _ = _shown(certificate)
+def _speeds(axes: Axes, flight_report: FlightReport) -> None:
+    trajectories, limits = flight_report.trajectories, flight_report.standard.safety.limits
+    samples, _ = _shown(flight_report)
     velocity_m_s = np.where(trajectories.flown[samples, :, None], trajectories.velocity_m_s[samples], np.nan)
-    time_s = _time_s(certificate)[samples]
+    time_s = _time_s(flight_report)[samples]
     flat_m_s, up_m_s = np.hypot(velocity_m_s[..., 0], velocity_m_s[..., 1]), -velocity_m_s[..., 2]
     for value, name in ((flat_m_s, "sideways"), (up_m_s, "up"), (-up_m_s, "down")):
         most = np.max(np.nan_to_num(value, nan=-np.inf), axis=1)

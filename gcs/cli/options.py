@@ -39,9 +39,7 @@ def demo(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--api-port", type=int, metavar="P", help="8000; 0: any that is free")
     parser.add_argument("--port-base", type=int, default=14540, metavar="P", help="UDP port of the first")
     parser.add_argument("--truth", metavar="DIR", help="keep the vehicles' true states there")
-    parser.add_argument(
-        "--record", metavar="DIR", help="keep the record of the flight there; gcs certify DIR"
-    )
+    parser.add_argument("--record", metavar="DIR", help="keep the record of the flight there; gcs report DIR")
     parser.add_argument("--verbose", action="store_true", help="log every change of state, on stderr")
 
 
@@ -115,8 +113,8 @@ def replay(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--port", type=int, default=8000, help="of the API; 8000, 0: any that is free")
 
 
-def certify(parser: argparse.ArgumentParser) -> None:
-    """Options of `gcs certify`."""
+def report(parser: argparse.ArgumentParser) -> None:
+    """Options of `gcs report`."""
     parser.epilog = "exit code: 0 kept, 1 broken, 3 incomplete (not all could be judged), 2 no record"
     parser.add_argument(
         "files",

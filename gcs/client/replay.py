@@ -56,6 +56,6 @@ class Playback:
         body = {name: value for name, value in given.items() if value is not None}
         return self._caller.one(lambda: replay_schemas.Replay, "POST", PATH, body)
 
-    def certificate(self) -> replay_schemas.Certificate:
+    def report(self) -> replay_schemas.FlightReport:
         """What the flight kept and broke; the first call begins the judgement: ask again until it is done."""
-        return self._caller.one(lambda: replay_schemas.Certificate, "GET", f"{PATH}/certificate")
+        return self._caller.one(lambda: replay_schemas.FlightReport, "GET", f"{PATH}/report")

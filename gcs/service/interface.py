@@ -14,7 +14,7 @@ from gcs.service.commands import CommandRecord, ShowAction, VehicleAction
 from gcs.service.event_log import LogEvent
 from gcs.service.latest import Latest
 from gcs.service.replay_marks import ReplayMarks
-from gcs.service.snapshots import Certification, FleetView, Playback, SelectedShow, ShowCheck, StoredShow
+from gcs.service.snapshots import FleetView, Playback, ReportState, SelectedShow, ShowCheck, StoredShow
 
 
 class Shows(Protocol):
@@ -114,7 +114,7 @@ class Replaying(Protocol):
         """Play it otherwise: what is given changes, at once."""
         ...
 
-    def certify(self) -> Certification:
+    def make_flight_report(self) -> ReportState:
         """The judgement of the record; the first call begins it, in a process of its own."""
         ...
 

@@ -126,12 +126,12 @@ class Playback:
 
 
 @dataclass(frozen=True, slots=True)
-class Certification:
+class ReportState:
     """How far the judgement of a record has got, and what it found."""
 
     state: CheckState
     reason: str = ""  # why it failed
-    report: dict[str, Any] | None = None  # as `gcs certify --json` tells it
+    report: dict[str, Any] | None = None  # as `gcs report --json` tells it
 
 
 @dataclass(frozen=True)

@@ -177,10 +177,10 @@ def watch(camera: Photographer, desk: Console, client: Client) -> None:
     wait_until("flies", SOON_S, lambda: client.show().phase == "running")
     client.playback.change(paused=True)
     desk.page.set_viewport_size({"width": 1440, "height": 900})
-    _open(desk, "right", "certificate")
-    desk.press("certificate-read")
-    expect(desk.part("certificate-verdict")).to_be_visible(timeout=FLIGHT_MS)
-    camera.shoot(desk, "replay", None, "certificate", sizes=(*DESKS, (844, 390)))
+    _open(desk, "right", "flight_report")
+    desk.press("report-read")
+    expect(desk.part("report-verdict")).to_be_visible(timeout=FLIGHT_MS)
+    camera.shoot(desk, "replay", None, "flight_report", sizes=(*DESKS, (844, 390)))
 
 
 def main() -> None:

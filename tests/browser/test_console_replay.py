@@ -82,9 +82,9 @@ def test_a_record_is_played_stopped_searched_and_judged(replayed: str, chrome: B
         desk.press("replay-play")
         desk.says("show-phase", "running", FLIGHT_MS)
 
-        desk.press("tab-certificate")
-        desk.press("certificate-read")
-        expect(desk.part("certificate-verdict")).to_be_visible(timeout=FLIGHT_MS)
-        expect(desk.part("certificate-checks")).to_contain_text("separation")
+        desk.press("tab-report")
+        desk.press("report-read")
+        expect(desk.part("report-verdict")).to_be_visible(timeout=FLIGHT_MS)
+        expect(desk.part("report-checks")).to_contain_text("separation")
         assert desk.serious() == []
         assert desk.wrong == []

@@ -110,7 +110,7 @@ def test_every_tick_is_there_as_it_was_believed(flown: tuple[Path, Track]) -> No
 def test_the_record_proves_the_flight(flown: tuple[Path, Track], tmp_path: Path) -> None:
     report = tmp_path / "report.json"
     assert (
-        main(["certify", str(flown[0]), "--report", str(report), "--html", str(tmp_path / "page.html")]) == 0
+        main(["report", str(flown[0]), "--report", str(report), "--html", str(tmp_path / "page.html")]) == 0
     )
     judged = json.loads(report.read_text())
     assert (judged["verdict"], judged["flew"], judged["based_on"]) == ("kept", 4, "estimated positions")

@@ -52,7 +52,7 @@ def test_a_show_is_recorded_with_its_fence_and_its_lights(
     np.testing.assert_array_equal(colour, [[255, 0, 0], [0, 0, 255], [255, 0, 0], [0, 0, 255]])
     assert not layout.lights(ticks[0].vehicles)[1].any()
     capsys.readouterr()
-    code = main(["certify", str(file), "--json"])
+    code = main(["report", str(file), "--json"])
     report = json.loads(capsys.readouterr().out)
     (farthest,) = [each for each in report["checks"] if each["name"] == "greatest distance"]
     assert (code, report["verdict"], farthest["limit"]) == (0, "kept", 100.0), report["missing"]

@@ -49,7 +49,7 @@ EVERYTHING = [
     "recorded",
     "playback show",
     "playback set --paused yes --speed 4 --position-s 12.5",
-    "playback certificate",
+    "playback report",
     "playback marks",
     "vehicle list",
     "vehicle show d1",

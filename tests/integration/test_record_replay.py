@@ -199,14 +199,14 @@ def test_it_is_paused_and_sought_and_tells_what_had_happened_by_then(recorded: P
 
 
 def test_its_certificate_is_made_beside_it(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["certify", str(recorded), "--json"]) in {0, 1}
+    assert main(["report", str(recorded), "--json"]) in {0, 1}
     judged = json.loads(capsys.readouterr().out)
     with replay(recorded) as address, Client(address, timeout_s=30.0) as client:
-        found = client.playback.certificate()
+        found = client.playback.report()
         while found.state == "running":
             time.sleep(0.5)
             assert positions_s(address, 1)  # meanwhile it plays on
-            found = client.playback.certificate()
+            found = client.playback.report()
         assert found.reason == ""
         assert found.report is not None
         assert found.report.model_dump() == judged

@@ -23,7 +23,6 @@ from gcs.service import (
     WHO,
     ActiveFailsafe,
     Audit,
-    Certification,
     CheckState,
     CommandRecord,
     FleetView,
@@ -35,6 +34,7 @@ from gcs.service import (
     Playback,
     Replaying,
     ReplayMarks,
+    ReportState,
     SelectedShow,
     ShowAction,
     TickView,
@@ -65,7 +65,7 @@ class FakeRecord:
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._clock_s = clock_s
         self._head = Playhead(60.0, 1.0, clock_s())
-        self.certification = Certification(CheckState.RUNNING)
+        self.report_state = ReportState(CheckState.RUNNING)
         self.marks = ReplayMarks()
         self._skips_idle = True
 
@@ -96,8 +96,8 @@ class FakeRecord:
         self._head.change(self._clock_s(), paused=paused, speed=speed, position_s=position_s)
         return self.playback
 
-    def certify(self) -> Certification:
-        return self.certification
+    def make_flight_report(self) -> ReportState:
+        return self.report_state
 
 
 class FakeService:

@@ -32,7 +32,7 @@ def test_the_demo_flies_its_story_nothing_touches_and_its_record_proves_it(tmp_p
     assert figures["setpoints_sent"] > 8 * 20 * 100
     for positions in ("true", "estimated"):
         report = tmp_path / f"{positions}.json"
-        assert main(["certify", str(tmp_path), "--positions", positions, "--report", str(report)]) == 0
+        assert main(["report", str(tmp_path), "--positions", positions, "--report", str(report)]) == 0
         judged = json.loads(report.read_text())
         assert (judged["verdict"], judged["flew"], judged["remarks"]) == ("kept", 8, [])
         assert judged["based_on"] == f"{positions} positions"

@@ -93,7 +93,7 @@ def check_headless(folder: Path, described: email.message.Message) -> None:
     for words in (
         ("simulate", "assembly", "--plot", "flight.png"),
         ("show", "plot", "lighthouse", "show.png"),
-        ("certify", "runs", "--html", "page.html"),
+        ("report", "runs", "--html", "page.html"),
     ):
         done = run(*words)
         assert done.returncode == 2, words

@@ -246,7 +246,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     replay: async (change) => (await asked(texts.replay.title, api.POST("/api/v1/replay", { body: change }), null)) !== null,
     async loadCertificate() {
       for (;;) {
-        const result: Outcome<Schemas["Certificate"]> = await outcome(api.GET("/api/v1/replay/certificate"));
+        const result: Outcome<Schemas["Certificate"]> = await outcome(api.GET("/api/v1/replay/report"));
         const found = result.ok ? result.data : null;
         if (found !== null && (found.state === "waiting" || found.state === "running")) {
           await later(POLL_MS);

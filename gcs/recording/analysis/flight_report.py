@@ -17,7 +17,7 @@ from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
 
 EXIT_CODES: Final[dict[str, int]] = {"kept": 0, "broken": 1, "incomplete": 3}
-"""Of `gcs certify`, by verdict; 2: there is nothing to judge, or not by what."""
+"""Of `gcs report`, by verdict; 2: there is nothing to judge, or not by what."""
 
 NEAREST: Final = 20
 """Pairs that the report names."""
@@ -60,7 +60,7 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Certificate:
+class FlightReport:
     """The judgement, and what plots are drawn from."""
 
     trajectories: Trajectories
@@ -122,13 +122,13 @@ class Certificate:
         }
 
 
-def certify(
+def make_flight_report(
     trajectories: Trajectories,
     standard: Standard,
     *,
     by_it_alone: bool = False,
     on_progress: OnProgress | None = None,
-) -> Certificate:
+) -> FlightReport:
     """Judge a flight. Pure.
 
     Args:
@@ -155,7 +155,7 @@ def certify(
         *_speeds(trajectories, standards),
         *_setpoints(trajectories, standards),
     )
-    return Certificate(trajectories, standards, pairs, least_m, checks)
+    return FlightReport(trajectories, standards, pairs, least_m, checks)
 
 
 def _approaches(

@@ -1,4 +1,4 @@
-"""The judgement of a record while it is looked at: `gcs certify` in a process of its own."""
+"""The judgement of a record while it is looked at: `gcs report` in a process of its own."""
 
 import asyncio
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from typing import Final
 
 from gcs.model.errors import GcsError
 from gcs.recording.analysis.flight_report import EXIT_CODES
-from gcs.service import Certification, CheckState
+from gcs.service import CheckState, ReportState
 from gcs.service.check_process import LOWER, answered
 
 WITHIN_S: Final = 1800.0
@@ -16,24 +16,24 @@ MEMORY_MAX_BYTES: Final = 16 << 30
 """Of addresses: a long flight of a thousand vehicles is held in memory."""
 
 
-class Certifying:
+class ReportTask:
     """Judges once. Used on the loop."""
 
     def __init__(self, files: Sequence[Path]) -> None:
         """Flight data, and truth files where there are any."""
         self._files = tuple(files)
-        self._found = Certification(CheckState.RUNNING)
+        self._found = ReportState(CheckState.RUNNING)
         self._task: asyncio.Task[None] | None = None
 
-    def ask(self) -> Certification:
+    def ask(self) -> ReportState:
         """How far it has got; the first call begins it."""
         if self._task is None:
-            self._task = asyncio.create_task(self._judge(), name="certify")
+            self._task = asyncio.create_task(self._judge(), name="report")
         return self._found
 
     async def _judge(self) -> None:
         try:
-            arguments = ("certify", *map(str, self._files), "--json")
+            arguments = ("report", *map(str, self._files), "--json")
             report = await answered(
                 arguments,
                 WITHIN_S,
@@ -41,11 +41,11 @@ class Certifying:
                 codes=tuple(EXIT_CODES.values()),
                 memory_max_bytes=MEMORY_MAX_BYTES,
             )
-            self._found = Certification(CheckState.DONE, report=report)
+            self._found = ReportState(CheckState.DONE, report=report)
         except TimeoutError:
-            self._found = Certification(CheckState.FAILED, f"not done within {WITHIN_S:g} s")
+            self._found = ReportState(CheckState.FAILED, f"not done within {WITHIN_S:g} s")
         except (GcsError, OSError, ValueError) as error:
-            self._found = Certification(CheckState.FAILED, str(error))
+            self._found = ReportState(CheckState.FAILED, str(error))
 
     async def close(self) -> None:
         """End what runs."""

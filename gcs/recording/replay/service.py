@@ -21,15 +21,15 @@ from gcs.recording.replay.alarms import recorded, replay_alarm
 from gcs.recording.replay.history import EventHistory
 from gcs.recording.replay.playhead import Playhead
 from gcs.recording.replay.read_only_service import ReadOnlyService
-from gcs.recording.replay.report_task import Certifying
+from gcs.recording.replay.report_task import ReportTask
 from gcs.recording.standard import Standard
 from gcs.service import (
-    Certification,
     FleetView,
     Histogram,
     Latest,
     Playback,
     ReplayMarks,
+    ReportState,
     SelectedShow,
     TickView,
 )
@@ -79,7 +79,7 @@ class Replay(ReadOnlyService):
             raise GcsError(f"{data.path}: there is no flight in it. {data.cut}".strip())
         self._began_s = first.unix_s
         self._event_history = EventHistory.of(data.path, data.about.session)
-        self._certifying = Certifying((data.path, *truths))
+        self._report_task = ReportTask((data.path, *truths))
         self._head = Playhead(last_s - first.unix_s, speed, self._now_s())
         self._marks = self._event_history.marks(self._began_s, self._head.duration_s)
         self._skips_idle = True
@@ -99,7 +99,7 @@ class Replay(ReadOnlyService):
                     self._show(self._moment)
                     await self._wait(REPEAT_S)
         finally:
-            await self._certifying.close()
+            await self._report_task.close()
 
     async def _play(self) -> None:
         """From where the playhead is, until the end of the record, or until another place is wanted."""
@@ -198,9 +198,9 @@ class Replay(ReadOnlyService):
             self._show(self._moment)
         return self.playback
 
-    def certify(self) -> Certification:
+    def make_flight_report(self) -> ReportState:
         """The judgement of the record."""
-        return self._certifying.ask()
+        return self._report_task.ask()
 
     @property
     def view(self) -> Latest[FleetView]:

@@ -9,13 +9,13 @@ from api_harness import Api
 
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import (
-    Certification,
     CheckState,
     CueMark,
     EventMark,
     IdleSpan,
     PhaseSpan,
     ReplayMarks,
+    ReportState,
 )
 from gcs.service.event_log import Severity
 
@@ -33,7 +33,7 @@ def playing() -> tuple[Api, FakeRecord]:
 
 
 @pytest.mark.parametrize(
-    ("method", "path"), [("GET", "replay"), ("POST", "replay"), ("GET", "replay/certificate")]
+    ("method", "path"), [("GET", "replay"), ("POST", "replay"), ("GET", "replay/report")]
 )
 def test_a_service_that_flies_replays_nothing_and_says_so(method: str, path: str) -> None:
     answer = Api()(method, f"/api/v1/{path}", json={"speed": 2.0} if method == "POST" else None)
@@ -80,7 +80,7 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(body: dict[str, Any]
 
 def test_the_certificate_is_reported_once_it_is_made() -> None:
     api, record = playing()
-    assert api("GET", "/api/v1/replay/certificate").json() == {
+    assert api("GET", "/api/v1/replay/report").json() == {
         "state": "running",
         "reason": "",
         "report": None,
@@ -100,11 +100,11 @@ def test_the_certificate_is_reported_once_it_is_made() -> None:
         "checks": [{**check, "kept": None}],
         "nearest_pairs": [],
     }
-    record.certification = Certification(CheckState.DONE, report=report)
-    reported = api("GET", "/api/v1/replay/certificate").json()
+    record.report_state = ReportState(CheckState.DONE, report=report)
+    reported = api("GET", "/api/v1/replay/report").json()
     assert (reported["state"], reported["report"]) == ("done", report)
-    record.certification = Certification(CheckState.FAILED, "the disk is gone")
-    assert api("GET", "/api/v1/replay/certificate").json()["reason"] == "the disk is gone"
+    record.report_state = ReportState(CheckState.FAILED, "the disk is gone")
+    assert api("GET", "/api/v1/replay/report").json()["reason"] == "the disk is gone"
 
 
 def test_the_marks_of_the_record_are_listed_and_idle_time_can_be_played() -> None:

@@ -114,7 +114,7 @@ def test_every_command_that_asks_a_service_says_in_json_that_none_answers(
         ("simulate --json", 2, "name a scenario"),
         ("replay none.mcap --json", 2, "none.mcap"),
         ("replay none.mcap --speed 0 --json", 2, "--speed 0"),
-        ("certify none.mcap --json", 2, "none.mcap"),
+        ("report none.mcap --json", 2, "none.mcap"),
         ("show check none --json", 2, "none"),
         ("show hash none --json", 2, "none"),
         ("sim --count 2 --first 9999 --json", 2, "at most 1 fit"),

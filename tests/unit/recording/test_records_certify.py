@@ -18,7 +18,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array
 from gcs.recording import mcap_layout as layout
-from gcs.recording.analysis.flight_report import certify
+from gcs.recording.analysis.flight_report import make_flight_report
 from gcs.recording.analysis.pair_distances import nearest_approaches
 from gcs.recording.analysis.trajectories import estimated, true
 from gcs.recording.mcap_reader import FlightData
@@ -69,7 +69,7 @@ def truth(file: Path, *paths: Path3, seconds: float = 4.0, frame: ShowFrame = FR
 
 def judged(*arguments: object) -> tuple[int, dict[str, Any]]:
     report = Path(str(arguments[0])).parent / "report.json"
-    code = main(["certify", *map(str, arguments), "--report", str(report)])
+    code = main(["report", *map(str, arguments), "--report", str(report)])
     return code, json.loads(report.read_text())
 
 
@@ -126,7 +126,7 @@ def test_a_limit_that_an_answer_passed_by_what_is_tolerated_says_so(
     assert found["worst"] == pytest.approx(8.5, abs=0.02)
     assert check(report, "greatest distance")["tolerated"] == check(report, "greatest distance")["limit"]
     capsys.readouterr()
-    main(["certify", str(file), "--config", "demo"])
+    main(["report", str(file), "--config", "demo"])
     reported = capsys.readouterr().out
     assert "limit 8 m/s (kept up to 9.1)" in reported
     assert "limit 300 m " in reported
@@ -217,7 +217,7 @@ def test_a_file_that_is_cut_off_is_judged_as_far_as_it_goes_and_says_so(tmp_path
 
 def test_the_page_holds_everything_and_needs_nothing_else(tmp_path: Path) -> None:
     file = flight(tmp_path, apart_m=1.9)
-    assert main(["certify", str(file), "--html", str(tmp_path / "page.html")]) == 1
+    assert main(["report", str(file), "--html", str(tmp_path / "page.html")]) == 1
     text = (tmp_path / "page.html").read_text()
     assert "estimated positions" in text
     assert "<svg" in text
@@ -243,7 +243,7 @@ def test_what_is_no_record_is_refused_with_file_and_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: bytes, reason: str
 ) -> None:
     (tmp_path / name).write_bytes(content)
-    assert main(["certify", str(tmp_path / name), "--config", "demo"]) == 2
+    assert main(["report", str(tmp_path / name), "--config", "demo"]) == 2
     reported = capsys.readouterr().err
     assert name in reported
     assert reason in reported
@@ -253,12 +253,12 @@ def test_what_cannot_be_judged_says_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20))
-    assert main(["certify", str(file)]) == 2
+    assert main(["report", str(file)]) == 2
     assert "give flight.mcap too, or --config FILE" in capsys.readouterr().err
-    assert main(["certify", str(tmp_path / "absent.mcap")]) == 2
+    assert main(["report", str(tmp_path / "absent.mcap")]) == 2
     assert "there is no such file" in capsys.readouterr().err
     (tmp_path / "empty").mkdir()
-    assert main(["certify", str(tmp_path / "empty")]) == 2
+    assert main(["report", str(tmp_path / "empty")]) == 2
     assert "there is no flight*.mcap" in capsys.readouterr().err
 
 
@@ -286,7 +286,7 @@ def test_progress_goes_from_nothing_to_all_of_the_flight(tmp_path: Path) -> None
     trajectories = estimated(data, read.append)
     judged_so_far: list[float] = []
     standard = Standard.of(data.about.config, "it")
-    certify(trajectories, standard, on_progress=judged_so_far.append)
+    make_flight_report(trajectories, standard, on_progress=judged_so_far.append)
     for shares in (read, judged_so_far):
         assert shares == sorted(shares)
         assert shares[-1] <= 1.0
@@ -310,7 +310,7 @@ def test_on_a_terminal_the_report_shows_per_cent_on_standard_error_and_never_wit
 ) -> None:
     file = truth(tmp_path / "truth-1.jsonl", stands(0, 0, -9), stands(9, 0, -9), seconds=60.0)
     ours, theirs = os.openpty()
-    command = [sys.executable, "-m", "gcs", "certify", str(file), "--config", "demo", *options]
+    command = [sys.executable, "-m", "gcs", "report", str(file), "--config", "demo", *options]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=theirs, env=os.environ | {"TERM": "xterm"}
     ) as process:

@@ -72,7 +72,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def judged(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any], str]:
     """The exit code, the report (empty without one) and the complaint."""
     capsys.readouterr()
-    code = main(["certify", str(path), "--json"])
+    code = main(["report", str(path), "--json"])
     printed = capsys.readouterr()
     return code, json.loads(printed.out) if printed.out else {}, printed.err
 
@@ -182,7 +182,7 @@ def test_a_record_without_flight_is_never_kept(
     assert (code, report["verdict"], report["flew"]) == (3, "incomplete", 0)
     assert report["missing"] == ["no vehicle was in the air: there was nothing to judge"]
     assert {each["kept"] for each in report["checks"] if each["worst"] is None} == {None}
-    assert main(["certify", str(file)]) == 3
+    assert main(["report", str(file)]) == 3
     printed = capsys.readouterr().out
     assert "verdict: incomplete" in printed
     assert "kept    separation" not in printed

@@ -46,7 +46,7 @@ const VERDICTS = {
 export const verdict = (found: Pick<CertificateReport, "verdict">): (typeof VERDICTS)[keyof typeof VERDICTS] => VERDICTS[found.verdict];
 
 function checks(actions: DeskActions, certificate: CertificateReport): TemplateResult {
-  return html`<table class="plain-table" data-testid="certificate-checks">
+  return html`<table class="plain-table" data-testid="report-checks">
     <caption>${t.checks}</caption>
     ${head([t.name, t.worst, t.limit, t.who])}
     <tbody>
@@ -65,7 +65,7 @@ function checks(actions: DeskActions, certificate: CertificateReport): TemplateR
 }
 
 function pairs(actions: DeskActions, certificate: CertificateReport): TemplateResult {
-  return html`<table class="plain-table" data-testid="certificate-pairs">
+  return html`<table class="plain-table" data-testid="report-pairs">
     <caption>${t.nearest}</caption>
     ${head([t.pair, t.distance, t.ratio, t.ratioOff, t.at])}
     <tbody>
@@ -84,14 +84,14 @@ function pairs(actions: DeskActions, certificate: CertificateReport): TemplateRe
 
 function judged(actions: DeskActions, found: CertificateReport): TemplateResult {
   const { mark, kind, text } = verdict(found);
-  return html`<div class="verdict ${kind}" data-testid="certificate-verdict">
+  return html`<div class="verdict ${kind}" data-testid="report-verdict">
       ${icon(mark)}
       <strong>${text}</strong>
       <small>${t.flew(found.flew, found.vehicles)}, ${minutes(found.duration_s)}</small>
     </div>
     ${found.missing.length === 0
       ? nothing
-      : html`<div class="problem" data-testid="certificate-missing">
+      : html`<div class="problem" data-testid="report-missing">
           <p>${t.missing}</p>
           <ul>
             ${found.missing.map((each) => html`<li>${each}</li>`)}
@@ -109,7 +109,7 @@ export function certificate(state: State, actions: DeskActions): TemplateResult 
       ? judged(actions, state.certificate)
       : html`<p class="empty">${certificateReading ? t.reading : t.none}</p>`}
     ${button(actions, {
-      id: "certificate-read",
+      id: "report-read",
       label: t.read,
       kind: state.certificate ? "quiet" : "primary",
       why: certificateReading ? t.reading : "",
