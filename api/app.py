@@ -15,9 +15,9 @@ from gcs.api import console_files as page
 from gcs.api import docs, metrics
 from gcs.api import error_docs as problem_docs
 from gcs.api.auth.audit import Audited
-from gcs.api.auth.authorization import Door
-from gcs.api.auth.middleware import Guard
-from gcs.api.context import Desk
+from gcs.api.auth.authorization import Authorization
+from gcs.api.auth.middleware import AccessMiddleware
+from gcs.api.context import Context
 from gcs.api.errors import echo, error_response, from_pydantic, invalid_response
 from gcs.api.map_tiles import GroundMap
 from gcs.api.methods import Methods, allowed
@@ -60,7 +60,7 @@ def create_app(
     service: Service,
     *,
     host_names: Sequence[str] = ("localhost",),
-    door: Door | None = None,
+    authorization: Authorization | None = None,
     console: Path = page.DIST,
     ground: GroundMap | None = None,
 ) -> FastAPI:
@@ -69,17 +69,17 @@ def create_app(
     Args:
         service: the control side.
         host_names: by which a browser may call this service, besides its IP addresses.
-        door: who may call; None: everybody on this machine, as often as they like.
+        authorization: who may call; None: everybody on this machine, as often as they like.
         console: the folder that the page was built into.
         ground: the map that the page draws; None: a grid alone.
     """
-    door = door or Door()
-    app = routed(asks_for_tokens=door.asks_for_tokens)
+    authorization = authorization or Authorization()
+    app = routed(asks_for_tokens=authorization.asks_for_tokens)
     app.include_router(page.routes(console, None if ground is None else ground.origin))
     app.include_router(docs.routes(console))
-    app.state.desk = Desk(service, door, ground)
+    app.state.context = Context(service, authorization, ground)
     app.add_middleware(Methods, routes=lambda: app.routes)
-    app.add_middleware(Guard, names=host_names, door=door)
+    app.add_middleware(AccessMiddleware, names=host_names, authorization=authorization)
     app.add_middleware(Audited, audit=service.audit)
     app.add_middleware(SecurityHeaders)  # the last added is the outermost
     _install(app)

@@ -9,7 +9,7 @@ from typing import Annotated, Final, cast
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from gcs.api.auth.authorization import Door
+from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.kill_confirmation import KillSwitch
 from gcs.api.console_feed import Feed
 from gcs.api.map_tiles import GroundMap
@@ -23,19 +23,21 @@ VIEWERS_MAX: Final = 32
 """Each viewer costs time of the event loop, and memory for what it has not read yet."""
 
 
-class Desk:
+class Context:
     """The service as requests see it.
 
     The service shows a changed plan with its next tick. Between the two, this remembers what was accepted,
     so that a second change starts from the first, and a reader finds what was just written.
     """
 
-    def __init__(self, service: Service, door: Door, ground: GroundMap | None = None) -> None:
+    def __init__(
+        self, service: Service, authorization: Authorization, ground: GroundMap | None = None
+    ) -> None:
         self.service = service
         self.ground = ground
-        self.door = door
+        self.authorization = authorization
         self.kill_switch = KillSwitch()
-        self.feed = Feed(service, door.text, self.health_problem, ground)
+        self.feed = Feed(service, authorization.text, self.health_problem, ground)
         self.emergency_port: int | None = None  # of the listener for emergency calls alone, once it listens
         self._accepted = service.view.value.plan
         self._accepted_during = service.view.value
@@ -80,7 +82,7 @@ class Desk:
         view, problem = self.view, self.health_problem()
         if self._text_of is None or self._text_of[0] is not view or self._text_of[1] != problem:
             self._text, self._text_of = (
-                convert.fleet_json(view, self.frame, problem, self.door.text),
+                convert.fleet_json(view, self.frame, problem, self.authorization.text),
                 (view, problem),
             )
         return self._text
@@ -91,7 +93,7 @@ class Desk:
         return next(name for number in self._numbers if (name := f"box-{number}") not in taken)
 
     @contextmanager
-    def seat(self) -> Iterator[None]:
+    def viewer_slot(self) -> Iterator[None]:
         """One viewer's place. Raises: RefusedError when all are taken."""
         if self._viewers >= VIEWERS_MAX:
             raise RefusedError(f"{VIEWERS_MAX} viewers watch already: close one of them")
@@ -102,8 +104,8 @@ class Desk:
             self._viewers -= 1
 
 
-async def _desk_of(connection: HTTPConnection) -> Desk:
-    return cast("Desk", connection.app.state.desk)
+async def _context_of(connection: HTTPConnection) -> Context:
+    return cast("Context", connection.app.state.context)
 
 
-DeskDep = Annotated[Desk, Depends(_desk_of)]
+ContextDep = Annotated[Context, Depends(_context_of)]

@@ -17,7 +17,7 @@ from prometheus_client.core import (
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_1_0_0, generate_latest
 from starlette.responses import Response
 
-from gcs.api.context import DeskDep
+from gcs.api.context import ContextDep
 from gcs.api.error_docs import TOKEN
 from gcs.api.schemas.alarms_from_service import current
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -170,11 +170,13 @@ def _histogram(name: str, text: str, seen: Histogram) -> Metric:
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
-async def metrics(desk: DeskDep) -> Response:
+async def metrics(context: ContextDep) -> Response:
     """Every metric in Prometheus' text format."""
-    door = desk.door
-    problem, age_s = desk.health_problem(), max(0.0, desk.age_s())
-    collector = FleetCollector(desk.view, problem, age_s, door.text, door.denied, door.shed)
+    authorization = context.authorization
+    problem, age_s = context.health_problem(), max(0.0, context.age_s())
+    collector = FleetCollector(
+        context.view, problem, age_s, authorization.text, authorization.denied, authorization.shed
+    )
     # in a thread: of a thousand vehicles it is thousands of lines, and the loop has ticks to keep
     text = await asyncio.to_thread(_text, collector)
     return Response(text, media_type=CONTENT_TYPE_PLAIN_1_0_0)

@@ -93,7 +93,7 @@ class Lane(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Visitor:
+class Principal:
     """Who calls, and what they may."""
 
     name: str
@@ -119,7 +119,7 @@ class Refusal:
     reason: str
 
 
-class Door:
+class Authorization:
     """Judges every call. Used on the loop alone."""
 
     def __init__(
@@ -154,42 +154,42 @@ class Door:
             return "off: whoever reaches this service may do everything; it listens on the loopback interface"
         return "tokens"
 
-    def visitor(self, headers: Headers) -> Visitor:
+    def principal(self, headers: Headers) -> Principal:
         """Who calls."""
         if self._tokens is None:
-            return Visitor(LOCAL, RIGHTS[Role.OPERATE])
+            return Principal(LOCAL, RIGHTS[Role.OPERATE])
         token = _token(headers)
         entry = self._tokens.find(token) if token else None
         if entry is None:
-            return Visitor(ANONYMOUS, frozenset())
-        return Visitor(entry.name, RIGHTS[entry.role], entry)
+            return Principal(ANONYMOUS, frozenset())
+        return Principal(entry.name, RIGHTS[entry.role], entry)
 
-    def is_welcome(self, visitor: Visitor) -> bool:
+    def is_authorized(self, principal: Principal) -> bool:
         """Whether somebody who came in may still be here: their token is not revoked."""
-        return self._tokens is None or visitor.entry is None or self._tokens.has(visitor.entry)
+        return self._tokens is None or principal.entry is None or self._tokens.has(principal.entry)
 
-    def refusal(self, visitor: Visitor, call: Call) -> Refusal | None:
+    def refusal(self, principal: Principal, call: Call) -> Refusal | None:
         """Why this call is turned away; None when it may pass."""
         right = needed(call.method, call.path)
-        in_lane = right is Right.EMERGENCY and right in visitor.rights
+        in_lane = right is Right.EMERGENCY and right in principal.rights
         is_probe = call.path in PROBES and call.method in READING
         lane = Lane.EMERGENCY if in_lane else Lane.MAP if call.path.startswith(MAP) else Lane.OTHERS
-        if not is_probe and not self._bucket(visitor.name, lane).take(self._clock_s()):
+        if not is_probe and not self._bucket(principal.name, lane).take(self._clock_s()):
             self.shed += 1
             return Refusal(429, f"too many calls: {self._calls_per_s:g} a second may come")
-        if right is None or right in visitor.rights:
+        if right is None or right in principal.rights:
             return None
-        if visitor.name == ANONYMOUS:
+        if principal.name == ANONYMOUS:
             return Refusal(401, "a token is needed: Authorization: Bearer TOKEN; gcs token create makes one")
         roles = " or ".join(role for role in Role if right in RIGHTS[role])
-        return Refusal(403, f"{visitor.name} may not: this needs a token of role {roles}")
+        return Refusal(403, f"{principal.name} may not: this needs a token of role {roles}")
 
-    def turned_away(self, visitor: Visitor, call: Call, refusal: Refusal) -> None:
+    def turned_away(self, principal: Principal, call: Call, refusal: Refusal) -> None:
         """Tell the audit, at a rate that it can bear."""
         self.denied += 1
         reported = Denied(
             time.time(),
-            visitor.name,
+            principal.name,
             call.address,
             call.method,
             call.path[:200],

@@ -18,7 +18,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from gcs.api.auth.audit import WHO_KEY
-from gcs.api.auth.authorization import Call, Door, Refusal, Visitor, is_emergency, needed
+from gcs.api.auth.authorization import Authorization, Call, Principal, Refusal, is_emergency, needed
 from gcs.api.auth.strict_json import find_problem
 from gcs.api.errors import error_response, invalid_response
 from gcs.model.quoting import cut
@@ -34,12 +34,12 @@ DRAIN_MAX_BYTES: Final = 1024 * 1024
 """Read and thrown away, so that whoever sends too much still hears why, and is not just cut off."""
 
 
-class Guard:
+class AccessMiddleware:
     """ASGI middleware around the whole app."""
 
-    def __init__(self, app: ASGIApp, names: Sequence[str], door: Door) -> None:
+    def __init__(self, app: ASGIApp, names: Sequence[str], authorization: Authorization) -> None:
         self._app = app
-        self._door = door
+        self._authorization = authorization
         self._names = frozenset(name.lower() for name in names)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -47,23 +47,25 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        call, visitor = _call(scope), self._door.visitor(Headers(scope=scope))
-        scope[WHO_KEY] = visitor.name
+        call, principal = _call(scope), self._authorization.principal(Headers(scope=scope))
+        scope[WHO_KEY] = principal.name
         foreign = self._foreign(call)
-        refusal = Refusal(403, foreign) if foreign else self._door.refusal(visitor, call)
+        refusal = Refusal(403, foreign) if foreign else self._authorization.refusal(principal, call)
         if refusal is not None:
-            self._door.turned_away(visitor, call, refusal)
+            self._authorization.turned_away(principal, call, refusal)
             await _turn_away(refusal, scope, receive, send)
             return
-        who = WHO.set(visitor.name)
+        who = WHO.set(principal.name)
         try:
-            await self._enter(scope, receive, send, visitor)
+            await self._enter(scope, receive, send, principal)
         finally:
             WHO.reset(who)
 
-    async def _enter(self, scope: Scope, receive: Receive, send: Send, visitor: Visitor) -> None:
+    async def _enter(self, scope: Scope, receive: Receive, send: Send, principal: Principal) -> None:
         if scope["type"] == "websocket":
-            scope.setdefault("state", {})["is_welcome"] = lambda: self._door.is_welcome(visitor)
+            scope.setdefault("state", {})["is_authorized"] = lambda: self._authorization.is_authorized(
+                principal
+            )
             await self._app(scope, receive, send)
             return
         try:

@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter
 
-from gcs.api.context import DeskDep
+from gcs.api.context import ContextDep
 from gcs.api.error_docs import COMMAND, NO_BODY, TOKEN, errors
 from gcs.api.schemas import alarms_from_service as convert_alarms
 from gcs.api.schemas.alarms import Alarm, AlarmList
@@ -14,9 +14,9 @@ router = APIRouter(prefix="/alarms", tags=["alarms"], dependencies=TOKEN)
 
 
 @router.get("", summary="Every alarm, and the state of the whole")
-async def list_alarms(desk: DeskDep) -> AlarmList:
+async def list_alarms(context: ContextDep) -> AlarmList:
     """What an operator should know now: the most severe first, none left out."""
-    return convert_alarms.alarm_list(desk.view, desk.health_problem())
+    return convert_alarms.alarm_list(context.view, context.health_problem())
 
 
 @router.post(
@@ -25,9 +25,9 @@ async def list_alarms(desk: DeskDep) -> AlarmList:
     dependencies=NO_BODY,
     responses=COMMAND,
 )
-async def acknowledge_all_alarms(desk: DeskDep) -> list[Alarm]:
+async def acknowledge_all_alarms(context: ContextDep) -> list[Alarm]:
     """Returns the alarms that were not acknowledged before. Ended ones are removed from the list."""
-    return [convert_alarms.alarm(each) for each in desk.service.acknowledge_alarms()]
+    return [convert_alarms.alarm(each) for each in context.service.acknowledge_alarms()]
 
 
 @router.post(
@@ -36,8 +36,8 @@ async def acknowledge_all_alarms(desk: DeskDep) -> list[Alarm]:
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def acknowledge_alarm(alarm_id: AlarmId, desk: DeskDep) -> Alarm:
+async def acknowledge_alarm(alarm_id: AlarmId, context: ContextDep) -> Alarm:
     """It stays listed while its cause lasts, with the name and time of the first acknowledgement."""
     if alarm_id == AlarmCause.CONTROL_STOPPED.value:
         raise RefusedError("control-stopped is not acknowledged: it stays on top until control runs again")
-    return convert_alarms.alarm(desk.service.acknowledge_alarm(alarm_id))
+    return convert_alarms.alarm(context.service.acknowledge_alarm(alarm_id))

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Response
 from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 
-from gcs.api.context import Desk, DeskDep
+from gcs.api.context import Context, ContextDep
 from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.api.schemas import from_service as convert
 from gcs.api.schemas import rest as schemas
@@ -25,64 +25,64 @@ api = APIRouter(dependencies=TOKEN)
 
 
 @health.get("/healthz", summary="Is control alive?", responses=errors(503))
-async def healthz(desk: DeskDep) -> schemas.Health:
+async def healthz(context: ContextDep) -> schemas.Health:
     """200 only while the control loop runs and its newest state is fresh, judged by the clock."""
-    problem = desk.health_problem()
+    problem = context.health_problem()
     if problem:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, problem)
     return schemas.Health(
         alive=True,
-        view_age_s=max(0.0, desk.age_s()),
-        tick_rate_hz=desk.view.tick.rate_hz,
-        access=desk.door.text,
-        emergency_port=desk.emergency_port,
+        view_age_s=max(0.0, context.age_s()),
+        tick_rate_hz=context.view.tick.rate_hz,
+        access=context.authorization.text,
+        emergency_port=context.emergency_port,
     )
 
 
 @health.get("/readyz", summary="Can anybody be ordered anything?", responses=errors(503))
-async def readyz(desk: DeskDep) -> schemas.Readiness:
+async def readyz(context: ContextDep) -> schemas.Readiness:
     """200 only while control is alive and a vehicle is ready to start, or flies."""
-    problem = convert.readiness_problem(desk.view, desk.now_s())
+    problem = convert.readiness_problem(context.view, context.now_s())
     if problem:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, problem)
-    return convert.readiness(desk.view)
+    return convert.readiness(context.view)
 
 
 # Fleet
 
 
 @api.get("/fleet", tags=["fleet"], summary="Everything at one instant", response_model=schemas.Fleet)
-async def get_fleet(desk: DeskDep) -> Response:
+async def get_fleet(context: ContextDep) -> Response:
     """The show, the formation, the target, the obstacles and every vehicle, as the newest tick left them."""
-    return Response(desk.fleet_json(), media_type="application/json")
+    return Response(context.fleet_json(), media_type="application/json")
 
 
 @api.get("/status", tags=["fleet"], summary="What changes seldom, for who draws", response_model=Status)
-async def get_status(desk: DeskDep) -> Response:
+async def get_status(context: ContextDep) -> Response:
     """What the console's stream tells beside its frames; see docs/stream.md."""
-    return Response(desk.feed.newest().model_dump_json(), media_type="application/json")
+    return Response(context.feed.newest().model_dump_json(), media_type="application/json")
 
 
 @api.get("/access", tags=["fleet"], summary="Who am I, and what may I do?")
-async def get_access(connection: HTTPConnection, desk: DeskDep) -> Access:
+async def get_access(connection: HTTPConnection, context: ContextDep) -> Access:
     """The name of the token that came along, and its rights."""
-    visitor = desk.door.visitor(connection.headers)
-    return Access(who=visitor.name, rights=sorted(visitor.rights))
+    principal = context.authorization.principal(connection.headers)
+    return Access(who=principal.name, rights=sorted(principal.rights))
 
 
 @api.get("/vehicles", tags=["fleet"], summary="Every vehicle")
-async def list_vehicles(desk: DeskDep) -> list[schemas.Vehicle]:
+async def list_vehicles(context: ContextDep) -> list[schemas.Vehicle]:
     """All configured vehicles, heard or not."""
-    return convert.vehicles(desk.view, desk.frame)
+    return convert.vehicles(context.view, context.frame)
 
 
 @api.get("/vehicles/{vehicle_id}", tags=["fleet"], summary="One vehicle", responses=READ | errors(404))
-async def get_vehicle(vehicle_id: VehicleId, desk: DeskDep) -> schemas.Vehicle:
+async def get_vehicle(vehicle_id: VehicleId, context: ContextDep) -> schemas.Vehicle:
     """One vehicle, as the service believes it to be."""
-    for each in convert.vehicles(desk.view, desk.frame):
+    for each in convert.vehicles(context.view, context.frame):
         if each.id == vehicle_id:
             return each
-    known = ", ".join(each.id for each in desk.view.vehicles)
+    known = ", ".join(each.id for each in context.view.vehicles)
     raise UnknownError(f"there is no vehicle {vehicle_id!r}; there are {known}")
 
 
@@ -109,15 +109,15 @@ def _accepted(response: Response, command: schemas.Command) -> schemas.Command:
 
 
 def _vehicle_command(action: VehicleAction) -> Callable[..., Awaitable[schemas.Command]]:
-    async def command(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> schemas.Command:
-        return _accepted(response, convert.command(desk.service.command_vehicle(vehicle_id, action)))
+    async def command(vehicle_id: VehicleId, context: ContextDep, response: Response) -> schemas.Command:
+        return _accepted(response, convert.command(context.service.command_vehicle(vehicle_id, action)))
 
     return command
 
 
 def _show_command(action: ShowAction) -> Callable[..., Awaitable[schemas.Command]]:
-    async def command(desk: DeskDep, response: Response) -> schemas.Command:
-        return _accepted(response, convert.command(desk.service.command_show(action)))
+    async def command(context: ContextDep, response: Response) -> schemas.Command:
+        return _accepted(response, convert.command(context.service.command_show(action)))
 
     return command
 
@@ -148,10 +148,10 @@ GROUP_SUMMARY: Final = {
 
 def _group_command(action: VehicleAction) -> Callable[..., Awaitable[schemas.Command]]:
     async def command(
-        desk: DeskDep, response: Response, body: schemas.GroupBody | None = None
+        context: ContextDep, response: Response, body: schemas.GroupBody | None = None
     ) -> schemas.Command:
         given = None if body is None else body.vehicles
-        return _accepted(response, convert.command(desk.service.command_vehicles(action, given)))
+        return _accepted(response, convert.command(context.service.command_vehicles(action, given)))
 
     return command
 
@@ -177,9 +177,9 @@ for _group_action, _summary in GROUP_SUMMARY.items():
 
 
 @api.get("/show", tags=["show"], summary="Where the show stands")
-async def get_show(desk: DeskDep) -> schemas.Show:
+async def get_show(context: ContextDep) -> schemas.Show:
     """The show's phase, and what may be asked of it now."""
-    return convert.show(desk.view)
+    return convert.show(context.view)
 
 
 @api.post(
@@ -190,11 +190,11 @@ async def get_show(desk: DeskDep) -> schemas.Show:
     responses=COMMAND | errors(404),
 )
 async def start_show(
-    desk: DeskDep, response: Response, body: schemas.StartBody | None = None
+    context: ContextDep, response: Response, body: schemas.StartBody | None = None
 ) -> schemas.Command:
     """With the vehicles named, or all online; now, or at a clock time. A selected show by its hash."""
     given = body or schemas.StartBody()
-    record = desk.service.command_show(
+    record = context.service.command_show(
         ShowAction.START,
         given.vehicles,
         show_hash=given.show_hash,
@@ -225,8 +225,8 @@ OFFER_SUMMARY: Final = {
 
 
 def _offer_command(offer: Offer) -> Callable[..., Awaitable[schemas.Command]]:
-    async def command(desk: DeskDep, response: Response) -> schemas.Command:
-        return _accepted(response, convert.command(desk.service.settle(offer)))
+    async def command(context: ContextDep, response: Response) -> schemas.Command:
+        return _accepted(response, convert.command(context.service.settle(offer)))
 
     return command
 
@@ -247,102 +247,102 @@ for _offer, _summary in OFFER_SUMMARY.items():
 
 
 @api.get("/commands", tags=["show"], summary="The last orders")
-async def list_commands(desk: DeskDep) -> list[schemas.Command]:
+async def list_commands(context: ContextDep) -> list[schemas.Command]:
     """The newest first, as many as are remembered."""
-    return [convert.command(record) for record in desk.service.commands()]
+    return [convert.command(record) for record in context.service.commands()]
 
 
 @api.get("/commands/{command_id}", tags=["show"], summary="An order's outcome", responses=READ | errors(404))
-async def get_command(command_id: CommandId, desk: DeskDep) -> schemas.Command:
+async def get_command(command_id: CommandId, context: ContextDep) -> schemas.Command:
     """How far an accepted order has got, vehicle by vehicle."""
-    return convert.command(desk.service.command_record(command_id))
+    return convert.command(context.service.command_record(command_id))
 
 
 # Formation, target, orbit, yaw
 
 
 @api.get("/formation", tags=["formation"], summary="Radius and height, wanted and now")
-async def get_formation(desk: DeskDep) -> schemas.Formation:
+async def get_formation(context: ContextDep) -> schemas.Formation:
     """What was asked for, and what is commanded now on the way there."""
-    return convert.formation(desk.plan.formation, desk.view)
+    return convert.formation(context.plan.formation, context.view)
 
 
 @api.patch("/formation", tags=["formation"], summary="Change radius or height", responses=COMMAND)
-async def change_formation(body: schemas.FormationChange, desk: DeskDep) -> schemas.Formation:
+async def change_formation(body: schemas.FormationChange, context: ContextDep) -> schemas.Formation:
     """It follows without a jump. A radius too small for the fleet is refused with the smallest that works."""
-    desired = replace(desk.plan.formation, **body.given())
-    desk.service.set_formation(desired)
-    desk.accepted(replace(desk.plan, formation=desired))
-    return convert.formation(desired, desk.view)
+    desired = replace(context.plan.formation, **body.given())
+    context.service.set_formation(desired)
+    context.accepted(replace(context.plan, formation=desired))
+    return convert.formation(desired, context.view)
 
 
 @api.get("/target", tags=["target"], summary="Where the target is now")
-async def get_target(desk: DeskDep) -> schemas.Target:
+async def get_target(context: ContextDep) -> schemas.Target:
     """The target's place and velocity, in both frames; it goes on with its velocity."""
-    target = desk.plan.target
-    return convert.target(target, target.position_m(desk.now_s()), desk.frame)
+    target = context.plan.target
+    return convert.target(target, target.position_m(context.now_s()), context.frame)
 
 
 @api.put("/target", tags=["target"], summary="Say where the target is", responses=COMMAND)
-async def put_target(body: schemas.TargetPut, desk: DeskDep) -> schemas.Target:
+async def put_target(body: schemas.TargetPut, context: ContextDep) -> schemas.Target:
     """In the show frame or as latitude and longitude. A velocity left out is 0."""
-    now_s = desk.now_s()
-    desired = convert.target_desired(body, desk.frame, now_s)
-    desk.service.set_target(desired)
-    desk.accepted(replace(desk.plan, target=desired))
-    return convert.target(desired, desired.position_m(now_s), desk.frame)
+    now_s = context.now_s()
+    desired = convert.target_desired(body, context.frame, now_s)
+    context.service.set_target(desired)
+    context.accepted(replace(context.plan, target=desired))
+    return convert.target(desired, desired.position_m(now_s), context.frame)
 
 
 @api.get("/orbit", tags=["target"], summary="How the formation circles the target")
-async def get_orbit(desk: DeskDep) -> schemas.Orbit:
+async def get_orbit(context: ContextDep) -> schemas.Orbit:
     """Radius, speed and direction."""
-    return convert.orbit(desk.plan.orbit)
+    return convert.orbit(context.plan.orbit)
 
 
 @api.patch("/orbit", tags=["target"], summary="Change the orbit", responses=COMMAND)
-async def change_orbit(body: schemas.OrbitChange, desk: DeskDep) -> schemas.Orbit:
+async def change_orbit(body: schemas.OrbitChange, context: ContextDep) -> schemas.Orbit:
     """The formation follows without a jump."""
-    desired = replace(desk.plan.orbit, **body.given())
-    desk.service.set_orbit(desired)
-    desk.accepted(replace(desk.plan, orbit=desired))
+    desired = replace(context.plan.orbit, **body.given())
+    context.service.set_orbit(desired)
+    context.accepted(replace(context.plan, orbit=desired))
     return convert.orbit(desired)
 
 
 @api.get("/yaw", tags=["formation"], summary="Where the vehicles look")
-async def get_yaw(desk: DeskDep) -> schemas.Yaw:
+async def get_yaw(context: ContextDep) -> schemas.Yaw:
     """The policy, and the heading for the policy `fixed`."""
-    return convert.yaw(desk.plan.yaw, desk.frame)
+    return convert.yaw(context.plan.yaw, context.frame)
 
 
 @api.patch("/yaw", tags=["formation"], summary="Change where the vehicles look", responses=COMMAND)
-async def change_yaw(body: schemas.YawChange, desk: DeskDep) -> schemas.Yaw:
+async def change_yaw(body: schemas.YawChange, context: ContextDep) -> schemas.Yaw:
     """The policy, the heading for the policy `fixed`, or both."""
-    desired = convert.yaw_desired(body, desk.plan.yaw, desk.frame)
-    desk.service.set_yaw(desired)
-    desk.accepted(replace(desk.plan, yaw=desired))
-    return convert.yaw(desired, desk.frame)
+    desired = convert.yaw_desired(body, context.plan.yaw, context.frame)
+    context.service.set_yaw(desired)
+    context.accepted(replace(context.plan, yaw=desired))
+    return convert.yaw(desired, context.frame)
 
 
 # Obstacles
 
 
-def _box(desk: Desk, obstacle_id: str) -> Obstacle:
-    for box in desk.plan.obstacles:
+def _box(context: Context, obstacle_id: str) -> Obstacle:
+    for box in context.plan.obstacles:
         if box.id == obstacle_id:
             return box
     raise UnknownError(f"there is no obstacle {obstacle_id!r}")
 
 
 @api.get("/obstacles", tags=["obstacles"], summary="Every obstacle")
-async def list_obstacles(desk: DeskDep) -> list[schemas.Obstacle]:
+async def list_obstacles(context: ContextDep) -> list[schemas.Obstacle]:
     """All boxes that the fleet keeps clear of."""
-    return [convert.obstacle(box, desk.now_s()) for box in desk.plan.obstacles]
+    return [convert.obstacle(box, context.now_s()) for box in context.plan.obstacles]
 
 
 @api.get("/obstacles/{obstacle_id}", tags=["obstacles"], summary="One obstacle", responses=READ | errors(404))
-async def get_obstacle(obstacle_id: ObstacleId, desk: DeskDep) -> schemas.Obstacle:
+async def get_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> schemas.Obstacle:
     """One box."""
-    return convert.obstacle(_box(desk, obstacle_id), desk.now_s())
+    return convert.obstacle(_box(context, obstacle_id), context.now_s())
 
 
 @api.post(
@@ -352,11 +352,13 @@ async def get_obstacle(obstacle_id: ObstacleId, desk: DeskDep) -> schemas.Obstac
     status_code=HTTPStatus.CREATED,
     responses=COMMAND,
 )
-async def add_obstacle(body: schemas.ObstaclePost, desk: DeskDep, response: Response) -> schemas.Obstacle:
+async def add_obstacle(
+    body: schemas.ObstaclePost, context: ContextDep, response: Response
+) -> schemas.Obstacle:
     """Refused when its id is taken, or it would stand on a vehicle in the air or too close ahead of one."""
-    box = convert.obstacle_desired(body, body.id or desk.new_obstacle_id(), desk.now_s())
-    desk.service.add_obstacle(box)
-    desk.accepted(replace(desk.plan, obstacles=(*desk.plan.obstacles, box)))
+    box = convert.obstacle_desired(body, body.id or context.new_obstacle_id(), context.now_s())
+    context.service.add_obstacle(box)
+    context.accepted(replace(context.plan, obstacles=(*context.plan.obstacles, box)))
     response.headers["Location"] = f"/api/v1/obstacles/{box.id}"
     return convert.obstacle(box, box.time_s)
 
@@ -368,16 +370,16 @@ async def add_obstacle(body: schemas.ObstaclePost, desk: DeskDep, response: Resp
     responses=COMMAND | errors(404),
 )
 async def change_obstacle(
-    obstacle_id: ObstacleId, body: schemas.ObstaclePut, desk: DeskDep
+    obstacle_id: ObstacleId, body: schemas.ObstaclePut, context: ContextDep
 ) -> schemas.Obstacle:
     """Replace the box of this id. Refused when it would stand on a vehicle or too close ahead of one."""
     if body.id and body.id != obstacle_id:
         raise InvalidError("id", body.id, f"{obstacle_id!r}, as in the path, or absent")
-    box = convert.obstacle_desired(body, obstacle_id, desk.now_s())
-    desk.service.change_obstacle(box)
-    others = desk.plan.obstacles
-    desk.accepted(
-        replace(desk.plan, obstacles=tuple(box if each.id == obstacle_id else each for each in others))
+    box = convert.obstacle_desired(body, obstacle_id, context.now_s())
+    context.service.change_obstacle(box)
+    others = context.plan.obstacles
+    context.accepted(
+        replace(context.plan, obstacles=tuple(box if each.id == obstacle_id else each for each in others))
     )
     return convert.obstacle(box, box.time_s)
 
@@ -390,8 +392,8 @@ async def change_obstacle(
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def remove_obstacle(obstacle_id: ObstacleId, desk: DeskDep) -> None:
+async def remove_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> None:
     """Forget a box."""
-    desk.service.remove_obstacle(obstacle_id)
-    left = tuple(box for box in desk.plan.obstacles if box.id != obstacle_id)
-    desk.accepted(replace(desk.plan, obstacles=left))
+    context.service.remove_obstacle(obstacle_id)
+    left = tuple(box for box in context.plan.obstacles if box.id != obstacle_id)
+    context.accepted(replace(context.plan, obstacles=left))

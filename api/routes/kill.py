@@ -5,7 +5,7 @@ from http import HTTPStatus
 from fastapi import APIRouter, Response
 
 from gcs.api.auth.kill_confirmation import VALID_S
-from gcs.api.context import DeskDep
+from gcs.api.context import ContextDep
 from gcs.api.error_docs import COMMAND, TOKEN, errors
 from gcs.api.schemas import from_service as convert
 from gcs.api.schemas import kill as kill_schemas
@@ -18,9 +18,9 @@ kill = APIRouter(prefix="/kill", tags=["fleet"], dependencies=TOKEN)
 
 
 @kill.post("", summary="Arm a kill: the first of two steps", responses=COMMAND | errors(404))
-async def arm_kill(desk: DeskDep, body: kill_schemas.KillBody | None = None) -> kill_schemas.KillArmed:
+async def arm_kill(context: ContextDep, body: kill_schemas.KillBody | None = None) -> kill_schemas.KillArmed:
     """Names whom the code will kill, all that are not offline where nobody is named. Nothing happens yet."""
-    phases = {each.id: each.phase for each in desk.view.vehicles}
+    phases = {each.id: each.phase for each in context.view.vehicles}
     named = (body or kill_schemas.KillBody()).vehicles
     for name in named or ():
         if name not in phases:
@@ -32,7 +32,7 @@ async def arm_kill(desk: DeskDep, body: kill_schemas.KillBody | None = None) -> 
     )
     if not chosen:
         raise RefusedError("all vehicles are offline, at unknown addresses: gcs kill --direct may know them")
-    armed = desk.kill_switch.arm(chosen, WHO.get(), desk.now_s())
+    armed = context.kill_switch.arm(chosen, WHO.get(), context.now_s())
     return kill_schemas.KillArmed(code=armed.code, vehicles=list(armed.vehicles), valid_s=VALID_S)
 
 
@@ -43,10 +43,10 @@ async def arm_kill(desk: DeskDep, body: kill_schemas.KillBody | None = None) -> 
     responses=COMMAND,
 )
 async def confirm_kill(
-    body: kill_schemas.KillConfirmation, desk: DeskDep, response: Response
+    body: kill_schemas.KillConfirmation, context: ContextDep, response: Response
 ) -> schemas.Command:
     """Those that the code names. Accepted as an order; a code works once, and for a short time."""
-    vehicles = desk.kill_switch.confirm(body.code, WHO.get(), desk.now_s())
-    command = convert.command(desk.service.kill(vehicles))
+    vehicles = context.kill_switch.confirm(body.code, WHO.get(), context.now_s())
+    command = convert.command(context.service.kill(vehicles))
     response.headers["Location"] = f"/api/v1/commands/{command.id}"
     return command

@@ -6,7 +6,7 @@ from http import HTTPStatus
 from fastapi import APIRouter, HTTPException
 from starlette.responses import Response
 
-from gcs.api.context import DeskDep
+from gcs.api.context import ContextDep
 from gcs.model.errors import UnknownError
 
 router = APIRouter(include_in_schema=False)
@@ -15,9 +15,9 @@ HEADERS = {"Cache-Control": "private, max-age=3600", "X-Content-Type-Options": "
 
 
 @router.get("/map/{z}/{x}/{y}")
-async def get_tile(z: int, x: int, y: int, desk: DeskDep) -> Response:
+async def get_tile(z: int, x: int, y: int, context: ContextDep) -> Response:
     """One tile, rows counted from the north."""
-    ground = desk.ground
+    ground = context.ground
     if ground is None or ground.file is None:
         raise UnknownError("no map is served here: map.tiles of the configuration names an .mbtiles file")
     try:

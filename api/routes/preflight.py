@@ -5,7 +5,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from gcs.api.context import DeskDep
+from gcs.api.context import ContextDep
 from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.api.schemas import from_service as convert
 from gcs.api.schemas import preflight as preflight_schemas
@@ -49,9 +49,9 @@ def _vehicle(one: checks.VehicleChecks) -> preflight_schemas.VehicleChecks:
     summary="What a start would find",
     responses=READ | errors(404, 409, 503),
 )
-async def get_preflight(desk: DeskDep, vehicles: Named = None) -> preflight_schemas.Preflight:
+async def get_preflight(context: ContextDep, vehicles: Named = None) -> preflight_schemas.Preflight:
     """Every check of every vehicle and of the fleet; made at most once a second, and only on the ground."""
-    report = desk.service.preflight(vehicles)
+    report = context.service.preflight(vehicles)
     return preflight_schemas.Preflight(
         passes=report.passes,
         unix_time_s=report.unix_time_s,
@@ -73,13 +73,13 @@ async def get_preflight(desk: DeskDep, vehicles: Named = None) -> preflight_sche
 )
 async def exclude_vehicle(
     vehicle_id: VehicleId,
-    desk: DeskDep,
+    context: ContextDep,
     response: Response,
     body: preflight_schemas.ExcludeBody | None = None,
 ) -> schemas.Command:
     """On the ground: no start takes it along until it is included again. An order, with who gave it."""
     reason = "" if body is None else body.reason
-    record = desk.service.exclude(vehicle_id, reason)
+    record = context.service.exclude(vehicle_id, reason)
     response.headers["Location"] = f"/api/v1/commands/{record.id}"
     return convert.command(record)
 
@@ -92,8 +92,8 @@ async def exclude_vehicle(
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def include_vehicle(vehicle_id: VehicleId, desk: DeskDep, response: Response) -> schemas.Command:
+async def include_vehicle(vehicle_id: VehicleId, context: ContextDep, response: Response) -> schemas.Command:
     """On the ground: it has to pass every check, as everybody else."""
-    record = desk.service.include(vehicle_id)
+    record = context.service.include(vehicle_id)
     response.headers["Location"] = f"/api/v1/commands/{record.id}"
     return convert.command(record)

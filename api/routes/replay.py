@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter
 
-from gcs.api.context import Desk, DeskDep
+from gcs.api.context import Context, ContextDep
 from gcs.api.error_docs import COMMAND, READ, TOKEN, errors
 from gcs.api.schemas import replay as replay_schemas
 from gcs.api.schemas import status_from_service as convert_status
@@ -12,33 +12,33 @@ from gcs.service import Replaying
 router = APIRouter(dependencies=TOKEN, tags=["replay"])
 
 
-def _replaying(desk: Desk) -> Replaying:
+def _replaying(context: Context) -> Replaying:
     """Raises: RefusedError where vehicles fly."""
-    replaying = desk.service.replaying
+    replaying = context.service.replaying
     if replaying is None:
         raise RefusedError("this service flies vehicles, and replays nothing: gcs replay FILE shows a record")
     return replaying
 
 
 @router.get("/replay", summary="How the record is played", responses=READ | errors(409))
-async def get_replay(desk: DeskDep) -> replay_schemas.Replay:
+async def get_replay(context: ContextDep) -> replay_schemas.Replay:
     """Where in the record it is, and how fast; `409` where vehicles fly."""
-    return convert_status.replay(_replaying(desk).playback)
+    return convert_status.replay(_replaying(context).playback)
 
 
 @router.post("/replay", summary="Pause, go on, at another speed, from elsewhere", responses=COMMAND)
-async def change_replay(body: replay_schemas.ReplayChange, desk: DeskDep) -> replay_schemas.Replay:
+async def change_replay(body: replay_schemas.ReplayChange, context: ContextDep) -> replay_schemas.Replay:
     """What is given changes, at once; `409` where vehicles fly, and for going on behind the end."""
-    return convert_status.replay(_replaying(desk).change(**body.given()))
+    return convert_status.replay(_replaying(context).change(**body.given()))
 
 
 @router.get("/replay/marks", summary="Phases, cues, events, idle time", responses=READ | errors(409))
-async def get_replay_marks(desk: DeskDep) -> replay_schemas.ReplayMarks:
+async def get_replay_marks(context: ContextDep) -> replay_schemas.ReplayMarks:
     """All of the record at once, for a scrubber; it never changes."""
-    return convert_status.replay_marks(_replaying(desk).marks)
+    return convert_status.replay_marks(_replaying(context).marks)
 
 
 @router.get("/replay/report", summary="What the flight kept and broke", responses=READ | errors(409))
-async def get_flight_report(desk: DeskDep) -> replay_schemas.FlightReport:
+async def get_flight_report(context: ContextDep) -> replay_schemas.FlightReport:
     """Answers at once. The first call begins the judgement beside the replay: ask again until it is done."""
-    return convert_status.flight_report(_replaying(desk).make_flight_report())
+    return convert_status.flight_report(_replaying(context).make_flight_report())

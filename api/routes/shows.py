@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Path
 from starlette.requests import Request
 
-from gcs.api.context import DeskDep
+from gcs.api.context import ContextDep
 from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.api.schemas import from_service as convert
 from gcs.api.schemas import rest as schemas
@@ -32,21 +32,21 @@ selected = APIRouter(prefix="/show", tags=["show"], dependencies=TOKEN)
 
 
 @files.get("", summary="Every show file", responses=errors(409))
-async def list_shows(desk: DeskDep) -> list[show_schemas.StoredShow]:
+async def list_shows(context: ContextDep) -> list[show_schemas.StoredShow]:
     """All files that were uploaded, by name."""
-    return [convert.stored_show(each) for each in await desk.service.shows.list_shows()]
+    return [convert.stored_show(each) for each in await context.service.shows.list_shows()]
 
 
 @files.get("/{name}", summary="One show file", responses=READ | errors(404, 409))
-async def get_show_file(name: Name, desk: DeskDep) -> show_schemas.ShowText:
+async def get_show_file(name: Name, context: ContextDep) -> show_schemas.ShowText:
     """As it was uploaded."""
-    return show_schemas.ShowText(name=name, text=await desk.service.shows.text(name))
+    return show_schemas.ShowText(name=name, text=await context.service.shows.text(name))
 
 
 @files.put("/{name}", summary="Upload a show file", responses=COMMAND, openapi_extra=YAML_BODY)
-async def put_show_file(name: Name, request: Request, desk: DeskDep) -> show_schemas.StoredShow:
+async def put_show_file(name: Name, request: Request, context: ContextDep) -> show_schemas.StoredShow:
     """Kept under that name, in place of what had it. What is selected or flies does not change by that."""
-    return convert.stored_show(await desk.service.shows.store(name, await request.body()))
+    return convert.stored_show(await context.service.shows.store(name, await request.body()))
 
 
 @files.delete(
@@ -56,9 +56,9 @@ async def put_show_file(name: Name, request: Request, desk: DeskDep) -> show_sch
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def remove_show_file(name: Name, desk: DeskDep) -> None:
+async def remove_show_file(name: Name, context: ContextDep) -> None:
     """Forget a file. What is selected or flies does not change by that."""
-    await desk.service.shows.remove(name)
+    await context.service.shows.remove(name)
 
 
 @files.post(
@@ -68,21 +68,21 @@ async def remove_show_file(name: Name, desk: DeskDep) -> None:
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def check_show(name: Name, desk: DeskDep) -> show_schemas.ShowCheck:
+async def check_show(name: Name, context: ContextDep) -> show_schemas.ShowCheck:
     """Fly it in virtual time, in a process of its own at the lowest priority; GET tells how far that is."""
-    return convert.show_check(desk.service.shows.check(name))
+    return convert.show_check(context.service.shows.check(name))
 
 
 @files.get("/{name}/check", summary="What a check found", responses=READ | errors(404))
-async def get_show_check(name: Name, desk: DeskDep) -> show_schemas.ShowCheck:
+async def get_show_check(name: Name, context: ContextDep) -> show_schemas.ShowCheck:
     """Of the newest check since this service began."""
-    return convert.show_check(desk.service.shows.checked(name))
+    return convert.show_check(context.service.shows.checked(name))
 
 
 @files.post("/{name}/select", summary="Have a show fly next", responses=COMMAND | errors(404))
-async def select_show(name: Name, body: show_schemas.SelectBody, desk: DeskDep) -> schemas.SelectedShow:
+async def select_show(name: Name, body: show_schemas.SelectBody, context: ContextDep) -> schemas.SelectedShow:
     """On the ground. Refused when it was never checked, is not good, has changed since, or does not fit."""
-    return convert.selected_show(desk.service.select_show(name, body.hash))
+    return convert.selected_show(context.service.select_show(name, body.hash))
 
 
 @selected.post(
@@ -92,12 +92,12 @@ async def select_show(name: Name, body: show_schemas.SelectBody, desk: DeskDep) 
     dependencies=NO_BODY,
     responses=COMMAND,
 )
-async def deselect_show(desk: DeskDep) -> None:
+async def deselect_show(context: ContextDep) -> None:
     """On the ground."""
-    desk.service.deselect_show()
+    context.service.deselect_show()
 
 
 @selected.post("/seek", summary="Begin at a cue", responses=COMMAND | errors(404))
-async def seek_show(body: show_schemas.SeekBody, desk: DeskDep) -> schemas.SelectedShow:
+async def seek_show(body: show_schemas.SeekBody, context: ContextDep) -> schemas.SelectedShow:
     """On the ground: the show begins with that cue, the first time that it is played."""
-    return convert.selected_show(desk.service.seek_show(body.cue))
+    return convert.selected_show(context.service.seek_show(body.cue))

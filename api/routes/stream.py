@@ -13,7 +13,7 @@ from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
 from gcs.api.auth.authorization import SUBPROTOCOL
-from gcs.api.context import Desk, DeskDep
+from gcs.api.context import Context, ContextDep
 from gcs.model.errors import InvalidError, RefusedError
 
 RATE_DEFAULT_HZ: Final = 10.0
@@ -29,7 +29,7 @@ REPEAT_S: Final = 0.5
 POLICY_VIOLATION: Final = 1008
 TRY_AGAIN_LATER: Final = 1013
 
-Messages: TypeAlias = Callable[[Desk], list[str | bytes]]
+Messages: TypeAlias = Callable[[Context], list[str | bytes]]
 """What one viewer is sent at one moment."""
 
 router = APIRouter()
@@ -50,55 +50,55 @@ def rate_hz(text: str | None) -> float:
 
 
 @router.websocket("/stream")
-async def stream(websocket: WebSocket, desk: DeskDep) -> None:
+async def stream(websocket: WebSocket, context: ContextDep) -> None:
     """Send the fleet until the viewer has gone. A bad request is told why with the close frame."""
-    await _watched(websocket, desk, lambda desk: [desk.fleet_json()])
+    await _watched(websocket, context, lambda context: [context.fleet_json()])
 
 
 @router.websocket("/stream/console")
-async def console(websocket: WebSocket, desk: DeskDep) -> None:
+async def console(websocket: WebSocket, context: ContextDep) -> None:
     """The same for who draws: frames, and before them the status where it has changed. docs/stream.md."""
     seen = 0
 
-    def messages(desk: Desk) -> list[str | bytes]:
+    def messages(context: Context) -> list[str | bytes]:
         nonlocal seen
-        revision, status = desk.feed.status(desk.now_s())
+        revision, status = context.feed.status(context.now_s())
         news = [status] if revision != seen else []
         seen = revision
-        return [*news, desk.feed.frame()]
+        return [*news, context.feed.frame()]
 
-    await _watched(websocket, desk, messages)
+    await _watched(websocket, context, messages)
 
 
-async def _watched(websocket: WebSocket, desk: Desk, messages: Messages) -> None:
+async def _watched(websocket: WebSocket, context: Context, messages: Messages) -> None:
     offered = websocket.scope["subprotocols"]
     await websocket.accept(SUBPROTOCOL if SUBPROTOCOL in offered else None)
     try:
         period_s = 1.0 / rate_hz(websocket.query_params.get("rate_hz"))
-        with desk.seat():
-            await _watch(websocket, desk, period_s, messages)
+        with context.viewer_slot():
+            await _watch(websocket, context, period_s, messages)
     except InvalidError as error:
         await websocket.close(POLICY_VIOLATION, str(error))
     except RefusedError as error:
         await websocket.close(TRY_AGAIN_LATER, str(error))
 
 
-async def _watch(websocket: WebSocket, desk: Desk, period_s: float, messages: Messages) -> None:
+async def _watch(websocket: WebSocket, context: Context, period_s: float, messages: Messages) -> None:
     async with asyncio.TaskGroup() as group:
-        sender = group.create_task(_send(websocket, desk, period_s, messages), name="stream/send")
+        sender = group.create_task(_send(websocket, context, period_s, messages), name="stream/send")
         await _gone(websocket)
         sender.cancel()
 
 
-async def _send(websocket: WebSocket, desk: Desk, period_s: float, messages: Messages) -> None:
+async def _send(websocket: WebSocket, context: Context, period_s: float, messages: Messages) -> None:
     """Sample and send; returns when the viewer has gone."""
-    async with aclosing(_moments(websocket, desk, period_s)) as moments:
+    async with aclosing(_moments(websocket, context, period_s)) as moments:
         async for _ in moments:
-            if not websocket.state.is_welcome():
+            if not websocket.state.is_authorized():
                 await websocket.close(POLICY_VIOLATION, "the token was revoked")
                 return
             try:
-                for message in messages(desk):
+                for message in messages(context):
                     if isinstance(message, str):
                         await websocket.send_text(message)
                     else:
@@ -107,7 +107,7 @@ async def _send(websocket: WebSocket, desk: Desk, period_s: float, messages: Mes
                 return
 
 
-async def _moments(websocket: WebSocket, desk: Desk, period_s: float) -> AsyncGenerator[None, None]:
+async def _moments(websocket: WebSocket, context: Context, period_s: float) -> AsyncGenerator[None, None]:
     """When to look: at once, then with the tick that comes when one is due; never with something unsent."""
     loop = asyncio.get_running_loop()
     early_s = EARLY * period_s
@@ -119,7 +119,7 @@ async def _moments(websocket: WebSocket, desk: Desk, period_s: float) -> AsyncGe
         await asyncio.sleep(due_s - early_s - loop.time())
         with suppress(TimeoutError):
             async with asyncio.timeout(REPEAT_S):
-                await desk.service.view.changed()
+                await context.service.view.changed()
 
 
 async def _gone(websocket: WebSocket) -> None:

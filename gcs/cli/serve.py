@@ -11,7 +11,7 @@ from pathlib import Path
 from starlette.types import ASGIApp
 
 from gcs.api.app import create_app
-from gcs.api.auth.authorization import Door, log_denied
+from gcs.api.auth.authorization import Authorization, log_denied
 from gcs.api.auth.middleware import EmergencyLane
 from gcs.api.auth.tokens import Tokens
 from gcs.api.map_tiles import GroundMap, open_map
@@ -122,30 +122,30 @@ def open_ground(config: Config) -> tuple[GroundMap | None, list[str]]:
 async def _flying(orchestrator: Orchestrator, config: Config, ground: GroundMap | None) -> AsyncIterator[int]:
     """Control and API until the block ends. Yields the API's port."""
     names = ("localhost", config.api.host)
-    app = create_app(orchestrator, host_names=names, door=make_door(config), ground=ground)
+    app = create_app(orchestrator, host_names=names, authorization=make_authorization(config), ground=ground)
     app.openapi()  # takes a quarter of a second: now, not when somebody asks while vehicles fly
     async with (
         _listening(app, config, "api.port", config.api.port) as port,
         _listening(EmergencyLane(app), config, "api.emergency_port", config.api.lane_port) as lane_port,
     ):
-        app.state.desk.emergency_port = lane_port
+        app.state.context.emergency_port = lane_port
         async with asyncio.TaskGroup() as group:
             control = group.create_task(orchestrator.run(), name="service")
             yield port
             control.cancel()
 
 
-def make_door(config: Config, audit: Audit = log_denied) -> Door:
+def make_authorization(config: Config, audit: Audit = log_denied) -> Authorization:
     """Who may call; `audit` is handed every denied call. Raises: ConfigError when the token file is none."""
     access = config.access
     tokens = None if access.tokens_file is None else Tokens(access.tokens_file)
-    door = Door(tokens, calls_per_s=access.calls_per_s, burst=access.burst, audit=audit)
+    authorization = Authorization(tokens, calls_per_s=access.calls_per_s, burst=access.burst, audit=audit)
     if tokens is None:
-        log.warning("access_off", extra={"host": config.api.host, "means": door.text})
+        log.warning("access_off", extra={"host": config.api.host, "means": authorization.text})
     elif access.tls is None and not is_loopback(config.api.host):
         mend = "access.tls; until then whoever hears the network can read the tokens"
         log.warning("access_without_tls", extra={"host": config.api.host, "mend": mend})
-    return door
+    return authorization
 
 
 @asynccontextmanager

@@ -16,7 +16,7 @@ from websockets.asyncio.client import connect
 from websockets.typing import Subprotocol
 
 from gcs.api.app import create_app
-from gcs.api.auth.authorization import Door
+from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.middleware import EmergencyLane
 from gcs.api.auth.tokens import Tokens, create_token, revoke_token
 from gcs.api.server import serve
@@ -40,7 +40,7 @@ class Station:
         self.service = FakeService()
         self.file = folder / "tokens.json"
         self.token = {role: create_token(self.file, role.value, role) for role in Role}
-        self.app = create_app(self.service, door=Door(Tokens(self.file)))
+        self.app = create_app(self.service, authorization=Authorization(Tokens(self.file)))
         self.port = self.lane_port = 0
 
     @asynccontextmanager

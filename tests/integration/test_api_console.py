@@ -17,7 +17,7 @@ from api_station import narrow, served, ticking
 from api_station import run as run_beside
 from websockets.asyncio.client import ClientConnection, connect
 
-from gcs.api.auth.authorization import Door
+from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.tokens import Tokens, create_token, revoke_token
 from gcs.api.context import VIEWERS_MAX
 from gcs.api.schemas import binary_frame as frames
@@ -194,9 +194,9 @@ def test_a_token_is_asked_for_and_one_that_is_revoked_ends_it(tmp_path: Path) ->
     token = create_token(file, "screen", Role.WATCH)
 
     async def main() -> None:
-        door = Door(Tokens(file))
+        authorization = Authorization(Tokens(file))
         service = FakeService()
-        async with asyncio.timeout(240), served(service, door) as port, ticking(service, TICK_S):
+        async with asyncio.timeout(240), served(service, authorization) as port, ticking(service, TICK_S):
             with pytest.raises(websockets.InvalidStatus) as refused:
                 await console_of(port)
             assert refused.value.response.status_code == 401

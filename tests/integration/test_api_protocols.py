@@ -13,7 +13,7 @@ from api_station import run, served
 from websockets.asyncio.client import connect
 
 from gcs.api import server
-from gcs.api.auth.authorization import TELL_BURST, TELL_PER_S, Door
+from gcs.api.auth.authorization import TELL_BURST, TELL_PER_S, Authorization
 from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.protocols import CONNECTIONS_MAX, LINES_BURST, LINES_PER_S
 from gcs.api.schemas import rest as schemas
@@ -158,8 +158,8 @@ def test_denied_handshakes_write_no_line_of_the_servers_and_few_of_the_audit(
     create_token(file, "crew", Role.WATCH)
 
     async def main() -> None:
-        door = Door(Tokens(file), audit=denied.append, clock_s=lambda: 0.0)
-        async with asyncio.timeout(240), served(FakeService(), door) as port:
+        authorization = Authorization(Tokens(file), audit=denied.append, clock_s=lambda: 0.0)
+        async with asyncio.timeout(240), served(FakeService(), authorization) as port:
             for _ in range(count):
                 with pytest.raises(websockets.InvalidStatus) as refused:
                     await connect(f"ws://127.0.0.1:{port}/api/v1/stream")

@@ -16,7 +16,7 @@ from schemathesis import Case
 from virtual_show import show_config
 
 from gcs.api.app import create_app
-from gcs.api.auth.authorization import Door
+from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.server import serve
 from gcs.flight.orchestrator import Orchestrator
@@ -42,7 +42,7 @@ async def serve_fleet(
     )
     service = Orchestrator(config, [link])
     listening = loop.create_future()
-    app = create_app(service, door=Door(tokens))
+    app = create_app(service, authorization=Authorization(tokens))
     tasks = [
         asyncio.create_task(service.run()),
         asyncio.create_task(serve(app, port=0, listening=listening)),

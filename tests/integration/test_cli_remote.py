@@ -19,7 +19,7 @@ from rich.console import Console
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gcs.api.app import create_app
-from gcs.api.auth.authorization import Door
+from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.tokens import Tokens, create_token
 from gcs.cli import status
 from gcs.cli.commands import ACTIONS, CALLS
@@ -138,10 +138,10 @@ class Listening:
 
 @contextmanager
 def station(
-    service: FakeService, monkeypatch: pytest.MonkeyPatch, door: Door | None = None
+    service: FakeService, monkeypatch: pytest.MonkeyPatch, authorization: Authorization | None = None
 ) -> Iterator[Listening]:
     """A service that `gcs` finds by its environment."""
-    received = Listening(create_app(service, door=door))
+    received = Listening(create_app(service, authorization=authorization))
     with in_background(received) as port:
         monkeypatch.setenv("GCS_URL", f"http://127.0.0.1:{port}")
         yield received
@@ -401,7 +401,7 @@ def test_a_token_comes_from_the_environment_or_the_command_line(
 ) -> None:
     file = tmp_path / "tokens.json"
     watch, crew = (create_token(file, role.value, role) for role in (Role.WATCH, Role.OPERATE))
-    with station(FakeService(), monkeypatch, Door(Tokens(file))):
+    with station(FakeService(), monkeypatch, Authorization(Tokens(file))):
         assert main(["state"]) == 4
         assert "a token is needed" in capsys.readouterr().err
         monkeypatch.setenv("GCS_TOKEN", watch)

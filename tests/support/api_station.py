@@ -9,15 +9,15 @@ import pytest
 from api_fake_service import FakeService
 
 from gcs.api.app import create_app
-from gcs.api.auth.authorization import Door
+from gcs.api.auth.authorization import Authorization
 from gcs.api.server import serve
 
 
 @asynccontextmanager
-async def served(service: FakeService, door: Door | None = None) -> AsyncIterator[int]:
+async def served(service: FakeService, authorization: Authorization | None = None) -> AsyncIterator[int]:
     """A server on a port of its own, stopped as its owner stops it: by cancelling."""
     listening = asyncio.get_running_loop().create_future()
-    app = create_app(service, door=door)
+    app = create_app(service, authorization=authorization)
     task = asyncio.create_task(serve(app, port=0, listening=listening), name="api")
     try:
         yield await asyncio.wait_for(listening, timeout=120)

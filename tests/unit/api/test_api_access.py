@@ -9,7 +9,7 @@ import pytest
 from api_fake_service import FakeService
 
 from gcs.api.app import create_app
-from gcs.api.auth.authorization import TELL_BURST, Door
+from gcs.api.auth.authorization import TELL_BURST, Authorization
 from gcs.api.auth.middleware import EmergencyLane
 from gcs.api.auth.tokens import Tokens, create_token, revoke_token
 from gcs.model.lifecycle import ShowPhase
@@ -32,9 +32,11 @@ class Station:
         self.tokens = {role.value: create_token(self.file, f"{role}-token", role) for role in Role}
         self.service, self.clock = FakeService(), Clock()
         self.denied: list[Denied] = []
-        door = Door(Tokens(self.file), audit=self.denied.append, clock_s=self.clock, **rates)
-        self.door = door
-        self.app = create_app(self.service, door=door)
+        authorization = Authorization(
+            Tokens(self.file), audit=self.denied.append, clock_s=self.clock, **rates
+        )
+        self.authorization = authorization
+        self.app = create_app(self.service, authorization=authorization)
         self.service.tick()
 
     def __call__(self, role: str, method: str, path: str, **options: Any) -> httpx.Response:
@@ -206,7 +208,7 @@ def test_a_flood_of_denied_calls_is_summed_up(station: Station) -> None:
     # one line a second more, where the machine takes long for so many calls
     assert sum(each.count for each in station.denied) == TELL_BURST + 40
     assert TELL_BURST < len(station.denied) < TELL_BURST + 20
-    assert station.door.denied == TELL_BURST + 40
+    assert station.authorization.denied == TELL_BURST + 40
 
 
 def test_the_emergency_lane_answers_nothing_else(station: Station) -> None:

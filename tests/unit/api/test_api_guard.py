@@ -7,7 +7,7 @@ from api_fake_service import FakeService
 from api_harness import Api
 
 from gcs.api.app import create_app
-from gcs.api.auth.authorization import Door
+from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.middleware import BODY_MAX_BYTES, DRAIN_MAX_BYTES
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import CommandRecord
@@ -57,9 +57,9 @@ FRAME = {"Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "iframe"}
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])
 def test_what_a_page_of_another_site_embeds_is_refused_before_it_is_counted(site: str) -> None:
     clock_s = 0.0
-    door = Door(calls_per_s=1.0, burst=3.0, clock_s=lambda: clock_s, audit=lambda _: None)
+    authorization = Authorization(calls_per_s=1.0, burst=3.0, clock_s=lambda: clock_s, audit=lambda _: None)
     api = Api()
-    api.app = create_app(api.service, door=door)
+    api.app = create_app(api.service, authorization=authorization)
     for headers in (NO_CORS, FRAME) * 20:
         answer = api("GET", "/api/v1/fleet", headers={"Sec-Fetch-Site": site, **headers})
         assert (answer.status_code, answer.json()["problems"]) == (403, [])

@@ -6,8 +6,8 @@ import pytest
 from api_fake_service import FRAME, FakeService
 from api_harness import Api
 
-from gcs.api.auth.authorization import Door
-from gcs.api.context import VIEWERS_MAX, Desk
+from gcs.api.auth.authorization import Authorization
+from gcs.api.context import VIEWERS_MAX, Context
 from gcs.api.schemas import from_service as convert
 from gcs.model.errors import RefusedError
 
@@ -49,16 +49,16 @@ def test_health_is_red_when_control_says_so_itself() -> None:
 
 async def texts_around_the_moment_a_state_gets_old() -> list[str]:
     service = FakeService()
-    desk = Desk(service, Door())
-    service.view.set(replace(service.view.value, time_s=desk_time_s() - convert.VIEW_AGE_MAX_S + 1.0))
-    fresh = [desk.fleet_json(), desk.fleet_json()]
+    context = Context(service, Authorization())
+    service.view.set(replace(service.view.value, time_s=context_time_s() - convert.VIEW_AGE_MAX_S + 1.0))
+    fresh = [context.fleet_json(), context.fleet_json()]
     await asyncio.sleep(1.05)
-    old = desk.fleet_json()
+    old = context.fleet_json()
     service.tick()
-    return [*fresh, old, desk.fleet_json()]
+    return [*fresh, old, context.fleet_json()]
 
 
-def desk_time_s() -> float:
+def context_time_s() -> float:
     return asyncio.get_running_loop().time()
 
 
@@ -71,15 +71,15 @@ def test_the_json_of_a_state_is_written_once_for_all_viewers_until_it_gets_old()
 
 
 def test_there_are_seats_for_so_many_viewers_and_they_are_given_back() -> None:
-    desk = Desk(FakeService(), Door())
+    context = Context(FakeService(), Authorization())
     for _ in range(2 * VIEWERS_MAX):
-        with desk.seat():
+        with context.viewer_slot():
             pass
-    seats = [desk.seat() for _ in range(VIEWERS_MAX + 1)]
-    for seat in seats[:-1]:
-        seat.__enter__()
+    viewer_slots = [context.viewer_slot() for _ in range(VIEWERS_MAX + 1)]
+    for viewer_slot in viewer_slots[:-1]:
+        viewer_slot.__enter__()
     with pytest.raises(RefusedError, match="32 viewers"):
-        seats[-1].__enter__()
+        viewer_slots[-1].__enter__()
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.1, 90.0, 179.9, 180.0, 270.0, 359.9])

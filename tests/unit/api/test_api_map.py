@@ -9,7 +9,7 @@ from api_fake_service import FakeService
 from mbtiles import mbtiles
 
 from gcs.api.app import create_app
-from gcs.api.auth.authorization import Door
+from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.map_tiles import GroundMap, open_map
 from gcs.service.access import Role
@@ -19,8 +19,10 @@ ADDRESS = "https://maps.example:8443/tiles/{z}/{x}/{y}.png?key=a"
 PICTURE = b"\x89PNG and so on"
 
 
-def ask(ground: GroundMap | None, path: str, door: Door | None = None, token: str = "") -> httpx.Response:
-    app = create_app(FakeService(), door=door, ground=ground)
+def ask(
+    ground: GroundMap | None, path: str, authorization: Authorization | None = None, token: str = ""
+) -> httpx.Response:
+    app = create_app(FakeService(), authorization=authorization, ground=ground)
     headers = {"Authorization": f"Bearer {token}"} if token else {}
 
     async def once() -> httpx.Response:
@@ -71,10 +73,10 @@ def test_a_disk_that_fails_is_not_the_edge_of_the_map(field: GroundMap | None) -
 
 
 def test_pictures_do_not_use_up_the_calls_that_orders_need(field: GroundMap | None) -> None:
-    door = Door(calls_per_s=1e-6, burst=1.0)
-    codes = [ask(field, path, door).status_code for path in ("/api/v1/map/3/1/1",) * 2]
+    authorization = Authorization(calls_per_s=1e-6, burst=1.0)
+    codes = [ask(field, path, authorization).status_code for path in ("/api/v1/map/3/1/1",) * 2]
     assert codes == [200, 429]
-    assert ask(field, "/api/v1/status", door).status_code == 200
+    assert ask(field, "/api/v1/status", authorization).status_code == 200
 
 
 @pytest.mark.parametrize(
@@ -93,9 +95,9 @@ def test_numbers_that_no_tile_has_are_refused(field: GroundMap | None, place: st
 def test_a_tile_is_for_whoever_may_watch(field: GroundMap | None, tmp_path: Path) -> None:
     file = tmp_path / "tokens.json"
     token = create_token(file, "guest", Role.WATCH)
-    door = Door(Tokens(file))
-    assert ask(field, "/api/v1/map/3/1/1", door).status_code == 401
-    assert ask(field, "/api/v1/map/3/1/1", door, token).content == PICTURE
+    authorization = Authorization(Tokens(file))
+    assert ask(field, "/api/v1/map/3/1/1", authorization).status_code == 401
+    assert ask(field, "/api/v1/map/3/1/1", authorization, token).content == PICTURE
 
 
 def test_the_page_may_ask_the_configured_origin_and_nobody_else(

@@ -7,7 +7,7 @@ from api_fake_service import FakeService
 from api_harness import Api
 
 from gcs.api.app import create_app
-from gcs.api.auth.authorization import Door
+from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.tokens import Tokens, create_token
 from gcs.service.access import Role
 
@@ -102,7 +102,7 @@ def test_a_token_is_demanded_only_where_one_is(document: Any, tmp_path: Path) ->
     assert "security" not in json.dumps(document)
     file = tmp_path / "tokens.json"
     create_token(file, "crew", Role.WATCH)
-    guarded = create_app(FakeService(), door=Door(Tokens(file))).openapi()
+    guarded = create_app(FakeService(), authorization=Authorization(Tokens(file))).openapi()
     free = {
         path
         for path, methods in guarded["paths"].items()

@@ -10,7 +10,7 @@ import pytest
 from api_fake_service import FakeService
 
 from gcs.api.app import create_app
-from gcs.api.auth.authorization import Door, needed
+from gcs.api.auth.authorization import Authorization, needed
 from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.console_files import DIST
 from gcs.service.access import Right, Role
@@ -36,7 +36,7 @@ def ask(folder: Path, path: str, method: str = "GET") -> httpx.Response:
     file = folder.parent / "tokens.json"
     if not file.exists():
         create_token(file, "crew", Role.WATCH)
-    app = create_app(FakeService(), door=Door(Tokens(file)), console=folder)
+    app = create_app(FakeService(), authorization=Authorization(Tokens(file)), console=folder)
 
     async def once() -> httpx.Response:
         transport = httpx.ASGITransport(app, raise_app_exceptions=False)
