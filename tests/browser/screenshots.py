@@ -68,18 +68,18 @@ class Photographer:
     every: bool  # in every size, not only in those that are asked for
 
     def shoot(
-        self, desk: Console, name: str, *panels: str | None, sizes: tuple[Size, ...] = (*DESKS, *PHONES)
+        self, ui: Console, name: str, *panels: str | None, sizes: tuple[Size, ...] = (*DESKS, *PHONES)
     ) -> None:
         """With these panels open, left and right; where one has room, the left one; on a phone none."""
         for width, height in EVERY if self.every else sizes:
-            desk.page.set_viewport_size({"width": width, "height": height})
-            desk.page.wait_for_timeout(LAID_OUT_MS)
-            is_small = desk.part("desk").get_attribute("data-layout") in {"sheet", "side"}
+            ui.page.set_viewport_size({"width": width, "height": height})
+            ui.page.wait_for_timeout(LAID_OUT_MS)
+            is_small = ui.part("desk").get_attribute("data-layout") in {"sheet", "side"}
             for side, panel in zip(("right", "left"), reversed(panels), strict=True):
-                _open(desk, side, None if is_small else panel)
-            self.take(desk.page, f"{name}-{width}x{height}")
-            if desk.wrong:
-                raise RuntimeError(f"{name} {width}x{height}: {desk.wrong}")
+                _open(ui, side, None if is_small else panel)
+            self.take(ui.page, f"{name}-{width}x{height}")
+            if ui.wrong:
+                raise RuntimeError(f"{name} {width}x{height}: {ui.wrong}")
 
     def take(self, page: Page, name: str) -> None:
         """As it looks once it has come to rest; 256 colours are enough."""
@@ -88,33 +88,33 @@ class Photographer:
         picture.convert("RGB").quantize(256).save(self.folder / f"{name}.png", optimize=True)
 
 
-def _open(desk: Console, side: str, panel: str | None) -> None:
-    is_open = desk.part(f"close-{side}").count() > 0
+def _open(ui: Console, side: str, panel: str | None) -> None:
+    is_open = ui.part(f"close-{side}").count() > 0
     if panel is None:
         if is_open:
-            desk.press(f"close-{side}")
-    elif desk.part(f"panel-{panel}").count() == 0:
-        desk.press(f"tab-{panel}")
+            ui.press(f"close-{side}")
+    elif ui.part(f"panel-{panel}").count() == 0:
+        ui.press(f"tab-{panel}")
 
 
-def stall(desk: Console, process: subprocess.Popen[str]) -> None:
+def stall(ui: Console, process: subprocess.Popen[str]) -> None:
     """The service stands still for longer than the vehicles wait for its setpoints."""
     process.send_signal(signal.SIGSTOP)
     time.sleep(STALL_S)
     process.send_signal(signal.SIGCONT)
-    expect(desk.part("take-over")).to_be_visible(timeout=SOON_MS)
-    desk.says("connection", "Live")
+    expect(ui.part("take-over")).to_be_visible(timeout=SOON_MS)
+    ui.says("connection", "Live")
 
 
-def fly(camera: Photographer, desk: Console, client: Client, control: int) -> None:
+def fly(camera: Photographer, ui: Console, client: Client, control: int) -> None:
     """Preflight that fails, then a flight."""
     wait_until("ready", SOON_S, lambda: all(each.ready for each in client.fleet().vehicles))
     if camera.every:
-        camera.shoot(desk, "idle", "shape", "fleet")
+        camera.shoot(ui, "idle", "shape", "fleet")
     fault(control, vehicle=3, fault="fix", type="2d")
     fault(control, vehicle=7, fault="battery", remaining=0.18)
     wait_until("fails", SOON_S, lambda: not client.preflight.report().passes)
-    camera.shoot(desk, "preflight", "preflight", "fleet", sizes=DESKS)
+    camera.shoot(ui, "preflight", "preflight", "fleet", sizes=DESKS)
     fault(control, vehicle=3, fault="fix", type="3d")
     fault(control, vehicle=7, fault="battery", remaining=0.93)
     wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
@@ -122,65 +122,65 @@ def fly(camera: Photographer, desk: Console, client: Client, control: int) -> No
         x_m=45.0, y_m=10.0, half_length_x_m=4.0, half_length_y_m=3.0, height_m=30.0, obstacle_id="tower"
     )
     client.start()
-    desk.says("show-phase", "running", FLIGHT_MS)
+    ui.says("show-phase", "running", FLIGHT_MS)
     client.change_orbit(radius_m=14.0, speed_m_s=2.0)
     time.sleep(4 * SETTLED_S)
-    camera.shoot(desk, "scene", None, None)
-    camera.shoot(desk, "desk", "shape", "plots", sizes=DESKS)
+    camera.shoot(ui, "scene", None, None)
+    camera.shoot(ui, "desk", "shape", "plots", sizes=DESKS)
 
 
 def go_wrong(
-    camera: Photographer, desk: Console, client: Client, control: int, process: subprocess.Popen[str]
+    camera: Photographer, ui: Console, client: Client, control: int, process: subprocess.Popen[str]
 ) -> None:
     """Three alarms, a kill that is not confirmed, a stall, and home."""
     fault(control, vehicle=3, fault="silence")
     fault(control, vehicle=7, fault="battery", remaining=0.18)
     fault(control, vehicle=11, fault="pilot", mode="POSITION")
     wait_until("three alarms", SOON_S, lambda: len(client.fleet().alarms) >= 3)
-    desk.page.set_viewport_size({"width": 1440, "height": 900})
-    _open(desk, "right", "fleet")
+    ui.page.set_viewport_size({"width": 1440, "height": 900})
+    _open(ui, "right", "fleet")
     for name in ("d1", "d2", "d5"):
-        desk.part(f"row-{name}").click(modifiers=["Control"])
-    camera.shoot(desk, "alarms", None, "fleet")
-    desk.opens("Shift+K", "kill-arm")
-    camera.shoot(desk, "kill", None, "fleet", sizes=PHONES)
-    desk.press("kill-arm")
-    expect(desk.part("kill-hold")).to_be_visible(timeout=SOON_MS)
+        ui.part(f"row-{name}").click(modifiers=["Control"])
+    camera.shoot(ui, "alarms", None, "fleet")
+    ui.opens("Shift+K", "kill-arm")
+    camera.shoot(ui, "kill", None, "fleet", sizes=PHONES)
+    ui.press("kill-arm")
+    expect(ui.part("kill-hold")).to_be_visible(timeout=SOON_MS)
     for width, height in PHONES:  # before the code expires
-        desk.page.set_viewport_size({"width": width, "height": height})
-        camera.take(desk.page, f"armed-{width}x{height}")
-    desk.press("kill-disarm")
-    desk.closes("Escape", "sheet-kill")
+        ui.page.set_viewport_size({"width": width, "height": height})
+        camera.take(ui.page, f"armed-{width}x{height}")
+    ui.press("kill-disarm")
+    ui.closes("Escape", "sheet-kill")
 
-    stall(desk, process)
-    camera.shoot(desk, "recovery", None, "fleet")
+    stall(ui, process)
+    camera.shoot(ui, "recovery", None, "fleet")
     if camera.every:
-        desk.page.set_viewport_size({"width": 390, "height": 844})
-        desk.part("start").click(force=True)  # not available: the page says why
-        camera.take(desk.page, "unavailable-390x844")
-        desk.press("tab-fleet")
-        camera.take(desk.page, "recovery-fleet-390x844")
-        desk.page.set_viewport_size({"width": 844, "height": 390})
-        camera.take(desk.page, "recovery-fleet-844x390")
-    desk.press("bring-home")
+        ui.page.set_viewport_size({"width": 390, "height": 844})
+        ui.part("start").click(force=True)  # not available: the page says why
+        camera.take(ui.page, "unavailable-390x844")
+        ui.press("tab-fleet")
+        camera.take(ui.page, "recovery-fleet-390x844")
+        ui.page.set_viewport_size({"width": 844, "height": 390})
+        camera.take(ui.page, "recovery-fleet-844x390")
+    ui.press("bring-home")
     for vehicle in (3, 11):
         fault(control, vehicle=vehicle, fault="none")
     wait_until("received", SOON_S, lambda: client.vehicle("d3").phase != "lost")
     client.command_vehicles("take-control", ["d11"])
     wait_until("under control", SOON_S, lambda: client.vehicle("d11").phase == "hold")
-    desk.press("stop")
+    ui.press("stop")
     wait_until("landed", SOON_S, lambda: client.fleet().counts.airborne == 0)
 
 
-def watch(camera: Photographer, desk: Console, client: Client) -> None:
+def watch(camera: Photographer, ui: Console, client: Client) -> None:
     """The flight once more, with what its scrubber marks."""
     wait_until("flies", SOON_S, lambda: client.show().phase == "running")
     client.playback.change(paused=True)
-    desk.page.set_viewport_size({"width": 1440, "height": 900})
-    _open(desk, "right", "flight_report")
-    desk.press("report-read")
-    expect(desk.part("report-verdict")).to_be_visible(timeout=FLIGHT_MS)
-    camera.shoot(desk, "replay", None, "flight_report", sizes=(*DESKS, (844, 390)))
+    ui.page.set_viewport_size({"width": 1440, "height": 900})
+    _open(ui, "right", "flight_report")
+    ui.press("report-read")
+    expect(ui.part("report-verdict")).to_be_visible(timeout=FLIGHT_MS)
+    camera.shoot(ui, "replay", None, "flight_report", sizes=(*DESKS, (844, 390)))
 
 
 def main() -> None:
@@ -204,21 +204,21 @@ def main() -> None:
         with (
             fleet(config, port, control),
             service(config, folder) as (client, process),
-            console(chrome, url) as desk,
+            console(chrome, url) as ui,
         ):
-            fly(camera, desk, client, control)
-            go_wrong(camera, desk, client, control, process)
-            desk.page.goto(f"{url}/docs")
-            desk.page.locator(".opblock").first.wait_for(timeout=SOON_MS)
+            fly(camera, ui, client, control)
+            go_wrong(camera, ui, client, control, process)
+            ui.page.goto(f"{url}/docs")
+            ui.page.locator(".opblock").first.wait_for(timeout=SOON_MS)
             for width, height in ((1440, 900), (390, 844)) if camera.every else ((1440, 900),):
-                desk.page.set_viewport_size({"width": width, "height": height})
-                camera.take(desk.page, f"docs-{width}x{height}")
+                ui.page.set_viewport_size({"width": width, "height": height})
+                camera.take(ui.page, f"docs-{width}x{height}")
         with (
             replay(folder.name, "--speed", "4", folder=folder.parent) as url,
             Client(url, timeout_s=30.0) as client,
-            console(chrome, url) as desk,
+            console(chrome, url) as ui,
         ):
-            watch(camera, desk, client)
+            watch(camera, ui, client)
 
 
 if __name__ == "__main__":

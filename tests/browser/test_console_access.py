@@ -32,14 +32,14 @@ def ground(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
         yield started
 
 
-def reached_by_tab(desk: Console) -> set[str]:
+def reached_by_tab(ui: Console) -> set[str]:
     """Everything that the Tab key comes to, until it begins again."""
-    desk.page.evaluate(NOTE_FOCUS)
+    ui.page.evaluate(NOTE_FOCUS)
     found: list[str] = []
     while found.count("start") < 2 and len(found) < 300:
         for _ in range(20):
-            desk.page.keyboard.press("Tab")
-        found = desk.page.evaluate("window.focused")
+            ui.page.keyboard.press("Tab")
+        found = ui.page.evaluate("window.focused")
     return set(found)
 
 
@@ -52,45 +52,45 @@ PANELS = [
 def test_every_button_and_field_is_reached_by_keyboard_and_axe_finds_nothing_serious(
     chrome: Browser, ground: Station, left: str, right: str
 ) -> None:
-    with console(chrome, ground.url) as desk:
-        desk.says("connection", "Live")
+    with console(chrome, ground.url) as ui:
+        ui.says("connection", "Live")
         for name in (left, right):
-            if desk.part(f"panel-{name}").count() == 0:
-                desk.part(f"tab-{name}").focus()
-                desk.page.keyboard.press("Enter")
-            expect(desk.part(f"panel-{name}")).to_be_visible()
-        there = set(desk.page.evaluate(REACHABLE))
+            if ui.part(f"panel-{name}").count() == 0:
+                ui.part(f"tab-{name}").focus()
+                ui.page.keyboard.press("Enter")
+            expect(ui.part(f"panel-{name}")).to_be_visible()
+        there = set(ui.page.evaluate(REACHABLE))
         assert {"start", "pause", "stop", "abort", "kill", "night", f"tab-{left}"} <= there
-        assert there - reached_by_tab(desk) == set()
-        assert desk.serious() == []
-        assert desk.wrong == []
+        assert there - reached_by_tab(ui) == set()
+        assert ui.serious() == []
+        assert ui.wrong == []
 
 
 def test_a_vehicle_is_chosen_and_a_kill_is_armed_and_disarmed_by_keyboard(
     chrome: Browser, ground: Station
 ) -> None:
-    with console(chrome, ground.url) as desk:
-        desk.says("connection", "Live")
-        desk.part("fleet-scroll").focus()
-        desk.page.keyboard.press("ArrowDown")
-        desk.page.keyboard.press("Enter")
-        desk.says("vehicle-id", "d1")
-        desk.opens("Shift+K", "kill-arm")
-        expect(desk.part("kill-names")).to_have_text("d1")  # the selection, not the fleet
-        desk.part("kill-arm").focus()
-        desk.page.keyboard.press("Enter")
-        expect(desk.part("kill-hold")).to_be_visible(timeout=SOON_MS)
-        expect(desk.part("kill-names")).to_have_text("d1")
-        assert desk.serious() == []
-        desk.part("kill-disarm").focus()
-        desk.page.keyboard.press("Enter")
-        expect(desk.part("kill-hold")).to_be_hidden()
+    with console(chrome, ground.url) as ui:
+        ui.says("connection", "Live")
+        ui.part("fleet-scroll").focus()
+        ui.page.keyboard.press("ArrowDown")
+        ui.page.keyboard.press("Enter")
+        ui.says("vehicle-id", "d1")
+        ui.opens("Shift+K", "kill-arm")
+        expect(ui.part("kill-names")).to_have_text("d1")  # the selection, not the fleet
+        ui.part("kill-arm").focus()
+        ui.page.keyboard.press("Enter")
+        expect(ui.part("kill-hold")).to_be_visible(timeout=SOON_MS)
+        expect(ui.part("kill-names")).to_have_text("d1")
+        assert ui.serious() == []
+        ui.part("kill-disarm").focus()
+        ui.page.keyboard.press("Enter")
+        expect(ui.part("kill-hold")).to_be_hidden()
         assert not [command for command in ground.client.commands() if command.action == "kill"]
 
 
-def touch(desk: Console, *places: tuple[float, float]) -> None:
+def touch(ui: Console, *places: tuple[float, float]) -> None:
     """A finger from the first place over the others to the last."""
-    finger = desk.page.context.new_cdp_session(desk.page)
+    finger = ui.page.context.new_cdp_session(ui.page)
     for kind, place in zip(("touchStart", *("touchMove",) * (len(places) - 1)), places, strict=True):
         points = [{"x": place[0], "y": place[1]}]
         finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
@@ -98,31 +98,31 @@ def touch(desk: Console, *places: tuple[float, float]) -> None:
 
 
 def test_the_target_is_moved_by_touch(chrome: Browser, ground: Station) -> None:
-    with console(chrome, ground.url, touch=True) as desk:
-        desk.says("connection", "Live")
-        desk.part("camera-top").tap()
-        x, y = desk.resting("target")
+    with console(chrome, ground.url, touch=True) as ui:
+        ui.says("connection", "Live")
+        ui.part("camera-top").tap()
+        x, y = ui.resting("target")
         before = ground.client.target()
-        touch(desk, *((x + 5.0 * step, y + TARGET_PX - 4.0 * step) for step in range(11)))
-        desk.closes(lambda: desk.part("ghost-confirm").tap(timeout=SOON_MS), "ghost")
+        touch(ui, *((x + 5.0 * step, y + TARGET_PX - 4.0 * step) for step in range(11)))
+        ui.closes(lambda: ui.part("ghost-confirm").tap(timeout=SOON_MS), "ghost")
         wait_until("moved", SOON_S, lambda: ground.client.target().x_m != before.x_m)
-        assert desk.wrong == []
+        assert ui.wrong == []
 
 
 def test_a_silent_service_is_reported_within_a_second_and_comes_back(
     chrome: Browser, ground: Station
 ) -> None:
-    with console(chrome, ground.url) as desk:
-        desk.says("connection", "Live")
+    with console(chrome, ground.url) as ui:
+        ui.says("connection", "Live")
         ground.process.send_signal(signal.SIGSTOP)  # the socket stays open, and says nothing
         try:
-            desk.loses_its_service()
+            ui.loses_its_service()
         finally:
             ground.process.send_signal(signal.SIGCONT)
-        desk.says("connection", "Live")
-        expect(desk.part("banner")).to_be_hidden()
-        desk.press("start")  # what it knows is now, and may be acted on
-        assert desk.wrong == []
+        ui.says("connection", "Live")
+        expect(ui.part("banner")).to_be_hidden()
+        ui.press("start")  # what it knows is now, and may be acted on
+        assert ui.wrong == []
 
 
 @pytest.fixture(scope="module")
@@ -135,18 +135,18 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Station,
         yield started, tokens
 
 
-def enter(desk: Console, token: str) -> None:
+def enter(ui: Console, token: str) -> None:
     """By keyboard: the field has the focus as soon as it is there."""
-    desk.says("login-reason", "token")
-    desk.part("token").fill(token)
-    desk.page.keyboard.press("Enter")
+    ui.says("login-reason", "token")
+    ui.part("token").fill(token)
+    ui.page.keyboard.press("Enter")
 
 
-def refused(desk: Console, *buttons: str) -> dict[str, str]:
+def refused(ui: Console, *buttons: str) -> dict[str, str]:
     """Why those may not be pressed, as is written on each."""
     for name in buttons:
-        expect(desk.part(name)).to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
-    return {name: desk.part(f"why-{name}").inner_text() for name in buttons}
+        expect(ui.part(name)).to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
+    return {name: ui.part(f"why-{name}").inner_text() for name in buttons}
 
 
 BIG = ("start", "pause", "resume", "stop", "abort", "kill")
@@ -158,44 +158,44 @@ def test_a_wrong_token_says_so_and_a_watcher_sees_all_and_may_press_nothing(
     chrome: Browser, guarded: Guarded
 ) -> None:
     ground, tokens = guarded
-    with console(chrome, ground.url) as desk:
-        desk.says("login-reason", "asks for a token")
-        enter(desk, "gcs_guess")
-        desk.says("login-reason", "not known")
-        assert desk.serious() == []
-        enter(desk, tokens[Role.WATCH])
-        desk.says("connection", "Live")
-        desk.says("who", "the-watch")
-        expect(desk.part("row-d1")).to_contain_text("standby", timeout=SOON_MS)
-        assert refused(desk, *BIG) == dict.fromkeys(BIG, "Your token is for viewing only.")
-        desk.page.keyboard.press("Shift+K")
-        desk.tells("refused", "Your token is for viewing only.")
-        expect(desk.part("sheet-kill")).to_have_count(0)
-        desk.page.keyboard.press("2")
-        expect(desk.part("show-upload")).to_be_disabled()
-        desk.page.reload()  # the token is kept
-        desk.says("connection", "Live")
-        desk.says("who", "the-watch")
+    with console(chrome, ground.url) as ui:
+        ui.says("login-reason", "asks for a token")
+        enter(ui, "gcs_guess")
+        ui.says("login-reason", "not known")
+        assert ui.serious() == []
+        enter(ui, tokens[Role.WATCH])
+        ui.says("connection", "Live")
+        ui.says("who", "the-watch")
+        expect(ui.part("row-d1")).to_contain_text("standby", timeout=SOON_MS)
+        assert refused(ui, *BIG) == dict.fromkeys(BIG, "Your token is for viewing only.")
+        ui.page.keyboard.press("Shift+K")
+        ui.tells("refused", "Your token is for viewing only.")
+        expect(ui.part("sheet-kill")).to_have_count(0)
+        ui.page.keyboard.press("2")
+        expect(ui.part("show-upload")).to_be_disabled()
+        ui.page.reload()  # the token is kept
+        ui.says("connection", "Live")
+        ui.says("who", "the-watch")
 
 
 def test_an_operator_may_start_and_an_emergency_token_may_bring_down_and_kill_alone(
     chrome: Browser, guarded: Guarded
 ) -> None:
     ground, tokens = guarded
-    with console(chrome, ground.url) as desk:
-        enter(desk, tokens[Role.OPERATE])
-        desk.says("who", "the-operate")
-        desk.opens("Shift+S", "start-go")
-        expect(desk.part("start-go")).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
-    with console(chrome, ground.url) as desk:
-        enter(desk, tokens[Role.EMERGENCY])
-        desk.says("who", "the-emergency")
+    with console(chrome, ground.url) as ui:
+        enter(ui, tokens[Role.OPERATE])
+        ui.says("who", "the-operate")
+        ui.opens("Shift+S", "start-go")
+        expect(ui.part("start-go")).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
+    with console(chrome, ground.url) as ui:
+        enter(ui, tokens[Role.EMERGENCY])
+        ui.says("who", "the-emergency")
         only = "Your token is for emergencies only: pause, return, land, kill."
-        assert refused(desk, "start", "resume") == dict.fromkeys(("start", "resume"), only)
-        desk.opens("Shift+K", "kill-arm")
-        desk.says("kill-names", "No vehicle is chosen")
-        desk.by_key("kill-pick-d1")
-        desk.by_key("kill-arm")
-        desk.part("kill-typed").fill(desk.part("kill-code").inner_text())
-        desk.page.keyboard.press("Enter")
-        expect(desk.part("row-d1")).to_contain_text("killed", timeout=SOON_MS)
+        assert refused(ui, "start", "resume") == dict.fromkeys(("start", "resume"), only)
+        ui.opens("Shift+K", "kill-arm")
+        ui.says("kill-names", "No vehicle is chosen")
+        ui.by_key("kill-pick-d1")
+        ui.by_key("kill-arm")
+        ui.part("kill-typed").fill(ui.part("kill-code").inner_text())
+        ui.page.keyboard.press("Enter")
+        expect(ui.part("row-d1")).to_contain_text("killed", timeout=SOON_MS)

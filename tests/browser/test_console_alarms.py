@@ -144,45 +144,45 @@ def kill(client: Client, name: str) -> None:
     client.confirm_kill(client.arm_kill([name]).code)
 
 
-def listed(desk: Console) -> list[dict[str, Any]]:
+def listed(ui: Console) -> list[dict[str, Any]]:
     """The alarms of the page, from top to bottom."""
-    found: list[dict[str, Any]] = desk.part("alarm").evaluate_all(
+    found: list[dict[str, Any]] = ui.part("alarm").evaluate_all(
         "(all) => all.map((each) => ({...each.dataset, height: each.getBoundingClientRect().height,"
         " ended: each.classList.contains('ended')}))"
     )
     return found
 
 
-def at_rest(desk: Console, name: str) -> tuple[float, float]:
+def at_rest(ui: Console, name: str) -> tuple[float, float]:
     """Where a vehicle is on the screen once the camera has come to rest. CSS pixels."""
-    words = desk.page.locator(".scene-word.name")
+    words = ui.page.locator(".scene-word.name")
     seen: list[tuple[float, float]] = []
     for _ in range(60):
         for x, y in words.evaluate_all(MIDDLES, name)[:1]:
             seen = [*seen[-2:], (x, y + NAME_PX)]
         if len(seen) == 3 and max(dist(one, seen[0]) for one in seen) < 3.0:
             return seen[0]  # its position is never quite still
-        desk.page.wait_for_timeout(LOOK_MS)
+        ui.page.wait_for_timeout(LOOK_MS)
     raise AssertionError(f"{name} does not come to rest: {seen}")
 
 
-def selected(desk: Console) -> set[str]:
+def selected(ui: Console) -> set[str]:
     """Rows of the fleet's table that are selected."""
-    found = desk.page.locator("tr.selected").evaluate_all("(rows) => rows.map((row) => row.dataset.testid)")
+    found = ui.page.locator("tr.selected").evaluate_all("(rows) => rows.map((row) => row.dataset.testid)")
     return set(found)
 
 
-def sees(desk: Console, row: Locator) -> None:
+def sees(ui: Console, row: Locator) -> None:
     """Scroll to an alarm. A new one may move the list meanwhile, back to its top."""
-    desk.until(
+    ui.until(
         lambda: row.scroll_into_view_if_needed(timeout=SOON_MS),
         lambda within_ms: expect(row).to_be_in_viewport(ratio=0.9, timeout=within_ms),
     )
 
 
-def not_shown_in_time(desk: Console) -> list[str]:
+def not_shown_in_time(ui: Console) -> list[str]:
     """Alarms sent to the page and not shown on it so long after, without the time it stood still."""
-    seen = desk.seen()
+    seen = ui.seen()
     late = []
     for alarm, reported_ms in seen["reported"].items():
         shown_ms = seen["shown"].get(alarm, float("inf"))
@@ -258,11 +258,11 @@ def test_twelve_alarms_three_at_once_are_all_on_screen_the_most_severe_on_top(
     with (
         broken_fleet(tmp_path) as field,
         ExitStack() as stack,
-        console(chrome, field.ground.url, width=1440, height=900) as desk,
+        console(chrome, field.ground.url, width=1440, height=900) as ui,
     ):
         ground = field.ground
-        desk.says("connection", "Live")
-        desk.page.keyboard.press("Escape")
+        ui.says("connection", "Live")
+        ui.page.keyboard.press("Escape")
         take_off(field, "d12")
         inject = injections(field, stack)
         sequence = list(inject)
@@ -273,38 +273,38 @@ def test_twelve_alarms_three_at_once_are_all_on_screen_the_most_severe_on_top(
                 inject[cause]()
             wait_until(f"{batch} of seed {seed} are alarms", SOON_S, partial(all_are, ground, batch))
             for cause in batch:
-                row = desk.page.locator(f"[data-alarm][data-cause={cause}]")
+                row = ui.page.locator(f"[data-alarm][data-cause={cause}]")
                 expect(row.first).to_be_attached(timeout=SOON_MS)
-            assert not_shown_in_time(desk) == []
-            assert desk.page.evaluate(WHOLE)["alarms"][0], "the most severe is on screen"
+            assert not_shown_in_time(ui) == []
+            assert ui.page.evaluate(WHOLE)["alarms"][0], "the most severe is on screen"
         expected = {*sequence, "not-flying", "service-note"}
-        there = listed(desk)
+        there = listed(ui)
         assert {each["cause"] for each in there} >= expected
         ranks = [(each["ended"], SEVERITIES.index(each["severity"])) for each in there]
         assert ranks == sorted(ranks)
         for how in ("dense", "all"):
             if how == "all":
-                desk.press("alarms-all")
+                ui.press("alarms-all")
             for each in there:
                 if each["severity"] in {"emergency", "warning"}:  # these stay until they are acknowledged
-                    sees(desk, desk.page.locator(f"[data-alarm={each['alarm']}]"))
-        desk.says("overall-word", "Emergency")
-        assert desk.page.title().startswith("EMERGENCY")
-        assert "icon-emergency" in (desk.page.locator("link[rel=icon]").get_attribute("href") or "")
-        assert desk.seen()["tones"] > 0
-        assert desk.serious() == []
+                    sees(ui, ui.page.locator(f"[data-alarm={each['alarm']}]"))
+        ui.says("overall-word", "Emergency")
+        assert ui.page.title().startswith("EMERGENCY")
+        assert "icon-emergency" in (ui.page.locator("link[rel=icon]").get_attribute("href") or "")
+        assert ui.seen()["tones"] > 0
+        assert ui.serious() == []
 
-        desk.press("alarms-fold")
+        ui.press("alarms-fold")
         for minor in ("caution", "information"):
-            expect(desk.page.locator(f"[data-severity={minor}][data-alarm]")).to_have_count(0)
-        assert {each["severity"] for each in listed(desk)} == {"emergency", "warning"}
-        desk.press("acknowledge-all")
-        expect(desk.part("acknowledge-all")).to_have_count(0, timeout=SOON_MS)
+            expect(ui.page.locator(f"[data-severity={minor}][data-alarm]")).to_have_count(0)
+        assert {each["severity"] for each in listed(ui)} == {"emergency", "warning"}
+        ui.press("acknowledge-all")
+        expect(ui.part("acknowledge-all")).to_have_count(0, timeout=SOON_MS)
         assert {each["acknowledged_by"] for each in alarms(ground)} - {None} == {"local"}  # None: a new one
-        desk.press("sound")
-        desk.page.reload()
-        expect(desk.part("sound")).to_have_attribute("aria-pressed", "false", timeout=SOON_MS)
-        assert desk.wrong == []
+        ui.press("sound")
+        ui.page.reload()
+        expect(ui.part("sound")).to_have_attribute("aria-pressed", "false", timeout=SOON_MS)
+        assert ui.wrong == []
 
 
 def test_after_a_stall_alarms_the_table_and_the_way_back_are_on_screen_together(
@@ -312,7 +312,7 @@ def test_after_a_stall_alarms_the_table_and_the_way_back_are_on_screen_together(
 ) -> None:
     with (
         broken_fleet(tmp_path, 7) as field,
-        console(chrome, field.ground.url, width=1440, height=900) as desk,
+        console(chrome, field.ground.url, width=1440, height=900) as ui,
     ):
         ground, fault = field.ground, field.fault
         take_off(field)
@@ -320,13 +320,13 @@ def test_after_a_stall_alarms_the_table_and_the_way_back_are_on_screen_together(
         fault(vehicle=2, fault="pilot", mode="POSITION")
         wait_until("lost", SOON_S, partial(all_are, ground, ["vehicle-lost", "outside-control"]))
         ground.process.send_signal(signal.SIGSTOP)
-        desk.page.wait_for_timeout(8_000)  # longer than the vehicles wait for setpoints
+        ui.page.wait_for_timeout(8_000)  # longer than the vehicles wait for setpoints
         ground.process.send_signal(signal.SIGCONT)
         kill(ground.client, "d3")
         wait_until("all", SOON_S, partial(all_are, ground, ["killed", "interrupted", "own-failsafe"]))
-        desk.says("connection", "Live")
-        expect(desk.page.locator("[data-cause=killed]")).to_be_attached(timeout=SOON_MS)
-        expect(desk.part("take-over")).to_be_visible(timeout=SOON_MS)
+        ui.says("connection", "Live")
+        expect(ui.page.locator("[data-cause=killed]")).to_be_attached(timeout=SOON_MS)
+        expect(ui.part("take-over")).to_be_visible(timeout=SOON_MS)
         for (width, height), (least, rows) in {
             (1440, 900): (5, 3),
             (1024, 768): (3, 2),
@@ -336,106 +336,106 @@ def test_after_a_stall_alarms_the_table_and_the_way_back_are_on_screen_together(
             (844, 390): (1, 0),
             (640, 360): (1, 0),
         }.items():
-            desk.page.set_viewport_size({"width": width, "height": height})
-            desk.page.wait_for_timeout(LAID_OUT_MS)
+            ui.page.set_viewport_size({"width": width, "height": height})
+            ui.page.wait_for_timeout(LAID_OUT_MS)
             if rows > 0:
                 for panel in ("preflight", "fleet"):
-                    if desk.part(f"panel-{panel}").count() == 0:
-                        desk.press(f"tab-{panel}")
-                expect(desk.part("panel-fleet")).to_be_visible()
-            expect(desk.part("take-over")).to_be_in_viewport(ratio=1.0)
-            desk.page.wait_for_timeout(LAID_OUT_MS)
-            seen = desk.page.evaluate(WHOLE)
-            assert listed(desk)[0]["cause"] == "killed"
+                    if ui.part(f"panel-{panel}").count() == 0:
+                        ui.press(f"tab-{panel}")
+                expect(ui.part("panel-fleet")).to_be_visible()
+            expect(ui.part("take-over")).to_be_in_viewport(ratio=1.0)
+            ui.page.wait_for_timeout(LAID_OUT_MS)
+            seen = ui.page.evaluate(WHOLE)
+            assert listed(ui)[0]["cause"] == "killed"
             assert seen["alarms"][:least] == [True] * least, (width, height, seen)
             assert sum(seen["rows"]) >= rows, (width, height, seen)
             if rows == 0:
-                desk.says("alarms-all", f"{len(seen['alarms']) - 1} more")
-                desk.press("alarms-all")
-                expect(desk.part("alarms-all")).to_have_attribute("aria-expanded", "true")
-                last = desk.part("alarm").last
-                sees(desk, last)
-                desk.press("alarms-all")
-        assert desk.wrong == []
+                ui.says("alarms-all", f"{len(seen['alarms']) - 1} more")
+                ui.press("alarms-all")
+                expect(ui.part("alarms-all")).to_have_attribute("aria-expanded", "true")
+                last = ui.part("alarm").last
+                sees(ui, last)
+                ui.press("alarms-all")
+        assert ui.wrong == []
 
 
 def test_a_box_dragged_in_the_scene_selects_the_vehicles_in_it_and_no_others(
     chrome: Browser, tmp_path: Path
 ) -> None:
-    with station(tmp_path, 6) as ground, console(chrome, ground.url, width=1440, height=900) as desk:
-        desk.says("connection", "Live")
-        desk.press("camera-top")
-        places = {name: at_rest(desk, name) for name in ("d1", "d2", "d3", "d4", "d5", "d6")}
+    with station(tmp_path, 6) as ground, console(chrome, ground.url, width=1440, height=900) as ui:
+        ui.says("connection", "Live")
+        ui.press("camera-top")
+        places = {name: at_rest(ui, name) for name in ("d1", "d2", "d3", "d4", "d5", "d6")}
 
         def drag(*names: str, keys: tuple[str, ...]) -> None:
             """A box around these."""
             across, down = zip(*(places[name] for name in names), strict=True)
             for key in keys:
-                desk.page.keyboard.down(key)
-            desk.page.mouse.move(min(across) - BOX_PX, min(down) - BOX_PX)
-            desk.page.mouse.down()
-            desk.page.mouse.move(max(across) + BOX_PX, max(down) + BOX_PX, steps=5)
-            expect(desk.page.locator(".scene-box")).to_be_visible()
-            desk.page.mouse.up()
+                ui.page.keyboard.down(key)
+            ui.page.mouse.move(min(across) - BOX_PX, min(down) - BOX_PX)
+            ui.page.mouse.down()
+            ui.page.mouse.move(max(across) + BOX_PX, max(down) + BOX_PX, steps=5)
+            expect(ui.page.locator(".scene-box")).to_be_visible()
+            ui.page.mouse.up()
             for key in keys:
-                desk.page.keyboard.up(key)
-            expect(desk.page.locator(".scene-box")).to_be_hidden()
+                ui.page.keyboard.up(key)
+            expect(ui.page.locator(".scene-box")).to_be_hidden()
 
         drag("d1", "d2", keys=("Control",))
-        expect(desk.page.locator("tr.selected")).to_have_count(2, timeout=SOON_MS)
-        assert selected(desk) == {"row-d1", "row-d2"}
+        expect(ui.page.locator("tr.selected")).to_have_count(2, timeout=SOON_MS)
+        assert selected(ui) == {"row-d1", "row-d2"}
         drag("d5", "d6", keys=("Control", "Shift"))
-        expect(desk.page.locator("tr.selected")).to_have_count(4, timeout=SOON_MS)
-        assert selected(desk) == {"row-d1", "row-d2", "row-d5", "row-d6"}
+        expect(ui.page.locator("tr.selected")).to_have_count(4, timeout=SOON_MS)
+        assert selected(ui) == {"row-d1", "row-d2", "row-d5", "row-d6"}
         drag("d4", keys=("Control",))
-        expect(desk.page.locator("tr.selected")).to_have_count(1, timeout=SOON_MS)
-        assert selected(desk) == {"row-d4"}
-        assert desk.wrong == []
+        expect(ui.page.locator("tr.selected")).to_have_count(1, timeout=SOON_MS)
+        assert selected(ui) == {"row-d4"}
+        assert ui.wrong == []
         assert ground.client.commands() == [], "a selection commands nothing"
 
 
 def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser, tmp_path: Path) -> None:
     with (
         station(tmp_path, 5, takeoff_m=3.0, radius_m=5.0, height_m=10.0) as ground,
-        console(chrome, ground.url, width=1440, height=900) as desk,
+        console(chrome, ground.url, width=1440, height=900) as ui,
     ):
         client = ground.client
 
         def phases(phase: str) -> set[str]:
             return {each.id for each in client.vehicles() if each.phase == phase}
 
-        desk.says("connection", "Live")
+        ui.says("connection", "Live")
         wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
         client.start()
-        desk.says("show-phase", "running", FLIGHT_MS)
+        ui.says("show-phase", "running", FLIGHT_MS)
 
-        desk.part("row-d2").click()
-        desk.part("row-d4").click(modifiers=["Shift"])
-        desk.says("selection-count", "3 vehicles")
-        desk.part("row-d3").click(modifiers=["Control"])
-        desk.says("selection-count", "2 vehicles")
-        desk.press("selection-hold")
+        ui.part("row-d2").click()
+        ui.part("row-d4").click(modifiers=["Shift"])
+        ui.says("selection-count", "3 vehicles")
+        ui.part("row-d3").click(modifiers=["Control"])
+        ui.says("selection-count", "2 vehicles")
+        ui.press("selection-hold")
         wait_until("hold", SOON_S, lambda: phases("hold") == {"d2", "d4"})
         assert phases("formation") == {"d1", "d3", "d5"}
-        desk.part("selection-open").click()
+        ui.part("selection-open").click()
         for name in ("d2", "d4"):
-            expect(desk.part(f"selected-command-{name}")).to_contain_text("done", timeout=SOON_MS)
-        assert desk.serious() == []
+            expect(ui.part(f"selected-command-{name}")).to_contain_text("done", timeout=SOON_MS)
+        assert ui.serious() == []
 
-        desk.opens("Shift+K", "kill-arm")
-        expect(desk.part("kill-names")).to_have_text("d2, d4")
-        desk.closes("Escape", "sheet-kill")
-        desk.press("selection-return")
+        ui.opens("Shift+K", "kill-arm")
+        expect(ui.part("kill-names")).to_have_text("d2, d4")
+        ui.closes("Escape", "sheet-kill")
+        ui.press("selection-return")
         wait_until("return", SOON_S, lambda: phases("hold") == set())
-        desk.page.keyboard.press("Escape")
-        expect(desk.part("group-page")).to_have_count(0)
-        desk.opens("Shift+K", "kill-arm")
-        expect(desk.part("kill-arm")).to_have_attribute("aria-disabled", "true")  # nothing is selected
-        desk.closes("Escape", "sheet-kill")
+        ui.page.keyboard.press("Escape")
+        expect(ui.part("group-page")).to_have_count(0)
+        ui.opens("Shift+K", "kill-arm")
+        expect(ui.part("kill-arm")).to_have_attribute("aria-disabled", "true")  # nothing is selected
+        ui.closes("Escape", "sheet-kill")
         assert [sequence.action for sequence in client.commands()][:2] == ["return", "hold"]
-        desk.press("stop")
-        desk.says("show-phase", "landed", FLIGHT_MS)
-        assert desk.wrong == []
+        ui.press("stop")
+        ui.says("show-phase", "landed", FLIGHT_MS)
+        assert ui.wrong == []
 
 
 def test_after_a_stall_of_the_service_two_presses_bring_the_fleet_home(
@@ -443,31 +443,31 @@ def test_after_a_stall_of_the_service_two_presses_bring_the_fleet_home(
 ) -> None:
     with (
         station(tmp_path, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0) as ground,
-        console(chrome, ground.url, width=1024, height=768) as desk,
+        console(chrome, ground.url, width=1024, height=768) as ui,
     ):
         client = ground.client
-        desk.says("connection", "Live")
+        ui.says("connection", "Live")
         wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
         client.start()
-        desk.says("show-phase", "running", FLIGHT_MS)
+        ui.says("show-phase", "running", FLIGHT_MS)
         ground.process.send_signal(signal.SIGSTOP)
         try:
-            expect(desk.part("banner")).to_be_visible(timeout=SOON_MS)
-            desk.page.wait_for_timeout(8_000)  # longer than the vehicles wait for setpoints
+            expect(ui.part("banner")).to_be_visible(timeout=SOON_MS)
+            ui.page.wait_for_timeout(8_000)  # longer than the vehicles wait for setpoints
         finally:
             ground.process.send_signal(signal.SIGCONT)
-        desk.says("connection", "Live", FLIGHT_MS)
-        desk.says("show-phase", "not under control")
-        desk.says("show-reason", "4 airborne")
-        expect(desk.part("start")).to_have_attribute("aria-disabled", "true")
+        ui.says("connection", "Live", FLIGHT_MS)
+        ui.says("show-phase", "not under control")
+        ui.says("show-reason", "4 airborne")
+        expect(ui.part("start")).to_have_attribute("aria-disabled", "true")
         for name in ("pause", "stop", "abort"):
-            expect(desk.part(name)).not_to_have_attribute("aria-disabled", "true")
-        assert desk.serious() == []
-        desk.press("take-over")
-        desk.says("show-phase", "paused", FLIGHT_MS)
-        expect(desk.part("interrupted")).to_have_count(0, timeout=SOON_MS)
-        desk.press("stop")
-        desk.says("show-phase", re.compile("returning home|landed"), FLIGHT_MS)
-        desk.says("show-phase", "landed", FLIGHT_MS)
-        desk.says("airborne", "0/4")
-        assert desk.wrong == []
+            expect(ui.part(name)).not_to_have_attribute("aria-disabled", "true")
+        assert ui.serious() == []
+        ui.press("take-over")
+        ui.says("show-phase", "paused", FLIGHT_MS)
+        expect(ui.part("interrupted")).to_have_count(0, timeout=SOON_MS)
+        ui.press("stop")
+        ui.says("show-phase", re.compile("returning home|landed"), FLIGHT_MS)
+        ui.says("show-phase", "landed", FLIGHT_MS)
+        ui.says("airborne", "0/4")
+        assert ui.wrong == []

@@ -25,53 +25,53 @@ BOX = {"obstacle:x_m": "4", "obstacle:y_m": "24", "obstacle:half_length_x_m": "2
 chrome = pytest.fixture(scope="module")(chromes)
 
 
-def start(desk: Console) -> None:
+def start(ui: Console) -> None:
     """By keys alone: to the button, into the sheet, off."""
-    expect(desk.part("start")).not_to_have_attribute("aria-disabled", "true", timeout=FLIGHT_MS)
-    desk.part("start").focus()
-    desk.opens("Enter", "start-go")
-    expect(desk.part("start-go")).to_be_focused()
-    expect(desk.part("start-preflight")).to_have_class(re.compile("good"), timeout=SOON_MS)
-    desk.closes("Enter", "sheet-start")
-    desk.says("show-phase", "running", FLIGHT_MS)
+    expect(ui.part("start")).not_to_have_attribute("aria-disabled", "true", timeout=FLIGHT_MS)
+    ui.part("start").focus()
+    ui.opens("Enter", "start-go")
+    expect(ui.part("start-go")).to_be_focused()
+    expect(ui.part("start-preflight")).to_have_class(re.compile("good"), timeout=SOON_MS)
+    ui.closes("Enter", "sheet-start")
+    ui.says("show-phase", "running", FLIGHT_MS)
 
 
-def drag(desk: Console, x: float, y: float, by_px: tuple[int, int]) -> list[float]:
+def drag(ui: Console, x: float, y: float, by_px: tuple[int, int]) -> list[float]:
     """What is there in the scene, by hand, until the page asks whether it shall be so.
 
     Returns: the numbers of what it asks.
     """
-    mouse = desk.page.mouse
+    mouse = ui.page.mouse
     mouse.move(x, y)
     mouse.down()
     mouse.move(x + by_px[0] / 2, y + by_px[1] / 2, steps=4)
     mouse.move(x + by_px[0], y + by_px[1], steps=4)
     mouse.up()
-    expect(desk.part("ghost")).to_be_visible()
-    return [float(each) for each in re.findall(r"-?\d+\.\d+", desk.part("ghost-text").inner_text())]
+    expect(ui.part("ghost")).to_be_visible()
+    return [float(each) for each in re.findall(r"-?\d+\.\d+", ui.part("ghost-text").inner_text())]
 
 
 def moved(
-    desk: Console, word: str, off_px: float, by_px: tuple[int, int], now: Callable[[], list[float]]
+    ui: Console, word: str, off_px: float, by_px: tuple[int, int], now: Callable[[], list[float]]
 ) -> list[float]:
     """What is drawn beside a word: dropped with Escape it is as it was, with Enter the service says the same.
 
     Returns: by how much each number has changed.
     """
     before = now()
-    x, y = desk.resting(word)
+    x, y = ui.resting(word)
     y += off_px
-    drag(desk, x, y, by_px)
-    desk.closes("Escape", "ghost")
+    drag(ui, x, y, by_px)
+    ui.closes("Escape", "ghost")
     assert now() == before
-    desired = drag(desk, x, y, by_px)
+    desired = drag(ui, x, y, by_px)
     assert now() == before
-    desk.closes("Enter", "ghost")
+    ui.closes("Enter", "ghost")
     wait_until(f"{word} moved", SOON_S, lambda: now() == pytest.approx(desired))
     return [after - each for after, each in zip(desired, before, strict=True)]
 
 
-def by_hand(desk: Console, ground: Station) -> None:
+def by_hand(ui: Console, ground: Station) -> None:
     """Seen from above, where up is north, and so the show's x axis."""
 
     def radius_m() -> list[float]:
@@ -88,25 +88,25 @@ def by_hand(desk: Console, ground: Station) -> None:
         return [tower.x_m, tower.y_m]
 
     for panel in "45":
-        desk.page.keyboard.press(panel)  # closes it: what it covers cannot be taken hold of
-    desk.press("camera-top")
-    desk.page.mouse.move(640, 300)
-    desk.page.mouse.wheel(0, 400)  # away, until the tower is in the picture
-    (wider_m,) = moved(desk, "radius", SPHERE_PX, (24, 0), radius_m)
+        ui.page.keyboard.press(panel)  # closes it: what it covers cannot be taken hold of
+    ui.press("camera-top")
+    ui.page.mouse.move(640, 300)
+    ui.page.mouse.wheel(0, 400)  # away, until the tower is in the picture
+    (wider_m,) = moved(ui, "radius", SPHERE_PX, (24, 0), radius_m)
     assert wider_m > 0.5
-    north_m, east_m = moved(desk, "tower", BOX_PX, (-30, 40), tower_m)
+    north_m, east_m = moved(ui, "tower", BOX_PX, (-30, 40), tower_m)
     assert (north_m < -0.5, east_m < -0.5) == (True, True)
-    north_m, east_m = moved(desk, "target", TARGET_PX, (-60, -40), target_m)
+    north_m, east_m = moved(ui, "target", TARGET_PX, (-60, -40), target_m)
     assert (north_m > 0.5, east_m < -0.5) == (True, True)
 
 
-def add_obstacle(desk: Console, ground: Station) -> None:
-    desk.press("tab-obstacles")
-    desk.opens(lambda: desk.press("obstacle-add"), "obstacle-id")
-    desk.part("obstacle-id").fill("tower")
+def add_obstacle(ui: Console, ground: Station) -> None:
+    ui.press("tab-obstacles")
+    ui.opens(lambda: ui.press("obstacle-add"), "obstacle-id")
+    ui.part("obstacle-id").fill("tower")
     for field, value in BOX.items():
-        desk.part(field).fill(value)
-    desk.opens(lambda: desk.press("obstacle-save"), "obstacle-tower")
+        ui.part(field).fill(value)
+    ui.opens(lambda: ui.press("obstacle-save"), "obstacle-tower")
     wait_until("added", SOON_S, lambda: [each.id for each in ground.client.obstacles()] == ["tower"])
     (tower,) = ground.client.obstacles()
     assert (tower.x_m, tower.y_m, tower.half_length_x_m, tower.height_m) == (4.0, 24.0, 2.0, 12.0)
@@ -115,21 +115,21 @@ def add_obstacle(desk: Console, ground: Station) -> None:
 def test_a_show_is_flown_by_the_page_alone(chrome: Browser, tmp_path: Path) -> None:
     with (
         station(tmp_path, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0) as ground,
-        console(chrome, ground.url) as desk,
+        console(chrome, ground.url) as ui,
     ):
-        desk.says("connection", "Live")
-        start(desk)
-        expect(desk.part("row-d1")).to_contain_text("formation")
-        add_obstacle(desk, ground)
-        assert desk.serious() == []
+        ui.says("connection", "Live")
+        start(ui)
+        expect(ui.part("row-d1")).to_contain_text("formation")
+        add_obstacle(ui, ground)
+        assert ui.serious() == []
 
-        desk.phase("Shift+P", "paused")  # everything stands, and can be taken hold of
-        by_hand(desk, ground)
-        desk.phase("Shift+R", re.compile("assembling|running"))
-        desk.phase("Shift+H", re.compile("returning home|landed"))
-        desk.says("show-phase", "landed", FLIGHT_MS)
-        expect(desk.part("airborne")).to_contain_text("0/4")
+        ui.phase("Shift+P", "paused")  # everything stands, and can be taken hold of
+        by_hand(ui, ground)
+        ui.phase("Shift+R", re.compile("assembling|running"))
+        ui.phase("Shift+H", re.compile("returning home|landed"))
+        ui.says("show-phase", "landed", FLIGHT_MS)
+        expect(ui.part("airborne")).to_contain_text("0/4")
         assert [command.action for command in ground.client.commands()] == [
             *("stop", "resume", "pause", "start")
         ]
-        assert desk.wrong == []
+        assert ui.wrong == []

@@ -65,18 +65,18 @@ def quarters(zoom: int) -> dict[tuple[int, int, int], bytes]:
 TILES: Final = {place: tile for zoom in ZOOMS for place, tile in quarters(zoom).items()}
 
 
-def asked(desk: Console) -> list[str]:
+def asked(ui: Console) -> list[str]:
     """Every address that the page has asked for."""
-    found: list[str] = desk.page.evaluate("performance.getEntriesByType('resource').map((each) => each.name)")
+    found: list[str] = ui.page.evaluate("performance.getEntriesByType('resource').map((each) => each.name)")
     return found
 
 
-def seen(desk: Console) -> dict[str, str]:
+def seen(ui: Console) -> dict[str, str]:
     """Which quarter's colour lies where on the screen, seen from above, around the middle."""
     free = "(({ left, top, right, bottom }) => [left, top, right, bottom])"
     room = "document.querySelector('[data-room]').getBoundingClientRect()"
-    left, top, right, bottom = desk.page.evaluate(f"{free}({room})")
-    picture = np.asarray(Image.open(io.BytesIO(desk.page.screenshot())).convert("RGB")).astype(np.int64)
+    left, top, right, bottom = ui.page.evaluate(f"{free}({room})")
+    picture = np.asarray(Image.open(io.BytesIO(ui.page.screenshot())).convert("RGB")).astype(np.int64)
     across, down = int(left + right) // 2, int(top + bottom) // 2
     found = {}
     for name in COLORS:
@@ -88,24 +88,24 @@ def seen(desk: Console) -> dict[str, str]:
     return found
 
 
-def let_in(desk: Console, token: str) -> None:
+def let_in(ui: Console, token: str) -> None:
     """By the token, which the page asks for."""
-    desk.part("token").fill(token)
-    desk.page.keyboard.press("Enter")
-    desk.says("connection", "Live")
+    ui.part("token").fill(token)
+    ui.page.keyboard.press("Enter")
+    ui.says("connection", "Live")
 
 
-def wrong(desk: Console) -> list[str]:
+def wrong(ui: Console) -> list[str]:
     """What the browser found wrong, but that the first call had no token."""
-    return [each for each in desk.wrong if "401" not in each]
+    return [each for each in ui.wrong if "401" not in each]
 
 
-def from_above(desk: Console) -> None:
+def from_above(ui: Console) -> None:
     """North is up, and so much is seen that the middle is as good as the show's origin."""
-    desk.press("camera-top")
-    desk.page.locator("#view").focus()
+    ui.press("camera-top")
+    ui.page.locator("#view").focus()
     for _ in range(12):
-        desk.page.keyboard.press("-")
+        ui.page.keyboard.press("-")
 
 
 def test_a_map_file_lies_under_the_show_as_the_compass_says(chrome: Browser, tmp_path: Path) -> None:
@@ -115,23 +115,23 @@ def test_a_map_file_lies_under_the_show_as_the_compass_says(chrome: Browser, tmp
     tokens = tmp_path / "tokens.json"
     token = create_token(tokens, "guest", Role.WATCH)
     given: dict[str, Any] = {"access": {"tokens_file": str(tokens)}, "ground": {"tiles": str(file)}}
-    with station(tmp_path, 1, heading_deg=30.0, **given) as ground, console(chrome, ground.url) as desk:
-        let_in(desk, token)
-        from_above(desk)
-        desk.says("map-credit", "© Crew")
-        expect(desk.part("map-credit")).to_have_text("© Crew")
+    with station(tmp_path, 1, heading_deg=30.0, **given) as ground, console(chrome, ground.url) as ui:
+        let_in(ui, token)
+        from_above(ui)
+        ui.says("map-credit", "© Crew")
+        expect(ui.part("map-credit")).to_have_text("© Crew")
         found: dict[str, str] = {}
         for _ in range(40):
-            found = seen(desk)
+            found = seen(ui)
             if found == {name: name for name in COLORS}:
                 break
-            desk.page.wait_for_timeout(500)
+            ui.page.wait_for_timeout(500)
         assert found == {name: name for name in COLORS}
-        tiles = [each for each in asked(desk) if "/map/" in each]
+        tiles = [each for each in asked(ui) if "/map/" in each]
         assert 4 <= len(tiles) == len(set(tiles))
-        assert all(each.startswith(ground.url) for each in asked(desk))
-        assert desk.serious() == []
-        assert wrong(desk) == []
+        assert all(each.startswith(ground.url) for each in asked(ui))
+        assert ui.serious() == []
+        assert wrong(ui) == []
 
 
 class Tiles(BaseHTTPRequestHandler):
@@ -176,31 +176,31 @@ def test_another_server_is_asked_for_tiles_and_for_nothing_more(chrome: Browser,
     with map_server() as (template, server):
         section = {"tiles": template, "attribution": "© Example <b>", "zoom_max": ZOOMS[-1]}
         with station(tmp_path, 1, access={"tokens_file": str(tokens)}, ground=section) as ground:
-            with console(chrome, ground.url) as desk:
-                let_in(desk, token)
-                desk.says("map-credit", "© Example <b>")
-                assert wrong(desk) == []
+            with console(chrome, ground.url) as ui:
+                let_in(ui, token)
+                ui.says("map-credit", "© Example <b>")
+                assert wrong(ui) == []
             server.broken = True
-            with console(chrome, ground.url) as desk:
-                let_in(desk, token)
-                desk.says("map-credit", "A part of the map is missing: it was answered 503")
-                desk.says("connection", "Live")
-                desk.page.wait_for_timeout(3000)
+            with console(chrome, ground.url) as ui:
+                let_in(ui, token)
+                ui.says("map-credit", "A part of the map is missing: it was answered 503")
+                ui.says("connection", "Live")
+                ui.page.wait_for_timeout(3000)
                 # As this page counts: requests of the closed one may reach the server late, beside these.
-                tiles = [each for each in asked(desk) if not each.startswith(ground.url)]
+                tiles = [each for each in asked(ui) if not each.startswith(ground.url)]
                 assert 0 < len(tiles) == len(set(tiles)) <= 64  # each once, and not again so soon
-                expect(desk.part("toast-refused")).to_have_count(0)
+                expect(ui.part("toast-refused")).to_have_count(0)
         for _, headers in server.received:
             assert not {"authorization", "cookie"} & set(headers)
             assert token not in str(headers)
 
 
 def test_without_a_map_nobody_is_asked_for_anything(chrome: Browser, tmp_path: Path) -> None:
-    with station(tmp_path, 1) as ground, console(chrome, ground.url) as desk:
-        desk.says("connection", "Live")
-        from_above(desk)
-        expect(desk.part("row-d1")).to_be_visible(timeout=SOON_MS)
-        desk.page.wait_for_timeout(2000)
-        expect(desk.part("map-credit")).to_be_hidden()
-        assert all(each.startswith(ground.url) and "/map/" not in each for each in asked(desk))
-        assert desk.wrong == []
+    with station(tmp_path, 1) as ground, console(chrome, ground.url) as ui:
+        ui.says("connection", "Live")
+        from_above(ui)
+        expect(ui.part("row-d1")).to_be_visible(timeout=SOON_MS)
+        ui.page.wait_for_timeout(2000)
+        expect(ui.part("map-credit")).to_be_hidden()
+        assert all(each.startswith(ground.url) and "/map/" not in each for each in asked(ui))
+        assert ui.wrong == []

@@ -59,32 +59,32 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 def test_a_record_is_played_stopped_searched_and_judged(replayed: str, chrome: Browser) -> None:
-    with Client(replayed, timeout_s=30.0) as client, console(chrome, replayed) as desk:
-        desk.says("connection", "Replay")
-        expect(desk.part("start")).to_have_count(0)  # nothing can be ordered of what is over
+    with Client(replayed, timeout_s=30.0) as client, console(chrome, replayed) as ui:
+        ui.says("connection", "Replay")
+        expect(ui.part("start")).to_have_count(0)  # nothing can be ordered of what is over
 
-        desk.press("replay-play")
+        ui.press("replay-play")
         wait_until("paused", SOON_S, lambda: client.playback.now().paused)
-        desk.part("replay-scrubber").fill("0")
+        ui.part("replay-scrubber").fill("0")
         wait_until("rewound", SOON_S, lambda: client.playback.now().position_s == 0.0)
-        expect(desk.part("airborne")).to_contain_text("0/4", timeout=SOON_MS)
-        desk.part("replay-scrubber").focus()
-        desk.page.keyboard.press("End")
+        expect(ui.part("airborne")).to_contain_text("0/4", timeout=SOON_MS)
+        ui.part("replay-scrubber").focus()
+        ui.page.keyboard.press("End")
         last_s = client.playback.now().duration_s - 1.0
         wait_until("near its end", SOON_S, lambda: client.playback.now().position_s > last_s)
-        desk.says("show-phase", "landed")
-        desk.part("replay-scrubber").fill(f"{last_s / 2.0:.1f}")
-        desk.says("show-phase", "running")
-        expect(desk.part("row-d1")).to_contain_text("formation", timeout=SOON_MS)
-        desk.part("replay-scrubber").fill("0")
-        expect(desk.part("airborne")).to_contain_text("0/4", timeout=SOON_MS)
-        desk.press("replay-speed-10")
-        desk.press("replay-play")
-        desk.says("show-phase", "running", FLIGHT_MS)
+        ui.says("show-phase", "landed")
+        ui.part("replay-scrubber").fill(f"{last_s / 2.0:.1f}")
+        ui.says("show-phase", "running")
+        expect(ui.part("row-d1")).to_contain_text("formation", timeout=SOON_MS)
+        ui.part("replay-scrubber").fill("0")
+        expect(ui.part("airborne")).to_contain_text("0/4", timeout=SOON_MS)
+        ui.press("replay-speed-10")
+        ui.press("replay-play")
+        ui.says("show-phase", "running", FLIGHT_MS)
 
-        desk.press("tab-report")
-        desk.press("report-read")
-        expect(desk.part("report-verdict")).to_be_visible(timeout=FLIGHT_MS)
-        expect(desk.part("report-checks")).to_contain_text("separation")
-        assert desk.serious() == []
-        assert desk.wrong == []
+        ui.press("tab-report")
+        ui.press("report-read")
+        expect(ui.part("report-verdict")).to_be_visible(timeout=FLIGHT_MS)
+        expect(ui.part("report-checks")).to_contain_text("separation")
+        assert ui.serious() == []
+        assert ui.wrong == []

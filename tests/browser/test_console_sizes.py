@@ -90,98 +90,98 @@ def flying(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
         yield ground
 
 
-def pressable(desk: Console, *names: str) -> None:
+def pressable(ui: Console, *names: str) -> None:
     """Nothing is in the way of these, at once: not after a scroll."""
-    assert desk.page.evaluate(UNREACHABLE, list(names)) == []
-    assert desk.page.evaluate(CUT_OFF) == []
-    assert desk.page.evaluate("document.scrollingElement.scrollWidth <= innerWidth")
+    assert ui.page.evaluate(UNREACHABLE, list(names)) == []
+    assert ui.page.evaluate(CUT_OFF) == []
+    assert ui.page.evaluate("document.scrollingElement.scrollWidth <= innerWidth")
 
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_flight_commands_are_on_screen_whatever_is_open(
     chrome: Browser, flying: Station, width: int, height: int
 ) -> None:
-    with console(chrome, flying.url, width=width, height=height) as desk:
-        desk.says("connection", "Live")
-        expect(desk.part("alarm").first).to_be_visible()
-        assert not desk.page.evaluate(OVERLAPS)
-        pressable(desk, *COMMANDS)
-        assert desk.page.evaluate(CUT_WORDS, list(PHASES)) == []
-        assert desk.serious() == []
+    with console(chrome, flying.url, width=width, height=height) as ui:
+        ui.says("connection", "Live")
+        expect(ui.part("alarm").first).to_be_visible()
+        assert not ui.page.evaluate(OVERLAPS)
+        pressable(ui, *COMMANDS)
+        assert ui.page.evaluate(CUT_WORDS, list(PHASES)) == []
+        assert ui.serious() == []
         for panel in ("shape", "fleet"):
-            if desk.part(f"panel-{panel}").count() == 0:
-                desk.press(f"tab-{panel}")
-            expect(desk.part(f"panel-{panel}")).to_be_visible()
-            pressable(desk, *COMMANDS)
-        if desk.part("panel-size").count() > 0:
-            desk.press("panel-size")  # the sheet covers the scene, and no command
-            pressable(desk, *COMMANDS)
-        assert desk.serious() == []
+            if ui.part(f"panel-{panel}").count() == 0:
+                ui.press(f"tab-{panel}")
+            expect(ui.part(f"panel-{panel}")).to_be_visible()
+            pressable(ui, *COMMANDS)
+        if ui.part("panel-size").count() > 0:
+            ui.press("panel-size")  # the sheet covers the scene, and no command
+            pressable(ui, *COMMANDS)
+        assert ui.serious() == []
         for key, sheet in (("?", "help"), ("Shift+K", "kill")):
-            desk.opens(key, f"sheet-{sheet}")
-            pressable(desk, *COMMANDS)
-            assert desk.serious() == []
-            desk.closes("Escape", f"sheet-{sheet}")
-        assert desk.wrong == []
+            ui.opens(key, f"sheet-{sheet}")
+            pressable(ui, *COMMANDS)
+            assert ui.serious() == []
+            ui.closes("Escape", f"sheet-{sheet}")
+        assert ui.wrong == []
 
 
 def test_a_kill_is_armed_and_disarmed_on_a_small_phone(chrome: Browser, flying: Station) -> None:
-    with console(chrome, flying.url, width=360, height=640, touch=True) as desk:
-        desk.says("connection", "Live")
+    with console(chrome, flying.url, width=360, height=640, touch=True) as ui:
+        ui.says("connection", "Live")
         for width, height in ((360, 640), (640, 360)):
-            desk.page.set_viewport_size({"width": width, "height": height})
-            desk.opens(lambda: desk.tap("kill"), "kill-arm")
-            desk.tap("kill-pick-d1")
-            desk.tap("kill-arm")
-            expect(desk.part("kill-hold")).to_be_visible(timeout=SOON_MS)
-            pressable(desk, *COMMANDS)
-            desk.part("kill-hold").scroll_into_view_if_needed()
-            assert desk.page.evaluate(UNREACHABLE, ["kill-hold"]) == []
-            desk.part("kill-disarm").tap()
-            desk.part("kill-cancel").tap()
+            ui.page.set_viewport_size({"width": width, "height": height})
+            ui.opens(lambda: ui.tap("kill"), "kill-arm")
+            ui.tap("kill-pick-d1")
+            ui.tap("kill-arm")
+            expect(ui.part("kill-hold")).to_be_visible(timeout=SOON_MS)
+            pressable(ui, *COMMANDS)
+            ui.part("kill-hold").scroll_into_view_if_needed()
+            assert ui.page.evaluate(UNREACHABLE, ["kill-hold"]) == []
+            ui.part("kill-disarm").tap()
+            ui.part("kill-cancel").tap()
         assert not [command for command in flying.client.commands() if command.action == "kill"]
 
 
 def test_a_press_on_a_phone_says_why_a_command_is_unavailable(chrome: Browser, flying: Station) -> None:
-    with console(chrome, flying.url, width=390, height=844, touch=True) as desk:
-        desk.says("connection", "Live")
+    with console(chrome, flying.url, width=390, height=844, touch=True) as ui:
+        ui.says("connection", "Live")
         for width, height in ((390, 844), (844, 390)):
-            desk.page.set_viewport_size({"width": width, "height": height})
-            desk.until(
-                lambda: desk.part("start").tap(force=True),  # it is unavailable, and answers
-                lambda within_ms: desk.tells("refused", "airborne", within_ms),
+            ui.page.set_viewport_size({"width": width, "height": height})
+            ui.until(
+                lambda: ui.part("start").tap(force=True),  # it is unavailable, and answers
+                lambda within_ms: ui.tells("refused", "airborne", within_ms),
             )
-            expect(desk.part("toast-refused").first).to_be_in_viewport(ratio=1.0)
-            desk.part("toast-dismiss").first.tap()
-            expect(desk.part("toast-refused")).to_have_count(0, timeout=SOON_MS)
+            expect(ui.part("toast-refused").first).to_be_in_viewport(ratio=1.0)
+            ui.part("toast-dismiss").first.tap()
+            expect(ui.part("toast-refused")).to_have_count(0, timeout=SOON_MS)
 
 
 def test_commands_are_given_on_a_phone_that_is_turned_and_after_a_stall(
     chrome: Browser, flying: Station
 ) -> None:
     """Last of all: it lands the fleet."""
-    with console(chrome, flying.url, width=360, height=740, touch=True) as desk:
-        desk.says("connection", "Live")
-        desk.until(lambda: desk.tap("pause"), lambda ms: desk.says("show-phase", "paused", ms))
-        desk.part("tab-fleet").tap()
-        desk.page.set_viewport_size({"width": 740, "height": 360})
-        expect(desk.part("desk")).to_have_attribute("data-layout", "side")
-        expect(desk.part("panel-fleet")).to_be_visible()
-        pressable(desk, *COMMANDS)
-        desk.part("close-right").tap()
-        desk.until(
-            lambda: desk.tap("resume"),
-            lambda ms: expect(desk.part("show-phase")).not_to_contain_text("paused", timeout=ms),
+    with console(chrome, flying.url, width=360, height=740, touch=True) as ui:
+        ui.says("connection", "Live")
+        ui.until(lambda: ui.tap("pause"), lambda ms: ui.says("show-phase", "paused", ms))
+        ui.part("tab-fleet").tap()
+        ui.page.set_viewport_size({"width": 740, "height": 360})
+        expect(ui.part("desk")).to_have_attribute("data-layout", "side")
+        expect(ui.part("panel-fleet")).to_be_visible()
+        pressable(ui, *COMMANDS)
+        ui.part("close-right").tap()
+        ui.until(
+            lambda: ui.tap("resume"),
+            lambda ms: expect(ui.part("show-phase")).not_to_contain_text("paused", timeout=ms),
         )
 
-        desk.page.set_viewport_size({"width": 360, "height": 740})
+        ui.page.set_viewport_size({"width": 360, "height": 740})
         flying.process.send_signal(signal.SIGSTOP)
         time.sleep(STALL_S)
         flying.process.send_signal(signal.SIGCONT)
-        expect(desk.part("take-over")).to_be_visible(timeout=SOON_MS)
-        pressable(desk, *OFFERS, *COMMANDS)
-        assert desk.serious() == []
-        desk.page.set_viewport_size({"width": 740, "height": 360})
-        pressable(desk, *OFFERS, *COMMANDS)
-        desk.closes(lambda: desk.tap("bring-home"), "bring-home")
-        desk.says("show-phase", "landed", FLIGHT_MS)
+        expect(ui.part("take-over")).to_be_visible(timeout=SOON_MS)
+        pressable(ui, *OFFERS, *COMMANDS)
+        assert ui.serious() == []
+        ui.page.set_viewport_size({"width": 740, "height": 360})
+        pressable(ui, *OFFERS, *COMMANDS)
+        ui.closes(lambda: ui.tap("bring-home"), "bring-home")
+        ui.says("show-phase", "landed", FLIGHT_MS)
