@@ -75,7 +75,7 @@ class Feed:
             (view.interrupted, view.alarms),
             events[-1].number if events else 0,
             list(rows.reasons),
-            list(rows.restrained_by),
+            list(rows.limited_by),
             [None if home_m is None else home_m.tolist() for home_m in rows.homes_m],
             convert_status.fixes(rows),
         )

@@ -36,7 +36,7 @@ VEHICLE_GAUGES: Final = {
     "gcs_vehicle_battery_ratio": "Battery remaining, 0 to 1.",
     "gcs_vehicle_position_uncertainty_meters": "How far off its position may be, sideways.",
     "gcs_vehicle_ready": "1: could be started now.",
-    "gcs_vehicle_restrained": "1: the safety filter held it back in the newest tick.",
+    "gcs_vehicle_limited": "1: the safety filter held it back in the newest tick.",
 }
 
 
@@ -48,7 +48,7 @@ def _of_vehicle(each: VehicleView) -> Row:
         each.battery_remaining,
         each.position_uncertainty_m,
         float(each.ready),
-        float(each.restrained_by != ""),
+        float(each.limited_by != ""),
     )
     return dict(zip(VEHICLE_GAUGES, values, strict=True))
 

@@ -54,7 +54,7 @@ def read_tokens(path: Path) -> tuple[Entry, ...]:
             f" gcs token create NAME --role operate --file {path} makes the file"
         ) from None
     if mode & (S_IRWXG | S_IRWXO):
-        log.warning("token_file_open", extra={"file": str(path), "mend": f"chmod 600 {path}"})
+        log.warning("token_file_open", extra={"file": str(path), "fix": f"chmod 600 {path}"})
     try:
         entries = TokenFile.model_validate_json(text).tokens
     except ValidationError as error:

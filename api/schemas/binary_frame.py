@@ -45,7 +45,7 @@ FLOATS: Final = (
 BYTES: Final = ("phase", "mode", "landed", "flags", "red", "green", "blue")
 """Columns of bytes, in their order."""
 
-ARMED, READY, RESTRAINED, COMMANDED, LIT = (1 << bit for bit in range(5))
+ARMED, READY, LIMITED, COMMANDED, LIT = (1 << bit for bit in range(5))
 """Bits of `flags`."""
 
 NO_ROW: Final = 2**32 - 1
@@ -145,7 +145,7 @@ def _fill_bytes(table: NDArray[np.uint8], rows: VehicleTable) -> None:
     table[3] = (
         ARMED * given(rows.armed)
         + READY * given(rows.ready)
-        + RESTRAINED * given(rows.restrained_by)
+        + LIMITED * given(rows.limited_by)
         + COMMANDED * np.isfinite(rows.setpoint_m_s).all(axis=1)
         + LIT * rows.lit
     )

@@ -123,7 +123,7 @@ def vehicle(
         heartbeat_age_s=view.heartbeat_age_s,
         setpoint=_velocity(view.setpoint_m_s),
         link_quality=view.link_quality,
-        restrained_by=view.restrained_by,
+        limited_by=view.limited_by,
         low_s=low_s,
         empty_s=empty_s,
         light=view.light,

@@ -299,7 +299,7 @@ class Vehicle(Outward):
         description="Share of the positions asked for that arrive, 0 to 1; null in a replay."
     )
     setpoint: VelocityOut | None = Field(description="Sent in the last tick; null: not commanded.")
-    restrained_by: str = Field(description="What the safety filter held it back for, empty when it did not.")
+    limited_by: str = Field(description="What the safety filter held it back for, empty when it did not.")
     low_s: Measured = Field(
         description="Until its battery reaches the low-battery threshold, 0 below it; null: not known yet."
     )

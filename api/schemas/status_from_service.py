@@ -62,7 +62,7 @@ def status(
         alarms=convert_alarms.alarms(view, problem),
         estimates=convert.estimates(view),
         access=access,
-        restraints=sorted(set(view.rows.restrained_by) - {""}),
+        limits=sorted(set(view.rows.limited_by) - {""}),
         replay=None if view.playback is None else replay(view.playback),
         events=[_event(each) for each in events],
         vehicles=_vehicles(view.rows),
@@ -116,7 +116,7 @@ def _vehicles(rows: VehicleTable) -> list[stream_schemas.StatusVehicle]:
             system_id=rows.system_ids[row],
             link=rows.links[row],
             reason=rows.reasons[row],
-            restrained_by=rows.restrained_by[row],
+            limited_by=rows.limited_by[row],
             home=_home(rows.homes_m[row]),
             fix_type=fix,
         )

@@ -94,9 +94,7 @@ class StatusVehicle(Outward):
     system_id: int
     link: str
     reason: str = Field(description="Why it is in its phase.")
-    restrained_by: str = Field(
-        description="What the safety filter holds it back for, empty when it does not."
-    )
+    limited_by: str = Field(description="What the safety filter holds it back for, empty when it does not.")
     home: Home | None = Field(description="null: it has not taken off.")
     fix_type: Annotated[int, Field(ge=0, le=255)] | None = Field(
         description="GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known."
@@ -139,7 +137,7 @@ class Status(Outward):
         description="As they were at `time_s`; frames tell what they are now. null in a replay."
     )
     access: str = Field(description="Whether tokens are asked for, in words.")
-    restraints: list[str] = Field(description="What vehicles are held back for now, each once.")
+    limits: list[str] = Field(description="What vehicles are held back for now, each once.")
     replay: Replay | None = Field(description="null: this is no replay.")
     events: list[LogEvent] = Field(description="The newest 100, the newest last.")
     vehicles: list[StatusVehicle]

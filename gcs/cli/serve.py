@@ -143,8 +143,8 @@ def make_authorization(config: Config, audit: Audit = log_denied) -> Authorizati
     if tokens is None:
         log.warning("access_off", extra={"host": config.api.host, "means": authorization.text})
     elif access.tls is None and not is_loopback(config.api.host):
-        mend = "access.tls; until then whoever hears the network can read the tokens"
-        log.warning("access_without_tls", extra={"host": config.api.host, "mend": mend})
+        fix = "access.tls; until then whoever hears the network can read the tokens"
+        log.warning("access_without_tls", extra={"host": config.api.host, "fix": fix})
     return authorization
 
 

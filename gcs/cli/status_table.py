@@ -59,8 +59,8 @@ def _speed_m_s(each: schemas.Vehicle) -> float | None:
 
 def _why(each: schemas.Vehicle) -> str:
     """The reason for what is not ordinary; empty where all is as the phase says."""
-    if each.restrained_by:
-        return each.restrained_by
+    if each.limited_by:
+        return each.limited_by
     ordinary = each.phase in ORDINARY or (each.phase is Phase.STANDBY and each.ready)
     return "" if ordinary else each.reason
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gcs.control.center import Lead
 from gcs.control.inputs import TickInputs
 from gcs.control.memory import Memory
-from gcs.formation.law import begun, directions_from, goal_velocity, kicks, slot_velocity
+from gcs.formation.law import begun, directions_from, goal_velocity, slot_velocity, symmetry_offsets
 from gcs.formation.neighbours import Sight, sighted_velocity
 from gcs.formation.orbit import Center
 from gcs.formation.repulsion import sweep, sweeps_for
@@ -72,7 +72,7 @@ def _among_neighbours(
     law = now.settings.law
     return sighted_velocity(
         position_m,
-        kicks(direction, now.fleet.ids, now.rows),
+        symmetry_offsets(direction, now.fleet.ids, now.rows),
         now.fleet.time_s - lead.engaged_time_s[now.rows],
         sight,
         center,

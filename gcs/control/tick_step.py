@@ -31,7 +31,7 @@ class Tick:
 
     setpoints: Setpoints
     memory: Memory
-    restrained_by: tuple[str, ...]  # (n,) why the filter held a vehicle back, "" when it did not
+    limited_by: tuple[str, ...]  # (n,) why the filter held a vehicle back, "" when it did not
     position_m: Array  # (n, 3) as believed
     airborne: Mask  # (n,)
     floor: Floor
@@ -64,7 +64,7 @@ def tick(
     possible_m_s = limit_change(
         desired_m_s, memory.desired_m_s, now.velocity_m_s, settings.acceleration_max_m_s2, now.dt_s
     )
-    allowed_m_s, restrained_by = filter_velocities(possible_m_s, _surroundings(now), settings.safety)
+    allowed_m_s, limited_by = filter_velocities(possible_m_s, _surroundings(now), settings.safety)
     answered = shape_setpoints(now, allowed_m_s, lead.center, memory)
     yaw_rad, held_rad = _yaw(now, memory)
     remembered = Memory(
@@ -83,7 +83,7 @@ def tick(
         sides=lead.sides,
     )
     setpoints = _setpoints(now, answered.setpoint_m_s, yaw_rad)
-    return Tick(setpoints, remembered, restrained_by, fleet.position_m, tasks.airborne, settings.safety.floor)
+    return Tick(setpoints, remembered, limited_by, fleet.position_m, tasks.airborne, settings.safety.floor)
 
 
 def _in_traffic(now: TickInputs, desired_m_s: Array) -> Array:

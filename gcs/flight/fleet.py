@@ -98,7 +98,7 @@ class Columns:
     mode: Sequence[Mode]
     armed: Sequence[bool]
     landed: Sequence[Landed]
-    boots: Sequence[int]
+    reboot_count: Sequence[int]
 
 
 class Fleet:
@@ -139,7 +139,7 @@ class Fleet:
         place_of = {name: place for place, name in enumerate(received_in)}
         self._order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
         self._in_order = self._order == list(range(len(received_in)))
-        self._may_sink: tuple[FleetState, float] | None = None  # of a tick: see `may_sink`
+        self._may_descend: tuple[FleetState, float] | None = None  # of a tick: see `may_descend`
         noticed_s = FORWARD_MAX_S + config.setpoint_timeout_s + config.operation.setpoint_loss_s
         self._table = Table(
             config.ids,
@@ -227,7 +227,7 @@ class Fleet:
             self.ordered([part.mode for part in parts]),
             self.ordered([part.armed for part in parts]),
             self.ordered([part.landed for part in parts]),
-            self.ordered([part.boots for part in parts]),
+            self.ordered([part.reboot_count for part in parts]),
         )
 
     def in_rows(self, parts: Sequence[Array]) -> Array:
@@ -314,11 +314,11 @@ class Fleet:
         position_m: Array = self.fleet.position_m[vehicle.row]
         return position_m
 
-    def may_sink(self, vehicle: Vehicle) -> bool:
+    def may_descend(self, vehicle: Vehicle) -> bool:
         """Whether everybody lower who comes down too is in its column, so that this one may follow."""
-        if self._may_sink is None or self._may_sink[0] is not self.fleet:
-            self._may_sink = self.fleet, self._lowest_beside()
-        return not self._may_sink[1] > self.position_m(vehicle)[2]
+        if self._may_descend is None or self._may_descend[0] is not self.fleet:
+            self._may_descend = self.fleet, self._lowest_beside()
+        return not self._may_descend[1] > self.position_m(vehicle)[2]
 
     def _lowest_beside(self) -> float:
         """Give z of the lowest who comes down and is not in its column, -inf when all are."""

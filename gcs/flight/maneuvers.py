@@ -72,7 +72,7 @@ class Surroundings(Protocol):
         """As its newest heartbeat says."""
         ...
 
-    def may_sink(self, vehicle: Vehicle) -> bool:
+    def may_descend(self, vehicle: Vehicle) -> bool:
         """Whether everybody lower has come to its column, so that this one may come down."""
         ...
 
@@ -196,7 +196,7 @@ class Maneuvers(ManeuverTasks):
         vehicle.goal_m = np.array([home_m[0], home_m[1], height_z_m])
         await self._until(vehicle, lambda: self._above(vehicle, home_m))
         vehicle.apply(Event.DESCEND, "above its start, comes down")
-        await self._sink(vehicle, home_m)
+        await self._descend_slowly(vehicle, home_m)
 
     def come_home_together(self, collective_return: CollectiveReturn, stops_m: Array) -> Maneuver:
         """Stop at `stops_m` (3,), then fly the way that is found for everybody, and land."""
@@ -224,7 +224,7 @@ class Maneuvers(ManeuverTasks):
                 vehicle, lambda: self._led(vehicle, collective_return, home_m), patience_s=WAY_S
             )
             vehicle.apply(Event.DESCEND, "above its start, comes down")
-            await self._sink(vehicle, home_m)
+            await self._descend_slowly(vehicle, home_m)
 
         return maneuver
 
@@ -246,9 +246,9 @@ class Maneuvers(ManeuverTasks):
             vehicle.goal_m = np.array([place_m[0], place_m[1], here_m[2]])
             await self._around.ticked()  # until then all who were sent down together have begun, and count
             await self._until(
-                vehicle, lambda: self._above(vehicle, place_m) and self._around.may_sink(vehicle)
+                vehicle, lambda: self._above(vehicle, place_m) and self._around.may_descend(vehicle)
             )
-            await self._sink(vehicle, place_m)
+            await self._descend_slowly(vehicle, place_m)
 
         return maneuver
 
@@ -377,7 +377,7 @@ class Maneuvers(ManeuverTasks):
         vehicle.goal_m = goal_m
         return True
 
-    async def _sink(self, vehicle: Vehicle, place_m: Array) -> None:
+    async def _descend_slowly(self, vehicle: Vehicle, place_m: Array) -> None:
         """Through the filter to just above the place, then the autopilot touches down."""
         vehicle.goal_m = np.array([place_m[0], place_m[1], place_m[2]])
         await self._until(

@@ -190,7 +190,7 @@ class Orchestrator:
         for link, share in zip(flight.links, self._routing.of(result.setpoints), strict=True):
             link.send(share)
         # What follows can wait for the next tick: setpoints cannot.
-        self._interventions += sum(reason != "" for reason in result.restrained_by)
+        self._interventions += sum(reason != "" for reason in result.limited_by)
         commander.advance()
         if self._alarms.is_due(now_s):
             self._alarms.look(result, self._findings(commander))

@@ -40,7 +40,7 @@ class ParameterReader:
         self._by_name = {requirement.name: requirement for requirement in self._needed}
         for link in flight.links:
             link.watch_parameters(self._by_name.keys())
-        self._boots = np.full(n, -1)
+        self._reboot_count = np.full(n, -1)
         self._silent: Mask = np.zeros(n, dtype=bool)
         self._due: Mask = np.zeros(n, dtype=bool)  # to be read (again), as soon as they are on the ground
         self._reading: Mask = np.zeros(n, dtype=bool)
@@ -53,11 +53,11 @@ class ParameterReader:
             return
         self._take_announced(received)
         now_s, silence_s = flight.fleet.time_s, flight.config.operation.silence_s
-        boots, armed = np.array(received.boots), np.array(received.armed)
+        reboot_count, armed = np.array(received.reboot_count), np.array(received.armed)
         silent: Mask = ~(now_s - received.beat_s <= silence_s)
-        for row in np.flatnonzero((silent & ~self._silent) | (boots != self._boots)).tolist():
+        for row in np.flatnonzero((silent & ~self._silent) | (reboot_count != self._reboot_count)).tolist():
             self._forget(flight.at_row(row))
-        self._boots, self._silent = boots, silent
+        self._reboot_count, self._silent = reboot_count, silent
         self._due |= armed  # who flies may be changed by others meanwhile
         waits = self._reading | armed | silent | (now_s < self._not_before_s)
         room = AT_ONCE_MAX - int(self._reading.sum())

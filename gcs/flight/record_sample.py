@@ -48,7 +48,7 @@ def record_sample(
         landed=newest.landed,
         ready=flight.ordered([part.ready for part in parts]),
         homes=[vehicle.home_m for vehicle in vehicles],
-        restrained_by={fleet.ids[row]: why for row, why in enumerate(tick.restrained_by) if why},
+        limited_by={fleet.ids[row]: why for row, why in enumerate(tick.limited_by) if why},
         show=flight.show,
         reason=flight.reason,
         plan=flight.plan,

@@ -153,10 +153,8 @@ class ShowPlayer:
         self._show_library.cleared(show_run.name, show_hash)
         needed, count = show_run.timeline.show.fleet.vehicles, len(chosen)
         if count > needed or (count + taken_out < needed and not named):
-            mend = "name those who fly" + (", to take the others out" if count < needed else "")
-            raise RefusedError(
-                f"show {show_run.name!r} is for {needed} vehicles, {count} would start: {mend}"
-            )
+            fix = "name those who fly" + (", to take the others out" if count < needed else "")
+            raise RefusedError(f"show {show_run.name!r} is for {needed} vehicles, {count} would start: {fix}")
 
     def begin(self, chosen: Sequence[VehicleId]) -> None:
         """The selected show is started by these."""

@@ -129,7 +129,7 @@ def _rows(
         heartbeat_age_s=fleet.time_s - heartbeat_s,
         link_quality=link_quality,
         fix_type=flight.in_rows([part.fix_type for part in telemetry]),
-        restrained_by=tick.restrained_by,
+        limited_by=tick.limited_by,
         colour=colour,
         lit=lit,
         homes_m=[vehicle.home_m for vehicle in vehicles],

@@ -24,7 +24,7 @@ from gcs.model.plan import Plan
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, VehicleId
 
-KEPT_KICKS = 32_768
+KEPT_OFFSETS = 32_768
 """Of so many vehicles the kick need not be worked out again."""
 
 
@@ -44,8 +44,8 @@ class LawSettings(Settings):
     neighbours: NeighboursSettings = NeighboursSettings()
 
 
-@lru_cache(maxsize=KEPT_KICKS)
-def kick_of(name: VehicleId) -> tuple[float, float]:
+@lru_cache(maxsize=KEPT_OFFSETS)
+def symmetry_offset_of(name: VehicleId) -> tuple[float, float]:
     """Two numbers within the unit circle, the same for the same drone every time.
 
     A symmetric start sits on a saddle and stays there; these push it off.
@@ -56,7 +56,7 @@ def kick_of(name: VehicleId) -> tuple[float, float]:
     return size * cos(angle_rad), size * sin(angle_rad)
 
 
-def kicks(direction: Array, ids: Sequence[VehicleId], rows: NDArray[np.intp]) -> Array:
+def symmetry_offsets(direction: Array, ids: Sequence[VehicleId], rows: NDArray[np.intp]) -> Array:
     """Each drone's own small push, no longer than 1 and at right angles to its direction.
 
     Sideways and up or down as seen from the centre, so that it turns with the formation about the vertical.
@@ -71,14 +71,14 @@ def kicks(direction: Array, ids: Sequence[VehicleId], rows: NDArray[np.intp]) ->
     level = np.hypot(direction[:, 0], direction[:, 1])[:, None]
     sideways = np.column_stack([-direction[:, 1], direction[:, 0], np.zeros(len(direction))])
     sideways = np.where(level > TINY, sideways / np.maximum(level, TINY), (0.0, 1.0, 0.0))
-    along = np.array([kick_of(ids[row]) for row in rows.tolist()]).reshape(-1, 2)
+    along = np.array([symmetry_offset_of(ids[row]) for row in rows.tolist()]).reshape(-1, 2)
     pushed: Array = along[:, :1] * sideways + along[:, 1:] * np.cross(direction, sideways)
     return pushed
 
 
 def begun(direction: Array, ids: Sequence[VehicleId], rows: NDArray[np.intp], settings: LawSettings) -> Array:
-    """(n, 3) first places of those who join: their own directions, a little off; arguments as of `kicks`."""
-    place: Array = direction + settings.symmetry_rad * kicks(direction, ids, rows)
+    """(n, 3) first places of those who join: their own directions, a little off; arguments as of `symmetry_offsets`."""
+    place: Array = direction + settings.symmetry_rad * symmetry_offsets(direction, ids, rows)
     place /= np.linalg.norm(place, axis=1, keepdims=True)
     return place
 

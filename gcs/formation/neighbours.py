@@ -105,7 +105,7 @@ def step_aside(
 
 def sighted_velocity(
     position_m: Array,
-    kick: Array,
+    symmetry_offset: Array,
     engaged_s: Array,
     sight: Sight,
     center: Center,
@@ -120,7 +120,7 @@ def sighted_velocity(
 
     Args:
         position_m: (n, 3), show frame; each drone knows its own.
-        kick: (n, 3) no longer than 1, which break symmetry; they decay.
+        symmetry_offset: (n, 3) no longer than 1, which break symmetry; they decay.
         engaged_s: (n,) seconds since each drone joined.
         sight: rows as `position_m`.
         center: commanded; counts only where no beliefs are given.
@@ -144,6 +144,10 @@ def sighted_velocity(
     along_m_s = settings.spreading_rate_per_s * AHEAD * radius_m * aside
     speed_m_s = np.linalg.norm(along_m_s, axis=1, keepdims=True)
     along_m_s *= np.minimum(1.0, speed_max_m_s / np.maximum(speed_m_s, TINY))
-    kick_m_s = settings.symmetry_speed_m_s * np.exp(-engaged_s / settings.symmetry_decay_s)[:, None] * kick
-    velocity = drawn_m_s + along_m_s + kick_m_s + belief.velocity_m_s
+    symmetry_m_s = (
+        settings.symmetry_speed_m_s
+        * np.exp(-engaged_s / settings.symmetry_decay_s)[:, None]
+        * symmetry_offset
+    )
+    velocity = drawn_m_s + along_m_s + symmetry_m_s + belief.velocity_m_s
     return np.where(np.isfinite(belief.center_m).all(axis=1, keepdims=True), velocity, 0.0)

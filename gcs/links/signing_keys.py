@@ -33,7 +33,7 @@ def load_key(path: Path) -> bytes:
     except OSError as error:
         raise ConfigError(f"{path}: the signing key cannot be read: {error.strerror}") from None
     if mode & (S_IRWXG | S_IRWXO):
-        log.warning("key_file_open", extra={"file": str(path), "mend": f"chmod 600 {path}"})
+        log.warning("key_file_open", extra={"file": str(path), "fix": f"chmod 600 {path}"})
     for key in (data, _decoded(data)):
         if len(key) == KEY_BYTES:
             return key

@@ -54,7 +54,7 @@ class _Request:
     """What is known of one vehicle's obedience."""
 
     def __init__(self) -> None:
-        self.lives = 0
+        self.connection_count = 0
         self.all_due = False
         self.look_s = 0.0
         self.pause_s = _WINDOW_S
@@ -75,8 +75,8 @@ class Rates:
         asked = self._asked[system_id]
         if now_s - telemetry.heartbeat_time_s > SILENT_AFTER_S:
             return
-        if asked.lives != telemetry.lives:
-            asked.lives, asked.pause_s = telemetry.lives, _WINDOW_S
+        if asked.connection_count != telemetry.connection_count:
+            asked.connection_count, asked.pause_s = telemetry.connection_count, _WINDOW_S
             asked.all_due, asked.look_s = True, now_s + SETTLE_S
         elif now_s < asked.look_s:
             return

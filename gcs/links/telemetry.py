@@ -32,9 +32,9 @@ from gcs.mavlink.framing import (
     motion,
     prearm_ok,
     reset_counter,
-    sick_sensors,
     status_text,
     total_percent,
+    unhealthy_sensors,
     unix_time_s,
 )
 from gcs.model.state import Landed, Mode, StatusText
@@ -59,16 +59,16 @@ class VehicleTelemetry:
         life_time_s: arrival of any frame of the autopilot: every one is a sign of life.
         armed, mode, in_failsafe: from the autopilot's heartbeat, which alone is believed.
         prearm_ok: SYS_STATUS says that the autopilot's own checks before arming pass.
-        sick_sensors: and which sensors are enabled and unhealthy; -1 before.
+        unhealthy_sensors: and which sensors are enabled and unhealthy; -1 before.
         accuracy, fix_type: of the newest GPS_RAW_INT.
         clock_base_s: its own clock (Unix time) less ours, as its SYSTEM_TIME arrived; NaN where not known.
         landed: as the newest EXTENDED_SYS_STATE says.
-        boots: how often the boot clock has jumped back: a reboot, or a simulator that was paused.
+        reboot_count: how often the boot clock has jumped back: a reboot, or a simulator that was paused.
         position_resets: how often the estimator's reset counter (ODOMETRY) has changed.
         text, text_time_s: the newest status text, and its arrival.
         texts: the newest few, the oldest first.
-        lives: how often it was met: at first, after a restart, after a silence. It may have forgotten what it
-            was asked for.
+        connection_count: how often it was met: at first, after a restart, after a silence. It may have
+            forgotten what it was asked for.
         counts: how many messages of each kind the autopilot has sent.
         news: fires at the next heartbeat, and is then replaced.
     """
@@ -83,18 +83,18 @@ class VehicleTelemetry:
         self.mode = Mode.UNKNOWN
         self.in_failsafe = False
         self.prearm_ok = False
-        self.sick_sensors = -1
+        self.unhealthy_sensors = -1
         self.accuracy = Accuracy(nan, nan)
         self.fix_type = nan
         self.clock_base_s = nan
         self.landed = Landed.UNKNOWN
         self._batteries = BatteryPacks(1)
-        self.boots = 0
+        self.reboot_count = 0
         self.position_resets = 0
         self.text = ""
         self.text_time_s = -inf
         self.texts: tuple[StatusText, ...] = ()
-        self.lives = 0
+        self.connection_count = 0
         self.counts: Counter[int] = Counter()
         self.news = asyncio.Event()
         self._boot_time_ms = 0
@@ -128,7 +128,7 @@ class VehicleTelemetry:
         """What comes once or twice a second, or when something happens."""
         message_id = frame.message_id
         if message_id == SYS_STATUS:
-            self.prearm_ok, self.sick_sensors = prearm_ok(frame), sick_sensors(frame)
+            self.prearm_ok, self.unhealthy_sensors = prearm_ok(frame), unhealthy_sensors(frame)
             self._batteries.take_totals(_ROW, [total_percent(frame)])
         elif message_id == EXTENDED_SYS_STATE:
             self.landed = landed(frame)
@@ -148,8 +148,8 @@ class VehicleTelemetry:
     def _take_boot_clock(self, now_ms: int) -> None:
         """Never an anchor for times: it loses against the wall, and restarts unannounced."""
         if now_ms < self._boot_time_ms - _REORDERED_MS:
-            self.boots += 1
-            self.lives += 1
+            self.reboot_count += 1
+            self.connection_count += 1
             self._reset_counter = None  # of a new life
             self.prearm_ok = False
             self._batteries.forget(_ROW)
@@ -160,7 +160,7 @@ class VehicleTelemetry:
         reported = heartbeat(frame)
         if not reported.autopilot:
             return
-        self.lives += not time_s - self.heartbeat_time_s <= SILENT_AFTER_S
+        self.connection_count += not time_s - self.heartbeat_time_s <= SILENT_AFTER_S
         self.heartbeat_time_s = time_s
         self.armed, self.mode, self.in_failsafe = reported.armed, reported.mode, reported.in_failsafe
         fired, self.news = self.news, asyncio.Event()

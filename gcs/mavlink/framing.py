@@ -364,7 +364,7 @@ def prearm_ok(frame: Frame) -> bool:
     return bool(health & PREARM_CHECK)
 
 
-def sick_sensors(frame: Frame) -> int:
+def unhealthy_sensors(frame: Frame) -> int:
     """Bits of a SYS_STATUS: what the autopilot flies by and calls unhealthy."""
     words: tuple[int, int, int] = unpack_from("<III", _padded(frame))
     _, enabled, health = words

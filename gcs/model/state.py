@@ -89,10 +89,12 @@ class Telemetry:
     ready: tuple[bool, ...]  # the autopilot says that it can be armed
     horizontal_accuracy_m: Array  # (n,) as its receiver reports, one sigma; NaN unknown, inf without a fix
     vertical_accuracy_m: Array  # (n,)
-    boots: tuple[int, ...]  # how often its boot clock has jumped back
+    reboot_count: tuple[int, ...]  # how often its boot clock has jumped back
     position_resets: tuple[int, ...]  # how often its estimator said that its position jumped
     fix_type: Array  # (n,) GPS_FIX_TYPE of its receiver, 3 and more with a height; NaN unknown
-    sick_sensors: Bits  # (n,) of MAV_SYS_STATUS_SENSOR, those it flies by and calls unhealthy; -1 unknown
+    unhealthy_sensors: (
+        Bits  # (n,) of MAV_SYS_STATUS_SENSOR, those it flies by and calls unhealthy; -1 unknown
+    )
     clock_base_s: Array  # (n,) what its own clock (Unix time) showed when the loop's was 0; NaN unknown
     texts: tuple[tuple[StatusText, ...], ...]  # (n,) its last few status texts, the oldest first
 
@@ -111,7 +113,7 @@ class Telemetry:
             "horizontal_accuracy_m",
             "vertical_accuracy_m",
             "fix_type",
-            "sick_sensors",
+            "unhealthy_sensors",
             "clock_base_s",
         ):
             freeze(getattr(self, name), (n,), name)
@@ -121,7 +123,7 @@ class Telemetry:
             "in_failsafe",
             "landed",
             "ready",
-            "boots",
+            "reboot_count",
             "position_resets",
             "texts",
         ):

@@ -102,7 +102,7 @@ def check_setpoint_loss(
     named = ", ".join(f"{ids[clash.first]} and {ids[clash.second]}" for clash in found[:PAIRS_NAMED])
     more = f" and {len(found) - PAIRS_NAMED} pairs more" if len(found) > PAIRS_NAMED else ""
     better = next((other for other in ACTIONS if not found_by(other)[1]), None)
-    mend = (
+    fix = (
         "no action would keep them apart: a larger radius is needed"
         if better is None
         else f"'{better}' would keep them apart: set operation.setpoint_loss_action to it,"
@@ -110,7 +110,7 @@ def check_setpoint_loss(
     )
     raise RefusedError(
         f"if all vehicles lost this ground station at once{when}, '{action}' would bring {named}{more} closer"
-        f" than the floor ({found[0].sideways_m:.1f} m, seen from above; the formation may turn). {mend}"
+        f" than the floor ({found[0].sideways_m:.1f} m, seen from above; the formation may turn). {fix}"
     )
 
 

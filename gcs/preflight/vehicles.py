@@ -148,13 +148,13 @@ def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Itera
 def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
     """What the autopilot says of its own sensors, estimator, and checks before arming."""
     received, at = inputs.telemetry[vehicle_id]
-    sick, limit = int(received.sick_sensors[at]), "its own checks before arming pass"
-    if sick < 0:
+    unhealthy, limit = int(received.unhealthy_sensors[at]), "its own checks before arming pass"
+    if unhealthy < 0:
         problem = "its autopilot has not told its health yet"
         return Check("autopilot", State.UNKNOWN, None, "", limit, problem, "wait")
-    if received.ready[at] and not sick:
+    if received.ready[at] and not unhealthy:
         return Check("autopilot", State.PASS, limit=limit)
-    names = ", ".join(name for bit, name in SENSOR_NAMES.items() if sick & bit)
+    names = ", ".join(name for bit, name in SENSOR_NAMES.items() if unhealthy & bit)
     problem = "its autopilot does not yet pass its own arming checks"
     if received.ready[at]:
         problem = "its autopilot calls unhealthy what it flies by"

@@ -177,7 +177,7 @@ def tick_message(sample: Sample, number: int | None = None) -> bytes:
             "control_alive": sample.control_alive,
             "setpoints_sent": sample.setpoints_sent,
             "timing": {name: known(getattr(sample.timing, name)) for name in TIMING},
-            "restrained_by": sample.restrained_by,
+            "limited_by": sample.limited_by,
         }
     )
 

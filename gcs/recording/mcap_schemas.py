@@ -78,7 +78,7 @@ SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
                 duration_p99_ms=_MAYBE,
                 lateness_p99_ms=_MAYBE,
             ),
-            restrained_by={"type": "object", "additionalProperties": _TEXT},
+            limited_by={"type": "object", "additionalProperties": _TEXT},
         ),
     ),
     "/fleet/status": (

@@ -39,7 +39,7 @@ class Sample:
     landed: Sequence[Landed]
     ready: Sequence[bool]
     homes: Sequence[Array | None]  # (3,) each, where it took off
-    restrained_by: Mapping[str, str]  # only of those who were
+    limited_by: Mapping[str, str]  # only of those who were
     show: ShowPhase
     reason: str
     plan: Plan

@@ -37,7 +37,7 @@ class VehicleView:
     heartbeat_age_s: float | None
     setpoint_m_s: tuple[float, float, float] | None  # sent in the last tick; None: not commanded
     link_quality: float | None  # share of the positions asked for that arrive, 0 to 1
-    restrained_by: str  # what the safety filter held it back for, "" when it did not
+    limited_by: str  # what the safety filter held it back for, "" when it did not
     light: str | None = None  # colour that the show gives it now, #rrggbb; None: it has no part in one
 
 
@@ -70,7 +70,7 @@ class VehicleTable:
     heartbeat_age_s: Array  # (n,)
     link_quality: Array  # (n,)
     fix_type: Array  # (n,) GPS_FIX_TYPE
-    restrained_by: Sequence[str]
+    limited_by: Sequence[str]
     colour: NDArray[np.uint8]  # (n, 3) red, green, blue that the show gives them now
     lit: Mask  # (n,) whether it gives them one
     homes_m: Sequence[Array | None]  # (3,) each, where they took off
@@ -140,7 +140,7 @@ class VehicleTable:
                 heartbeat_age_s=beat_age_s[row],
                 setpoint_m_s=setpoint_m_s[row],
                 link_quality=quality[row],
-                restrained_by=self.restrained_by[row],
+                limited_by=self.limited_by[row],
                 light="#{:02x}{:02x}{:02x}".format(*colours[row]) if self.lit[row] else None,
             )
             for row, name in enumerate(self.ids)

@@ -136,7 +136,7 @@ class SimulatedFlight:
                 for box, (x_m, y_m) in zip(self.plan.obstacles, places_m, strict=True)
             )
         )
-        record.restrained.append(sum(reason != "" for reason in decided.restrained_by))
+        record.limited.append(sum(reason != "" for reason in decided.limited_by))
 
     def _closest_m(self, position_m: Array) -> float:
         floor = self.floor

@@ -175,7 +175,7 @@ def _keep(record: Record, time_s: float, formation: VirtualFormation, course: Co
     record.radius_m.append(course.flight.parameters.radius_m)
     record.target_m.append(course.target_m(time_s))
     record.boxes.append(course.boxes)
-    record.restrained.append(0)
+    record.limited.append(0)
 
 
 def _closest_m(position_m: Array, floor: Floor, record: Record) -> float:

@@ -42,7 +42,7 @@ def _draw_flight(page: Figure, record: Record) -> None:
         _shape(shape, record)
     else:
         _way_left(radius, record)
-        _restrained(shape, record)
+        _limited(shape, record)
 
 
 def _shown(record: Record) -> tuple[np.ndarray, list[tuple[int, tuple[float, float, float, float]]]]:
@@ -122,6 +122,6 @@ def _way_left(axes: Axes, record: Record) -> None:
     axes.legend(loc="best", fontsize=7)
 
 
-def _restrained(axes: Axes, record: Record) -> None:
-    axes.plot(record.time_s, record.restrained, color="C1", linewidth=1.0)
+def _limited(axes: Axes, record: Record) -> None:
+    axes.plot(record.time_s, record.limited, color="C1", linewidth=1.0)
     axes.set(xlabel="time, s", ylabel="vehicles", title="Held back by the filter")

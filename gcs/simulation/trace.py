@@ -29,7 +29,7 @@ class Record:
     target_m: list[Array] = field(default_factory=list)  # (2,)
     boxes: list[tuple[Obstacle, ...]] = field(default_factory=list)  # where they are
     closest_m: list[float] = field(default_factory=list)  # in the floor's metric, over the tick's steps
-    restrained: list[int] = field(default_factory=list)  # how many the filter held back
+    limited: list[int] = field(default_factory=list)  # how many the filter held back
     tick_s: list[float] = field(default_factory=list)  # processor time of each decision
     violating: set[tuple[int, int]] = field(default_factory=set)  # pairs
     charge: Array | None = None  # (n,), None: all alike

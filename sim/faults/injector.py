@@ -85,7 +85,7 @@ class Trouble:
         """Returns: whether it took effect; False where the vehicle's own settings prevent it."""
         fault, values = command.fault, command.values
         if fault == "none":
-            self._mend(row)
+            self._fix(row)
             return True
         took = self._break_link(row, fault, values) if fault in LINK_FAULTS else self._befall(row, command)
         if took and command.for_s < math.inf:
@@ -106,7 +106,7 @@ class Trouble:
             return True
         for way, ills in channel.ways.items():
             if values["way"] in {"both", way}:
-                _sicken(ills, fault, values)
+                _degrade(ills, fault, values)
         return True
 
     def _befall(self, row: int, command: FaultCommand) -> bool:
@@ -144,7 +144,7 @@ class Trouble:
         elif fault == "fix":
             state.fix_type[row] = FIXES[str(values["type"])]
         elif fault == "sensor":
-            state.sick_sensors[row] |= SENSORS[str(values["which"])]
+            state.unhealthy_sensors[row] |= SENSORS[str(values["which"])]
         else:
             state.unix_ahead_s[row] = float(values["ahead_s"])
 
@@ -155,7 +155,7 @@ class Trouble:
         elif fault == "fix":
             state.fix_type[row] = FIX_3D
         elif fault == "sensor":
-            state.sick_sensors[row] = 0
+            state.unhealthy_sensors[row] = 0
         else:
             state.unix_ahead_s[row] = 0.0
 
@@ -192,7 +192,7 @@ class Trouble:
         commander.intend(Mode[str(values["mode"])])
         return True
 
-    def _mend(self, row: int) -> None:
+    def _fix(self, row: int) -> None:
         if self._channels.pop(row, None) is not None:
             self.changes += 1
         for fault in ("gps-jump", "gps-freeze", *REPORTED, "wind", "stuck-mode", "pilot"):
@@ -236,7 +236,7 @@ class Trouble:
             commander.intend(Mode.HOLD)
 
 
-def _sicken(ills: Ills, fault: str, values: Mapping[str, Value]) -> None:
+def _degrade(ills: Ills, fault: str, values: Mapping[str, Value]) -> None:
     if fault == "silence":
         ills.silent = True
     elif fault == "delay":

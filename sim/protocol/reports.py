@@ -58,7 +58,7 @@ def heartbeat(s: Snapshot) -> Fields:
 def sys_status(s: Snapshot) -> Fields:
     """Sensors and battery; the prearm bit is set while arming would be allowed."""
     health = np.where(s.has_fix, SENSORS_HEALTHY, SENSORS_HEALTHY & ~GPS_SENSOR)
-    health &= ~s.state.sick_sensors[s.rows]
+    health &= ~s.state.unhealthy_sensors[s.rows]
     return {
         "onboard_control_sensors_present": SENSORS_PRESENT,
         "onboard_control_sensors_enabled": SENSORS_ENABLED,

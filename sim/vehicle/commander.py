@@ -127,7 +127,7 @@ class Commander:
         intended = MODES[int(self._state.intended[self._row])]
         fed = intended is not Mode.OFFBOARD or not self._quirks.starved_offboard or self.fed
         started = self._state.now_s >= self._state.ready_at_s[self._row]
-        sound = self._state.sick_sensors[self._row] == 0
+        sound = self._state.unhealthy_sensors[self._row] == 0
         return bool(started and sound and intended not in PREVENTS_ARMING and fed)
 
     @property

@@ -26,7 +26,7 @@ LASTING = frozenset(
     {
         *("system_id", "remaining", "offset_m", "frozen_m", "hdop", "vdop"),
         *("horizontal_accuracy_m", "vertical_accuracy_m", "piloted", "stick_m_s"),
-        *("fix_type", "sick_sensors", "unix_ahead_s"),
+        *("fix_type", "unhealthy_sensors", "unix_ahead_s"),
     }
 )
 OK = 1  # MAV_BATTERY_CHARGE_STATE
@@ -117,7 +117,7 @@ class State:
         self.hdop = np.full(count, 0.7)
         self.vdop = np.full(count, 1.1)
         self.fix_type: Numbers = np.full(count, FIX_3D)
-        self.sick_sensors: Numbers = np.zeros(count, dtype=np.int64)  # bits of MAV_SYS_STATUS_SENSOR
+        self.unhealthy_sensors: Numbers = np.zeros(count, dtype=np.int64)  # bits of MAV_SYS_STATUS_SENSOR
         self.unix_ahead_s = np.zeros(count)  # what its receiver's time is wrong by
         self.pings: Numbers = np.zeros(count, dtype=np.int64)
 

@@ -83,7 +83,7 @@ class Watch:
         """(n,): the prearm check, as Commander.can_arm."""
         state = self._state
         able: Mask = (state.now_s >= state.ready_at_s) & ~NOT_ARMABLE[state.intended]
-        able &= state.sick_sensors == 0
+        able &= state.unhealthy_sensors == 0
         if self._quirks.starved_offboard:
             able &= (state.intended != OFFBOARD) | self.fed()
         return able

@@ -46,10 +46,10 @@ class ReceivedFlight(Flight):
                     ready=(True,) * 4,
                     horizontal_accuracy_m=np.full(4, np.nan),
                     vertical_accuracy_m=np.full(4, np.nan),
-                    boots=(0,) * 4,
+                    reboot_count=(0,) * 4,
                     position_resets=(0,) * 4,
                     fix_type=np.full(4, 3.0),
-                    sick_sensors=np.zeros(4, np.int64),
+                    unhealthy_sensors=np.zeros(4, np.int64),
                     clock_base_s=np.zeros(4),
                     texts=((),) * 4,
                 )

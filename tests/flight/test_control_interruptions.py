@@ -134,10 +134,8 @@ def test_the_column_of_a_lost_vehicle_is_avoided_by_the_others(
 
 def test_the_others_truly_had_to_go_around_it_and_went_on(with_one_lost: tuple[list[Sample], Array]) -> None:
     history, last_m = with_one_lost
-    restrained = [
-        sample for sample in history if "the path of a lost vehicle" in sample.tick.restrained_by[1:]
-    ]
-    assert restrained
+    limited = [sample for sample in history if "the path of a lost vehicle" in sample.tick.limited_by[1:]]
+    assert limited
     assert history[-1].tick.setpoints.ids == ("d2", "d3", "d4")
     energy_ratio, _, radius_error_m = shape(
         [replace(sample, position_m=sample.position_m[1:]) for sample in history[300:400]]

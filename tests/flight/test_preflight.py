@@ -297,7 +297,7 @@ def test_who_does_not_get_up_is_named_with_those_who_do_not_fly() -> None:
         show.link.silence("d4")
         await show.standby()
         show.service.command_show(ShowAction.START, ["d1", "d2"])
-        show.fleet.state.sick_sensors[1] = 0x1
+        show.fleet.state.unhealthy_sensors[1] = 0x1
         await show.reach(ShowPhase.RUNNING)
         (text,) = alarm_texts(show)
         assert text.startswith("Vehicles d3, d4, d2 not flying: ")

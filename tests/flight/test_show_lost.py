@@ -155,7 +155,7 @@ async def across_a_lost_one(show: Show) -> Crossing:
     return Crossing(
         beside_m[lower].tolist(),
         float((show.true_m[other, :2] - at_m[:2]) @ ahead),
-        {seen.restrained_by for seen in track.of(show.config.ids[other])},
+        {seen.limited_by for seen in track.of(show.config.ids[other])},
     )
 
 

@@ -43,7 +43,7 @@ def sample(tick: int) -> Sample:
         landed=(Landed.ON_GROUND,) * n,
         ready=(True,) * n,
         homes=(None,) * n,
-        restrained_by={},
+        limited_by={},
         show=ShowPhase.IDLE,
         reason="",
         plan=PLAN,

@@ -66,7 +66,7 @@ def sample(at_s: float) -> Sample:
         landed=(Landed.IN_AIR, Landed.IN_AIR),
         ready=(True, False),
         homes=(None, None),
-        restrained_by={"d1": "limits"},
+        limited_by={"d1": "limits"},
         show=ShowPhase.RUNNING,
         reason="the sphere stands",
         plan=Plan(Formation(10.0, 20.0), obstacles=(BOX,)),
@@ -118,7 +118,7 @@ def test_the_stream_shows_the_flight_in_its_time_and_orders_are_refused(recorded
         ]
         assert fleet.severity == "warning"
         d1, d2 = fleet.vehicles
-        assert (d1.phase, d1.mode, d1.restrained_by, d2.phase) == ("formation", "offboard", "limits", "lost")
+        assert (d1.phase, d1.mode, d1.limited_by, d2.phase) == ("formation", "offboard", "limits", "lost")
         assert d1.battery_remaining == pytest.approx(0.8)
         assert d2.battery_remaining is None
         assert d1.setpoint is not None

@@ -41,10 +41,10 @@ def telemetry(velocity_m_s: Array, *, near_s: float = LAST_S) -> Telemetry:
         ready=(True, True),
         horizontal_accuracy_m=np.full(2, np.nan),
         vertical_accuracy_m=np.full(2, np.nan),
-        boots=(0, 0),
+        reboot_count=(0, 0),
         position_resets=(0, 0),
         fix_type=np.full(2, 3.0),
-        sick_sensors=np.zeros(2, np.int64),
+        unhealthy_sensors=np.zeros(2, np.int64),
         clock_base_s=np.zeros(2),
         texts=((), ()),
     )
@@ -95,5 +95,5 @@ def test_a_wreck_that_stands_still_pushes_no_vehicle_ahead_of_it() -> None:
     plan = Plan(Formation(10.0, 30.0))
     before = Memory.fresh(2, fleet.time_s - 0.05)
     decided = tick(fleet, tasks, plan, Traits.alike(2), before, ControlSettings())
-    assert decided.restrained_by == ("", "")
+    assert decided.limited_by == ("", "")
     assert np.abs(decided.setpoints.velocity_m_s).max() < 0.2

@@ -400,9 +400,9 @@ class FakeService:
         formed = np.array([phase is Phase.FORMATION for phase in phases])
         received = [phase not in (Phase.OFFLINE, Phase.LOST) for phase in phases]
         unheard = ~np.array(received)
-        restrained_by = [""] * n
+        limited_by = [""] * n
         if formed[0]:
-            restrained_by[0] = "separation from d9"
+            limited_by[0] = "separation from d9"
 
         def describe(value: float) -> Array:
             column = np.full(n, value)
@@ -434,7 +434,7 @@ class FakeService:
             heartbeat_age_s=np.append(np.full(n - 1, np.inf), 0.4),
             link_quality=np.full(n, 0.75),
             fix_type=describe(3.0),
-            restrained_by=restrained_by,
+            limited_by=limited_by,
             colour=np.tile(np.array([[255, 128, 0]], np.uint8), (n, 1)),
             lit=formed,
             homes_m=[np.array([0.0, 5.0 * row, 0.0]) if up[row] else None for row in range(n)],

@@ -48,10 +48,10 @@ class SilentLink:
             ready=(False,) * n,
             horizontal_accuracy_m=np.full(n, np.nan),
             vertical_accuracy_m=np.full(n, np.nan),
-            boots=(0,) * n,
+            reboot_count=(0,) * n,
             position_resets=(0,) * n,
             fix_type=np.full(n, np.nan),
-            sick_sensors=np.full(n, -1),
+            unhealthy_sensors=np.full(n, -1),
             clock_base_s=np.full(n, np.nan),
             texts=((),) * n,
         )

@@ -170,10 +170,10 @@ class LoopbackLink:
             ready=tuple(received.prearm_ok for received in ears),
             horizontal_accuracy_m=np.array([received.accuracy.horizontal_m for received in ears]),
             vertical_accuracy_m=np.array([received.accuracy.vertical_m for received in ears]),
-            boots=tuple(received.boots for received in ears),
+            reboot_count=tuple(received.reboot_count for received in ears),
             position_resets=tuple(received.position_resets for received in ears),
             fix_type=np.array([received.fix_type for received in ears]),
-            sick_sensors=np.array([received.sick_sensors for received in ears], np.int64),
+            unhealthy_sensors=np.array([received.unhealthy_sensors for received in ears], np.int64),
             clock_base_s=np.array([received.clock_base_s for received in ears]),
             texts=tuple(received.texts for received in ears),
         )

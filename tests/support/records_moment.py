@@ -67,7 +67,7 @@ def sample(
         landed=(Landed.IN_AIR,) * count,
         ready=(True,) * count,
         homes=tuple(homes or (None,) * count),
-        restrained_by={"d2": "separation from d1"},
+        limited_by={"d2": "separation from d1"},
         show=show,
         reason="the sphere stands",
         plan=plan,

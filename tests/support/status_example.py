@@ -13,7 +13,7 @@ NOT_ORDINARY: dict[str, dict[str, Any]] = {
     "d3": {"phase": "pilot", "mode": Mode.OTHER.value, "reason": PILOT},
     "d7": {"phase": "hold", "mode": Mode.HOLD.value, "reason": "its own failsafe: no setpoint for 1.2 s"},
     "d8": {"phase": "hold", "mode": Mode.HOLD.value, "reason": "its own failsafe: no setpoint for 1.2 s"},
-    "d11": {"restrained_by": "separation from d12"},
+    "d11": {"limited_by": "separation from d12"},
     "d14": {"phase": "return", "mode": Mode.RETURN.value, "battery_remaining": 0.19, "reason": "flies home"},
     "d17": {
         "phase": "lost",
@@ -34,9 +34,7 @@ def example_fleet(count: int = 20, name: str = "d{}") -> schemas.Fleet:
     service.tick()
     answered: dict[str, Any] = Api(service)("GET", "/api/v1/fleet").json()
     for index, vehicle in enumerate(answered["vehicles"]):
-        vehicle.update(
-            {"restrained_by": "", "battery_remaining": 0.82 - 0.005 * index, "position_age_s": 0.1}
-        )
+        vehicle.update({"limited_by": "", "battery_remaining": 0.82 - 0.005 * index, "position_age_s": 0.1})
         vehicle.update(
             {"reason": "flies with the formation", "link_quality": 0.99, "id": name.format(index + 1)}
         )

@@ -73,7 +73,7 @@ function frameAt(time_s: number): Frame {
     PHASES.forEach((phase, k) => {
       if (k < n) {
         frame.phase[k] = PHASES.indexOf(phase);
-        frame.flags[k] = phase === "formation" ? FLAG.restrained : 0;
+        frame.flags[k] = phase === "formation" ? FLAG.limited : 0;
         if (["offline", "standby", "killed"].includes(phase)) {
           [frame.x_m[k], frame.y_m[k]] = padOf(k);
           frame.height_m[k] = 0;
@@ -91,7 +91,7 @@ function frameAt(time_s: number): Frame {
 }
 
 const status = {
-  revision: 1, time_s: 0, unix_time_s: 0, control_reason: "", timeline: [], severity: "normal", alarms: [], access: "", restraints: [], events: [],
+  revision: 1, time_s: 0, unix_time_s: 0, control_reason: "", timeline: [], severity: "normal", alarms: [], access: "", limits: [], events: [],
   origin: { latitude_deg: 47.4, longitude_deg: 8.5, altitude_amsl_m: 488, heading_deg: Number(asked.get("heading") ?? 0) },
   formation: { radius_m, height_m, radius_now_m: radius_m, height_now_m: height_m },
   target: { x_m: 6, y_m: 4 }, orbit: { radius_m: orbit_m, speed_m_s: 2, direction: "clockwise" }, yaw: { policy: "fixed", heading_deg: 0 },
@@ -104,7 +104,7 @@ const status = {
   interrupted: null, replay: null,
   vehicles: Array.from({ length: n }, (_, i) => {
     const [x_m, y_m] = padOf(i);
-    return { id: `d${i + 1}`, system_id: i + 1, link: "fake", reason: "", restrained_by: "", home: { x_m, y_m, height_m: 0 } };
+    return { id: `d${i + 1}`, system_id: i + 1, link: "fake", reason: "", limited_by: "", home: { x_m, y_m, height_m: 0 } };
   }),
 } as unknown as Status;
 

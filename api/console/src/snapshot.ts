@@ -38,7 +38,7 @@ export const SHOW_PHASES = [
 /** MAV_LANDED_STATE. */
 export const LANDED = ["unknown", "on ground", "in air", "takeoff", "landing"] as const;
 
-export const FLAG = { armed: 1, ready: 2, restrained: 4, commanded: 8, light: 16 } as const;
+export const FLAG = { armed: 1, ready: 2, limited: 4, commanded: 8, light: 16 } as const;
 
 export interface Tick {
   rate_hz: number;

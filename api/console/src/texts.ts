@@ -377,7 +377,7 @@ export const texts = {
   fleet: {
     title: "Fleet",
     filter: "Filter",
-    filterHelp: "phase:hold battery<30 age>1 fix>2 nearest<5 link<80 restrained -ready d1",
+    filterHelp: "phase:hold battery<30 age>1 fix>2 nearest<5 link<80 limited -ready d1",
     clear: "Clear",
     count: (shown: number, all: number): string => (shown === all ? `${all} vehicles` : `${shown} of ${all}`),
     noField: (field: string, known: string[]): string => `There is no “${field}”; there are ${known.join(", ")}.`,
@@ -408,7 +408,7 @@ export const texts = {
       height: "Above the show's origin, m",
       held: "Limited by the safety filter",
     },
-    restrained: "limited by safety filter",
+    limited: "limited by safety filter",
     stale: "old data",
     low: "battery below 30 %",
     sortBy: (name: string, what: string): string => `${name}: sort by ${what}`,

@@ -5,14 +5,14 @@ import { sorted, windowed, type Row } from "../src/desk/rows";
 
 const row = (id: string, change: Partial<Row> = {}): Row => ({
   index: 0, id, phase: "formation", mode: "offboard", height_m: 20, battery: 0.8, age_s: 0.1, link: 0.99, fixIsBad: false, fix: "3D", fix_m: 0.4,
-  nearest_m: 8, armed: true, ready: false, restrained: false, restrainedBy: "", ...change,
+  nearest_m: 8, armed: true, ready: false, limited: false, limitedBy: "", ...change,
 });
 const ids = (rows: readonly Row[]): string[] => rows.map((each) => each.id);
 
 describe("the filter", () => {
   const rows = [
     row("d1", { battery: 0.25 }),
-    row("d2", { phase: "hold", restrained: true }),
+    row("d2", { phase: "hold", limited: true }),
     row("d10", { age_s: 1.4, fix: "RTK" }),
     row("x3", { phase: "lost", age_s: NaN, nearest_m: NaN }),
   ];
@@ -21,10 +21,10 @@ describe("the filter", () => {
   it("needs every term", () => {
     expect(found("")).toEqual(["d1", "d2", "d10", "x3"]);
     expect(found("phase:hold,lost")).toEqual(["d2", "x3"]);
-    expect(found("phase:hold,lost restrained")).toEqual(["d2"]);
+    expect(found("phase:hold,lost limited")).toEqual(["d2"]);
     expect(found("battery<30")).toEqual(["d1"]);
     expect(found("fix:rtk age>1")).toEqual(["d10"]);
-    expect(found("-restrained d")).toEqual(["d1", "d10"]);
+    expect(found("-limited d")).toEqual(["d1", "d10"]);
   });
 
   it("calls a position old that is not known", () => {
@@ -41,8 +41,8 @@ describe("the filter", () => {
   });
 
   it("is a line that chips write into", () => {
-    expect(toggled("d1", "restrained")).toBe("d1 restrained");
-    expect(toggled("d1  restrained", "restrained")).toBe("d1");
+    expect(toggled("d1", "limited")).toBe("d1 limited");
+    expect(toggled("d1  limited", "limited")).toBe("d1");
   });
 });
 

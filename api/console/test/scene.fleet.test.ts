@@ -66,7 +66,7 @@ test("a light that is off does not shine, but the vehicle is still seen", () => 
 });
 
 test("what is old is grey and does not shine, be it one vehicle or the whole connection", () => {
-  const one = frame({ vehicles: [at(0, 0, 20, { flags: FLAG.light }), at(9, 0, 20, { flags: FLAG.light | FLAG.restrained })] });
+  const one = frame({ vehicles: [at(0, 0, 20, { flags: FLAG.light }), at(9, 0, 20, { flags: FLAG.light | FLAG.limited })] });
   one.red.fill(255);
   one.position_age_s.set([1.2, 0.1]);
   expect([0, 1].map((i) => isStale(one, i, true))).toEqual([true, false]);
@@ -76,14 +76,14 @@ test("what is old is grey and does not shine, be it one vehicle or the whole con
   const lost = looked(one, { isFresh: false });
   expect(tintOf(lost, 1)).toEqual(grey);
   expect(lost.tints[7]).toBe(0);
-  expect(lost.marks[1]).toBe(0); // nobody knows whether it is restrained now
+  expect(lost.marks[1]).toBe(0); // nobody knows whether it is limited now
   one.position_age_s[1] = Number.NaN;
   expect(isStale(one, 1, true)).toBe(true);
 });
 
-test("restrained, lost and selected are marked by shape", () => {
-  const vehicles = [at(0, 0, 20, { flags: FLAG.restrained }), at(9, 0, 20, { phase: "lost" }), at(18, 0, 20), at(27, 0, 20)];
-  expect([...looked(frame({ vehicles }), { selected: [2, 3] }).marks]).toEqual([MARK.restrained, MARK.lost, MARK.selected, MARK.selected]);
+test("limited, lost and selected are marked by shape", () => {
+  const vehicles = [at(0, 0, 20, { flags: FLAG.limited }), at(9, 0, 20, { phase: "lost" }), at(18, 0, 20), at(27, 0, 20)];
+  expect([...looked(frame({ vehicles }), { selected: [2, 3] }).marks]).toEqual([MARK.limited, MARK.lost, MARK.selected, MARK.selected]);
 });
 
 test("no two phases look alike, night and day", () => {

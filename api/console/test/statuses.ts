@@ -18,8 +18,8 @@ export function status(change: Partial<Status> = {}): Status {
     yaw: { policy: "fixed", heading_deg: 0 },
     obstacles: [], fence: { height_min_m: 3, height_max_m: 100, distance_max_m: 300 },
     separation: { horizontal_m: 2, vertical_m: 3.2, margin_m: 0.5 },
-    interrupted: null, estimates: null, severity: "normal", alarms: [], access: "off", restraints: [], replay: null, events: [],
-    vehicles: [{ id: "d1", system_id: 1, link: "d1", reason: "", restrained_by: "", home: null, fix_type: 3 }],
+    interrupted: null, estimates: null, severity: "normal", alarms: [], access: "off", limits: [], replay: null, events: [],
+    vehicles: [{ id: "d1", system_id: 1, link: "d1", reason: "", limited_by: "", home: null, fix_type: 3 }],
     ...change,
   };
 }

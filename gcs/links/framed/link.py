@@ -205,10 +205,12 @@ class MavsdkLink(BaseLink):
                 [telemetry.accuracy.horizontal_m for telemetry in self._telemetry]
             ),
             vertical_accuracy_m=np.array([telemetry.accuracy.vertical_m for telemetry in self._telemetry]),
-            boots=tuple(telemetry.boots for telemetry in self._telemetry),
+            reboot_count=tuple(telemetry.reboot_count for telemetry in self._telemetry),
             position_resets=tuple(telemetry.position_resets for telemetry in self._telemetry),
             fix_type=np.array([telemetry.fix_type for telemetry in self._telemetry]),
-            sick_sensors=np.array([telemetry.sick_sensors for telemetry in self._telemetry], np.int64),
+            unhealthy_sensors=np.array(
+                [telemetry.unhealthy_sensors for telemetry in self._telemetry], np.int64
+            ),
             clock_base_s=np.array([telemetry.clock_base_s for telemetry in self._telemetry]),
             texts=tuple(telemetry.texts for telemetry in self._telemetry),
         )

@@ -99,7 +99,7 @@ class MavsdkUdpLink(UdpLink):
         self._healthy: Mask = np.zeros(n, np.bool_)
         self._polls = 0
         self._ticked = asyncio.Event()
-        self._lives: Whole = np.zeros(n, np.int64)
+        self._connection_count: Whole = np.zeros(n, np.int64)
         self._since_s: Array = np.full(n, inf)  # when MAVSDK met it, in its newest life
 
     @asynccontextmanager
@@ -171,11 +171,13 @@ class MavsdkUdpLink(UdpLink):
     def _watch(self, now_s: float) -> None:
         """MAVSDK sets a rate itself when it meets a vehicle; ours come after."""
         self._poll_health()
-        anew = self._is_met & ((self._telemetry.lives != self._lives) | (self._since_s == inf))
+        anew = self._is_met & (
+            (self._telemetry.connection_count != self._connection_count) | (self._since_s == inf)
+        )
         self._since_s[anew] = now_s
-        self._lives = self._telemetry.lives.copy()
+        self._connection_count = self._telemetry.connection_count.copy()
         may_be_asked = self._connected(now_s) & (now_s - self._since_s >= SETTLE_S)
-        self._streams.watch(may_be_asked, self._telemetry.lives, self._telemetry.positions, now_s)
+        self._streams.watch(may_be_asked, self._telemetry.connection_count, self._telemetry.positions, now_s)
 
     def _move_bytes(self) -> None:
         """Send what MAVSDK has written, and give it what came: behind setpoints, which do not wait for it."""

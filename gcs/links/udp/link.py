@@ -322,7 +322,7 @@ class UdpLink(BaseLink, ABC):
     def _watch(self, now_s: float) -> None:
         """Look after what changes slowly."""
         may_be_asked = self._connected(now_s) & self._orderable()
-        self._streams.watch(may_be_asked, self._telemetry.lives, self._telemetry.positions, now_s)
+        self._streams.watch(may_be_asked, self._telemetry.connection_count, self._telemetry.positions, now_s)
 
     async def _keep_beating(self) -> None:
         """Our heartbeat, for as long as control lives: autopilots have a failsafe for its end."""

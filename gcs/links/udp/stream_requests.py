@@ -50,7 +50,7 @@ class Streams:
         self._tries = np.zeros(n, np.int64)
         self._asked_s = np.full(n, -np.inf)
         self._connected = np.zeros(n, np.bool_)
-        self._lives = np.zeros(n, np.int64)
+        self._connection_count = np.zeros(n, np.int64)
         self._rechecks = np.zeros(n, np.int64)
         self._checked_s = np.full(n, -np.inf)  # when the positions were counted, -inf: not now
         self._count = np.zeros(n, np.int64)
@@ -60,17 +60,17 @@ class Streams:
         """(n,) whether everything has been asked of a vehicle."""
         return self._step >= len(self._message)
 
-    def watch(self, connected: Mask, lives: Whole, positions: Whole, now_s: float) -> None:
+    def watch(self, connected: Mask, connection_count: Whole, positions: Whole, now_s: float) -> None:
         """Begin with vehicles that have come, or begun anew; ask what is due.
 
         Args:
             connected: (n,) heard lately, and may be asked.
-            lives: (n,) how often each was met, see `FleetTelemetry`.
+            connection_count: (n,) how often each was met, see `FleetTelemetry`.
             positions: (n,) how many have come, in all.
             now_s: the link's clock.
         """
-        new = lives != self._lives
-        self._connected, self._lives = connected.copy(), lives.copy()
+        new = connection_count != self._connection_count
+        self._connected, self._connection_count = connected.copy(), connection_count.copy()
         self._rechecks[new] = 0
         self._begin(new | self._off(positions, now_s))
         self._ask(np.flatnonzero(connected & ~self.settled & (now_s - self._asked_s >= _ANSWER_S)), now_s)

@@ -79,8 +79,8 @@ class FleetTelemetry:
         armed, in_failsafe: (n,) as the autopilot's heartbeat says, which alone is believed.
         landed: (n,) of `Landed`.
         prearm_ok: (n,) the autopilot's own checks before arming pass.
-        lives: (n,) how often it was met: at first, after a restart, after a silence.
-        boots: (n,) how often the boot clock has jumped back.
+        connection_count: (n,) how often it was met: at first, after a restart, after a silence.
+        reboot_count: (n,) how often the boot clock has jumped back.
         position_resets: (n,) how often the estimator's reset counter has changed.
         positions: (n,) how many positions came, in all.
     """
@@ -90,8 +90,8 @@ class FleetTelemetry:
         self.heartbeat_time_s, self.position_time_s = np.full(n, -np.inf), np.full(n, -np.inf)
         self.life_time_s, self.in_failsafe = np.full(n, -np.inf), np.zeros(n, np.bool_)
         self.armed, self.prearm_ok = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-        self.lives = np.zeros(n, np.int64)
-        self.boots, self.position_resets = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self.connection_count = np.zeros(n, np.int64)
+        self.reboot_count, self.position_resets = np.zeros(n, np.int64), np.zeros(n, np.int64)
         self.landed, self.positions = np.zeros(n, np.int64), np.zeros(n, np.int64)
         self._ids = tuple(ids)
         self._mode = np.full(n, _UNKNOWN, np.int64)  # custom_mode
@@ -99,7 +99,7 @@ class FleetTelemetry:
         self._reset_counter = np.full(n, -1, np.int64)
         self._accuracy_m = np.full((n, 2), np.nan)  # horizontal, vertical
         self._fix_type, self._clock_base_s = np.full(n, np.nan), np.full(n, np.nan)
-        self._sick_sensors = np.full(n, -1, np.int64)
+        self._unhealthy_sensors = np.full(n, -1, np.int64)
         self._place = np.full((n, 3), np.nan)  # degrees, degrees, m AMSL
         self._velocity_m_s = np.full((n, 3), np.nan)
         self._yaw_deg = np.full(n, np.nan)
@@ -110,7 +110,7 @@ class FleetTelemetry:
         self._modes: dict[int, Mode] = {_UNKNOWN: Mode.UNKNOWN, _OTHER: Mode.OTHER}
         self._armed_reported, self._ready_reported = _Reported(bool), _Reported(bool)
         self._failsafe_reported = _Reported(bool)
-        self._boots_reported, self._resets_reported = _Reported(int), _Reported(int)
+        self._reboot_count_reported, self._resets_reported = _Reported(int), _Reported(int)
         self._modes_reported, self._landed_reported = _Reported(self._mode_of), _Reported(_LANDED.__getitem__)
         self._readers: MappingProxyType[int, Callable[[Whole, Records, Array], None]] = MappingProxyType(
             {
@@ -201,10 +201,10 @@ class FleetTelemetry:
             ready=self._ready_reported.of(ready),
             horizontal_accuracy_m=self._accuracy_m[:, 0].copy(),
             vertical_accuracy_m=self._accuracy_m[:, 1].copy(),
-            boots=self._boots_reported.of(self.boots),
+            reboot_count=self._reboot_count_reported.of(self.reboot_count),
             position_resets=self._resets_reported.of(self.position_resets),
             fix_type=self._fix_type.copy(),
-            sick_sensors=self._sick_sensors.copy(),
+            unhealthy_sensors=self._unhealthy_sensors.copy(),
             clock_base_s=self._clock_base_s.copy(),
             texts=self._texts_reported,
         )
@@ -221,8 +221,8 @@ class FleetTelemetry:
         """Of messages not asked for, but sent by an autopilot that has just restarted."""
         boot_ms = reported["time_boot_ms"].astype(np.int64)
         again = np.unique(rows[boot_ms < self._boot_ms[rows] - _REBOOTED_MS])
-        self.boots[again] += 1
-        self.lives[again] += 1
+        self.reboot_count[again] += 1
+        self.connection_count[again] += 1
         self._reset_counter[again] = -1  # of a new life
         self.prearm_ok[again] = False
         if len(again):
@@ -248,7 +248,7 @@ class FleetTelemetry:
         rows, reported, time_s = rows[autopilots], reported[autopilots], time_s[autopilots]
         base: NDArray[np.int64] = reported["base_mode"].astype(np.int64)
         met = np.unique(rows[~(time_s - self.heartbeat_time_s[rows] <= SILENT_AFTER_S)])
-        self.lives[met] += 1
+        self.connection_count[met] += 1
         self.heartbeat_time_s[rows] = time_s
         self.armed[rows] = (base & _ARMED) != 0
         self.in_failsafe[rows] = self.armed[rows] & np.isin(reported["system_status"], FAILSAFE_STATES)
@@ -263,7 +263,7 @@ class FleetTelemetry:
         health = reported["onboard_control_sensors_health"].astype(np.int64)
         enabled = reported["onboard_control_sensors_enabled"].astype(np.int64)
         self.prearm_ok[rows] = (health & PREARM_CHECK) != 0
-        self._sick_sensors[rows] = (enabled & SENSORS | AHRS) & ~health
+        self._unhealthy_sensors[rows] = (enabled & SENSORS | AHRS) & ~health
         self._batteries.take_totals(rows, reported["battery_remaining"])
 
     def _take_batteries(self, rows: Whole, reported: Records, _time_s: Array) -> None:

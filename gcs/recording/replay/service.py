@@ -266,7 +266,7 @@ class Replay(ReadOnlyService):
         position_m = layout.positions_m(table)
         latitude_deg, longitude_deg, altitude_m = self._frame.geodetic(position_m)
         colour, lit = layout.lights(table)
-        restrained_by: dict[str, str] = flown.tick["restrained_by"]
+        limited_by: dict[str, str] = flown.tick["limited_by"]
 
         def column(name: str) -> Array:
             return table[name].astype(np.float64)
@@ -294,7 +294,7 @@ class Replay(ReadOnlyService):
             heartbeat_age_s=column("heartbeat_age_s"),
             link_quality=np.full(n, np.nan),
             fix_type=np.full(n, np.nan),
-            restrained_by=[restrained_by.get(name, "") for name in about.ids],
+            limited_by=[limited_by.get(name, "") for name in about.ids],
             colour=colour,
             lit=lit,
             homes_m=[self._event_history.home_m(name, flown.unix_s) for name in about.ids],

@@ -174,7 +174,7 @@ class _Judge:
             speed_m_s=_short(float(speed_m_s.max())),
             radius_error_m=_short(float(np.median([self._radius_error_m(tick) for tick in ticks[::5]]))),
             center_off_m=_short(self._off_m(int(ticks[-1]), plan)),
-            held_back=int(np.array(self._record.restrained)[ticks].max()),
+            held_back=int(np.array(self._record.limited)[ticks].max()),
         )
 
     def _radius_error_m(self, tick: int) -> float:

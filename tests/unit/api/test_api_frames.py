@@ -65,7 +65,7 @@ def test_a_frame_tells_what_the_fleet_answers() -> None:
     assert np.isnan(columns["setpoint_up_m_s"][2])
     assert columns["heartbeat_age_s"][:2].tolist() == pytest.approx([np.nan, np.nan], nan_ok=True)
     assert columns["flags"].tolist() == [
-        frames.ARMED | frames.READY | frames.RESTRAINED | frames.COMMANDED | frames.LIT,
+        frames.ARMED | frames.READY | frames.LIMITED | frames.COMMANDED | frames.LIT,
         frames.ARMED | frames.READY | frames.COMMANDED | frames.LIT,
         0,
     ]

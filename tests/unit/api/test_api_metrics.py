@@ -40,7 +40,7 @@ def test_it_tells_what_the_fleet_does(samples: dict[tuple[str, ...], float]) -> 
     assert samples["gcs_setpoints_sent_total",] == samples["gcs_ticks_total",] * 3
     assert samples["gcs_vehicle_link_quality", "d1"] == 0.75
     assert samples["gcs_vehicle_position_age_seconds", "d2"] == 0.05
-    assert (samples["gcs_vehicle_restrained", "d1"], samples["gcs_vehicle_restrained", "d2"]) == (1.0, 0.0)
+    assert (samples["gcs_vehicle_limited", "d1"], samples["gcs_vehicle_limited", "d2"]) == (1.0, 0.0)
     assert samples["gcs_vehicle_ready", "d3"] == 0.0
 
 

@@ -37,10 +37,10 @@ def telemetry(ids: tuple[str, ...], *, received_s: float, altitude_amsl_m: float
         ready=(True,) * n,
         horizontal_accuracy_m=np.full(n, np.nan),
         vertical_accuracy_m=np.full(n, np.nan),
-        boots=(0,) * n,
+        reboot_count=(0,) * n,
         position_resets=(0,) * n,
         fix_type=np.full(n, 3.0),
-        sick_sensors=np.zeros(n, np.int64),
+        unhealthy_sensors=np.zeros(n, np.int64),
         clock_base_s=np.zeros(n),
         texts=((),) * n,
     )

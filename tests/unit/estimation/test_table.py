@@ -53,10 +53,10 @@ class ReportedVehicle:
                     ready=(True,),
                     horizontal_accuracy_m=np.full(1, np.nan),
                     vertical_accuracy_m=np.full(1, np.nan),
-                    boots=(0,) * 1,
+                    reboot_count=(0,) * 1,
                     position_resets=(0,) * 1,
                     fix_type=np.full(1, 3.0),
-                    sick_sensors=np.zeros(1, np.int64),
+                    unhealthy_sensors=np.zeros(1, np.int64),
                     clock_base_s=np.zeros(1),
                     texts=((),) * 1,
                 )

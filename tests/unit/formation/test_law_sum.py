@@ -8,9 +8,9 @@ from gcs.formation.law import (
     begun,
     directions_from,
     goal_velocity,
-    kick_of,
-    kicks,
     slot_velocity,
+    symmetry_offset_of,
+    symmetry_offsets,
 )
 from gcs.formation.repulsion import sweep
 from gcs.model.state import Array
@@ -66,17 +66,22 @@ def test_an_exactly_symmetric_start_is_broken_at_once_and_by_little() -> None:
 
 
 def test_every_drone_has_a_kick_of_its_own_the_same_every_time() -> None:
-    assert len({kick_of(f"d{i}") for i in range(1000)}) == 1000
-    assert kick_of("d1") == kick_of("d1")
-    assert max(np.hypot(*kick_of(f"d{i}")) for i in range(1000)) <= 1.0
+    assert len({symmetry_offset_of(f"d{i}") for i in range(1000)}) == 1000
+    assert symmetry_offset_of("d1") == symmetry_offset_of("d1")
+    assert max(np.hypot(*symmetry_offset_of(f"d{i}")) for i in range(1000)) <= 1.0
     order = np.array([2, 0, 3, 1])
-    assert kicks(SQUARE[order], NAMES, order).tolist() == kicks(SQUARE, NAMES, np.arange(4))[order].tolist()
-    assert kicks(np.zeros((0, 3)), NAMES, np.arange(0)).shape == (0, 3)
+    assert (
+        symmetry_offsets(SQUARE[order], NAMES, order).tolist()
+        == symmetry_offsets(SQUARE, NAMES, np.arange(4))[order].tolist()
+    )
+    assert symmetry_offsets(np.zeros((0, 3)), NAMES, np.arange(0)).shape == (0, 3)
 
 
 def test_straight_above_the_centre_there_is_a_kick_too() -> None:
     above = np.array([[0.0, 0.0, -1.0]])
-    assert np.linalg.norm(kicks(above, NAMES, np.array([1]))) == pytest.approx(np.hypot(*kick_of("b")))
+    assert np.linalg.norm(symmetry_offsets(above, NAMES, np.array([1]))) == pytest.approx(
+        np.hypot(*symmetry_offset_of("b"))
+    )
 
 
 def test_a_goal_far_away_is_approached_at_the_laws_speed_and_a_near_one_gently() -> None:

@@ -68,19 +68,22 @@ def test_accuracies_restarts_and_resets_are_read_as_the_wire_reads_them() -> Non
     for time_s, messages in enumerate(STORY):
         both(each, fleet, messages, float(time_s))
         reported = fleet.telemetry()
-        assert (reported.boots, reported.position_resets) == ((0, each.boots), (0, each.position_resets))
-        assert fleet.lives.tolist() == [0, each.lives]
+        assert (reported.reboot_count, reported.position_resets) == (
+            (0, each.reboot_count),
+            (0, each.position_resets),
+        )
+        assert fleet.connection_count.tolist() == [0, each.connection_count]
         assert fleet.prearm_ok.tolist() == [False, each.prearm_ok]
         accuracy_m = reported.horizontal_accuracy_m[1], reported.vertical_accuracy_m[1]
         assert accuracy_m == pytest.approx(tuple(each.accuracy), nan_ok=True)
-    assert (each.boots, each.position_resets, each.lives) == (3, 3, 4)
+    assert (each.reboot_count, each.position_resets, each.connection_count) == (3, 3, 4)
 
 
 def test_who_is_silent_and_speaks_again_is_met_again() -> None:
     fleet, each = FleetTelemetry(IDS), VehicleTelemetry()
-    for time_s, lives in ((1.0, 1), (3.9, 1), (7.0, 2), (8.0, 2), (20.0, 3)):
+    for time_s, connection_count in ((1.0, 1), (3.9, 1), (7.0, 2), (8.0, 2), (20.0, 3)):
         both(each, fleet, (BEAT, BEAT), time_s)
-        assert (fleet.lives[1], each.lives) == (lives, lives)
+        assert (fleet.connection_count[1], each.connection_count) == (connection_count, connection_count)
 
 
 def system_time(unix_s: float) -> Any:
@@ -99,10 +102,10 @@ RECORDED = 0x301402F, 0x320C83F  # of PX4 SITL, which has no remote control
     [
         (gps(900, 1780, fix=6), "fix_type", 6.0),
         (gps(900, 1780, fix=0), "fix_type", 0.0),
-        (status(*RECORDED), "sick_sensors", 0),
-        (status(RECORDED[0], RECORDED[1] & ~0x24), "sick_sensors", 0x24),
-        (status(RECORDED[0], RECORDED[1] & ~0x200000), "sick_sensors", 0x200000),
-        (status(RECORDED[0] & ~0x4, RECORDED[1] & ~0x4), "sick_sensors", 0),  # not enabled
+        (status(*RECORDED), "unhealthy_sensors", 0),
+        (status(RECORDED[0], RECORDED[1] & ~0x24), "unhealthy_sensors", 0x24),
+        (status(RECORDED[0], RECORDED[1] & ~0x200000), "unhealthy_sensors", 0x200000),
+        (status(RECORDED[0] & ~0x4, RECORDED[1] & ~0x4), "unhealthy_sensors", 0),  # not enabled
         (system_time(1.7e9), "clock_base_s", 1.7e9 - 8.0),
         (system_time(0.0), "clock_base_s", nan),  # PX4 does not know yet
         (system_time(1e9), "clock_base_s", nan),  # nor does it now

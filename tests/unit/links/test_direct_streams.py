@@ -16,7 +16,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.asked: list[tuple[int, int, float]] = []  # system, message, interval
-        self.lives = np.ones(2, np.int64)
+        self.connection_count = np.ones(2, np.int64)
         self.streams = Streams(np.array([5, 6]), RATES_HZ, self.tell)
 
     def tell(self, _message_id: int, messages: Records, _rows: Whole) -> None:
@@ -25,7 +25,7 @@ class Bench:
             self.asked.append(asked)
 
     def watch(self, now_s: float, connected: "np.ndarray[tuple[int], np.dtype[np.bool_]]" = BOTH) -> None:
-        self.streams.watch(connected, self.lives, np.full(2, round(now_s * 10)), now_s)
+        self.streams.watch(connected, self.connection_count, np.full(2, round(now_s * 10)), now_s)
 
     def answer(self, *rows: int) -> None:
         reported = records(77, len(rows))
@@ -46,7 +46,7 @@ def test_each_interval_is_asked_for_when_the_one_before_was_answered() -> None:
 
 def test_who_does_not_answer_is_asked_again_and_given_up_in_the_end() -> None:
     bench = Bench()
-    bench.lives[1] = 0  # never heard
+    bench.connection_count[1] = 0  # never heard
     for now_s in np.arange(0.0, 10.0, 0.1):
         bench.watch(float(now_s), np.array([True, False]))
     assert [asked[1] for asked in bench.asked] == [33] * 4 + [30] * 4
@@ -65,9 +65,9 @@ def test_a_vehicle_is_asked_again_after_silence_and_after_a_reboot() -> None:
     asked = settle(0.0)
     assert asked == 4
     bench.watch(1.0, np.array([False, True]))
-    bench.lives[0] += 1
+    bench.connection_count[0] += 1
     assert settle(1.1) == asked + 2
-    bench.lives[1] += 1
+    bench.connection_count[1] += 1
     bench.watch(2.0)
     assert bench.asked[-1][:2] == (6, 33)
 
@@ -76,7 +76,7 @@ def test_positions_at_a_wrong_rate_are_asked_for_again_but_not_for_ever() -> Non
     bench = Bench()
     for step in range(1000):
         bench.streams.watch(
-            BOTH, bench.lives, np.array([5 * step, step]), 0.1 * step
+            BOTH, bench.connection_count, np.array([5 * step, step]), 0.1 * step
         )  # 50 Hz, and 10 Hz as asked
         bench.answer(0, 1)
     asked = [system_id for system_id, *_ in bench.asked]

@@ -105,23 +105,23 @@ def test_accuracy_is_what_the_receiver_reports_else_its_dilution_and_none_withou
 
 def test_a_boot_clock_that_goes_back_is_a_reboot_unless_the_datagram_was_late() -> None:
     telemetry = VehicleTelemetry()
-    for clock_ms, boots in ((5000, 0), (6000, 0), (5500, 0), (200, 1), (300, 1), (900_000, 1), (0, 2)):
+    for clock_ms, reboot_count in ((5000, 0), (6000, 0), (5500, 0), (200, 1), (300, 1), (900_000, 1), (0, 2)):
         take(telemetry, 1.0, dialect.MAVLink_global_position_int_message(clock_ms, 1, 2, 3, 4, 5, 6, 7, 8))
-        assert telemetry.boots == boots, clock_ms
+        assert telemetry.reboot_count == reboot_count, clock_ms
 
 
 def test_a_reboot_shows_in_what_comes_before_the_first_position() -> None:
     telemetry = VehicleTelemetry()
     ok = PREARM_CHECK
     take(telemetry, 0.9, dialect.MAVLink_sys_status_message(ok, ok, ok, 0, 0, 0, 80, 0, 0, 0, 0, 0, 0))
-    assert (telemetry.boots, telemetry.prearm_ok) == (0, True)
+    assert (telemetry.reboot_count, telemetry.prearm_ok) == (0, True)
     take(telemetry, 1.0, dialect.MAVLink_global_position_int_message(60_000, 1, 2, 3, 4, 5, 6, 7, 8))
     take(telemetry, 1.2, dialect.MAVLink_attitude_message(400, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    assert (telemetry.boots, telemetry.lives, telemetry.position_time_s) == (1, 1, 1.0)
-    assert (telemetry.boots, telemetry.prearm_ok) == (1, False), "what it said before counts no more"
+    assert (telemetry.reboot_count, telemetry.connection_count, telemetry.position_time_s) == (1, 1, 1.0)
+    assert (telemetry.reboot_count, telemetry.prearm_ok) == (1, False), "what it said before counts no more"
     take(telemetry, 1.3, dialect.MAVLink_local_position_ned_message(410, 0, 0, 0, 0, 0, 0))
     take(telemetry, 4.0, dialect.MAVLink_global_position_int_message(3100, 1, 2, 3, 4, 5, 6, 7, 8))
-    assert (telemetry.boots, telemetry.lives) == (1, 1)
+    assert (telemetry.reboot_count, telemetry.connection_count) == (1, 1)
 
 
 def test_a_reset_counter_that_changes_is_a_reset_of_the_position() -> None:

@@ -52,7 +52,7 @@ def test_a_key_that_others_can_read_is_warned_of(tmp_path: Path, caplog: pytest.
     assert caplog.records == []
     path.chmod(0o640)
     load_key(path)
-    assert [(record.msg, vars(record)["mend"]) for record in caplog.records] == [
+    assert [(record.msg, vars(record)["fix"]) for record in caplog.records] == [
         ("key_file_open", f"chmod 600 {path}")
     ]
 

@@ -48,7 +48,7 @@ def test_nobody_is_asked_before_being_received_and_who_is_received_is_asked_for_
 def test_who_restarted_or_was_silent_is_asked_again() -> None:
     vehicle = Vehicle()
     assert vehicle.run(2.0) == ALL
-    vehicle.telemetry.lives += 1
+    vehicle.telemetry.connection_count += 1
     assert vehicle.run(2.0) == ALL
     vehicle.speaks = False
     vehicle.run(5.0)

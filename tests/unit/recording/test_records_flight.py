@@ -74,7 +74,7 @@ def test_every_tick_is_read_back_as_it_was(tmp_path: Path) -> None:
         assert [data.about.modes[number] for number in tick.vehicles["mode"]] == [Mode.OFFBOARD] * 2
         assert tick.status["reasons"] == list(was.reasons)
         assert tick.status["plan"]["formation"] == asdict(was.plan.formation)
-        assert tick.tick["restrained_by"] == {"d2": "separation from d1"}
+        assert tick.tick["limited_by"] == {"d2": "separation from d1"}
         assert tick.tick["time_s"] == was.fleet.time_s
 
 

@@ -38,10 +38,10 @@ GOOD = Telemetry(
     ready=(True,) * 3,
     horizontal_accuracy_m=np.full(3, 0.9),
     vertical_accuracy_m=np.full(3, 1.8),
-    boots=(0,) * 3,
+    reboot_count=(0,) * 3,
     position_resets=(0,) * 3,
     fix_type=np.full(3, 3.0),
-    sick_sensors=np.zeros(3, np.int64),
+    unhealthy_sensors=np.zeros(3, np.int64),
     clock_base_s=np.zeros(3),
     texts=((),) * 3,
 )
@@ -118,7 +118,12 @@ FAILING: dict[str, tuple[PreflightInputs, State, str, str]] = {
     "position": (known(age_s=(0.1, 0.7, 0.1)), State.FAIL, "no position for 0.7 s", "link"),
     "fix": (known(of_b("fix_type", 2.0)), State.FAIL, "fix is 2D, 3D is needed", "open sky"),
     "accuracy up": (known(of_b("vertical_accuracy_m", np.nan)), State.UNKNOWN, "not tell its", "better fix"),
-    "autopilot": (known(of_b("sick_sensors", 0x4)), State.FAIL, "unhealthy what it flies by: magn", "wait"),
+    "autopilot": (
+        known(of_b("unhealthy_sensors", 0x4)),
+        State.FAIL,
+        "unhealthy what it flies by: magn",
+        "wait",
+    ),
     "battery": (known(of_b("battery_remaining", 0.24)), State.FAIL, "battery at 24%, at least 25%", "charge"),
     "height of the origin": (known(height_m=(0.0, 47.3, 0.0)), State.FAIL, "47.3 m above the", "altitude"),
     "distance of the origin": (known(fence=Fence(distance_max_m=7.9), east_m=(0, 8, 4)), State.FAIL, "", ""),
@@ -143,7 +148,7 @@ UNKNOWN: dict[str, tuple[Telemetry, dict[str, Any]]] = {
     "position": (replace(GOOD, position_time_s=np.full(3, -np.inf)), {"age_s": (0.1, np.inf, 0.1)}),
     "fix": (of_b("fix_type", np.nan), {}),
     "accuracy sideways": (of_b("horizontal_accuracy_m", np.nan), {}),
-    "autopilot": (of_b("sick_sensors", -1), {}),
+    "autopilot": (of_b("unhealthy_sensors", -1), {}),
     "battery": (of_b("battery_remaining", np.nan), {}),
     "clock": (of_b("clock_base_s", np.nan), {}),
 }
@@ -181,7 +186,7 @@ def test_a_show_whose_need_nobody_knows_is_not_flown() -> None:
 def test_an_autopilot_that_is_not_ready_is_named_with_the_sensors_that_it_calls_unhealthy() -> None:
     _, check = only(known(replace(GOOD, ready=(True, True, False))))
     assert check.problem == "its autopilot does not yet pass its own arming checks"
-    _, check = only(known(replace(of_b("sick_sensors", 0x200001), ready=(True, False, True))))
+    _, check = only(known(replace(of_b("unhealthy_sensors", 0x200001), ready=(True, False, True))))
     assert check.problem.endswith("arming checks: gyroscope, position and attitude estimate")
 
 

@@ -18,7 +18,7 @@ import { ROW_PX } from "./state";
 const COLUMNS: readonly Column[] = ["id", "phase", "held", "nearest", "battery", "age", "fix", "link", "height", "mode"];
 
 const TERMS = [
-  { term: "restrained", label: texts.fleet.restrained },
+  { term: "limited", label: texts.fleet.limited },
   { term: "stale", label: texts.fleet.stale },
   { term: "battery<30", label: texts.fleet.low },
 ] as const;
@@ -61,7 +61,7 @@ function heading(state: State, actions: DeskActions, column: Column): TemplateRe
       aria-label=${texts.fleet.sortBy(name, texts.fleet.columnHelp[column])}
       @click=${() => actions.sort({ column, descending: isSorted && !sort.descending })}
     >
-      ${column === "held" ? icon("restrained") : name}${isSorted ? icon(sort.descending ? "down" : "up") : nothing}
+      ${column === "held" ? icon("limited") : name}${isSorted ? icon(sort.descending ? "down" : "up") : nothing}
     </button>
   </th>`;
 }
@@ -90,8 +90,8 @@ function rowView(state: State, actions: DeskActions, row: Row, position: number)
       </button>
     </th>
     <td class="phase phase-${row.phase}">${icon(PHASE_ICON[row.phase])}<span>${texts.fleet.phases[row.phase]}</span></td>
-    <td class="held col-held" title=${row.restrainedBy || nothing}>
-      ${row.restrained ? html`${icon("restrained")}<span class="for-readers">${texts.fleet.restrained}</span>` : nothing}
+    <td class="held col-held" title=${row.limitedBy || nothing}>
+      ${row.limited ? html`${icon("limited")}<span class="for-readers">${texts.fleet.limited}</span>` : nothing}
     </td>
     <td class="number col-nearest">${fixed(row.nearest_m)}</td>
     <td class="number col-battery ${low ? "low" : ""}">${low ? icon("warning") : nothing}${percentOnly(row.battery)}</td>

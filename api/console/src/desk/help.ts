@@ -36,7 +36,7 @@ export function help(_state: State, actions: DeskActions): TemplateResult {
           ${PHASES.map(
             (phase) => html`<li class="phase phase-${phase}">${icon(PHASE_ICON[phase])}<span>${texts.fleet.phases[phase]}</span></li>`,
           )}
-          <li>${icon("restrained")}<span>${texts.fleet.columnHelp.held}</span></li>
+          <li>${icon("limited")}<span>${texts.fleet.columnHelp.held}</span></li>
         </ul>
         <p class="dim">${t.colours}</p>
         <p class="dim">${t.stale}</p>

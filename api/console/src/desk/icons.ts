@@ -38,7 +38,7 @@ const PATHS = {
   night: "M19 14.5A8 8 0 0 1 9.5 5a8 8 0 1 0 9.5 9.5z",
   day: "M12 8a4 4 0 1 0 0 8 4 4 0 0 0 0-8M12 2v3M12 19v3M2 12h3M19 12h3M5 5l2 2M17 17l2 2M19 5l-2 2M7 17l-2 2",
   more: "M5 12v.5M12 12v.5M19 12v.5",
-  restrained: "M7 11V8a5 5 0 0 1 10 0v3M5 11h14v9H5z",
+  limited: "M7 11V8a5 5 0 0 1 10 0v3M5 11h14v9H5z",
   up: "M6 15l6-6 6 6",
   down: "M6 9l6 6 6-6",
 } as const;

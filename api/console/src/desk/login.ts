@@ -13,7 +13,7 @@ export function login(state: State, actions: DeskActions): TemplateResult | type
   if (state.connection.kind !== "denied") return nothing;
   const typed = (state.desk.drafts["token"] ?? "").trim();
   return html`<section class="sheet login" role="dialog" aria-modal="true" aria-label=${t.title} data-testid="login">
-    <h2>${icon("restrained")} ${t.title}</h2>
+    <h2>${icon("limited")} ${t.title}</h2>
     <p class="problem" role="alert" data-testid="login-reason">${state.connection.reason}</p>
     <p class="dim">${t.what}</p>
     <form

@@ -1,6 +1,6 @@
 /** The filter of the fleet table: a line of terms, all of which a vehicle must meet. Pure.
  *
- * `phase:hold,return battery<30 age>1 fix>2 nearest<5 link<80 restrained -ready d1`
+ * `phase:hold,return battery<30 age>1 fix>2 nearest<5 link<80 limited -ready d1`
  */
 
 import { texts } from "../texts";
@@ -30,7 +30,7 @@ const WORDS: Record<string, (row: Row) => string> = {
 };
 
 const FLAGS: Record<string, Test> = {
-  restrained: (row) => row.restrained,
+  limited: (row) => row.limited,
   ready: (row) => row.ready,
   armed: (row) => row.armed,
   stale: isStale,

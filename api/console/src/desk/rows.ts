@@ -19,8 +19,8 @@ export interface Row {
   nearest_m: number; // distance to the nearest other one in the air
   armed: boolean;
   ready: boolean;
-  restrained: boolean;
-  restrainedBy: string;
+  limited: boolean;
+  limitedBy: string;
 }
 
 export type Column = "id" | "phase" | "mode" | "battery" | "age" | "fix" | "nearest" | "link" | "height" | "held";
@@ -52,8 +52,8 @@ export function rowOf(status: Status, frame: Frame, nearest_m: ArrayLike<number>
     nearest_m: nearest_m[index] ?? NaN,
     armed: (flags & 1) !== 0,
     ready: (flags & 2) !== 0,
-    restrained: (flags & 4) !== 0,
-    restrainedBy: vehicle.restrained_by,
+    limited: (flags & 4) !== 0,
+    limitedBy: vehicle.limited_by,
   };
 }
 
@@ -72,7 +72,7 @@ const VALUE: Record<Exclude<Column, "id">, (row: Row) => number> = {
   nearest: (row) => row.nearest_m,
   link: (row) => row.link,
   height: (row) => row.height_m,
-  held: (row) => (row.restrained ? 1 : 0),
+  held: (row) => (row.limited ? 1 : 0),
 };
 
 /** In order; what is not known comes last, whichever way it is sorted. */

@@ -117,8 +117,8 @@ export function vehicle(state: State, actions: DeskActions): TemplateResult {
     </header>
     ${reason ? html`<p class="value" data-testid="vehicle-reason">${reason}</p>` : nothing}
     ${isStale(row) ? html`<p class="problem">${icon("warning")} ${texts.fleet.stale}</p>` : nothing}
-    ${row.restrained
-      ? html`<p class="notice" data-testid="vehicle-restrained">${icon("restrained")} ${t.held}: ${row.restrainedBy || texts.fleet.restrained}</p>`
+    ${row.limited
+      ? html`<p class="notice" data-testid="vehicle-limited">${icon("limited")} ${t.held}: ${row.limitedBy || texts.fleet.limited}</p>`
       : nothing}
     ${commands(state, actions, row)} ${facts(state, row)}
   </article>`;

@@ -16,7 +16,7 @@ export class Billboards {
   constructor(shared: Shared) {
     this.#uniforms = {
       ...shared, uHalf: { value: HALF_SPAN_M }, uLeast: { value: 15 }, uGlow: { value: 1 },
-      uRestrained: { value: new Vector3() }, uDanger: { value: new Vector3() }, uSelected: { value: new Vector3() },
+      uLimited: { value: new Vector3() }, uDanger: { value: new Vector3() }, uSelected: { value: new Vector3() },
     };
     this.#all = new Repeated({ uniforms: this.#uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT, hidden: false }, ORDER.marks);
   }
@@ -32,7 +32,7 @@ export class Billboards {
   }
 
   dress(palette: Palette): void {
-    this.#uniforms.uRestrained.value = color(palette.restrained);
+    this.#uniforms.uLimited.value = color(palette.limited);
     this.#uniforms.uDanger.value = color(palette.danger);
     this.#uniforms.uSelected.value = color(palette.selected);
   }
@@ -76,7 +76,7 @@ void main() {
 
 const FRAGMENT = /* glsl */ `
 uniform float uGlow;
-uniform vec3 uRestrained;
+uniform vec3 uLimited;
 uniform vec3 uDanger;
 uniform vec3 uSelected;
 varying vec2 vAt;
@@ -97,9 +97,9 @@ void main() {
     gl_FragColor = sum;
     return;
   }
-  if (vMark.x > 0.5) { // restrained: a broken ring
+  if (vMark.x > 0.5) { // limited: a broken ring
     float alpha = ring(far, 1.35, 1.8) * step(0.32, abs(fract(atan(vAt.y, vAt.x) * 1.2732395) - 0.5) * 2.0);
-    sum = mix(sum, vec4(uRestrained, 1.0), alpha);
+    sum = mix(sum, vec4(uLimited, 1.0), alpha);
   }
   if (vMark.y > 0.5) { // lost: a cross
     vec2 turned = abs(vec2(vAt.x + vAt.y, vAt.x - vAt.y)) * 0.7071;

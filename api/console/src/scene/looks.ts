@@ -4,7 +4,7 @@ import { FLAG, PHASES, STALE_MS, type Frame, type Phase } from "../state";
 import type { Palette, Rgb } from "./palette";
 
 /** What is marked by a shape, not by colour alone. Bits, as the shader counts them. */
-export const MARK = { restrained: 1, lost: 2, selected: 4 } as const;
+export const MARK = { limited: 1, lost: 2, selected: 4 } as const;
 
 const ON_GROUND: ReadonlySet<Phase> = new Set(["offline", "standby", "killed"]);
 const DARKEST = 0.35; // a light that is nearly off still has a colour that one can see
@@ -38,7 +38,7 @@ export class Looks {
       this.tints[4 * i + 3] = shine;
       const phase = phaseOf(frame, i);
       this.marks[i] =
-        ((frame.flags[i]! & FLAG.restrained) !== 0 && !isOld ? MARK.restrained : 0) +
+        ((frame.flags[i]! & FLAG.limited) !== 0 && !isOld ? MARK.limited : 0) +
         (phase === "lost" || phase === "killed" ? MARK.lost : 0) +
         (selected.has(i) ? MARK.selected : 0);
     }

@@ -24,7 +24,7 @@ export interface Palette {
   ghost: Rgb;
   setpoint: Rgb;
   selected: Rgb;
-  restrained: Rgb;
+  limited: Rgb;
   caution: Rgb;
   danger: Rgb;
   stale: Rgb;
@@ -54,7 +54,7 @@ export const NIGHT: Palette = {
   ghost: rgb("#ffe9a8"),
   setpoint: rgb("#9fe0ff"),
   selected: rgb("#ffffff"),
-  restrained: rgb("#f0b429"),
+  limited: rgb("#f0b429"),
   caution: rgb("#f0b429"),
   danger: rgb("#ff5a36"),
   stale: rgb("#5d636b"),
@@ -90,7 +90,7 @@ export const DAY: Palette = {
   ghost: rgb("#8a5a00"),
   setpoint: rgb("#0072b2"),
   selected: rgb("#101418"),
-  restrained: rgb("#b57700"),
+  limited: rgb("#b57700"),
   caution: rgb("#c77f00"),
   danger: rgb("#c9300f"),
   stale: rgb("#9aa2a9"),
