@@ -48,7 +48,7 @@ a show that was written beforehand: upload it, check it, select it, start it by 
 
 Lengths are metres, positions are in the show frame (x along the show's heading, y to its right, heights
 positive up) or latitude and longitude; headings are degrees clockwise from north. Commands answer 202 with an
-order, whose outcome per vehicle is at `/api/v1/commands/{id}`. `/api/v1/stream?rate_hz=10` is a WebSocket that
+order, with its outcomes at `/api/v1/commands/{id}`. `/api/v1/stream?rate_hz=10` is a WebSocket that
 sends what `/api/v1/fleet` answers, the newest state each time; for who draws `/api/v1/stream/console` sends
 binary frames, and what `/api/v1/status` answers whenever that changes (docs/stream.md). Where orders are
 recorded, an answer leaves when the record has the order; with the header `X-Recorded: no` it does not, and

@@ -81,7 +81,8 @@ def _checks(flight_report: FlightReport) -> str:
 def _pairs(flight_report: FlightReport) -> str:
     trajectories, pairs = flight_report.trajectories, flight_report.pairs
     rows = [
-        f"<tr><td>{escape(trajectories.ids[i])}<td>{escape(trajectories.ids[j])}<td class=n>{pairs.distance_m[i, j]:.2f}"
+        f"<tr><td>{escape(trajectories.ids[i])}"
+        f"<td>{escape(trajectories.ids[j])}<td class=n>{pairs.distance_m[i, j]:.2f}"
         f"<td class=n>{pairs.ratio[i, j]:.2f}<td class=n>{pairs.sure_ratio[i, j]:.2f}"
         f"<td class=n>{trajectories.time_s[pairs.sample[i, j]] - trajectories.time_s[0]:.1f}"
         for i, j in pairs.nearest(20)

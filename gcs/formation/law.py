@@ -77,7 +77,7 @@ def symmetry_offsets(direction: Array, ids: Sequence[VehicleId], rows: NDArray[n
 
 
 def begun(direction: Array, ids: Sequence[VehicleId], rows: NDArray[np.intp], settings: LawSettings) -> Array:
-    """(n, 3) first places of those who join: their own directions, a little off; arguments as of `symmetry_offsets`."""
+    """(n, 3) the first slots of joining vehicles: their own directions, as `symmetry_offsets`."""
     place: Array = direction + settings.symmetry_rad * symmetry_offsets(direction, ids, rows)
     place /= np.linalg.norm(place, axis=1, keepdims=True)
     return place
