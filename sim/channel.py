@@ -10,20 +10,20 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from gcs.sim.endpoint import Address, Endpoint
-    from gcs.sim.faults.injector import Trouble
+    from gcs.sim.faults.injector import FaultInjector
     from gcs.sim.fleet import Fleet
 
 SETPOINT_ID = SETPOINT.id.to_bytes(3, "little")
 TARGET_AT = 10 + 50  # header, and what stands before target_system
 
 
-class Air:
+class Radio:
     """Carries datagrams both ways for all endpoints."""
 
-    def __init__(self, fleet: Fleet, trouble: Trouble, endpoints: Sequence[Endpoint]) -> None:
+    def __init__(self, fleet: Fleet, fault_injector: FaultInjector, endpoints: Sequence[Endpoint]) -> None:
         """Every vehicle of the fleet is behind one of the endpoints."""
         self._fleet = fleet
-        self._trouble = trouble
+        self._fault_injector = fault_injector
         self._endpoints = endpoints
         self._by_row = {row: endpoint for endpoint in endpoints for row in endpoint.rows}
         self._changes = 0
@@ -31,8 +31,8 @@ class Air:
 
     def listen(self, ready: Sequence[Endpoint]) -> None:
         """Hear what has arrived there; answer at once, as PX4 does within milliseconds."""
-        fleet, broken = self._fleet, self._trouble.broken
-        if self._changes != self._trouble.changes:
+        fleet, broken = self._fleet, self._fault_injector.broken
+        if self._changes != self._fault_injector.changes:
             self._part()
         batch: list[tuple[int, bytes]] = []
         origins: list[tuple[Endpoint, Address]] = []
@@ -50,7 +50,7 @@ class Air:
         """Hear what the broken links have let through by now, and answer whatever has been heard."""
         batch: list[tuple[int, bytes]] = []
         origins: list[tuple[Endpoint, Address]] = []
-        for row, channel in self._trouble.broken.items():
+        for row, channel in self._fault_injector.broken.items():
             for datagram, origin in channel.into.take(self._fleet.time_s):
                 batch.append((row, datagram))
                 origins.append(origin)
@@ -68,13 +68,13 @@ class Air:
     def _hear(self, batch: list[tuple[int, bytes]], origins: list[tuple[Endpoint, Address]]) -> None:
         if not batch:
             return
-        sound = self._fleet.ears.hear(batch)
+        sound = self._fleet.receiver.hear(batch)
         for (endpoint, address), is_sound in zip(origins, sound, strict=True):
             if is_sound:
                 endpoint.received(address, self._fleet.time_s)
 
     def _speak(self, stated: dict[int, list[bytes]], *, answers: bool) -> None:
-        now_s, broken = self._fleet.time_s, self._trouble.broken
+        now_s, broken = self._fleet.time_s, self._fault_injector.broken
         for row in broken:
             frames = stated.pop(row, None)
             if frames:
@@ -96,14 +96,14 @@ class Air:
 
     def _part(self) -> None:
         """Let those with broken links hear their sockets only through their faults."""
-        self._changes = self._trouble.changes
+        self._changes = self._fault_injector.changes
         self._apart = {}
-        for row in self._trouble.broken:
+        for row in self._fault_injector.broken:
             system_id = int(self._fleet.state.system_id[row])
             self._apart.setdefault(self._by_row[row], []).append((row, system_id))
         for endpoint in self._endpoints:
-            self._fleet.ears.regroup(
-                endpoint.circle, [row for row in endpoint.rows if row not in self._trouble.broken]
+            self._fleet.receiver.regroup(
+                endpoint.circle, [row for row in endpoint.rows if row not in self._fault_injector.broken]
             )
 
 

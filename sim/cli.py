@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from gcs.sim.endpoint import PortError
 from gcs.sim.fleet import Settings
-from gcs.sim.ground_truth import TruthFile
+from gcs.sim.ground_truth import GroundTruthFile
 from gcs.sim.options import MAX_COUNT, add_arguments
 from gcs.sim.ports import HOST, MAX_PORT, Port, own_ports, shared_ports
 from gcs.sim.protocol.streams import RECORDED_HZ, lean_hz
@@ -64,7 +64,7 @@ def fly(given: argparse.Namespace, greeting: str) -> None:
             file = None if given.truth is None else stack.enter_context(open(given.truth, "w"))  # noqa: PTH123
         except OSError as error:
             raise FleetError(1, f"--truth {given.truth}: {error.strerror}") from error
-        truth = None if file is None else TruthFile(file)
+        truth = None if file is None else GroundTruthFile(file)
         try:
             serve(
                 _settings(given),

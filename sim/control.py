@@ -11,7 +11,7 @@ from gcs.sim.endpoint import LARGEST, PortError
 from gcs.sim.faults.commands import LONGEST_LINE
 
 if TYPE_CHECKING:
-    from gcs.sim.faults.injector import Trouble
+    from gcs.sim.faults.injector import FaultInjector
 
 
 class Control(Protocol):
@@ -21,7 +21,7 @@ class Control(Protocol):
         """What to wait for."""
         ...
 
-    def read(self, trouble: Trouble) -> bool:
+    def read(self, fault_injector: FaultInjector) -> bool:
         """Carry out what has come and answer it. Returns: whether more can come."""
         ...
 
@@ -41,7 +41,7 @@ class StandardInput:
         """Of standard input."""
         return sys.stdin.fileno()
 
-    def read(self, trouble: Trouble) -> bool:
+    def read(self, fault_injector: FaultInjector) -> bool:
         """Carry out the whole lines that have come."""
         data = os.read(self.fileno(), LARGEST)
         *lines, self._part = (self._part + data).split(b"\n")
@@ -50,7 +50,7 @@ class StandardInput:
             self._part = b""
         for line in lines:
             if line.strip():
-                print(trouble.obey(line), flush=True)  # noqa: T201 - the command's output
+                print(fault_injector.obey(line), flush=True)  # noqa: T201 - the command's output
         return bool(data)
 
     def close(self) -> None:
@@ -78,11 +78,11 @@ class ControlPort:
         """Of the socket."""
         return self._socket.fileno()
 
-    def read(self, trouble: Trouble) -> bool:
+    def read(self, fault_injector: FaultInjector) -> bool:
         """Carry out the lines of one datagram."""
         try:
             data, sender = self._socket.recvfrom(LARGEST)
-            answers = [trouble.obey(line) for line in data.split(b"\n") if line.strip()]
+            answers = [fault_injector.obey(line) for line in data.split(b"\n") if line.strip()]
             if answers:
                 self._socket.sendto("\n".join(answers).encode() + b"\n", sender)
         except OSError:  # ICMP: who asked no longer listens

@@ -12,7 +12,7 @@ from gcs.sim.protocol import frames, reports
 from gcs.sim.protocol.autopilot import Autopilot, Shared
 from gcs.sim.protocol.mavlink import Codec
 from gcs.sim.protocol.outbox import Outbox
-from gcs.sim.protocol.receiver import Ears
+from gcs.sim.protocol.receiver import Receiver
 from gcs.sim.protocol.snapshot import Snapshot
 from gcs.sim.protocol.streams import RECORDED_HZ, Schedule
 from gcs.sim.vehicle import dynamics, noise
@@ -21,9 +21,9 @@ from gcs.sim.vehicle.geodesy import Tangent
 from gcs.sim.vehicle.guidance import Guidance
 from gcs.sim.vehicle.params import Columns, Parameters
 from gcs.sim.vehicle.quirks import Quirks
-from gcs.sim.vehicle.sensors import Sensed
+from gcs.sim.vehicle.sensors import Sensors
 from gcs.sim.vehicle.state import State
-from gcs.sim.vehicle.transitions import Watch
+from gcs.sim.vehicle.transitions import Transitions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -120,15 +120,15 @@ class Fleet:
         parameters = Columns([autopilot.parameters for autopilot in self.autopilots])
         commanders = [autopilot.commander for autopilot in self.autopilots]
         self._batteries = Batteries(self.state, parameters, settings.endurance_s)
-        self._watch = Watch(self.state, commanders, parameters, settings.quirks)
+        self._transitions = Transitions(self.state, commanders, parameters, settings.quirks)
         self._guidance = Guidance(self.state, commanders, parameters, settings.quirks)
-        self.ears = Ears(self.state, self.autopilots)
+        self.receiver = Receiver(self.state, self.autopilots)
         self._local_origin_m = np.full((count, 3), np.nan)
         self._lost = True  # somebody has no local origin yet
         self._contact = np.ones(count, dtype=np.bool_)
         for row in range(count):
             self._boot(row, start_s)
-        self._sensed = self._sense()
+        self._sensors = self._sense()
 
     def step(self) -> None:
         """Let STEP_S pass for everyone."""
@@ -136,13 +136,13 @@ class Fleet:
         self.time_s = self.state.now_s = self._start_s + self._steps * STEP_S
         if self.settings.noise_scale > 0.0:
             self._error = noise.step(self._error, STEP_S, self.settings.noise_scale, self._random)
-        state, sensed = self.state, self._sense()
-        self._sensed = sensed
+        state, sensors = self.state, self._sense()
+        self._sensors = sensors
         awake = self.time_s >= state.fix_at_s
         for row in (awake & ~state.home_set).nonzero()[0].tolist():
             self._set_home(row)
-        demand_m_s = self._guidance.velocity(sensed, awake, STEP_S)
-        self._watch.update(awake, sensed.contact, -demand_m_s[:, 2], self._batteries)
+        demand_m_s = self._guidance.velocity(sensors, awake, STEP_S)
+        self._transitions.update(awake, sensors.contact, -demand_m_s[:, 2], self._batteries)
         powered = state.powered
         self._guidance.turn(powered, STEP_S)
         self._batteries.drain(powered, STEP_S)
@@ -161,7 +161,7 @@ class Fleet:
     @property
     def estimate_m(self) -> Array:
         """(n, 3): where the vehicles believe themselves, in the fleet's common NED."""
-        return self._sensed.estimate_m
+        return self._sensors.estimate_m
 
     def take_frames(self, *, streams: bool = True) -> dict[int, list[bytes]]:
         """What each vehicle (by row) has to say now: answers and texts; unless unwanted, the streams too."""
@@ -214,7 +214,7 @@ class Fleet:
         state.fix_at_s[row] = state.ready_at_s[row] - (FIX_BEFORE_READY_S if quirks.late_ready else 0.0)
         self._schedule.start(row, now_s, random)
 
-    def _sense(self) -> Sensed:
+    def _sense(self) -> Sensors:
         """Every vehicle's estimate; its local origin is its first one (item 1)."""
         state = self.state
         estimate_m = self.bodies.position_m + self._error.position_m + state.offset_m
@@ -226,7 +226,7 @@ class Fleet:
             own = self.settings.quirks.own_origin
             self._local_origin_m[fresh] = estimate_m[fresh] if own else 0.0
             self._lost = bool((unknown & ~fresh).any())
-        return Sensed(
+        return Sensors(
             position_m=estimate_m - self._local_origin_m,
             velocity_m_s=self.bodies.velocity_m_s + self._error.velocity_m_s,
             acceleration_m_s2=self.bodies.acceleration_m_s2,
@@ -242,8 +242,8 @@ class Fleet:
         if self.time_s < state.fix_at_s[row]:
             return
         state.home_set[row] = True
-        state.home_m[row] = self._sensed.position_m[row]
-        state.home_place[row] = self._sensed.place(np.array([row]))[0]
+        state.home_m[row] = self._sensors.position_m[row]
+        state.home_place[row] = self._sensors.place(np.array([row]))[0]
         state.home_yaw_rad[row] = state.yaw_rad[row]
         state.home_boot_ms[row] = state.boot_ms(row)
 
@@ -255,7 +255,7 @@ class Fleet:
 
     def _report(self, message_id: int, rows: Rows, stated: dict[int, list[bytes]]) -> None:
         unix_s = self.time_s + self.unix_ahead_s
-        snapshot = Snapshot(rows, unix_s, self.state, self._sensed, self._watch, self._batteries)
+        snapshot = Snapshot(rows, unix_s, self.state, self._sensors, self._transitions, self._batteries)
         fields = reports.report(message_id, snapshot)
         sequence = self.state.sequence[rows]
         self.state.sequence[rows] = sequence + np.uint8(1)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 PERIOD_S = 0.05
 
 
-class TruthFile:
+class GroundTruthFile:
     """Writes one line per sample, and flushes it: killed at any moment, at most a line is lost."""
 
     def __init__(self, file: TextIO) -> None:

@@ -8,10 +8,10 @@ import time
 from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Self
 
-from gcs.sim.channel import Air
+from gcs.sim.channel import Radio
 from gcs.sim.control import Control, ControlPort, StandardInput
 from gcs.sim.endpoint import Endpoint
-from gcs.sim.faults.injector import Trouble
+from gcs.sim.faults.injector import FaultInjector
 from gcs.sim.fleet import STEP_S, Fleet, Settings
 from gcs.sim.ports import HOST
 from gcs.sim.simulator_link import SimulatorLink
@@ -19,7 +19,7 @@ from gcs.sim.simulator_link import SimulatorLink
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from gcs.sim.ground_truth import TruthFile
+    from gcs.sim.ground_truth import GroundTruthFile
     from gcs.sim.ports import Port
 
 CATCH_UP_S = 0.25  # a longer stall is dropped, as if the vehicles had been paused
@@ -49,7 +49,7 @@ class Interrupt:
 def serve(
     settings: Settings,
     ports: Sequence[Port],
-    truth: TruthFile | None,
+    truth: GroundTruthFile | None,
     greeting: str,
     *,
     control_port: int | None = None,
@@ -66,9 +66,10 @@ def serve(
     with ExitStack() as stack:
         interrupt = stack.enter_context(Interrupt())
         fleet = Fleet(settings, start_s=time.monotonic(), unix_at_start_s=time.time())
-        trouble = Trouble(fleet)
+        fault_injector = FaultInjector(fleet)
         endpoints = [
-            stack.enter_context(closing(Endpoint(HOST, port, fleet.ears.circle(port.rows)))) for port in ports
+            stack.enter_context(closing(Endpoint(HOST, port, fleet.receiver.circle(port.rows))))
+            for port in ports
         ]
         controls: list[Control] = []
         if control_port is not None:
@@ -82,27 +83,27 @@ def serve(
         for endpoint in endpoints:
             selector.register(endpoint, selectors.EVENT_READ, endpoint)
         for control in controls:
-            _register(selector, control, trouble)
+            _register(selector, control, fault_injector)
         print(greeting, flush=True)  # noqa: T201 - the command's output
-        air = Air(fleet, trouble, endpoints)
-        for waited_s in _paced(fleet, air, trouble, truth, simulator, interrupt):
-            _read(selector, waited_s, air, trouble)
+        radio = Radio(fleet, fault_injector, endpoints)
+        for waited_s in _paced(fleet, radio, fault_injector, truth, simulator, interrupt):
+            _read(selector, waited_s, radio, fault_injector)
 
 
-def _register(selector: selectors.BaseSelector, control: Control, trouble: Trouble) -> None:
+def _register(selector: selectors.BaseSelector, control: Control, fault_injector: FaultInjector) -> None:
     """Wait for orders; those in a file, which cannot be waited for, are carried out now."""
     try:
         selector.register(control, selectors.EVENT_READ, control)
     except PermissionError:
-        while control.read(trouble):
+        while control.read(fault_injector):
             pass
 
 
 def _paced(
     fleet: Fleet,
-    air: Air,
-    trouble: Trouble,
-    truth: TruthFile | None,
+    radio: Radio,
+    fault_injector: FaultInjector,
+    truth: GroundTruthFile | None,
     simulator: SimulatorLink | None,
     interrupt: Interrupt,
 ) -> Iterator[float]:
@@ -119,10 +120,10 @@ def _paced(
             behind_s = STEP_S  # one step at least: a machine that is always late still flies, slowly
         for _ in range(int(behind_s / STEP_S + 1e-9)):
             fleet.step()
-            trouble.pass_time()
-            air.speak()
-            if trouble.broken:
-                air.deliver()
+            fault_injector.pass_time()
+            radio.speak()
+            if fault_injector.broken:
+                radio.deliver()
             if truth is not None:
                 truth.offer(fleet, fleet.time_s + dropped_s)
             if simulator is not None:
@@ -130,14 +131,16 @@ def _paced(
         yield max(fleet.time_s + STEP_S + dropped_s - time.monotonic(), 0.0)
 
 
-def _read(selector: selectors.BaseSelector, wait_s: float, air: Air, trouble: Trouble) -> None:
+def _read(
+    selector: selectors.BaseSelector, wait_s: float, radio: Radio, fault_injector: FaultInjector
+) -> None:
     """Wait for datagrams, until the next step at most; give more of them a moment to gather."""
     if not (ready := selector.select(wait_s)):
         return
     readers = [key.data for key, _ in ready]
     for reader in readers:
-        if not isinstance(reader, Endpoint) and not reader.read(trouble):
+        if not isinstance(reader, Endpoint) and not reader.read(fault_injector):
             selector.unregister(reader)
-    air.listen([reader for reader in readers if isinstance(reader, Endpoint)])
+    radio.listen([reader for reader in readers if isinstance(reader, Endpoint)])
     if wait_s > REST_S:
         time.sleep(REST_S)

@@ -23,7 +23,7 @@ PENETRATION_M = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Truth:
+class GroundTruth:
     """True states of n vehicles at k common times of the monotonic clock. Show frame."""
 
     time_s: Array  # (k,)
@@ -31,10 +31,10 @@ class Truth:
     airborne: Mask  # (k, n)
     landed_at_end: Mask  # (n,) on the ground, disarmed
 
-    def between(self, start_s: float, end_s: float) -> "Truth":
+    def between(self, start_s: float, end_s: float) -> "GroundTruth":
         """The part within a window."""
         rows = (self.time_s >= start_s) & (self.time_s <= end_s)
-        return Truth(self.time_s[rows], self.position_m[rows], self.airborne[rows], self.landed_at_end)
+        return GroundTruth(self.time_s[rows], self.position_m[rows], self.airborne[rows], self.landed_at_end)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class Commanded:
         return Commanded(time_s, values(self.center_m), values(self.radius_m), values(self.target_m))
 
 
-def read_truth(files: Sequence[Path], frame: ShowFrame) -> Truth:
+def read_truth(files: Sequence[Path], frame: ShowFrame) -> GroundTruth:
     """Join truth files, each with the same vehicles from beginning to end.
 
     Args:
@@ -77,7 +77,7 @@ def read_truth(files: Sequence[Path], frame: ShowFrame) -> Truth:
             position_m.append(frame.from_ned(np.stack(ned_m, axis=1)))
             airborne.append(np.interp(time_s, track.time_s, track.flying[:, i].astype(float)) > 0.5)
     down = np.concatenate([track.down for track in trajectories])
-    return Truth(time_s, np.stack(position_m, axis=1), np.stack(airborne, axis=1), down)
+    return GroundTruth(time_s, np.stack(position_m, axis=1), np.stack(airborne, axis=1), down)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +114,7 @@ def _read_trajectories(path: Path) -> _Trajectories:
     return _Trajectories(np.array(times_s), table[:, :, :3], flying, down)
 
 
-def separation(truth: Truth, floor: Floor) -> tuple[float, int]:
+def separation(truth: GroundTruth, floor: Floor) -> tuple[float, int]:
     """Smallest distance of the pairs that count, and how often a pair came inside the floor."""
     smallest_m, violations = np.inf, 0
     inside_before: set[tuple[int, int]] = set()
@@ -129,7 +129,7 @@ def separation(truth: Truth, floor: Floor) -> tuple[float, int]:
     return smallest_m, violations
 
 
-def shape(truth: Truth, commanded: Commanded) -> dict[str, float]:
+def shape(truth: GroundTruth, commanded: Commanded) -> dict[str, float]:
     """The formation over a steady window, noise averaged out: mean place of each drone about the centre.
 
     Returns: energy and nearest distance over those of the best known configuration, and the mean radius
@@ -149,14 +149,14 @@ def shape(truth: Truth, commanded: Commanded) -> dict[str, float]:
     }
 
 
-def orbit_error_m(truth: Truth, commanded: Commanded, orbit_radius_m: float) -> float:
+def orbit_error_m(truth: GroundTruth, commanded: Commanded, orbit_radius_m: float) -> float:
     """Root mean square of the true centroid's distance to the true target, less the orbit's radius."""
     desired = commanded.at(truth.time_s)
     distance_m = np.linalg.norm(truth.position_m.mean(axis=1)[:, :2] - desired.target_m, axis=1)
     return float(np.sqrt(np.mean((distance_m - orbit_radius_m) ** 2)))
 
 
-def penetrations(truth: Truth, obstacle: Obstacle) -> int:
+def penetrations(truth: GroundTruth, obstacle: Obstacle) -> int:
     """How often a drone came inside the box grown by a metre on all sides."""
     inside = (
         (np.abs(truth.position_m[:, :, 0] - obstacle.x_m) < obstacle.half_length_x_m + PENETRATION_M)

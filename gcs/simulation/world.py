@@ -40,7 +40,7 @@ def varied_response(count: int, world: World, random: np.random.Generator) -> Re
 
 
 @dataclass(slots=True, eq=False)
-class Air:
+class WindField:
     """Wind at every vehicle: the mean and a gust of its own (first-order Gauss-Markov)."""
 
     wind: Wind
@@ -76,7 +76,7 @@ class TrueWorld:
         self.row_of = {name: row for row, name in enumerate(self.ids)}
         self.time_s = 0.0
         self.response = varied_response(n, world, self._random)
-        self.air = Air(world.wind, world.wind.gust_m_s * self._random.standard_normal((n, 3)))
+        self.wind_field = WindField(world.wind, world.wind.gust_m_s * self._random.standard_normal((n, 3)))
         self.bodies = self._balanced(start_m)
         self._error = noise.draw(n, world.noise, self._random)
         self.in_air: Mask = np.ones(n, dtype=bool)
@@ -166,10 +166,10 @@ class TrueWorld:
         """One tick. Returns: the true positions (n, 3) after every integration step."""
         if self._world.noise:
             self._error = noise.step(self._error, self.tick_s, self._world.noise, self._random)
-        self.air.blow(self.tick_s, self._random)
+        self.wind_field.blow(self.tick_s, self._random)
         wind = self._world.wind
         windy = wind.gust_m_s or wind.mean_x_m_s or wind.mean_y_m_s
-        wind_m_s = self.air.velocity_m_s if windy else None
+        wind_m_s = self.wind_field.velocity_m_s if windy else None
         error_m_s = self._error.velocity_m_s if self._world.noise else None
         seen = []
         for index in range(self._steps):

@@ -29,7 +29,7 @@ REPORTED = ("accuracy", "fix", "sensor", "wrong-time")
 RECORDED = {"eph_m": 0.9, "epv_m": 1.78, "hdop": 0.7, "vdop": 1.1}
 
 
-class Trouble:
+class FaultInjector:
     """The faults of a fleet's vehicles; rows are the fleet's."""
 
     def __init__(self, fleet: Fleet) -> None:

@@ -22,7 +22,7 @@ ADDRESSES = 256
 SETPOINT_NAME = frames.SETPOINT.msgname
 
 
-class Ears:
+class Receiver:
     """A circle is the vehicles that hear one socket; their system ids differ."""
 
     def __init__(self, state: State, autopilots: Sequence[Autopilot]) -> None:

@@ -73,7 +73,7 @@ def sys_status(s: Snapshot) -> Fields:
 
 def extended_sys_state(s: Snapshot) -> Fields:
     """On the ground or not."""
-    return {"landed_state": s.watch.landed_state()[s.rows]}
+    return {"landed_state": s.transitions.landed_state()[s.rows]}
 
 
 def battery_status(s: Snapshot) -> Fields:
@@ -204,7 +204,7 @@ def odometry(s: Snapshot) -> Fields:
 def altitude(s: Snapshot) -> Fields:
     """Heights over everything."""
     local_m = -s.position_m[:, 2]
-    amsl_m, height_m = s.place[:, 2], s.sensed.height_m[s.rows]
+    amsl_m, height_m = s.place[:, 2], s.sensors.height_m[s.rows]
     return {
         "time_usec": s.boot_us,
         "altitude_monotonic": amsl_m,
@@ -218,7 +218,7 @@ def altitude(s: Snapshot) -> Fields:
 
 def distance_sensor(s: Snapshot) -> Fields:
     """A rangefinder that looks down, in centimetres."""
-    height_cm = np.clip(np.round(s.sensed.height_m[s.rows] * 100.0), 0, 65535)
+    height_cm = np.clip(np.round(s.sensors.height_m[s.rows] * 100.0), 0, 65535)
     return {
         "time_boot_ms": s.boot_ms,
         "max_distance": 10000,

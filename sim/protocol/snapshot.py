@@ -13,9 +13,9 @@ from gcs.sim.vehicle.dynamics import GRAVITY_M_S2
 if TYPE_CHECKING:
     from gcs.sim.vehicle.battery import Batteries
     from gcs.sim.vehicle.dynamics import Array, Mask
-    from gcs.sim.vehicle.sensors import Sensed
+    from gcs.sim.vehicle.sensors import Sensors
     from gcs.sim.vehicle.state import Numbers, Rows, State
-    from gcs.sim.vehicle.transitions import Watch
+    from gcs.sim.vehicle.transitions import Transitions
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +25,8 @@ class Snapshot:
     rows: Rows  # (m,), which
     unix_s: float
     state: State
-    sensed: Sensed
-    watch: Watch
+    sensors: Sensors
+    transitions: Transitions
     batteries: Batteries
 
     @cached_property
@@ -53,27 +53,27 @@ class Snapshot:
     @property
     def can_arm(self) -> Mask:
         """Who passes the prearm check."""
-        return self.watch.can_arm()[self.rows]
+        return self.transitions.can_arm()[self.rows]
 
     @property
     def position_m(self) -> Array:
         """Local NED."""
-        return self.sensed.position_m[self.rows]
+        return self.sensors.position_m[self.rows]
 
     @property
     def velocity_m_s(self) -> Array:
         """NED."""
-        return self.sensed.velocity_m_s[self.rows]
+        return self.sensors.velocity_m_s[self.rows]
 
     @property
     def ground_speed_m_s(self) -> Array:
         """Horizontal."""
-        return self.sensed.ground_speed_m_s[self.rows]
+        return self.sensors.ground_speed_m_s[self.rows]
 
     @cached_property
     def place(self) -> Array:
         """(m, 3): latitude and longitude in degrees, altitude AMSL in metres."""
-        return self.sensed.place(self.rows)
+        return self.sensors.place(self.rows)
 
     @property
     def yaw_rad(self) -> Array:
@@ -90,7 +90,7 @@ class Snapshot:
     def body_acceleration_m_s2(self) -> tuple[Array, Array, Array]:
         """Forward, right (by yaw only) and down; rest where the motors stand still."""
         felt = (self.powered & self.has_fix)[:, np.newaxis]
-        north, east, down = np.where(felt, self.sensed.acceleration_m_s2[self.rows], 0.0).T
+        north, east, down = np.where(felt, self.sensors.acceleration_m_s2[self.rows], 0.0).T
         cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         return cos * north + sin * east, cos * east - sin * north, down
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from gcs.sim.vehicle.dynamics import Array, Mask
     from gcs.sim.vehicle.params import Columns
     from gcs.sim.vehicle.quirks import Quirks
-    from gcs.sim.vehicle.sensors import Sensed
+    from gcs.sim.vehicle.sensors import Sensors
     from gcs.sim.vehicle.state import Rows, State
 
 BLIND_DESCENT_M_S = 0.9  # recorded after setpoint loss with nobody at the sticks (item 5)
@@ -47,7 +47,7 @@ class Guidance:
         self._commanders = commanders
         self._parameters = parameters
         self._quirks = quirks
-        self._ask: Mapping[int, Callable[[Rows, Sensed], Array]] = {
+        self._ask: Mapping[int, Callable[[Rows, Sensors], Array]] = {
             OFFBOARD: self._offboard,
             BY_HAND: self._by_hand,
             HOLD: self._towards,
@@ -56,7 +56,7 @@ class Guidance:
             RETURN: self._return,
         }
 
-    def velocity(self, sensed: Sensed, awake: Mask, dt_s: float) -> Array:
+    def velocity(self, sensors: Sensors, awake: Mask, dt_s: float) -> Array:
         """(n, 3): the velocity that each mode demands, bounded per axis as PX4 bounds it; rest for others."""
         state = self._state
         demand_m_s = np.zeros((state.count, 3))
@@ -67,13 +67,13 @@ class Guidance:
             return demand_m_s
         entering = rows[(state.mode[rows] != state.guided_mode[rows]) | ~state.armed[rows]]
         if len(entering):
-            self._enter(entering, sensed)
-        desired_m_s = self._desired(rows, sensed, dt_s)
+            self._enter(entering, sensors)
+        desired_m_s = self._desired(rows, sensors, dt_s)
         state.last_m_s[rows] = desired_m_s
         demand_m_s[rows] = self._bounded(rows, desired_m_s)
         return demand_m_s
 
-    def _desired(self, rows: Rows, sensed: Sensed, dt_s: float) -> Array:
+    def _desired(self, rows: Rows, sensors: Sensors, dt_s: float) -> Array:
         """What each one's mode asks for; the automatic ones accelerate gently."""
         flown = FLOWN_AS[self._state.mode[rows]]  # before a take-off that ends in this step
         kinds = set(flown.tolist())
@@ -82,7 +82,7 @@ class Guidance:
             if kind not in kinds:
                 continue
             chosen = slice(None) if len(kinds) == 1 else flown == kind
-            asked_m_s = ask(rows[chosen], sensed)
+            asked_m_s = ask(rows[chosen], sensors)
             gentle = kind not in {OFFBOARD, BY_HAND}
             desired_m_s[chosen] = self._slew(rows[chosen], asked_m_s, dt_s) if gentle else asked_m_s
         return desired_m_s
@@ -105,13 +105,13 @@ class Guidance:
         most_rad = np.radians(self._parameters["MPC_YAWRAUTO_MAX"][rows]) * dt_s
         state.yaw_rad[rows] = _wrapped(yaw_rad + _clipped(turn_rad, -most_rad, most_rad))
 
-    def _enter(self, rows: Rows, sensed: Sensed) -> None:
+    def _enter(self, rows: Rows, sensors: Sensors) -> None:
         """Take the target of a mode that begins: where the vehicle will have stopped, for most."""
         state, p = self._state, self._parameters
         mode = state.mode[rows]
-        state.guided_mode[rows], state.last_m_s[rows] = mode, sensed.velocity_m_s[rows]
+        state.guided_mode[rows], state.last_m_s[rows] = mode, sensors.velocity_m_s[rows]
         state.returning[rows], state.descend_from_s[rows] = False, np.inf
-        velocity_m_s, position_m = sensed.velocity_m_s[rows], sensed.position_m[rows]
+        velocity_m_s, position_m = sensors.velocity_m_s[rows], sensors.position_m[rows]
         across_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1]) / (2.0 * p["MPC_ACC_HOR"][rows])
         down_s = np.abs(velocity_m_s[:, 2]) / (2.0 * p["MPC_ACC_DOWN_MAX"][rows])
         stop_m = position_m + velocity_m_s * np.stack([across_s, across_s, down_s], axis=1)
@@ -119,25 +119,25 @@ class Guidance:
         climbing, homing = mode == TAKEOFF, mode == RETURN
         if climbing.any():
             stop_m[climbing, :2] = position_m[climbing, :2]
-            stop_m[climbing, 2] = self._takeoff_down_m(rows[climbing], sensed)
+            stop_m[climbing, 2] = self._takeoff_down_m(rows[climbing], sensors)
         if homing.any():
-            stop_m[homing, 2] = self._return_down_m(rows[homing], sensed)
+            stop_m[homing, 2] = self._return_down_m(rows[homing], sensors)
         state.target_m[rows] = stop_m
 
-    def _takeoff_down_m(self, rows: Rows, sensed: Sensed) -> Array:
+    def _takeoff_down_m(self, rows: Rows, sensors: Sensors) -> Array:
         """The takeoff altitude in local NED; never below the vehicle."""
-        state, down_m = self._state, sensed.position_m[rows, 2]
+        state, down_m = self._state, sensors.position_m[rows, 2]
         commanded_m = state.takeoff_altitude_amsl_m[rows]
         target_m: Array = state.home_m[rows, 2] - self._parameters["MIS_TAKEOFF_ALT"][rows]
         if not np.isnan(commanded_m).all():
-            above_m = commanded_m - sensed.place(rows)[:, 2]
+            above_m = commanded_m - sensors.place(rows)[:, 2]
             target_m = np.where(np.isnan(commanded_m), target_m, down_m - above_m)
         lowest_m: Array = np.minimum(down_m, target_m)
         return lowest_m
 
-    def _return_down_m(self, rows: Rows, sensed: Sensed) -> Array:
+    def _return_down_m(self, rows: Rows, sensors: Sensors) -> Array:
         """How high to fly home: RTL_RETURN_ALT, lower inside the cone around home, never lower than now."""
-        p, home_m, here_m = self._parameters, self._state.home_m[rows], sensed.position_m[rows]
+        p, home_m, here_m = self._parameters, self._state.home_m[rows], sensors.position_m[rows]
         distance_m = np.hypot(*(here_m - home_m)[:, :2].T)
         lowest_m, highest_m = p["RTL_DESCEND_ALT"][rows], p["RTL_RETURN_ALT"][rows]
         cone_deg = p["RTL_CONE_ANG"][rows]
@@ -149,27 +149,27 @@ class Guidance:
         down_m: Array = np.minimum(here_m[:, 2], home_m[:, 2] - height_m)
         return down_m
 
-    def _take_off(self, rows: Rows, sensed: Sensed) -> Array:
+    def _take_off(self, rows: Rows, sensors: Sensors) -> Array:
         state = self._state
-        gap_m = np.abs(state.target_m[rows, 2] - sensed.position_m[rows, 2])
+        gap_m = np.abs(state.target_m[rows, 2] - sensors.position_m[rows, 2])
         there = state.powered[rows] & (gap_m < self._parameters["NAV_MC_ALT_RAD"][rows])
         for row in rows[there].tolist():
             self._commanders[row].intend(Mode.HOLD)
             state.guided_mode[row] = HOLD  # hold at the takeoff's target, not where it is now
-        return self._towards(rows, sensed, climb_max_m_s=self._parameters["MPC_TKO_SPEED"][rows])
+        return self._towards(rows, sensors, climb_max_m_s=self._parameters["MPC_TKO_SPEED"][rows])
 
-    def _towards(self, rows: Rows, sensed: Sensed, climb_max_m_s: Array | None = None) -> Array:
+    def _towards(self, rows: Rows, sensors: Sensors, climb_max_m_s: Array | None = None) -> Array:
         """Fly to the target and stay."""
         p = self._parameters
         climb_m_s = p["MPC_Z_V_AUTO_UP"][rows] if climb_max_m_s is None else climb_max_m_s
-        down_m_s = p["MPC_Z_P"][rows] * (self._state.target_m[rows, 2] - sensed.position_m[rows, 2])
+        down_m_s = p["MPC_Z_P"][rows] * (self._state.target_m[rows, 2] - sensors.position_m[rows, 2])
         down_m_s = np.minimum(np.maximum(down_m_s, -climb_m_s), p["MPC_Z_V_AUTO_DN"][rows])
-        return self._across(rows, sensed, down_m_s)
+        return self._across(rows, sensors, down_m_s)
 
-    def _across(self, rows: Rows, sensed: Sensed, down_m_s: Array) -> Array:
+    def _across(self, rows: Rows, sensors: Sensors, down_m_s: Array) -> Array:
         """Horizontally towards the target, at most MPC_XY_CRUISE, and down_m_s."""
         p = self._parameters
-        way_m = self._state.target_m[rows, :2] + self._wander_m(rows) - sensed.position_m[rows, :2]
+        way_m = self._state.target_m[rows, :2] + self._wander_m(rows) - sensors.position_m[rows, :2]
         velocity_m_s = p["MPC_XY_P"][rows, np.newaxis] * way_m
         fastest_m_s = p["MPC_XY_CRUISE"][rows]
         speed_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
@@ -188,26 +188,26 @@ class Guidance:
         off_m: Array = wide_m[:, np.newaxis] * np.stack([np.cos(turn_rad), np.sin(turn_rad)], axis=1)
         return off_m
 
-    def _land(self, rows: Rows, sensed: Sensed) -> Array:
+    def _land(self, rows: Rows, sensors: Sensors) -> Array:
         """Sink over the target, slower from MPC_LAND_ALT1 to MPC_LAND_ALT2, slowest below MPC_LAND_ALT3."""
-        p, height_m = self._parameters, sensed.height_m[rows]
+        p, height_m = self._parameters, sensors.height_m[rows]
         fast_m_s, slow_m_s = p["MPC_Z_V_AUTO_DN"][rows], p["MPC_LAND_SPEED"][rows]
         upper_m, lower_m = p["MPC_LAND_ALT1"][rows], p["MPC_LAND_ALT2"][rows]
         share = np.minimum(np.maximum((height_m - lower_m) / np.maximum(upper_m - lower_m, TINY), 0.0), 1.0)
         sink_m_s = slow_m_s + share * (fast_m_s - slow_m_s)
         crawling = height_m < p["MPC_LAND_ALT3"][rows]
         sink_m_s = np.where(crawling, np.minimum(sink_m_s, p["MPC_LAND_CRWL"][rows]), sink_m_s)
-        return self._across(rows, sensed, sink_m_s)
+        return self._across(rows, sensors, sink_m_s)
 
-    def _return(self, rows: Rows, sensed: Sensed) -> Array:
+    def _return(self, rows: Rows, sensors: Sensors) -> Array:
         """Climb, fly home, descend to RTL_DESCEND_ALT, wait RTL_LAND_DELAY (negative: for ever), land."""
-        state, p, here_m = self._state, self._parameters, sensed.position_m[rows]
+        state, p, here_m = self._state, self._parameters, sensors.position_m[rows]
         home_m, was_returning = state.home_m[rows], state.returning[rows]
         high = ~was_returning & (here_m[:, 2] < state.target_m[rows, 2] + ARRIVED_M)
         state.returning[rows[high]] = True
         state.target_m[rows[high], :2] = home_m[high, :2]
         home_is_near = np.hypot(*(here_m - home_m)[:, :2].T) < ARRIVED_M
-        slow = sensed.ground_speed_m_s[rows] < STOPPED_M_S
+        slow = sensors.ground_speed_m_s[rows] < STOPPED_M_S
         over = was_returning & (state.descend_from_s[rows] == np.inf) & home_is_near & slow
         if over.any():
             wait_at_m = home_m[:, 2] - p["RTL_DESCEND_ALT"][rows]
@@ -215,22 +215,22 @@ class Guidance:
             state.target_m[rows[over]] = target_m[over]
             low = over & (here_m[:, 2] > target_m[:, 2] - ARRIVED_M)
             state.descend_from_s[rows[low]] = state.now_s
-        desired_m_s = self._towards(rows, sensed)
+        desired_m_s = self._towards(rows, sensors)
         delay_s = p["RTL_LAND_DELAY"][rows]
         landing = was_returning & (delay_s >= 0.0) & (state.now_s >= state.descend_from_s[rows] + delay_s)
         if landing.any():
-            desired_m_s[landing] = self._land(rows[landing], sensed)
+            desired_m_s[landing] = self._land(rows[landing], sensors)
         return desired_m_s
 
-    def _by_hand(self, rows: Rows, _sensed: Sensed) -> Array:
+    def _by_hand(self, rows: Rows, _sensors: Sensors) -> Array:
         """What the sticks say; with nobody at them it sinks."""
         piloted = self._state.piloted[rows, np.newaxis]
         return np.where(piloted, self._state.stick_m_s[rows], (0.0, 0.0, BLIND_DESCENT_M_S))
 
-    def _offboard(self, rows: Rows, sensed: Sensed) -> Array:
+    def _offboard(self, rows: Rows, sensors: Sensors) -> Array:
         """Follow the setpoint; one that cannot be flown is not followed at all (item 10)."""
         state = self._state
-        way_m: Array = state.setpoint_position_m[rows] - sensed.position_m[rows]
+        way_m: Array = state.setpoint_position_m[rows] - sensors.position_m[rows]
         velocity_m_s = state.setpoint_velocity_m_s[rows]
         way_m[np.isnan(way_m)] = velocity_m_s[np.isnan(velocity_m_s)] = 0.0
         desired_m_s: Array = velocity_m_s + self._parameters.axes("MPC_XY_P", "MPC_Z_P")[rows] * way_m

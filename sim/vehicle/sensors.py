@@ -18,7 +18,7 @@ MANY = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Sensed:
+class Sensors:
     """A fleet's estimates. Local NED is each vehicle's own: its origin is its first position fix."""
 
     position_m: Array  # (n, 3), local NED; NaN before the first fix

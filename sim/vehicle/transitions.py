@@ -33,7 +33,7 @@ OFFBOARD, TAKEOFF, LAND = Mode.OFFBOARD.number, Mode.TAKEOFF.number, Mode.LAND.n
 NOT_ARMABLE = np.array([mode in PREVENTS_ARMING for mode in MODES])
 
 
-class Watch:
+class Transitions:
     """Lets time pass for the commanders of a fleet."""
 
     def __init__(

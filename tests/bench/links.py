@@ -137,10 +137,10 @@ def requirements(row: Row, cost: Cost) -> list[Requirement]:
 def measured(row: Row) -> Cost:
     """One row. Raises: CannotError."""
     count, rate_hz = row.count, row.rate_hz
-    what, _, trouble = row.what.partition("-")
-    trouble = trouble or (what if what in {"silent", "garbage"} else "")
-    broken = round(BROKEN_SHARE * count) if trouble else 0
-    options = [f"--{trouble}", str(broken)] if trouble else []
+    what, _, fault_injector = row.what.partition("-")
+    fault_injector = fault_injector or (what if what in {"silent", "garbage"} else "")
+    broken = round(BROKEN_SHARE * count) if fault_injector else 0
+    options = [f"--{fault_injector}", str(broken)] if fault_injector else []
     if what in {"plainly", "wrapped"}:
         options.append("--own-ports")
     with flying(count, *options) as fleet:

@@ -41,7 +41,7 @@ class Supervisor:
 
 
 @dataclass(frozen=True)
-class Trouble:
+class FaultInjector:
     """A cause: how it comes about, and from when on the service knows of it."""
 
     begin: Callable[[Show], object]
@@ -64,34 +64,34 @@ def late(show: Show) -> None:
     show.link.takes_s = 0.15
 
 
-TROUBLES: Final[Mapping[AlarmCause, Trouble]] = {
-    AlarmCause.KILLED: Trouble(lambda show: show.service.kill(["d2"])),
-    AlarmCause.VEHICLE_LOST: Trouble(
+TROUBLES: Final[Mapping[AlarmCause, FaultInjector]] = {
+    AlarmCause.KILLED: FaultInjector(lambda show: show.service.kill(["d2"])),
+    AlarmCause.VEHICLE_LOST: FaultInjector(
         lambda show: show.link.silence("d3"), lambda show: show.vehicle("d3").phase is Phase.LOST
     ),
-    AlarmCause.OUTSIDE_CONTROL: Trouble(
+    AlarmCause.OUTSIDE_CONTROL: FaultInjector(
         lambda show: show.befall("d4", "pilot"), lambda show: show.vehicle("d4").phase is Phase.PILOT
     ),
-    AlarmCause.LOW_BATTERY: Trouble(
+    AlarmCause.LOW_BATTERY: FaultInjector(
         lambda show: show.befall("d5", "battery", remaining=0.15), reacts_to(Cause.LOW_BATTERY)
     ),
-    AlarmCause.CRITICAL_BATTERY: Trouble(
+    AlarmCause.CRITICAL_BATTERY: FaultInjector(
         lambda show: show.befall("d6", "battery", remaining=0.09), reacts_to(Cause.CRITICAL_BATTERY)
     ),
-    AlarmCause.BAD_POSITION: Trouble(
+    AlarmCause.BAD_POSITION: FaultInjector(
         lambda show: show.befall("d7", "accuracy", eph_m=9.0, epv_m=20.0), reacts_to(Cause.BAD_POSITION)
     ),
-    AlarmCause.TOO_CLOSE: Trouble(
+    AlarmCause.TOO_CLOSE: FaultInjector(
         near_each_other, lambda show: (show.view.minimum_separation_m or 9.0) < 2.0
     ),
-    AlarmCause.SERVICE_LATE: Trouble(late, reacts_to(Cause.SERVICE_LATE)),
-    AlarmCause.RECORD_FAILS: Trouble(
+    AlarmCause.SERVICE_LATE: FaultInjector(late, reacts_to(Cause.SERVICE_LATE)),
+    AlarmCause.RECORD_FAILS: FaultInjector(
         lambda show: setattr(show.link, "problems", ("link loop: recording to a fails: disk full",))
     ),
-    AlarmCause.DUPLICATE_SYSTEM_ID: Trouble(
+    AlarmCause.DUPLICATE_SYSTEM_ID: FaultInjector(
         lambda show: show.link.conflicts.update({"d8": "system id 8 at one address and at another"})
     ),
-    AlarmCause.LINK_FAILED: Trouble(
+    AlarmCause.LINK_FAILED: FaultInjector(
         lambda show: show.link.failures.append(LinkError("address already in use"))
     ),
 }
@@ -111,7 +111,7 @@ def listed(show: Show, cause: AlarmCause) -> Alarm | None:
     return next((alarm for alarm in show.view.alarms if alarm.cause is cause), None)
 
 
-async def all_shown(show: Show, feed: Feed, troubles: Mapping[AlarmCause, Trouble]) -> None:
+async def all_shown(show: Show, feed: Feed, troubles: Mapping[AlarmCause, FaultInjector]) -> None:
     """Wait until the console's stream tells each; no later than WITHIN_S after the service knew of it."""
     known_s: dict[AlarmCause, float] = {}
     waits = set(troubles)
@@ -145,7 +145,7 @@ def check_command(message: Mapping[str, Any]) -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_twelve_causes_in_any_order_are_each_listed_within_a_second_the_most_severe_on_top(seed: int) -> None:
     supervisor = Supervisor()
-    troubles = {**TROUBLES, AlarmCause.SUPERVISOR_GONE: Trouble(lambda _show: supervisor.leave())}
+    troubles = {**TROUBLES, AlarmCause.SUPERVISOR_GONE: FaultInjector(lambda _show: supervisor.leave())}
     causes = [*troubles]
     random.Random(seed).shuffle(causes)
     assert len(causes) == 12

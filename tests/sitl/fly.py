@@ -19,7 +19,7 @@ from pathlib import Path
 from sitl_flight import QUICK, TRUE_WITHIN_S, Account, Pace, SitlFlight
 from sitl_service import Service, ServiceError
 from sitl_simulators import PX4_PORT, PX4_SIMULATOR_PORT, FakeFleet, Pads, Px4Build, Px4Image, Simulators
-from sitl_truth import TruthRecorder
+from sitl_truth import GroundTruthRecorder
 
 from gcs.cli import demo_report as report
 from gcs.config import schema as configuration
@@ -69,7 +69,7 @@ def _run(given: argparse.Namespace, folder: Path) -> int:
     try:
         simulators = _simulators(given, pads, folder, lost)
         with (
-            TruthRecorder(given.simulator_port, given.vehicles) as truth,
+            GroundTruthRecorder(given.simulator_port, given.vehicles) as truth,
             closing(simulators),
             closing(service),
         ):
@@ -125,7 +125,7 @@ def _fly(flight: SitlFlight) -> str:
 
 
 def judge(
-    recorder: TruthRecorder, account: Account, config: configuration.Config, failure: str
+    recorder: GroundTruthRecorder, account: Account, config: configuration.Config, failure: str
 ) -> dict[str, object]:
     """The figures of the flight, from the simulators' true states; `verdict` is kept or broken."""
     truth, commanded = recorder.truth(config.frame), account.commanded()
@@ -175,9 +175,9 @@ def judge(
     }
 
 
-def _of(truth: report.Truth, rows: list[int]) -> report.Truth:
+def _of(truth: report.GroundTruth, rows: list[int]) -> report.GroundTruth:
     """Some of the vehicles."""
-    return report.Truth(
+    return report.GroundTruth(
         truth.time_s, truth.position_m[:, rows], truth.airborne[:, rows], truth.landed_at_end[rows]
     )
 

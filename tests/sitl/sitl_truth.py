@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from gcs.cli.demo_report import SAMPLE_S, Truth
+from gcs.cli.demo_report import SAMPLE_S, GroundTruth
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
 
@@ -23,7 +23,7 @@ GONE_S = 1.0
 LONGEST_DATAGRAM = 2048
 
 
-class TruthRecorder:
+class GroundTruthRecorder:
     """Receives HIL_STATE_QUATERNION of `count` vehicles on consecutive ports, on a thread of its own."""
 
     def __init__(self, first_port: int, count: int) -> None:
@@ -67,7 +67,7 @@ class TruthRecorder:
                         place = (message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
                         self._samples[index].append((now_s, *place, message.time_usec * 1e-6))
 
-    def truth(self, frame: ShowFrame) -> Truth:
+    def truth(self, frame: ShowFrame) -> GroundTruth:
         """All that was received, at common times, in the show frame.
 
         Raises: ValueError naming the vehicles that sent nothing.
@@ -88,7 +88,7 @@ class TruthRecorder:
             above_m = own_m[0, 2] - position_m[-1][:, 2]
             airborne.append((above_m > ABOVE_PAD_M) & (time_s < track[-1, 0] + GONE_S))
         flying = np.stack(airborne, axis=1)
-        return Truth(time_s, np.stack(position_m, axis=1), flying, ~flying[-1])
+        return GroundTruth(time_s, np.stack(position_m, axis=1), flying, ~flying[-1])
 
     def simulated_per_wall_s(self) -> float:
         """Simulated over wall time of the slowest vehicle; below 0.98 the machine was too slow."""

@@ -20,7 +20,7 @@ DESIRED_MODE = {
 }
 
 
-class Ears(VehicleTelemetry):
+class Receiver(VehicleTelemetry):
     """What the production link reads, and the numbers that MAVSDK reads for it."""
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class Ears(VehicleTelemetry):
             self.parameters[stated.param_id] = value
 
 
-def obeyed(verb: Verb, received: Ears) -> bool:
+def obeyed(verb: Verb, received: Receiver) -> bool:
     """Whether a vehicle's heartbeat shows that it obeyed, by the same rules as the production link's."""
     match verb:
         case Verb.ARM:
@@ -61,14 +61,14 @@ def obeyed(verb: Verb, received: Ears) -> bool:
             return received.mode is DESIRED_MODE[verb]
 
 
-def failure(command: Command, received: Ears, began_s: float) -> str:
+def failure(command: Command, received: Receiver, began_s: float) -> str:
     """Why an order failed, with what the vehicle itself said since."""
     stated = f'; it says "{received.text}"' if received.text_time_s >= began_s else ""
     state = f"it reports {received.mode}, {'armed' if received.armed else 'disarmed'}"
     return f"{command.vehicle_id}: {command.verb} sent, but not seen to happen: {state}{stated}"
 
 
-async def news(received: Ears, wait_s: float) -> None:
+async def news(received: Receiver, wait_s: float) -> None:
     """Until the next heartbeat, or `wait_s`."""
     try:
         async with asyncio.timeout(wait_s):

@@ -12,7 +12,7 @@ from math import inf, isfinite, nan, pi
 from typing import Any, NamedTuple
 
 import numpy as np
-from loopback_ears import INT32, Ears, failure, news, obeyed
+from loopback_ears import INT32, Receiver, failure, news, obeyed
 from pymavlink.dialects.v20 import common
 
 from gcs.links import Command, ParameterValue, Verb
@@ -24,7 +24,7 @@ from gcs.mavlink.framing import HEARTBEAT, PARAM_VALUE, kill_frame, parameter_va
 from gcs.model.errors import CommandError, LinkError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, Setpoints, Telemetry, VehicleId
-from gcs.sim.faults.injector import Origin, Trouble
+from gcs.sim.faults.injector import FaultInjector, Origin
 from gcs.sim.faults.link_faults import Channel
 from gcs.sim.fleet import STEP_S, Fleet
 from gcs.sim.protocol.autopilot import Autopilot
@@ -68,7 +68,7 @@ class LoopbackLink:
         sent, commands: what left for each vehicle, oldest first.
         failures: `run` raises the first of them, at once or while it runs, and forgets it.
         runs: how often `run` was called.
-        trouble: links that it has broken lose and delay what passes; None: all are sound.
+        fault_injector: links that it has broken lose and delay what passes; None: all are sound.
         addresses, conflicts, problems: what the properties of the same names say.
     """
 
@@ -89,7 +89,7 @@ class LoopbackLink:
         self._setpoint_timeout_s = setpoint_timeout_s
         self._row = {pilot.system_id: row for row, pilot in enumerate(fleet.autopilots)}
         self._mav = common.MAVLink(None, *STATION)
-        self._ears = {vehicle_id: Ears() for vehicle_id in vehicles}
+        self._receivers = {vehicle_id: Receiver() for vehicle_id in vehicles}
         self._locks = {vehicle_id: asyncio.Lock() for vehicle_id in vehicles}
         self._uplink: list[tuple[VehicleId, bytes]] = []
         self._setpoint_s = dict.fromkeys(vehicles, -inf)
@@ -107,7 +107,7 @@ class LoopbackLink:
         self.conflicts: dict[VehicleId, str] = {}
         self.addresses: dict[VehicleId, Address] = {}
         self.problems: tuple[str, ...] = ()
-        self.trouble: Trouble | None = None  # of the broken links that bytes pass
+        self.fault_injector: FaultInjector | None = None  # of the broken links that bytes pass
 
     # the link
 
@@ -142,40 +142,40 @@ class LoopbackLink:
             while self._fleet.time_s + STEP_S / 2 < loop.time():
                 self._deliver()
                 self._fleet.step()
-                if self.trouble is not None:
-                    self.trouble.pass_time()
+                if self.fault_injector is not None:
+                    self.fault_injector.pass_time()
                 self._listen(loop.time())
             await asyncio.sleep(self._fleet.time_s + STEP_S - loop.time())
         raise self.failures.pop(0)
 
     def snapshot(self) -> Telemetry:
         """The newest known of every vehicle."""
-        ears = tuple(self._ears.values())
-        motion = np.array([received.motion for received in ears])
+        receiver = tuple(self._receivers.values())
+        motion = np.array([received.motion for received in receiver])
         return Telemetry(
             ids=self.ids,
-            position_time_s=np.array([received.position_time_s for received in ears]),
-            heartbeat_time_s=np.array([received.heartbeat_time_s for received in ears]),
-            life_time_s=np.array([received.life_time_s for received in ears]),
+            position_time_s=np.array([received.position_time_s for received in receiver]),
+            heartbeat_time_s=np.array([received.heartbeat_time_s for received in receiver]),
+            life_time_s=np.array([received.life_time_s for received in receiver]),
             latitude_deg=motion[:, 0].copy(),
             longitude_deg=motion[:, 1].copy(),
             altitude_amsl_m=motion[:, 2].copy(),
             velocity_ned_m_s=motion[:, 3:6].copy(),
             yaw_deg=motion[:, 6].copy(),
-            battery_remaining=np.array([received.battery_remaining for received in ears]),
-            armed=tuple(received.armed for received in ears),
-            mode=tuple(received.mode for received in ears),
-            in_failsafe=tuple(received.in_failsafe for received in ears),
-            landed=tuple(received.landed for received in ears),
-            ready=tuple(received.prearm_ok for received in ears),
-            horizontal_accuracy_m=np.array([received.accuracy.horizontal_m for received in ears]),
-            vertical_accuracy_m=np.array([received.accuracy.vertical_m for received in ears]),
-            reboot_count=tuple(received.reboot_count for received in ears),
-            position_resets=tuple(received.position_resets for received in ears),
-            fix_type=np.array([received.fix_type for received in ears]),
-            unhealthy_sensors=np.array([received.unhealthy_sensors for received in ears], np.int64),
-            clock_base_s=np.array([received.clock_base_s for received in ears]),
-            texts=tuple(received.texts for received in ears),
+            battery_remaining=np.array([received.battery_remaining for received in receiver]),
+            armed=tuple(received.armed for received in receiver),
+            mode=tuple(received.mode for received in receiver),
+            in_failsafe=tuple(received.in_failsafe for received in receiver),
+            landed=tuple(received.landed for received in receiver),
+            ready=tuple(received.prearm_ok for received in receiver),
+            horizontal_accuracy_m=np.array([received.accuracy.horizontal_m for received in receiver]),
+            vertical_accuracy_m=np.array([received.accuracy.vertical_m for received in receiver]),
+            reboot_count=tuple(received.reboot_count for received in receiver),
+            position_resets=tuple(received.position_resets for received in receiver),
+            fix_type=np.array([received.fix_type for received in receiver]),
+            unhealthy_sensors=np.array([received.unhealthy_sensors for received in receiver], np.int64),
+            clock_base_s=np.array([received.clock_base_s for received in receiver]),
+            texts=tuple(received.texts for received in receiver),
         )
 
     def send(self, setpoints: Setpoints) -> None:
@@ -197,7 +197,7 @@ class LoopbackLink:
         if command.vehicle_id not in self._system_ids:
             raise UnknownError(f"{command.vehicle_id} is not on link {self._name}")
         loop = asyncio.get_running_loop()
-        received = self._ears[command.vehicle_id]
+        received = self._receivers[command.vehicle_id]
         self.commands[command.vehicle_id].append(SentCommand(loop.time(), command.verb))
         if command.verb is Verb.KILL:
             await self._kill(command, received)
@@ -219,7 +219,7 @@ class LoopbackLink:
     ) -> Mapping[str, ParameterValue]:
         """Ask for all at once, and again for those not answered. Raises: CommandError naming one."""
         loop = asyncio.get_running_loop()
-        known, target = self._ears[vehicle_id].parameters, self._system_ids[vehicle_id]
+        known, target = self._receivers[vehicle_id].parameters, self._system_ids[vehicle_id]
         self.parameter_reads.append((loop.time(), vehicle_id))
         for name in names:
             known.pop(name, None)
@@ -239,7 +239,7 @@ class LoopbackLink:
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
         """Set, and wait until the vehicle announces it. Raises: CommandError naming it."""
-        known, target = self._ears[vehicle_id].parameters, self._system_ids[vehicle_id]
+        known, target = self._receivers[vehicle_id].parameters, self._system_ids[vehicle_id]
         whole = isinstance(value, int)
         encoded = struct.unpack("<f", struct.pack("<i", value))[0] if whole else value
         kind = INT32 if whole else REAL32
@@ -319,7 +319,7 @@ class LoopbackLink:
         self._setpoint_s[vehicle_id] = now_s
         self.sent[vehicle_id].append(SentSetpoint(now_s, (north_m_s, east_m_s, down_m_s), yaw_rad))
 
-    def _post_command(self, command: Command, received: Ears) -> None:
+    def _post_command(self, command: Command, received: Receiver) -> None:
         match command.verb:
             case Verb.ARM | Verb.DISARM:
                 desired = float(command.verb is Verb.ARM)
@@ -335,14 +335,14 @@ class LoopbackLink:
                     command.vehicle_id, common.MAV_CMD_DO_SET_MODE, 129.0, *MODE_NUMBERS[command.verb]
                 )
 
-    def _refuse_the_impossible(self, command: Command, received: Ears, now_s: float) -> None:
+    def _refuse_the_impossible(self, command: Command, received: Receiver, now_s: float) -> None:
         fed = now_s - self._setpoint_s[command.vehicle_id] <= self._setpoint_timeout_s
         if command.verb is Verb.OFFBOARD and not fed:
             raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
         if command.verb is Verb.TAKEOFF and not received.armed:
             raise CommandError(f"{command.vehicle_id}: takeoff while disarmed; arm it first")
 
-    async def _kill(self, command: Command, received: Ears) -> None:
+    async def _kill(self, command: Command, received: Receiver) -> None:
         loop = asyncio.get_running_loop()
         began_s, target = loop.time(), self._system_ids[command.vehicle_id]
         while loop.time() - began_s < CONFIRM_S:
@@ -368,18 +368,18 @@ class LoopbackLink:
                 channel.into.put(frame, None, now_s)  # type: ignore[arg-type]  # its source is not used
         for row, channel in self._broken().items():
             arrived += [(row, frame) for frame, _ in channel.into.take(now_s)]
-        self._fleet.ears.hear(arrived)
+        self._fleet.receiver.hear(arrived)
         self._uplink.clear()
 
     def _broken(self) -> Mapping[int, Channel[Origin]]:
-        return {} if self.trouble is None else self.trouble.broken
+        return {} if self.fault_injector is None else self.fault_injector.broken
 
     def _listen(self, now_s: float) -> None:
         self.hear(self._fleet.take_frames(), now_s)
 
     def hear(self, stated: Mapping[int, list[bytes]], now_s: float) -> None:
         """Messages of the vehicles, by row, arrive."""
-        for vehicle_id, received in self._ears.items():
+        for vehicle_id, received in self._receivers.items():
             row = self._row[self._system_ids[vehicle_id]]
             arrived, channel = stated.get(row, []), self._broken().get(row)
             if channel is not None:

@@ -42,12 +42,12 @@ class Bench:
     def __init__(self, **settings: Any) -> None:
         settings = {"noise_scale": 0.0, "rates_hz": SELDOM_HZ, **settings}
         self.fleet = Fleet(Settings(**settings), start_s=START_S, unix_at_start_s=1.8e9)
-        self._circle = self.fleet.ears.circle(range(len(self.fleet.autopilots)))
+        self._circle = self.fleet.receiver.circle(range(len(self.fleet.autopilots)))
         self.received: list[tuple[float, Any]] = []
         self.repeated: Any = None  # a setpoint, 20 times a second
         self.heartbeats = True
         self._mav = common.MAVLink(None, *STATION)
-        self._ears = common.MAVLink(None)
+        self._receivers = common.MAVLink(None)
         self._ticks = 0
 
     @property
@@ -74,7 +74,7 @@ class Bench:
         self.send_bytes(self.frame(message))
 
     def send_bytes(self, datagram: bytes) -> None:
-        self.fleet.ears.hear([(self._circle, datagram)])
+        self.fleet.receiver.hear([(self._circle, datagram)])
         self._hear(self.fleet.take_frames(streams=False))
 
     def run(self, duration_s: float) -> Bench:
@@ -178,7 +178,7 @@ class Bench:
     def _hear(self, stated: dict[int, list[bytes]]) -> None:
         for frame in chain.from_iterable(stated.values()):
             assert frame[0] == 0xFD
-            self.received.append((self.now_s, self._ears.decode(bytearray(frame))))
+            self.received.append((self.now_s, self._receivers.decode(bytearray(frame))))
 
 
 def setpoint(north: float, east: float, down: float, mask: int, **more: Any) -> Any:

@@ -25,7 +25,7 @@ from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction, VehicleAction
 from gcs.service.vehicle_table import VehicleView
-from gcs.sim.faults.injector import Trouble
+from gcs.sim.faults.injector import FaultInjector
 from gcs.sim.fleet import Fleet, Settings
 
 T = TypeVar("T")
@@ -170,7 +170,7 @@ class Show:
         self.fleet = fleet
         self.link = link
         self.service = service
-        self._trouble = link.trouble = Trouble(fleet)
+        self._fault_injector = link.fault_injector = FaultInjector(fleet)
         self.refusals: list[str] = []
         self._moments: list[Sample] = []
 
@@ -201,7 +201,7 @@ class Show:
     def befall(self, vehicle_id: VehicleId, fault: str, **values: float | str) -> None:
         """Have a vehicle suffer a fault, as `gcs sim --control` would be ordered to."""
         command = {"vehicle": self.config.ids.index(vehicle_id) + 1, "fault": fault, **values}
-        answer = json.loads(self._trouble.obey(json.dumps(command)))
+        answer = json.loads(self._fault_injector.obey(json.dumps(command)))
         if not answer["ok"] or "unmoved" in answer:
             raise ValueError(f"{command}: {answer}")
 

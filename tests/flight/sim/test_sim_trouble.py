@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 from sim_bench import HOLD, OFFBOARD, POSITION, Bench
 
-from gcs.sim.faults.injector import Trouble
+from gcs.sim.faults.injector import FaultInjector
 from gcs.sim.faults.link_faults import Jammer, Way
 
 DENIED = 2
 
 
-def command(trouble: Trouble, **fields: Any) -> dict[str, Any]:
-    return dict(json.loads(trouble.obey(json.dumps({"vehicle": 1, **fields}))))
+def command(fault_injector: FaultInjector, **fields: Any) -> dict[str, Any]:
+    return dict(json.loads(fault_injector.obey(json.dumps({"vehicle": 1, **fields}))))
 
 
 def way(**ills: float) -> Way[int]:
@@ -82,28 +82,28 @@ def test_a_jammer_sends_garbage_at_its_rate() -> None:
 
 def test_faults_of_a_link_end_by_themselves_or_by_none() -> None:
     bench = Bench()
-    trouble = Trouble(bench.fleet)
-    assert command(trouble, fault="silence", for_s=2.0)["ok"]
-    assert command(trouble, fault="loss", share=0.5, way="out")["ok"]
-    channel = trouble.broken[0]
+    fault_injector = FaultInjector(bench.fleet)
+    assert command(fault_injector, fault="silence", for_s=2.0)["ok"]
+    assert command(fault_injector, fault="loss", share=0.5, way="out")["ok"]
+    channel = fault_injector.broken[0]
     assert (channel.into.ills.silent, channel.into.ills.loss, channel.out.ills.loss) == (True, 0.0, 0.5)
     bench.run(2.1)
-    trouble.pass_time()
+    fault_injector.pass_time()
     assert (channel.out.ills.silent, channel.out.ills.loss) == (False, 0.5)
-    assert command(trouble, fault="none")["ok"]
-    assert not trouble.broken
+    assert command(fault_injector, fault="none")["ok"]
+    assert not fault_injector.broken
 
 
 def test_a_position_that_jumps_is_reported_and_flown_back() -> None:
     bench = Bench().fly_offboard()
-    trouble = Trouble(bench.fleet)
+    fault_injector = FaultInjector(bench.fleet)
     before = bench.last("LOCAL_POSITION_NED").x
     counter = bench.last("ODOMETRY").reset_counter
-    command(trouble, fault="gps-jump", north_m=8.0)
+    command(fault_injector, fault="gps-jump", north_m=8.0)
     bench.run(0.2)
     assert bench.last("LOCAL_POSITION_NED").x == pytest.approx(before + 8.0, abs=0.2)
     assert bench.last("ODOMETRY").reset_counter == counter
-    command(trouble, fault="position-reset", north_m=-8.0)
+    command(fault_injector, fault="position-reset", north_m=-8.0)
     bench.run(0.2)
     assert bench.last("LOCAL_POSITION_NED").x == pytest.approx(before, abs=0.2)
     assert bench.last("ODOMETRY").reset_counter == counter + 1
@@ -111,8 +111,8 @@ def test_a_position_that_jumps_is_reported_and_flown_back() -> None:
 
 def test_a_frozen_receiver_repeats_its_position() -> None:
     bench = Bench().fly_offboard()
-    trouble = Trouble(bench.fleet)
-    command(trouble, fault="gps-freeze", for_s=3.0)
+    fault_injector = FaultInjector(bench.fleet)
+    command(fault_injector, fault="gps-freeze", for_s=3.0)
     bench.stream(3.0, 0.0, 0.0)
     begin_s = bench.now_s + 0.05
     bench.run(2.5)
@@ -120,30 +120,30 @@ def test_a_frozen_receiver_repeats_its_position() -> None:
     assert len(reported) == 1
     assert bench.last("GLOBAL_POSITION_INT").vx > 150
     bench.run(1.0)
-    trouble.pass_time()
+    fault_injector.pass_time()
     bench.run(0.2)
     assert (bench.last("GLOBAL_POSITION_INT").lat, 0) != (reported.pop()[0], 0)
 
 
 def test_accuracy_is_reported_in_gps_raw_int() -> None:
     bench = Bench().ready()
-    command(Trouble(bench.fleet), fault="accuracy", eph_m=4.5, epv_m=7.0, hdop=2.5)
+    command(FaultInjector(bench.fleet), fault="accuracy", eph_m=4.5, epv_m=7.0, hdop=2.5)
     gps = bench.run(0.5).last("GPS_RAW_INT")
     assert (gps.h_acc, gps.v_acc, gps.eph, gps.epv) == (4500, 7000, 250, 110)
 
 
 def test_a_worse_fix_and_a_wrong_time_are_reported_until_their_time_is_over() -> None:
     bench = Bench().ready()
-    trouble = Trouble(bench.fleet)
+    fault_injector = FaultInjector(bench.fleet)
     true_us = bench.run(1.1).last("SYSTEM_TIME").time_unix_usec
     assert true_us > 1.79e15
-    command(trouble, fault="fix", type="2d", for_s=2.0)
-    command(trouble, fault="wrong-time", ahead_s=-3600.0, for_s=2.0)
+    command(fault_injector, fault="fix", type="2d", for_s=2.0)
+    command(fault_injector, fault="wrong-time", ahead_s=-3600.0, for_s=2.0)
     bench.run(1.5)
     assert bench.last("GPS_RAW_INT").fix_type == 2
     assert (true_us - bench.last("SYSTEM_TIME").time_unix_usec) / 1e6 == pytest.approx(3598.5, abs=1.1)
     bench.run(1.0)
-    trouble.pass_time()
+    fault_injector.pass_time()
     bench.run(1.5)
     assert bench.last("GPS_RAW_INT").fix_type == 3
     assert bench.last("SYSTEM_TIME").time_unix_usec > true_us
@@ -152,12 +152,12 @@ def test_a_worse_fix_and_a_wrong_time_are_reported_until_their_time_is_over() ->
 @pytest.mark.parametrize(("which", "bit"), [("gyro", 0x1), ("ahrs", 0x200000)])
 def test_a_sick_sensor_is_reported_and_keeps_the_vehicle_from_arming(which: str, bit: int) -> None:
     bench = Bench().ready()
-    trouble = Trouble(bench.fleet)
+    fault_injector = FaultInjector(bench.fleet)
     assert bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health & bit
-    command(trouble, fault="sensor", which=which)
+    command(fault_injector, fault="sensor", which=which)
     health = bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health
     assert not health & (bit | 0x10000000)
-    command(trouble, fault="none")
+    command(fault_injector, fault="none")
     assert bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health & bit
 
 
@@ -165,7 +165,7 @@ def test_a_reboot_on_the_ground_restarts_the_clock_disarms_and_restores_the_stre
     bench = Bench().ready()
     bench.command(511, common.MAVLINK_MSG_ID_ATTITUDE, -1)
     bench.arm()
-    command(Trouble(bench.fleet), fault="reboot", off_s=0.0)
+    command(FaultInjector(bench.fleet), fault="reboot", off_s=0.0)
     bench.run(1.2)
     assert not bench.armed
     assert bench.last("ATTITUDE").time_boot_ms < 1300
@@ -175,13 +175,13 @@ def test_a_reboot_on_the_ground_restarts_the_clock_disarms_and_restores_the_stre
 
 def test_a_reboot_in_the_air_stops_the_motors_unless_reported_to_go_on() -> None:
     bench = Bench().take_off()
-    trouble = Trouble(bench.fleet)
-    command(trouble, fault="reboot", off_s=0.0, motors="go-on")
+    fault_injector = FaultInjector(bench.fleet)
+    command(fault_injector, fault="reboot", off_s=0.0, motors="go-on")
     bench.run(1.0)
     assert bench.armed
     assert bench.last("ATTITUDE").time_boot_ms < 1_000_000
     height_m = -bench.truth[2]
-    command(trouble, fault="reboot", off_s=0.0)
+    command(fault_injector, fault="reboot", off_s=0.0)
     assert -bench.run(1.0).truth[2] < height_m - 3.0
     assert not bench.fleet.autopilots[0].commander.armed
 
@@ -197,39 +197,39 @@ def test_a_reboot_by_command_is_denied_while_armed() -> None:
 
 def test_a_clock_can_jump_back() -> None:
     bench = Bench().run(8.0)
-    command(Trouble(bench.fleet), fault="clock-jump", by_s=-5.0)
+    command(FaultInjector(bench.fleet), fault="clock-jump", by_s=-5.0)
     assert bench.run(0.1).last("ATTITUDE").time_boot_ms == pytest.approx(3000, abs=200)
 
 
 def test_a_battery_can_be_set() -> None:
     bench = Bench().ready()
-    command(Trouble(bench.fleet), fault="battery", remaining=0.31)
+    command(FaultInjector(bench.fleet), fault="battery", remaining=0.31)
     assert bench.run(1.0).last("SYS_STATUS").battery_remaining == 31
 
 
 @pytest.mark.parametrize(("answer", "result"), [("accepted", 0), ("rejected", 1)])
 def test_a_stuck_mode_stays_whatever_is_answered(answer: str, result: int) -> None:
     bench = Bench().take_off()
-    trouble = Trouble(bench.fleet)
-    command(trouble, fault="stuck-mode", answer=answer)
+    fault_injector = FaultInjector(bench.fleet)
+    command(fault_injector, fault="stuck-mode", answer=answer)
     assert bench.set_mode((4, 6)) == [0, result]
     assert bench.run(1.1).mode == HOLD
-    command(trouble, fault="none")
+    command(fault_injector, fault="none")
     bench.set_mode((4, 6))
     assert bench.run(1.1).mode == (4, 6)
 
 
 def test_a_pilot_takes_over_by_the_switch_always_and_by_the_sticks_as_com_rc_override_allows() -> None:
     bench = Bench().fly_offboard()
-    trouble = Trouble(bench.fleet)
-    assert command(trouble, fault="pilot", by="sticks")["unmoved"] == [1]
+    fault_injector = FaultInjector(bench.fleet)
+    assert command(fault_injector, fault="pilot", by="sticks")["unmoved"] == [1]
     assert bench.run(1.1).mode == OFFBOARD
     bench.set_parameter("COM_RC_OVERRIDE", 3)
-    assert "unmoved" not in command(trouble, fault="pilot", by="sticks", east_m_s=2.0)
+    assert "unmoved" not in command(fault_injector, fault="pilot", by="sticks", east_m_s=2.0)
     bench.run(5.0)
     assert bench.mode == POSITION
     assert bench.velocity[1] > 1.2
-    command(trouble, fault="none")
+    command(fault_injector, fault="none")
     assert bench.run(1.1).mode == HOLD
 
 
@@ -253,14 +253,14 @@ def test_a_pilot_takes_over_by_the_switch_always_and_by_the_sticks_as_com_rc_ove
     ],
 )
 def test_a_bad_order_is_answered_with_an_error_and_changes_nothing(line: str, says: str) -> None:
-    trouble = Trouble(Bench().fleet)
-    answer = json.loads(trouble.obey(line))
+    fault_injector = FaultInjector(Bench().fleet)
+    answer = json.loads(fault_injector.obey(line))
     assert answer["ok"] is False
     assert says in answer["error"]
-    assert not trouble.broken
+    assert not fault_injector.broken
 
 
-GARBLED = Trouble(Bench().fleet)
+GARBLED = FaultInjector(Bench().fleet)
 
 
 @given(st.binary(max_size=80))

@@ -8,7 +8,7 @@ import pytest
 
 from gcs.cli.demo_report import (
     Commanded,
-    Truth,
+    GroundTruth,
     orbit_error_m,
     penetrations,
     read_truth,
@@ -28,9 +28,9 @@ TIME_S = np.arange(0.0, 10.0, 0.02)
 BOX = Obstacle("b", 0.0, 0.0, 3.0, 3.0, 20.0)
 
 
-def truth(position_m: Array, *, airborne: bool = True) -> Truth:
+def truth(position_m: Array, *, airborne: bool = True) -> GroundTruth:
     k, n, _ = position_m.shape
-    return Truth(TIME_S[:k], position_m, np.full((k, n), airborne), np.zeros(n, dtype=bool))
+    return GroundTruth(TIME_S[:k], position_m, np.full((k, n), airborne), np.zeros(n, dtype=bool))
 
 
 def flight(*trajectories: Array) -> Array:

@@ -24,10 +24,10 @@ def received(fleet: Fleet) -> list[tuple[int, bytes]]:
 def test_every_stream_is_byte_equal_to_pymavlinks() -> None:
     fleet = Fleet(Settings(count=5, grid_columns=3, heading_deg=120.0, seed=4), start_s=0.0)
     seen = set()
-    ears = common.MAVLink(None)
+    receiver = common.MAVLink(None)
     for _ in range(900):
         for row, frame in received(fleet):
-            message: Any = ears.decode(bytearray(frame))
+            message: Any = receiver.decode(bytearray(frame))
             voice = common.MAVLink(None, srcSystem=row + 1, srcComponent=1)
             voice.seq = message.get_seq()
             assert bytes(message.pack(voice)) == frame
@@ -96,11 +96,11 @@ def test_only_what_claims_to_be_the_autopilot_itself_is_not_received(
     sender: tuple[int, int], heeded: bool
 ) -> None:
     fleet = Fleet(Settings(count=2, first=243), start_s=0.0)
-    circle = fleet.ears.circle([0, 1])
+    circle = fleet.receiver.circle([0, 1])
     message = common.MAVLink_set_position_target_local_ned_message(
         0, 245, 1, 1, 0x9C7, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0
     )
-    fleet.ears.hear([(circle, bytes(message.pack(common.MAVLink(None, *sender))))])
+    fleet.receiver.hear([(circle, bytes(message.pack(common.MAVLink(None, *sender))))])
     assert fleet.state.setpoint_seen.tolist() == [False, heeded]
 
 
