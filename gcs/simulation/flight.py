@@ -218,9 +218,9 @@ class FormationRun(SimulatedFlight):
         orbit = Orbit(flight.orbit.radius_m, flight.orbit.speed_m_s, flight.orbit.direction)
         self._boxes = _boxes_of(flight)
         self._target_m = np.array([flight.target.x_m, flight.target.y_m])
-        if flight.random_boxes is not None:
+        if flight.random_obstacles is not None:
             avoidance = scenario.control.law.avoidance
-            drawn = draw_world(self._random, flight.random_boxes, avoidance, radius_m)
+            drawn = draw_world(self._random, flight.random_obstacles, avoidance, radius_m)
             orbit = Orbit(drawn.orbit_radius_m, drawn.speed_m_s)
             self._boxes = list(zip(drawn.boxes, drawn.appear_s, strict=True))
             self._target_m = np.array(drawn.target_m)
@@ -322,7 +322,7 @@ class FormationRun(SimulatedFlight):
 
     def finished(self) -> bool:
         """When all are down; among random boxes some time after the last came nearer to one."""
-        if self.flight.random_boxes is not None:
+        if self.flight.random_obstacles is not None:
             return self._past_all_boxes()
         return self._ended and not self.record.in_air[-1].any()
 

@@ -8,7 +8,7 @@ import numpy as np
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
-from gcs.simulation.scenario import RandomBoxes
+from gcs.simulation.scenario import RandomObstacles
 
 TRIES = 2000
 """Of placing one box; a field that is full then gets fewer."""
@@ -21,7 +21,7 @@ START_CLEAR_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class BoxWorld:
+class ObstacleWorld:
     """The centre flies from the origin to the target, or round the origin; boxes are in the way."""
 
     target_m: tuple[float, float]
@@ -32,8 +32,8 @@ class BoxWorld:
 
 
 def draw_world(
-    random: np.random.Generator, settings: RandomBoxes, avoidance: AvoidanceSettings, sphere_m: float
-) -> BoxWorld:
+    random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
+) -> ObstacleWorld:
     """A world as the scenario wants it, for a sphere of that radius."""
     if settings.kind == "one":
         return _one_in_the_way(random, settings, avoidance, sphere_m)
@@ -43,8 +43,8 @@ def draw_world(
 
 
 def _one_in_the_way(
-    random: np.random.Generator, settings: RandomBoxes, avoidance: AvoidanceSettings, sphere_m: float
-) -> BoxWorld:
+    random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
+) -> ObstacleWorld:
     """One box that stands where the sphere's straight way leads, and a target behind it."""
     ahead, aside = _course(random)
     half_m = _half_lengths_m(random, settings)
@@ -60,10 +60,12 @@ def _one_in_the_way(
     sudden = random.random() < settings.sudden_share
     appears_s = random.uniform(0.0, spare_m / speed_m_s) if sudden else 0.0
     box = _box("box 1", place_m, half_m, height_m)
-    return BoxWorld((float(target_m[0]), float(target_m[1])), speed_m_s, (box,), (appears_s,))
+    return ObstacleWorld((float(target_m[0]), float(target_m[1])), speed_m_s, (box,), (appears_s,))
 
 
-def _one_on_the_orbit(random: np.random.Generator, settings: RandomBoxes, sphere_m: float) -> BoxWorld:
+def _one_on_the_orbit(
+    random: np.random.Generator, settings: RandomObstacles, sphere_m: float
+) -> ObstacleWorld:
     """The orbit of the centre, begun at angle 0, runs through the box."""
     turn_rad = random.uniform(0.5 * pi, 1.5 * pi)
     off_m = settings.orbit_radius_m + random.uniform(-4.0, 4.0)
@@ -72,12 +74,12 @@ def _one_on_the_orbit(random: np.random.Generator, settings: RandomBoxes, sphere
     speed_m_s = random.uniform(settings.speed_min_m_s, settings.speed_max_m_s)
     place_m = off_m * np.array([cos(turn_rad), sin(turn_rad)])
     box = _box("box 1", place_m, half_m, height_m)
-    return BoxWorld((0.0, 0.0), speed_m_s, (box,), (0.0,), settings.orbit_radius_m)
+    return ObstacleWorld((0.0, 0.0), speed_m_s, (box,), (0.0,), settings.orbit_radius_m)
 
 
 def _many(
-    random: np.random.Generator, settings: RandomBoxes, avoidance: AvoidanceSettings, sphere_m: float
-) -> BoxWorld:
+    random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
+) -> ObstacleWorld:
     """Boxes between start and target; some overlap, some move, all leave a passage."""
     ahead, aside = _course(random)
     target_m = settings.length_m * ahead
@@ -95,7 +97,7 @@ def _many(
     late_s = random.uniform(0.0, settings.sudden_until_s, len(boxes))
     sudden = random.random(len(boxes)) < settings.sudden_share
     appear_s = tuple(np.where(sudden, late_s, 0.0).tolist())
-    return BoxWorld((float(target_m[0]), float(target_m[1])), speed_m_s, tuple(boxes), appear_s)
+    return ObstacleWorld((float(target_m[0]), float(target_m[1])), speed_m_s, tuple(boxes), appear_s)
 
 
 def _course(random: np.random.Generator) -> tuple[Array, Array]:
@@ -104,7 +106,7 @@ def _course(random: np.random.Generator) -> tuple[Array, Array]:
     return np.array([cos(heading_rad), sin(heading_rad)]), np.array([-sin(heading_rad), cos(heading_rad)])
 
 
-def _half_lengths_m(random: np.random.Generator, settings: RandomBoxes) -> Array:
+def _half_lengths_m(random: np.random.Generator, settings: RandomObstacles) -> Array:
     return random.uniform(settings.half_length_min_m, settings.half_length_max_m, 2)
 
 
@@ -116,7 +118,7 @@ def _box(
 
 
 def _somewhere(
-    random: np.random.Generator, settings: RandomBoxes, place_m: Array, speed_m_s: float, name: str
+    random: np.random.Generator, settings: RandomObstacles, place_m: Array, speed_m_s: float, name: str
 ) -> Obstacle:
     half_m = _half_lengths_m(random, settings)
     height_m = random.uniform(settings.height_min_m, settings.height_max_m)
@@ -127,7 +129,7 @@ def _somewhere(
 
 
 def _clear_of_ends(
-    box: Obstacle, settings: RandomBoxes, avoidance: AvoidanceSettings, target_m: Array, sphere_m: float
+    box: Obstacle, settings: RandomObstacles, avoidance: AvoidanceSettings, target_m: Array, sphere_m: float
 ) -> bool:
     """Nobody is near the start at the beginning, nor ever near the sphere at the target."""
     for time_s in MOMENTS_S if box.speed_m_s else MOMENTS_S[:1]:

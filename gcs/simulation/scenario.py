@@ -103,7 +103,7 @@ class Box(StandingBox):
     velocity_y_m_s: float = 0.0
 
 
-class RandomBoxes(Settings):
+class RandomObstacles(Settings):
     """Boxes drawn at random for every seed, in the way of a formation that flies at once."""
 
     kind: Literal["one", "many", "on-orbit"]
@@ -151,7 +151,9 @@ class FormationFlight(Settings):
     center_moves_from_s: NotNegative = 0.0
     target: TargetPath = TargetPath()
     boxes: tuple[Box, ...] = ()
-    random_boxes: RandomBoxes | None = None  # also set target, orbit and speed; only with start: sphere
+    random_obstacles: RandomObstacles | None = (
+        None  # also set target, orbit and speed; only with start: sphere
+    )
     leave_share: Share = 0.0  # of the vehicles vanish at `change_s`
     join: Annotated[int, Field(ge=0)] = 0  # vehicles that hover beside the others join at `change_s`
     change_s: NotNegative = 0.0
@@ -232,8 +234,8 @@ class Scenario(Settings):
             for what, when_s in (("change_s", flight.change_s), ("ending_s", flight.ending_s)):
                 if when_s >= self.duration_s:
                     raise ValueError(f"flight.{what} = {when_s:g}: before duration_s = {self.duration_s:g}")
-            if flight.random_boxes is not None and flight.start != "sphere":
-                raise ValueError("flight.random_boxes: the formation flies at once, so start: sphere")
+            if flight.random_obstacles is not None and flight.start != "sphere":
+                raise ValueError("flight.random_obstacles: the formation flies at once, so start: sphere")
         return self
 
 
