@@ -18,7 +18,15 @@ import numpy as np
 
 from gcs.cli import demo_report as report
 from gcs.cli import eventloop, logs
-from gcs.cli.demo_script import ORBIT_RADIUS_M, Marks, StoppedEarlyError, Story, home_s, shortest_s, whole_s
+from gcs.cli.demo_script import (
+    ORBIT_RADIUS_M,
+    DemoScript,
+    Marks,
+    StoppedEarlyError,
+    home_s,
+    shortest_s,
+    whole_s,
+)
 from gcs.cli.output import REFUSED, Say, failed, lines, print_json
 from gcs.cli.serve import running
 from gcs.client import Client
@@ -145,7 +153,7 @@ async def _fly(
     def describe(text: str, **facts: object) -> None:
         time_s = time.monotonic() - began_s
         line = text if arguments.json else f"[{time_s:6.1f} s] {text}"
-        say("story", line, time_s=round(time_s, 3), **facts)
+        say("script", line, time_s=round(time_s, 3), **facts)
 
     with fake_fleet(config, arguments, truth):
         async with running(config) as (orchestrator, port):
@@ -158,9 +166,9 @@ async def _fly(
             with Client(url) as client:
                 whole = arguments.seconds >= whole_s(arguments.vehicles, _top_m(config))
                 landing_s = home_s(_top_m(config))
-                story = Story(client, arguments.seconds, describe, landing_s=landing_s, whole=whole)
-                failure = await _tell(story)
-            marks = story.marks
+                script = DemoScript(client, arguments.seconds, describe, landing_s=landing_s, whole=whole)
+                failure = await _tell(script)
+            marks = script.marks
             recorder.cancel()
             tick_p99_ms = orchestrator.view.value.tick.duration_p99_ms
             sent = orchestrator.view.value.setpoints_sent
@@ -170,15 +178,15 @@ async def _fly(
     return figures | {"tick_p99_ms": round(tick_p99_ms, 3), "setpoints_sent": sent}
 
 
-async def _tell(story: Story) -> GcsError | None:
+async def _tell(script: DemoScript) -> GcsError | None:
     """Tell it on a thread of its own; Ctrl-C brings the fleet home.
 
     Returns: what ended it early, if anything did.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, story.interrupt)
+        asyncio.get_running_loop().add_signal_handler(number, script.interrupt)
     try:
-        await asyncio.to_thread(story.fly)
+        await asyncio.to_thread(script.fly)
     except GcsError as failure:
         return failure
     return None

@@ -74,7 +74,7 @@ def shortest_s(vehicles: int, stagger_s: float, top_m: float) -> float:
     return ceil((up_s + SHORT_SETTLE_S + STEADY_S + home_s(top_m)) / 10.0) * 10.0
 
 
-class Story:
+class DemoScript:
     """Tells the story; every step is an API call."""
 
     def __init__(
