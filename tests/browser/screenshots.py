@@ -74,7 +74,7 @@ class Photographer:
         for width, height in EVERY if self.every else sizes:
             ui.page.set_viewport_size({"width": width, "height": height})
             ui.page.wait_for_timeout(LAID_OUT_MS)
-            is_small = ui.part("desk").get_attribute("data-layout") in {"sheet", "side"}
+            is_small = ui.part("panels").get_attribute("data-layout") in {"sheet", "side"}
             for side, panel in zip(("right", "left"), reversed(panels), strict=True):
                 _open(ui, side, None if is_small else panel)
             self.take(ui.page, f"{name}-{width}x{height}")
@@ -126,7 +126,7 @@ def fly(camera: Photographer, ui: Console, client: Client, control: int) -> None
     client.change_orbit(radius_m=14.0, speed_m_s=2.0)
     time.sleep(4 * SETTLED_S)
     camera.shoot(ui, "scene", None, None)
-    camera.shoot(ui, "desk", "shape", "plots", sizes=DESKS)
+    camera.shoot(ui, "panels", "shape", "plots", sizes=DESKS)
 
 
 def go_wrong(

@@ -104,7 +104,7 @@ def test_the_target_is_moved_by_touch(chrome: Browser, ground: Station) -> None:
         x, y = ui.resting("target")
         before = ground.client.target()
         touch(ui, *((x + 5.0 * step, y + TARGET_PX - 4.0 * step) for step in range(11)))
-        ui.closes(lambda: ui.part("ghost-confirm").tap(timeout=SOON_MS), "ghost")
+        ui.closes(lambda: ui.part("preview-confirm").tap(timeout=SOON_MS), "preview")
         wait_until("moved", SOON_S, lambda: ground.client.target().x_m != before.x_m)
         assert ui.wrong == []
 

@@ -47,8 +47,8 @@ def drag(ui: Console, x: float, y: float, by_px: tuple[int, int]) -> list[float]
     mouse.move(x + by_px[0] / 2, y + by_px[1] / 2, steps=4)
     mouse.move(x + by_px[0], y + by_px[1], steps=4)
     mouse.up()
-    expect(ui.part("ghost")).to_be_visible()
-    return [float(each) for each in re.findall(r"-?\d+\.\d+", ui.part("ghost-text").inner_text())]
+    expect(ui.part("preview")).to_be_visible()
+    return [float(each) for each in re.findall(r"-?\d+\.\d+", ui.part("preview-text").inner_text())]
 
 
 def moved(
@@ -62,11 +62,11 @@ def moved(
     x, y = ui.resting(word)
     y += off_px
     drag(ui, x, y, by_px)
-    ui.closes("Escape", "ghost")
+    ui.closes("Escape", "preview")
     assert now() == before
     desired = drag(ui, x, y, by_px)
     assert now() == before
-    ui.closes("Enter", "ghost")
+    ui.closes("Enter", "preview")
     wait_until(f"{word} moved", SOON_S, lambda: now() == pytest.approx(desired))
     return [after - each for after, each in zip(desired, before, strict=True)]
 

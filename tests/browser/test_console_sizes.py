@@ -165,7 +165,7 @@ def test_commands_are_given_on_a_phone_that_is_turned_and_after_a_stall(
         ui.until(lambda: ui.tap("pause"), lambda ms: ui.says("show-phase", "paused", ms))
         ui.part("tab-fleet").tap()
         ui.page.set_viewport_size({"width": 740, "height": 360})
-        expect(ui.part("desk")).to_have_attribute("data-layout", "side")
+        expect(ui.part("panels")).to_have_attribute("data-layout", "side")
         expect(ui.part("panel-fleet")).to_be_visible()
         pressable(ui, *COMMANDS)
         ui.part("close-right").tap()

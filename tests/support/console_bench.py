@@ -205,7 +205,7 @@ class Console:
         """Says within a second that nothing comes any more; while the page could draw, by its own clock."""
         self.says("connection", "No connection")
         expect(self.part("banner")).to_be_visible()
-        expect(self.part("desk")).to_have_attribute("data-life", "lost")
+        expect(self.part("panels")).to_have_attribute("data-life", "lost")
         seen = self.seen()
         # the last time: a machine that paused had the page say so before, too
         *_, lost = [each for each in seen["stated"] if each["text"] == "No connection"]

@@ -4,7 +4,7 @@
 import { Object3D } from "three";
 
 import { createScene } from "../src/scene/index";
-import { FLAG, PHASES, initial, type Camera, type Frame, type Ghost, type State, type Status } from "../src/state";
+import { FLAG, PHASES, initial, type Camera, type Frame, type Preview, type State, type Status } from "../src/state";
 
 const groups = new Set<Object3D>(); // for a profile: what is drawn, to be hidden part by part
 const { add } = Object3D.prototype;
@@ -108,7 +108,7 @@ const status = {
   }),
 } as unknown as Status;
 
-const GHOSTS: Record<string, Ghost> = {
+const PREVIEWS: Record<string, Preview> = {
   target: { kind: "target", x_m: 22, y_m: -8 },
   radius: { kind: "radius", radius_m: radius_m + 5 },
   obstacle: { kind: "obstacle", id: "tower", x_m: 44, y_m: 18 },
@@ -120,7 +120,7 @@ let state: State = {
   connection: { kind: "live", since_ms: 0, reason: "" },
   access: { who: "local", rights: new Set(["watch", "operate", "emergency"]) },
   status,
-  ghost: GHOSTS[asked.get("ghost") ?? ""] ?? null,
+  preview: PREVIEWS[asked.get("preview") ?? ""] ?? null,
 };
 state = {
   ...state,
@@ -130,7 +130,7 @@ document.documentElement.dataset["look"] = state.view.night ? "night" : "day";
 document.querySelector<HTMLElement>("#scene")!.style.padding = (asked.get("padding") ?? "0").replaceAll("_", " ");
 
 const scene = createScene(document.querySelector<HTMLCanvasElement>("#view")!, {
-  ghost: (ghost) => (state = { ...state, ghost }),
+  preview: (preview) => (state = { ...state, preview }),
   select: (selected) => (state = { ...state, view: { ...state.view, selected } }),
 });
 const fit = (): void => scene.resize(innerWidth, innerHeight, devicePixelRatio);

@@ -1,6 +1,6 @@
 // What can be asked of the service. Each tells what came of it; nothing is believed before it answers.
 
-import type { Ghost, Command, ShowCheck, State, StoredShow } from "./state";
+import type { Preview, Command, ShowCheck, State, StoredShow } from "./state";
 import { texts } from "./texts";
 import type { Message } from "./messages";
 import { outcome, type Api, type Outcome } from "./wire/rest";
@@ -33,7 +33,7 @@ export interface Actions {
   changeObstacle(id: string, change: Partial<Box>): Promise<boolean>;
   removeObstacle(id: string): Promise<boolean>;
   /** What was dragged. */
-  sendGhost(ghost: Ghost): Promise<boolean>;
+  sendPreview(preview: Preview): Promise<boolean>;
   /** First step; of all that are not offline when nobody is named. */
   armKill(vehicles: readonly string[] | null): Promise<boolean>;
   /** Second step. */
@@ -166,16 +166,16 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     },
     removeObstacle: (id) =>
       done(texts.obstacles.of(id), api.DELETE("/api/v1/obstacles/{obstacle_id}", ofObstacle(id)), texts.obstacleRemoved(id)),
-    sendGhost(ghost) {
-      switch (ghost.kind) {
+    sendPreview(preview) {
+      switch (preview.kind) {
         case "target":
-          return actions.setTarget({ x_m: ghost.x_m, y_m: ghost.y_m });
+          return actions.setTarget({ x_m: preview.x_m, y_m: preview.y_m });
         case "radius":
-          return actions.changeFormation({ radius_m: ghost.radius_m });
+          return actions.changeFormation({ radius_m: preview.radius_m });
         case "obstacle":
-          return actions.changeObstacle(ghost.id, { x_m: ghost.x_m, y_m: ghost.y_m });
+          return actions.changeObstacle(preview.id, { x_m: preview.x_m, y_m: preview.y_m });
         case "new-obstacle": {
-          const { kind: _kind, ...box } = ghost;
+          const { kind: _kind, ...box } = preview;
           return actions.addObstacle(null, box);
         }
       }
@@ -197,7 +197,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       read(
         api.GET("/api/v1/preflight", { params: { query: vehicles === null ? {} : { vehicles: [...vehicles] } } }),
         (report) => ({ kind: "preflight", report, vehicles }),
-        (preflightProblem) => ({ kind: "desk", change: { preflightProblem } }),
+        (preflightProblem) => ({ kind: "panels", change: { preflightProblem } }),
       ),
     async loadOrders() {
       const result: Outcome<Command[]> = await outcome(api.GET("/api/v1/commands"));
@@ -206,7 +206,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     },
     async loadShows() {
       const result: Outcome<StoredShow[]> = await outcome(api.GET("/api/v1/shows"));
-      dispatch(result.ok ? { kind: "shows", shows: result.data } : { kind: "desk", change: { showsProblem: result.reason } });
+      dispatch(result.ok ? { kind: "shows", shows: result.data } : { kind: "panels", change: { showsProblem: result.reason } });
       for (const { name } of result.ok ? result.data : []) {
         const known: Outcome<ShowCheck> = await outcome(api.GET("/api/v1/shows/{name}/check", ofShow(name)));
         if (known.ok) dispatch({ kind: "check", check: known.data }); // else it was never checked
@@ -254,7 +254,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
         }
         if (found?.report) dispatch({ kind: "certificate", certificate: found.report });
         const certificateProblem = result.ok ? result.data.reason : result.reason;
-        dispatch({ kind: "desk", change: { certificateProblem } });
+        dispatch({ kind: "panels", change: { certificateProblem } });
         return certificateProblem === "";
       }
     },

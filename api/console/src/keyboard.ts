@@ -1,14 +1,14 @@
 // Carries out what a key means; `desk/keys.ts` says what that is.
 
 import { command } from "./desk/keys";
-import type { DeskActions } from "./desk/actions";
+import type { PanelActions } from "./desk/actions";
 import { pressBig } from "./desk/flight";
-import { whyNotGhost } from "./desk/ghost";
+import { whyNotPreview } from "./desk/ghost";
 import { jumped_s, played } from "./replay/bar";
 import type { State } from "./state";
 import { texts } from "./texts";
 
-export function onKey(event: KeyboardEvent, state: State, actions: DeskActions): void {
+export function onKey(event: KeyboardEvent, state: State, actions: PanelActions): void {
   const where = event.target instanceof Element ? event.target : null;
   const meant = event.defaultPrevented
     ? null
@@ -45,9 +45,9 @@ export function onKey(event: KeyboardEvent, state: State, actions: DeskActions):
       requestAnimationFrame(() => document.querySelector<HTMLElement>('[data-testid="filter"]')?.focus());
       break;
     case "confirm":
-      if (state.ghost === null) return;
-      if (whyNotGhost(state) === "") actions.confirmGhost();
-      else actions.refuse(texts.ghost.confirm, whyNotGhost(state));
+      if (state.preview === null) return;
+      if (whyNotPreview(state) === "") actions.confirmPreview();
+      else actions.refuse(texts.preview.confirm, whyNotPreview(state));
       break;
     case "close":
       close(state, actions);
@@ -64,11 +64,11 @@ export function onKey(event: KeyboardEvent, state: State, actions: DeskActions):
 }
 
 /** One thing at a time, the foremost first. */
-function close(state: State, actions: DeskActions): void {
-  if (state.ghost !== null) actions.cancelGhost();
-  else if (state.desk.sheet !== null) actions.sheet(null);
-  else if (state.desk.allAlarms) actions.set({ allAlarms: false });
-  else if (state.desk.editing !== null) actions.edit(null);
-  else if (state.desk.excluding !== null) actions.set({ excluding: null });
+function close(state: State, actions: PanelActions): void {
+  if (state.preview !== null) actions.cancelPreview();
+  else if (state.panels.sheet !== null) actions.sheet(null);
+  else if (state.panels.allAlarms) actions.set({ allAlarms: false });
+  else if (state.panels.editing !== null) actions.edit(null);
+  else if (state.panels.excluding !== null) actions.set({ excluding: null });
   else if (state.view.selection.length > 0) actions.choose({ how: "only", ids: [] });
 }

@@ -13,7 +13,7 @@ import { render } from "lit-html";
 import { createActions } from "./actions";
 import { createSigns } from "./alarms/signs";
 import { createDeskActions } from "./desk/createActions";
-import { desk } from "./desk/index";
+import { panels } from "./desk/index";
 import { watchLayout } from "./desk/layout";
 import { createReader } from "./desk/reading";
 import { onKey } from "./keyboard";
@@ -35,7 +35,7 @@ const LOOK = "look";
 const SOUND = "alarm-sound";
 
 const canvas = document.querySelector<HTMLCanvasElement>("#view")!;
-const place = document.querySelector<HTMLElement>("#desk")!;
+const place = document.querySelector<HTMLElement>("#panels")!;
 
 let state: State = initial(performance.now());
 if (localStorage.getItem(LOOK) === "day") state = update(state, { kind: "view", change: { night: false } });
@@ -82,7 +82,7 @@ const service = createActions(createApi(token), byHand, newest);
 const actions = createDeskActions(service, byHand, newest, login);
 const scene = createScene(
   canvas,
-  { ghost: (ghost) => byHand({ kind: "ghost", ghost }), choose: (choice) => actions.chooseInScene(choice) },
+  { preview: (preview) => byHand({ kind: "preview", preview }), choose: (choice) => actions.chooseInScene(choice) },
   createTiles(token),
 );
 
@@ -112,7 +112,7 @@ function onFrame(now_ms: number): void {
     if (state.view.night !== shown?.view.night) dress(state.view.night);
     if (state.attention.soundOn !== shown?.attention.soundOn) localStorage.setItem(SOUND, state.attention.soundOn ? "on" : "off");
     signs.show(state);
-    render(desk(state, actions), place);
+    render(panels(state, actions), place);
     if (shown === null) for (const each of place.querySelectorAll("[data-room], .room-low, .alarms")) roomChanges.observe(each);
     else if (frontOf(state) !== frontOf(shown)) fit();
     if (isAlarmsFromTop(state, shown)) place.querySelector(".alarms")!.scrollTop = 0;
@@ -124,13 +124,13 @@ function onFrame(now_ms: number): void {
 }
 
 /** A new alarm of importance, and a list that has become shorter, are seen from the most severe alarm on. */
-function isAlarmsFromTop({ attention: { announced }, desk: { allAlarms, layout } }: State, before: State | null): boolean {
+function isAlarmsFromTop({ attention: { announced }, panels: { allAlarms, layout } }: State, before: State | null): boolean {
   const isNew = announced !== before?.attention.announced && announced.urgent !== "";
-  return isNew || allAlarms !== before?.desk.allAlarms || layout !== before.desk.layout;
+  return isNew || allAlarms !== before?.panels.allAlarms || layout !== before.panels.layout;
 }
 
 /** What moves the room without a change of its size: another panel, another layout. */
-const frontOf = ({ desk: { layout, left, right, front } }: State): string => `${layout} ${left} ${right} ${front}`;
+const frontOf = ({ panels: { layout, left, right, front } }: State): string => `${layout} ${left} ${right} ${front}`;
 
 /** Of the room's height: where the camera's buttons take more, they lie over the scene. */
 const COVERED_MOST = 0.3;

@@ -1,10 +1,10 @@
 // Everything that changes the page's state.
 
 import type { AttentionMessage } from "./alarms/attentionState";
-import type { DeskState, Layout } from "./desk/state";
+import type { PanelState, Layout } from "./desk/state";
 import type { Choice, Selection } from "./selection";
 import type {
-  Access, CertificateReport, Connection, Frame, Ghost, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Status, StoredShow, View,
+  Access, CertificateReport, Connection, Frame, Preview, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Status, StoredShow, View,
 } from "./state";
 
 export type Message =
@@ -24,14 +24,14 @@ export type Message =
   | { kind: "toast-gone"; id: number }
   | { kind: "view"; change: Partial<Omit<View, keyof Selection>> }
   | { kind: "select"; choice: Choice }
-  | { kind: "ghost"; ghost: Ghost | null }
+  | { kind: "preview"; preview: Preview | null }
   | { kind: "kill-armed"; armed: KillArmed }
   | { kind: "kill-over" }
   | AttentionMessage
   | DeskMessage;
 
 export type DeskMessage =
-  | { kind: "desk"; change: Partial<DeskState> }
+  | { kind: "panels"; change: Partial<PanelState> }
   | { kind: "layout"; layout: Layout }
   | { kind: "draft"; field: string; text: string }
   | { kind: "undo"; prefix: string }

@@ -1,6 +1,6 @@
 // The page's one state. Everything that is shown follows from it; `update` alone makes the next one.
 
-import { initialDesk, type DeskState } from "./desk/state";
+import { initialDesk, type PanelState } from "./desk/state";
 import { initialAttention, type Attention } from "./alarms/attentionState";
 import { NOTHING_SELECTED, type Selection } from "./selection";
 import type { CertificateReport, Frame, KillArmed, Command, PreflightReport, ReplayMarks, Status } from "./snapshot";
@@ -33,7 +33,7 @@ export interface History {
 }
 
 /** What is being dragged or typed, not yet confirmed. */
-export type Ghost =
+export type Preview =
   | { kind: "target"; x_m: number; y_m: number }
   | { kind: "obstacle"; id: string; x_m: number; y_m: number }
   | { kind: "radius"; radius_m: number }
@@ -81,11 +81,11 @@ export interface State {
   toasts: readonly Toast[];
   toastsMade: number;
   view: View;
-  ghost: Ghost | null;
+  preview: Preview | null;
   kill: Kill | null;
   attention: Attention;
   /** What the desk alone remembers. */
-  desk: DeskState;
+  panels: PanelState;
 }
 
 /** Without a frame for so long, nothing that is shown is fresh. */
@@ -123,10 +123,10 @@ export function initial(now_ms: number): State {
       night: true,
       ...NOTHING_SELECTED,
     },
-    ghost: null,
+    preview: null,
     kill: null,
     attention: initialAttention(true),
-    desk: initialDesk(),
+    panels: initialDesk(),
   };
 }
 

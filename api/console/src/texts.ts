@@ -240,7 +240,7 @@ export const texts = {
     disarm: "Disarm",
     sent: (vehicles: readonly string[]): string => `Kill sent to ${vehicles.join(", ")}`,
   },
-  ghost: {
+  preview: {
     target: (x: string, y: string): string => `Target to x ${x}, y ${y}`,
     obstacle: (id: string, x: string, y: string): string => `Obstacle ${id} to x ${x}, y ${y}`,
     newObstacle: (x: string, y: string): string => `New obstacle at x ${x}, y ${y}`,
@@ -659,8 +659,8 @@ export const texts = {
     mapIncomplete: (why: string) => `A part of the map is missing: ${why}`,
     mapElsewhere: "The map has nothing of this place",
     radius: (radius_m: string) => `radius ${radius_m} m`,
-    ghostRadius: (from_m: string, to_m: string) => `radius ${from_m} → ${to_m} m`,
-    ghostPlace: (x_m: string, y_m: string, moved_m: string) => `x ${x_m}, y ${y_m} m (moved ${moved_m} m)`,
-    ghostBox: (x_m: string, y_m: string, wide: string, deep: string, high: string) => `x ${x_m}, y ${y_m} m; ${wide} × ${deep} × ${high} m`,
+    previewRadius: (from_m: string, to_m: string) => `radius ${from_m} → ${to_m} m`,
+    previewPlace: (x_m: string, y_m: string, moved_m: string) => `x ${x_m}, y ${y_m} m (moved ${moved_m} m)`,
+    previewBox: (x_m: string, y_m: string, wide: string, deep: string, high: string) => `x ${x_m}, y ${y_m} m; ${wide} × ${deep} × ${high} m`,
   },
 } as const;

@@ -46,15 +46,15 @@ function updateShared(state: State, message: Message): State {
       return { ...state, view: { ...state.view, ...message.change } };
     case "select":
       return { ...state, view: { ...state.view, ...choose(state.view, message.choice) } };
-    case "ghost":
-      return { ...state, ghost: message.ghost };
+    case "preview":
+      return { ...state, preview: message.preview };
     case "kill-armed":
       return { ...state, kill: { armed: message.armed, until_ms: state.page_ms + 1000 * message.armed.valid_s } };
     case "kill-over":
       return { ...state, kill: null };
     case "shows":
     case "check":
-    case "desk":
+    case "panels":
     case "layout":
     case "draft":
     case "undo":
@@ -88,8 +88,8 @@ function onStatus(state: State, status: Status): State {
   const view = kept === state.view ? state.view : { ...state.view, ...kept };
   const isAnother = state.status !== null && state.status.began_unix_time_s !== status.began_unix_time_s;
   if (!isAnother) return { ...state, status, view };
-  const desk = { ...state.desk, shows: null, checks: {}, showsRefused: {} };
-  return { ...state, status, view, desk, frame: null, previous: null, preflight: null, marks: null, kill: null, commands: [], history: initialHistory() };
+  const panels = { ...state.panels, shows: null, checks: {}, showsRefused: {} };
+  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, kill: null, commands: [], history: initialHistory() };
 }
 
 function onFrame(state: State, frame: Frame): State {

@@ -24,15 +24,15 @@ describe("the layout", () => {
   });
 
   it("shows both panels where there is room, else the one opened last", () => {
-    const desk = initialDesk();
-    expect(shownPanels(desk)).toEqual({ left: "preflight", right: "fleet" });
-    expect(shownPanels({ ...desk, layout: "single", front: "right" })).toEqual({ left: null, right: "fleet" });
-    expect(shownPanels({ ...desk, layout: "sheet", front: "left" })).toEqual({ left: "preflight", right: null });
+    const panels = initialDesk();
+    expect(shownPanels(panels)).toEqual({ left: "preflight", right: "fleet" });
+    expect(shownPanels({ ...panels, layout: "single", front: "right" })).toEqual({ left: null, right: "fleet" });
+    expect(shownPanels({ ...panels, layout: "sheet", front: "left" })).toEqual({ left: "preflight", right: null });
   });
 
   it("covers no scene with a sheet by itself, and forgets no panel by rotation", () => {
-    const desk = initialDesk();
-    const phone = withLayout(desk, "sheet");
+    const panels = initialDesk();
+    const phone = withLayout(panels, "sheet");
     expect(shownPanels(phone)).toEqual({ left: null, right: null });
     const opened = { ...phone, right: "events" as const, front: "right" as const };
     expect(shownPanels(withLayout(opened, "side"))).toEqual({ left: null, right: "events" });

@@ -114,21 +114,21 @@ describe("what the connection is called", () => {
 
 describe("the fleet table", () => {
   it("is in order as soon as there is something to put in order", () => {
-    const { table } = flying().desk;
+    const { table } = flying().panels;
     expect(table.command).toEqual([0, 1, 2]);
     expect(table.phases).toMatchObject({ formation: 1, offline: 1, hold: 1, lost: 0 });
   });
 
   it("follows the filter and the sorting at once, but telemetry once a second", () => {
-    const filtered = after([{ kind: "desk", change: { filter: "phase:hold" } }], flying());
-    expect(filtered.desk.table.command).toEqual([2]);
+    const filtered = after([{ kind: "panels", change: { filter: "phase:hold" } }], flying());
+    expect(filtered.panels.table.command).toEqual([2]);
     const moved = frame({ vehicles: [{ phase: "hold" }, { phase: "hold" }, { phase: "hold" }] }, 600);
     const soon = after([{ kind: "frame", frame: moved }], filtered);
-    expect(soon.desk.table.command).toEqual([2]);
+    expect(soon.panels.table.command).toEqual([2]);
     const later = after([{ kind: "frame", frame: { ...moved, received_ms: 1200 } }], soon);
-    expect(later.desk.table.command).toEqual([0, 1, 2]);
-    const byBattery = after([{ kind: "desk", change: { sort: { column: "battery", descending: false } } }], flying());
-    expect(byBattery.desk.table.command).toEqual([2, 0, 1]);
+    expect(later.panels.table.command).toEqual([0, 1, 2]);
+    const byBattery = after([{ kind: "panels", change: { sort: { column: "battery", descending: false } } }], flying());
+    expect(byBattery.panels.table.command).toEqual([2, 0, 1]);
   });
 });
 
@@ -143,22 +143,22 @@ describe("what is typed", () => {
       ],
       flying(),
     );
-    expect(typedNumbers(typed.desk.drafts, "formation")).toBeNull();
-    expect(typedNumbers(typed.desk.drafts, "orbit")).toEqual({ radius_m: 5 });
+    expect(typedNumbers(typed.panels.drafts, "formation")).toBeNull();
+    expect(typedNumbers(typed.panels.drafts, "orbit")).toEqual({ radius_m: 5 });
     const undone = after([{ kind: "undo", prefix: "formation:" }], typed);
-    expect(undone.desk.drafts).toEqual({ "orbit:radius_m": "5" });
+    expect(undone.panels.drafts).toEqual({ "orbit:radius_m": "5" });
   });
 
   it("makes a start, or says what is missing", () => {
     const base = flying();
     expect(startOrder(base)).toEqual({ vehicles: null, at_unix_time_s: null });
-    const named = after([{ kind: "desk", change: { startNamed: true } }], base);
+    const named = after([{ kind: "panels", change: { startNamed: true } }], base);
     expect(startOrder(named)).toBe(texts.start.badNames);
     expect(startOrder(after([{ kind: "draft", field: "start-names", text: "d1, d2 d1" }], named))).toEqual({
       vehicles: ["d1", "d2"],
       at_unix_time_s: null,
     });
-    const timed = after([{ kind: "desk", change: { startAt: true } }, { kind: "draft", field: "start-time", text: "25:00" }], base);
+    const timed = after([{ kind: "panels", change: { startAt: true } }, { kind: "draft", field: "start-time", text: "25:00" }], base);
     expect(startOrder(timed)).toBe(texts.start.badTime);
   });
 
@@ -167,14 +167,14 @@ describe("what is typed", () => {
     const editing = after(
       [
         { kind: "status", status: status({ obstacles: [box] }) },
-        { kind: "desk", change: { editing: "tower" } },
+        { kind: "panels", change: { editing: "tower" } },
         { kind: "draft", field: "obstacle:x_m", text: "4" },
       ],
       flying(),
     );
-    expect(after([{ kind: "status", status: status({ obstacles: [box] }) }], editing).desk.editing).toBe("tower");
+    expect(after([{ kind: "status", status: status({ obstacles: [box] }) }], editing).panels.editing).toBe("tower");
     const gone = after([{ kind: "status", status: status({ obstacles: [] }) }], editing);
-    expect([gone.desk.editing, gone.desk.drafts]).toEqual([null, {}]);
+    expect([gone.panels.editing, gone.panels.drafts]).toEqual([null, {}]);
   });
 });
 
@@ -228,35 +228,35 @@ describe("refusals", () => {
   it("are kept after their toasts have gone, the newest first", () => {
     const state = after([{ kind: "refused", text: "one" }, { kind: "refused", text: "two" }, { kind: "tick", now_ms: 1e6 }], flying());
     expect(state.toasts).toEqual([]);
-    expect(state.desk.refusals.map((each) => each.text)).toEqual(["two", "one"]);
+    expect(state.panels.refusals.map((each) => each.text)).toEqual(["two", "one"]);
   });
 });
 
 describe("the kill", () => {
   it("begins with no vehicle; names all that are not offline only on demand, or those chosen", () => {
     expect(doomed(flying())).toEqual([]);
-    expect(doomed(after([{ kind: "desk", change: { killNamed: null } }], flying()))).toEqual(["d1", "d10"]);
-    expect(doomed(after([{ kind: "desk", change: { killNamed: new Set(["d2"]) } }], flying()))).toEqual(["d2"]);
+    expect(doomed(after([{ kind: "panels", change: { killNamed: null } }], flying()))).toEqual(["d1", "d10"]);
+    expect(doomed(after([{ kind: "panels", change: { killNamed: new Set(["d2"]) } }], flying()))).toEqual(["d2"]);
   });
 
   it("begins with the selection, whatever was chosen the last time, and keeps what is chosen while it is open", () => {
-    const open: Message = { kind: "desk", change: { sheet: "kill" } };
+    const open: Message = { kind: "panels", change: { sheet: "kill" } };
     const selecting: Message = { kind: "select", choice: { how: "only", ids: ["d2", "d10"] } };
-    const before = after([{ kind: "desk", change: { killNamed: null } }, selecting, open], flying());
+    const before = after([{ kind: "panels", change: { killNamed: null } }, selecting, open], flying());
     expect(doomed(before)).toEqual(["d2", "d10"]);
-    const chosen = after([{ kind: "desk", change: { killNamed: new Set(["d1"]) } }, open], before);
+    const chosen = after([{ kind: "panels", change: { killNamed: new Set(["d1"]) } }, open], before);
     expect(doomed(chosen)).toEqual(["d1"]);
-    expect(doomed(after([{ kind: "desk", change: { sheet: null } }, { kind: "select", choice: { how: "only", ids: [] } }, open], chosen))).toEqual([]);
+    expect(doomed(after([{ kind: "panels", change: { sheet: null } }, { kind: "select", choice: { how: "only", ids: [] } }, open], chosen))).toEqual([]);
   });
 
   it("is not held any more once its code is too old", () => {
     const armed = after(
-      [{ kind: "kill-armed", armed: { code: "a1b2c3", vehicles: ["d1"], valid_s: 20 } }, { kind: "desk", change: { holding_ms: 100 } }],
+      [{ kind: "kill-armed", armed: { code: "a1b2c3", vehicles: ["d1"], valid_s: 20 } }, { kind: "panels", change: { holding_ms: 100 } }],
       flying(),
     );
-    expect(after([{ kind: "tick", now_ms: 20_099 }], armed).desk.holding_ms).toBe(100);
+    expect(after([{ kind: "tick", now_ms: 20_099 }], armed).panels.holding_ms).toBe(100);
     const over = after([{ kind: "tick", now_ms: 20_101 }], armed);
-    expect([over.kill, over.desk.holding_ms]).toEqual([null, null]);
+    expect([over.kill, over.panels.holding_ms]).toEqual([null, null]);
   });
 });
 

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 
-import { ghostText } from "../src/desk/ghost";
+import { previewText } from "../src/desk/ghost";
 import { command, type Press } from "../src/desk/keys";
 import { columns } from "../src/desk/plots";
 import { failures, preflightNow, troubles } from "../src/desk/preflight";
@@ -69,7 +69,7 @@ describe("preflight", () => {
     const show = (phase: "idle" | "running") => ({ ...initial(0), status: status({ show: { ...status().show, phase }, counts: phase === "idle" ? GROUNDED : status().counts }) });
     const read = (phase: "idle" | "running", age_ms: number) => {
       const state = show(phase);
-      return { ...state, page_ms: 50_000, preflight: report({}), desk: { ...state.desk, preflightRead_ms: 50_000 - age_ms } };
+      return { ...state, page_ms: 50_000, preflight: report({}), panels: { ...state.panels, preflightRead_ms: 50_000 - age_ms } };
     };
     expect(preflightNow(show("idle"))).toBeNull();
     expect(preflightNow(read("idle", 1000))).toEqual(report({}));
@@ -86,13 +86,13 @@ describe("preflight", () => {
 
 describe("take off", () => {
   /** On the ground with a report that was read just now. */
-  const ready = (found: PreflightReport | null, drafts: Record<string, string> = {}, desk: object = {}): State => {
+  const ready = (found: PreflightReport | null, drafts: Record<string, string> = {}, panels: object = {}): State => {
     const state = initial(0);
     const show = { ...status().show, phase: "idle" as const, possible: ["start" as const] };
     return {
       ...state, page_ms: 1000, access: { who: "anna", rights: new Set(["watch", "operate", "emergency"]) },
       connection: { kind: "live", since_ms: 0, reason: "" }, frame: frame({ vehicles: [{ phase: "standby" }] }, 900),
-      status: status({ show, counts: GROUNDED }), preflight: found, desk: { ...state.desk, drafts, preflightRead_ms: 900, ...desk },
+      status: status({ show, counts: GROUNDED }), preflight: found, panels: { ...state.panels, drafts, preflightRead_ms: 900, ...panels },
     };
   };
   const good = { ...report({ d1: [check("battery", { state: "pass" })] }), passes: true };
@@ -149,7 +149,7 @@ describe("plots", () => {
 
 describe("a ghost", () => {
   it("is told in numbers", () => {
-    expect(ghostText({ kind: "target", x_m: 3, y_m: -1.25 })).toBe("Target to x 3.0 m, y -1.3 m");
-    expect(ghostText({ kind: "radius", radius_m: 12 })).toBe("Radius 12.0 m");
+    expect(previewText({ kind: "target", x_m: 3, y_m: -1.25 })).toBe("Target to x 3.0 m, y -1.3 m");
+    expect(previewText({ kind: "radius", radius_m: 12 })).toBe("Radius 12.0 m");
   });
 });

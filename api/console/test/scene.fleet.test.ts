@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 
 import { closePairs } from "../src/scene/closeness";
-import { isStale, Looks, MARK } from "../src/scene/looks";
+import { isStale, Appearance, MARK } from "../src/scene/looks";
 import { DAY, NIGHT } from "../src/scene/palette";
 import { Table } from "../src/scene/instances";
 import { Playback, Poses } from "../src/scene/playback";
@@ -16,8 +16,8 @@ const at = (x_m: number, y_m: number, height_m: number, more: Vehicle = {}): Veh
 test("pairs are close in the ellipsoid's metric: nearer sideways than one above the other", () => {
   const beside = closePairs(frame({ vehicles: [at(0, 0, 20), at(2, 0, 20)] }), FLOOR);
   const above = closePairs(frame({ vehicles: [at(0, 0, 20), at(0, 0, 23)] }), FLOOR);
-  expect(beside[0]!.closeness).toBeCloseTo(1);
-  expect(above[0]!.closeness).toBeCloseTo(1);
+  expect(beside[0]!.proximity).toBeCloseTo(1);
+  expect(above[0]!.proximity).toBeCloseTo(1);
   expect(beside[0]!.distance_m).toBeCloseTo(2);
   expect(above[0]!.distance_m).toBeCloseTo(3);
   expect(closePairs(frame({ vehicles: [at(0, 0, 20), at(3.2, 0, 20)] }), FLOOR)).toEqual([]);
@@ -31,7 +31,7 @@ test("the closest pairs come first, none is missed or told twice", () => {
   expect(expected).toBeGreaterThan(20);
   expect(pairs.length).toBe(expected);
   expect(new Set(pairs.map(({ first, second }) => `${Math.min(first, second)} ${Math.max(first, second)}`)).size).toBe(expected);
-  expect(pairs.map(({ closeness }) => closeness)).toEqual(pairs.map(({ closeness }) => closeness).sort((a, b) => a - b));
+  expect(pairs.map(({ proximity }) => proximity)).toEqual(pairs.map(({ proximity }) => proximity).sort((a, b) => a - b));
 });
 
 test("who stands on the ground, is unknown, or lower than the pads' height is close to nobody", () => {
@@ -41,28 +41,28 @@ test("who stands on the ground, is unknown, or lower than the pads' height is cl
   expect(closePairs(frame({ vehicles: [at(0, 0, 1), at(1, 0, 2.5)] }), FLOOR)).toHaveLength(1);
 });
 
-function looked(one: Frame, { isFresh = true, selected = [] as number[], palette = NIGHT } = {}): Looks {
+function looked(one: Frame, { isFresh = true, selected = [] as number[], palette = NIGHT } = {}): Appearance {
   one.position_age_s.forEach((age, i) => (one.position_age_s[i] = Number.isNaN(age) ? 0 : age));
-  const looks = new Looks();
-  looks.set(one, palette, isFresh, new Set(selected));
-  return looks;
+  const appearance = new Appearance();
+  appearance.set(one, palette, isFresh, new Set(selected));
+  return appearance;
 }
 
-const tintOf = (looks: Looks, i: number): number[] => [...looks.tints.subarray(4 * i, 4 * i + 3)].map((each) => Math.round(each * 255));
+const tintOf = (appearance: Appearance, i: number): number[] => [...appearance.tints.subarray(4 * i, 4 * i + 3)].map((each) => Math.round(each * 255));
 
 test("a vehicle with a light has the light's colour, others their phase's", () => {
   const one = frame({ vehicles: [at(0, 0, 20, { flags: FLAG.light }), at(9, 0, 20, { phase: "landing" })] });
   [one.red[0], one.green[0], one.blue[0]] = [255, 128, 0];
-  const looks = looked(one);
-  expect(tintOf(looks, 0)).toEqual([255, 128, 0]);
-  expect(tintOf(looks, 1)).toEqual(NIGHT.phase.landing.map((each) => Math.round(each * 255)));
-  expect(looks.tints[3]).toBe(1);
+  const appearance = looked(one);
+  expect(tintOf(appearance, 0)).toEqual([255, 128, 0]);
+  expect(tintOf(appearance, 1)).toEqual(NIGHT.phase.landing.map((each) => Math.round(each * 255)));
+  expect(appearance.tints[3]).toBe(1);
 });
 
 test("a light that is off does not shine, but the vehicle is still seen", () => {
-  const looks = looked(frame({ vehicles: [at(0, 0, 20, { flags: FLAG.light })] }));
-  expect(looks.tints[3]).toBe(0);
-  expect(tintOf(looks, 0)[0]).toBeGreaterThan(50);
+  const appearance = looked(frame({ vehicles: [at(0, 0, 20, { flags: FLAG.light })] }));
+  expect(appearance.tints[3]).toBe(0);
+  expect(tintOf(appearance, 0)[0]).toBeGreaterThan(50);
 });
 
 test("what is old is grey and does not shine, be it one vehicle or the whole connection", () => {

@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 
-import { Cameraman } from "../src/scene/cameraman";
+import { CameraController } from "../src/scene/cameraman";
 import { believed, followed, isVisible, keepMargin_px } from "../src/scene/framing";
 import type { Screen } from "../src/scene/picking";
 import { placeOf, Playback, Poses } from "../src/scene/playback";
@@ -37,7 +37,7 @@ function formation(next: () => number): Vehicle[] {
 }
 
 class Stage {
-  readonly cameraman = new Cameraman();
+  readonly camera_controller = new CameraController();
   readonly poses = new Poses();
   #playback = new Playback();
   state: State = { ...initial(0), status: status({ orbit: { radius_m: 0, speed_m_s: 2, direction: "clockwise" } }) };
@@ -57,7 +57,7 @@ class Stage {
       this.#playback.push(one);
       this.poses.set(this.#playback.at(this.now_ms + 1000)!, 0);
       this.state = { ...this.state, frame: one };
-      poses.push(this.cameraman.at(this.state, this.poses, -1, this.screen, this.now_ms, isHeld));
+      poses.push(this.camera_controller.at(this.state, this.poses, -1, this.screen, this.now_ms, isHeld));
     }
     return poses;
   }
@@ -72,11 +72,11 @@ class Stage {
 
   /** Vehicles that should be visible and are not. */
   unseen(margin_px = 0): number[] {
-    return believed(this.state, this.poses).filter((i) => !isVisible(this.cameraman.pose, this.screen, placeOf(this.poses, i), margin_px));
+    return believed(this.state, this.poses).filter((i) => !isVisible(this.camera_controller.pose, this.screen, placeOf(this.poses, i), margin_px));
   }
 
   unseenFlying(margin_px = 0): number[] {
-    return followed(this.state, this.poses).filter((i) => !isVisible(this.cameraman.pose, this.screen, placeOf(this.poses, i), margin_px));
+    return followed(this.state, this.poses).filter((i) => !isVisible(this.camera_controller.pose, this.screen, placeOf(this.poses, i), margin_px));
   }
 }
 
@@ -88,14 +88,14 @@ test("after a fit every vehicle is in the visible region: any formation, screen 
         const stage = new Stage(screen);
         stage.look(camera);
         stage.show(formation(next), 1);
-        stage.cameraman.turn(next() - 0.5, next() - 0.5); // from anywhere
-        stage.cameraman.zoom(0.1 + 3 * next());
+        stage.camera_controller.turn(next() - 0.5, next() - 0.5); // from anywhere
+        stage.camera_controller.zoom(0.1 + 3 * next());
         stage.fit();
         stage.show(formation(next), 3);
         stage.fit();
         stage.show(formation(next), 3);
         expect(stage.unseen(), `${screen.width}x${screen.height} ${camera} ${round}`).toEqual([]);
-        expect(stage.cameraman.moves).toBe(false);
+        expect(stage.camera_controller.moves).toBe(false);
       }
     }
   }
@@ -115,7 +115,7 @@ test("at the start all is in view, and while the formation stays there the camer
 test("the camera goes after a formation that leaves the picture: smoothly, and it comes to rest", () => {
   const stage = new Stage(SCREENS[6]!);
   stage.show(around(0));
-  let before = stage.cameraman.pose;
+  let before = stage.camera_controller.pose;
   for (let k = 0; k <= 100; k += 1) {
     for (const pose of stage.show(around(2 * k), 0.4)) {
       const step_m = Math.hypot(...pose.focus.map((at, axis) => at - before.focus[axis]!));
@@ -125,7 +125,7 @@ test("the camera goes after a formation that leaves the picture: smoothly, and i
     expect(stage.unseenFlying()).toEqual([]);
   }
   stage.show(around(200));
-  expect(stage.cameraman.moves).toBe(false);
+  expect(stage.camera_controller.moves).toBe(false);
 });
 
 test("under a hand the camera stays, and moves after it was let go", () => {
@@ -140,19 +140,19 @@ test("under a hand the camera stays, and moves after it was let go", () => {
 test("what an operator chose to look at is kept until most of it has gone; a fit shows all again", () => {
   const stage = new Stage(SCREENS[5]!);
   stage.show(around(0));
-  stage.cameraman.zoom(0.45);
+  stage.camera_controller.zoom(0.45);
   const close = stage.show(around(0), 8).at(-1)!;
   expect(stage.unseen().length).toBeGreaterThan(0); // and the close look stayed
   expect(stage.show(around(0.3), 4).at(-1)).toBe(close);
   stage.show(around(80));
   expect(stage.unseen()).toEqual([]);
-  stage.cameraman.zoom(0.02); // between them, where none is seen
+  stage.camera_controller.zoom(0.02); // between them, where none is seen
   stage.show(around(80), 3);
   const empty = stage.show(around(80), 10).at(-1);
   expect(stage.show(around(80), 1).at(-1)).toBe(empty);
   stage.show(around(80), 20); // but not for ever
   expect(stage.unseen()).toEqual([]);
-  stage.cameraman.zoom(0.2);
+  stage.camera_controller.zoom(0.2);
   stage.show(around(80), 3);
   stage.fit();
   stage.show(around(80), 3);
@@ -162,7 +162,7 @@ test("what an operator chose to look at is kept until most of it has gone; a fit
 test("a turn by hand is no choice of what is seen: the formation is still kept in view", () => {
   const stage = new Stage(SCREENS[5]!);
   stage.show(around(0));
-  stage.cameraman.turn(0.3, 0.1);
+  stage.camera_controller.turn(0.3, 0.1);
   stage.show(around(0), 3);
   stage.show(around(150));
   expect(stage.unseen()).toEqual([]);
@@ -171,13 +171,13 @@ test("a turn by hand is no choice of what is seen: the formation is still kept i
 test("after a look from above or from the side the orbit is found again exactly as it was left", () => {
   const stage = new Stage(SCREENS[5]!);
   stage.show(around(0));
-  stage.cameraman.turn(0.2, 0.05);
-  stage.cameraman.zoom(1.3);
+  stage.camera_controller.turn(0.2, 0.05);
+  stage.camera_controller.zoom(1.3);
   const left = stage.show(around(0)).at(-1)!;
   for (const camera of ["top", "side", "follow"] as const) {
     stage.look(camera);
     stage.show(around(0), 3);
-    expect(stage.cameraman.pose).not.toEqual(left);
+    expect(stage.camera_controller.pose).not.toEqual(left);
     stage.look("orbit");
     expect(stage.show(around(0)).at(-1)).toEqual(left);
   }
@@ -196,12 +196,12 @@ test("when a panel opens or the screen is turned, all is fitted into what is lef
 test("an implausible position does not empty the picture; the camera does not follow vehicles on the ground", () => {
   const stage = new Stage(SCREENS[5]!);
   stage.show([...around(0), { x_m: 4_000_000, y_m: 0, height_m: 20, phase: "lost" }, { x_m: NaN, phase: "formation" }]);
-  expect(stage.cameraman.pose.span_m).toBeLessThan(150);
+  expect(stage.camera_controller.pose.span_m).toBeLessThan(150);
   stage.show([...around(150), { x_m: -150, y_m: 0, height_m: 0, phase: "standby" }]);
-  const span_m = stage.cameraman.pose.span_m;
+  const span_m = stage.camera_controller.pose.span_m;
   expect(span_m).toBeLessThan(150);
   stage.fit();
   stage.show([...around(150), { x_m: -150, y_m: 0, height_m: 0, phase: "standby" }]);
   expect(stage.unseen()).toEqual([]); // on an operator's request all vehicles are shown
-  expect(stage.cameraman.pose.span_m).toBeGreaterThan(span_m);
+  expect(stage.camera_controller.pose.span_m).toBeGreaterThan(span_m);
 });

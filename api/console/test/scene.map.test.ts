@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 
 import { addressOf, choose, columnOf, fromShowFrame, placeAt, rowOf, toShowFrame, zoomFor, type Origin } from "../src/scene/mercator";
-import { HELD_MAX, RETRY_MS, Shelf } from "../src/scene/shelf";
+import { HELD_MAX, RETRY_MS, TileCache } from "../src/scene/shelf";
 import { requestFor } from "../src/wire/tiles";
 
 const ZURICH: Origin = { latitude_deg: 47.397742, longitude_deg: 8.545594, altitude_amsl_m: 488, heading_deg: 0 };
@@ -86,64 +86,64 @@ test("an address is filled in wherever it names a number, more than once too", (
 
 test("few pictures are asked for at once, few are held, and what was dropped is let go", () => {
   const dropped: string[] = [];
-  const shelf = new Shelf<string>((picture) => dropped.push(picture));
+  const tile_cache = new TileCache<string>((picture) => dropped.push(picture));
   const all = Array.from({ length: 100 }, (_, k) => `tile ${k}`);
   for (const first of [0, 36]) {
     const desired = all.slice(first, first + HELD_MAX);
     for (let round = 0; round < 30; round += 1) {
-      const due = shelf.ask(desired, 0);
+      const due = tile_cache.ask(desired, 0);
       expect(due.length).toBeLessThanOrEqual(4);
-      expect(shelf.ask(desired, 0)).toEqual([]); // those are on their way
-      for (const address of due) shelf.put(address, () => address);
-      expect(shelf.size).toBeLessThanOrEqual(HELD_MAX);
+      expect(tile_cache.ask(desired, 0)).toEqual([]); // those are on their way
+      for (const address of due) tile_cache.put(address, () => address);
+      expect(tile_cache.size).toBeLessThanOrEqual(HELD_MAX);
     }
-    expect(desired.every((address) => shelf.picture(address) === address)).toBe(true);
+    expect(desired.every((address) => tile_cache.picture(address) === address)).toBe(true);
   }
   expect(dropped.sort()).toEqual(all.slice(0, 36).sort());
-  shelf.clear();
+  tile_cache.clear();
   expect(dropped.length).toBe(100);
 });
 
 test("what could not be had is said, and asked for again a minute later, no sooner", () => {
-  const shelf = new Shelf<string>(() => undefined);
-  expect(shelf.ask(["a"], 1000)).toEqual(["a"]);
-  shelf.fail("a", { reason: "cut", isMissing: false }, 2000);
-  expect(shelf.failure("a")?.reason).toBe("cut");
+  const tile_cache = new TileCache<string>(() => undefined);
+  expect(tile_cache.ask(["a"], 1000)).toEqual(["a"]);
+  tile_cache.fail("a", { reason: "cut", isMissing: false }, 2000);
+  expect(tile_cache.failure("a")?.reason).toBe("cut");
   for (let now_ms = 2000; now_ms < 2000 + RETRY_MS; now_ms += 100) {
-    expect(shelf.ask(["a"], now_ms)).toEqual([]);
+    expect(tile_cache.ask(["a"], now_ms)).toEqual([]);
   }
-  expect(shelf.ask(["a"], 2000 + RETRY_MS)).toEqual(["a"]);
-  shelf.put("a", () => "picture");
-  expect([shelf.picture("a"), shelf.failure("a")]).toEqual(["picture", null]);
+  expect(tile_cache.ask(["a"], 2000 + RETRY_MS)).toEqual(["a"]);
+  tile_cache.put("a", () => "picture");
+  expect([tile_cache.picture("a"), tile_cache.failure("a")]).toEqual(["picture", null]);
 });
 
 test("what left the picture and comes back is not asked for twice: neither on its way nor after a failure", () => {
-  const shelf = new Shelf<string>(() => undefined);
+  const tile_cache = new TileCache<string>(() => undefined);
   const others = (from: number): string[] => Array.from({ length: HELD_MAX }, (_, k) => `tile ${from + k}`);
   const visit = (desired: readonly string[]): string[] => {
     const all: string[] = [];
-    for (let due = shelf.ask(desired, 0); due.length > 0; due = shelf.ask(desired, 0)) {
-      for (const address of due) shelf.put(address, () => address);
+    for (let due = tile_cache.ask(desired, 0); due.length > 0; due = tile_cache.ask(desired, 0)) {
+      for (const address of due) tile_cache.put(address, () => address);
       all.push(...due);
     }
     return all;
   };
-  expect(shelf.ask(["slow", "broken"], 0)).toEqual(["slow", "broken"]);
-  shelf.fail("broken", { reason: "cut", isMissing: false }, 0);
+  expect(tile_cache.ask(["slow", "broken"], 0)).toEqual(["slow", "broken"]);
+  tile_cache.fail("broken", { reason: "cut", isMissing: false }, 0);
   expect(visit(others(0)).length).toBe(HELD_MAX); // the camera looks elsewhere
-  expect(shelf.ask(["slow", "broken"], 1000)).toEqual([]);
-  shelf.put("slow", () => "picture");
-  expect([shelf.picture("slow"), shelf.failure("broken")?.reason]).toEqual(["picture", "cut"]);
+  expect(tile_cache.ask(["slow", "broken"], 1000)).toEqual([]);
+  tile_cache.put("slow", () => "picture");
+  expect([tile_cache.picture("slow"), tile_cache.failure("broken")?.reason]).toEqual(["picture", "cut"]);
 });
 
 test("a picture that comes when it is not wanted any more is not made", () => {
-  const shelf = new Shelf<string>(() => undefined);
-  shelf.ask(["a"], 0);
-  shelf.clear();
-  shelf.put("a", () => {
+  const tile_cache = new TileCache<string>(() => undefined);
+  tile_cache.ask(["a"], 0);
+  tile_cache.clear();
+  tile_cache.put("a", () => {
     throw new Error("made");
   });
-  expect(shelf.picture("a")).toBeNull();
+  expect(tile_cache.picture("a")).toBeNull();
 });
 
 test("the token goes with tiles of this service, to nobody else, and nobody is followed elsewhere", () => {

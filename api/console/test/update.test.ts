@@ -76,12 +76,12 @@ test("a service that was started again is another one: nothing of the last one i
     { kind: "command", command: command("o1") }, { kind: "check", check: { ...check, problems: [] } },
   );
   const same = update(known, { kind: "status", status: status({ time_s: 510, revision: 2 }) });
-  expect([same.frame?.time_s, same.commands.length, Object.keys(same.desk.checks)]).toEqual([500, 1, ["parade"]]);
+  expect([same.frame?.time_s, same.commands.length, Object.keys(same.panels.checks)]).toEqual([500, 1, ["parade"]]);
   const began_unix_time_s = status().began_unix_time_s + 511; // its clock is the machine's, and goes on
   const state = update(known, { kind: "status", status: status({ time_s: 511, began_unix_time_s }) });
   expect(state).toMatchObject({ frame: null, previous: null, preflight: null, commands: [] });
   expect(state.history.time_s.length).toBe(0);
-  expect(state.desk).toMatchObject({ checks: {}, shows: null });
+  expect(state.panels).toMatchObject({ checks: {}, shows: null });
 });
 
 test("a vehicle that is gone is no longer selected; one that is there stays so", () => {

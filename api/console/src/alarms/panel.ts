@@ -4,7 +4,7 @@ import { html, nothing, type TemplateResult } from "lit-html";
 import { keyed } from "lit-html/directives/keyed.js";
 import { repeat } from "lit-html/directives/repeat.js";
 
-import type { DeskActions } from "../desk/actions";
+import type { PanelActions } from "../desk/actions";
 import { button } from "../desk/controls";
 import { clockTime, seconds } from "../desk/format";
 import { icon, type IconName } from "../desk/icons";
@@ -27,7 +27,7 @@ export const SEVERITY_ICON: Record<Overall, IconName> = {
 const VEHICLES_NAMED = 24; // links in one alarm; the rest are selected by "all"
 const LINKS_IN_A_DENSE_ROW = 3; // of more vehicles it has "all" alone: their names take the room of another alarm
 
-function vehicles(actions: DeskActions, alarm: Alarm): TemplateResult | typeof nothing {
+function vehicles(actions: PanelActions, alarm: Alarm): TemplateResult | typeof nothing {
   if (alarm.vehicles.length === 0) return nothing;
   const named = alarm.vehicles.slice(0, VEHICLES_NAMED);
   const more = alarm.vehicles.length - named.length;
@@ -50,7 +50,7 @@ function since(state: State, alarm: Alarm): string {
   return fresh(state) && lasted_s >= 0 ? t.since(time, lasted_s < 100 ? `${Math.floor(lasted_s)} s` : seconds(lasted_s)) : time;
 }
 
-function one(state: State, actions: DeskActions, alarm: Alarm): TemplateResult {
+function one(state: State, actions: PanelActions, alarm: Alarm): TemplateResult {
   const isNew = isOpen(alarm);
   return html`<li
     class="alarm alarm-${alarm.severity} ${isNew ? "open" : "seen"} ${lasts(alarm) ? "" : "ended"}"
@@ -90,14 +90,14 @@ export function announcer({ attention: { announced } }: State): TemplateResult {
   </div>`;
 }
 
-export function alarms(state: State, actions: DeskActions): TemplateResult | typeof nothing {
+export function alarms(state: State, actions: PanelActions): TemplateResult | typeof nothing {
   const all = commanded(alarmsOf(state.status));
   if (all.length === 0) return nothing;
   const { isFolded } = state.attention;
   const minor = all.filter((each) => !ALWAYS_SHOWN.has(each.severity));
   const shown = isFolded ? all.filter((each) => ALWAYS_SHOWN.has(each.severity)) : all;
   const open = all.filter(isOpen);
-  const { layout, allAlarms } = state.desk;
+  const { layout, allAlarms } = state.panels;
   const isUnseen = isSmall(layout) && !allAlarms && all.length > 1; // what is not on screen is not acknowledged
   return html`<section class="alarm-list" tabindex="-1" aria-label=${t.title} data-testid="alarms">
     <header>
@@ -106,7 +106,7 @@ export function alarms(state: State, actions: DeskActions): TemplateResult | typ
         ${counted(all).map(({ severity, count }) => html`<span class="alarm-count-${severity}" title=${t.counts[severity](count)}>${icon(SEVERITY_ICON[severity])}${count}</span>`)}
       </span>
       <span class="spring"></span>
-      ${all.length > 1 && (allAlarms || isBesideAPanel(state.desk))
+      ${all.length > 1 && (allAlarms || isBesideAPanel(state.panels))
         ? button(actions, {
             id: "alarms-all",
             label: allAlarms ? t.seeFewer : isSmall(layout) ? t.seeMore(all.length - 1) : t.seeAll(all.length),
@@ -172,7 +172,7 @@ function isUnlocking({ attention: { soundBlocked, unblocked_ms }, page_ms }: Sta
 }
 
 /** The sound of alarms: on, off, or waiting for a press, since a browser plays nothing before one. */
-export function soundButton(state: State, actions: DeskActions): TemplateResult {
+export function soundButton(state: State, actions: PanelActions): TemplateResult {
   const { soundOn, soundBlocked } = state.attention;
   return button(actions, {
     id: "sound",

@@ -2,7 +2,7 @@
 
 import { html, nothing, type TemplateResult } from "lit-html";
 
-import type { DeskActions } from "../desk/actions";
+import type { PanelActions } from "../desk/actions";
 import { button } from "../desk/controls";
 import { clockTime } from "../desk/format";
 import { icon } from "../desk/icons";
@@ -16,7 +16,7 @@ const t = texts.recovery;
 type Offer = "take-over" | "bring-home";
 
 /** The commands that lead back. They stand with the flight commands, where they are on screen at any size. */
-export function offers(state: State, actions: DeskActions): TemplateResult | typeof nothing {
+export function offers(state: State, actions: PanelActions): TemplateResult | typeof nothing {
   const cut = state.status?.interrupted;
   if (!cut) return nothing;
   const offer = (name: Offer, label: string, what: string): TemplateResult =>

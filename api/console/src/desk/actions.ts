@@ -5,17 +5,17 @@ import type { Choice, Selection } from "../selection";
 import type { State, View } from "../state";
 import type { Message } from "../messages";
 import type { Sort } from "./rows";
-import type { DeskState, Group, LeftPanel, RightPanel, Sheet } from "./state";
+import type { PanelState, Group, LeftPanel, RightPanel, Sheet } from "./state";
 
 export type PanelName = LeftPanel | RightPanel;
 
-export interface DeskActions
+export interface PanelActions
   extends Pick<Actions, "removeObstacle" | "checkShow" | "selectShow" | "deselectShow" | "removeShow" | "seek" | "changeOrbit" | "changeYaw"> {
   /** As it is now: what a view was drawn of may be a tenth of a second old, and keys come faster. */
   now(): State;
   dispatch(message: Message): void;
   view(change: Partial<Omit<View, keyof Selection>>): void;
-  set(change: Partial<DeskState>): void;
+  set(change: Partial<PanelState>): void;
   draft(field: string, text: string): void;
   undo(prefix: string): void;
   filter(text: string): void;
@@ -45,8 +45,8 @@ export interface DeskActions
   include(id: string): void;
   apply(group: Group): void;
   saveObstacle(): void;
-  confirmGhost(): void;
-  cancelGhost(): void;
+  confirmPreview(): void;
+  cancelPreview(): void;
   armKill(vehicles: readonly string[] | null): void;
   confirmTyped(): void;
   holdKill(): void;

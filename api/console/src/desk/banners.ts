@@ -3,7 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { State, Toast } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button } from "./controls";
 import { seconds } from "./format";
 import { icon, type IconName } from "./icons";
@@ -38,7 +38,7 @@ export function banner(state: State): TemplateResult | typeof nothing {
 const TOAST_ICON: Record<Toast["kind"], IconName> = { done: "check", grave: "kill", refused: "cross" };
 
 /** Answers to what was ordered; those that were refused stay longer, and in the events. */
-export function toasts(state: State, actions: DeskActions): TemplateResult {
+export function toasts(state: State, actions: PanelActions): TemplateResult {
   return html`<section class="toasts" aria-label=${texts.toasts.title} aria-live="assertive" data-testid="toasts">
     ${state.toasts.map(
       (each) => html`<div class="toast ${each.kind}" data-testid="toast-${each.kind}">

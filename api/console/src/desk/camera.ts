@@ -3,7 +3,7 @@
 import { html, type TemplateResult } from "lit-html";
 import type { Camera, State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { CAMERA_KEYS, FIT_KEY } from "./keys";
 
 const t = texts.camera;
@@ -25,7 +25,7 @@ function choice(id: string, label: string, key: string, hint: string, pressed: b
 /** Left out where there is no room for it; see scene.css. */
 const keyHint = (key: string): TemplateResult => html`<span class="choice-key"> ${t.key(key.toUpperCase())}</span>`;
 
-export function camera(state: State, actions: DeskActions): TemplateResult {
+export function camera(state: State, actions: PanelActions): TemplateResult {
   const { view } = state;
   return html`<div class="camera" role="group" aria-label=${t.title} data-testid="camera">
     <div class="choices">

@@ -5,7 +5,7 @@ import { texts } from "../texts";
 import type { State } from "../state";
 import { parsed } from "./format";
 import { icon, type IconName } from "./icons";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { focused } from "./place";
 
 export interface Button {
@@ -24,7 +24,7 @@ export interface Button {
 }
 
 /** One that may not be pressed stays in the tab order: its reason has to be found by keyboard, too. */
-export function button(actions: DeskActions, b: Button): TemplateResult {
+export function button(actions: PanelActions, b: Button): TemplateResult {
   const why = b.why ?? "";
   return html`<button
     type="button"
@@ -52,8 +52,8 @@ export interface NumberField {
 }
 
 /** What is typed stays typed, whatever the service says meanwhile, until it is sent or undone. */
-export function numberField(state: State, actions: DeskActions, f: NumberField): TemplateResult {
-  const draft = state.desk.drafts[f.field];
+export function numberField(state: State, actions: PanelActions, f: NumberField): TemplateResult {
+  const draft = state.panels.drafts[f.field];
   const wrong = draft !== undefined && parsed(draft) === null;
   return html`<label class="field ${draft === undefined ? "" : "changed"} ${wrong ? "wrong" : ""}">
     <span class="field-name">${f.label}${f.now ? html`<small>${texts.shape.now} ${f.now}</small>` : nothing}</span>
@@ -76,7 +76,7 @@ export function numberField(state: State, actions: DeskActions, f: NumberField):
 
 export function textField(
   state: State,
-  actions: DeskActions,
+  actions: PanelActions,
   f: { field: string; label: string; placeholder?: string; problem?: string; focus?: boolean; secret?: boolean },
 ): TemplateResult {
   return html`<label class="field wide ${f.problem ? "wrong" : ""}">
@@ -90,7 +90,7 @@ export function textField(
         ${focused(f.focus ?? false)}
         placeholder=${f.placeholder ?? nothing}
         aria-invalid=${f.problem ? "true" : "false"}
-        .value=${state.desk.drafts[f.field] ?? ""}
+        .value=${state.panels.drafts[f.field] ?? ""}
         @input=${(event: Event) => actions.draft(f.field, (event.target as HTMLInputElement).value)}
       />
     </span>

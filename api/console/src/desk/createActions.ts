@@ -8,9 +8,9 @@ import type { Message } from "../messages";
 import { DEAD_IN_REPLAY, isSmall, shownPanels } from "./layout";
 import { NEW_OBSTACLE } from "./obstacles";
 import { typedNumbers, whyNotGroup, type Group } from "./shape";
-import { HOLD_MS, type DeskState, type LeftPanel, type RightPanel } from "./state";
+import { HOLD_MS, type PanelState, type LeftPanel, type RightPanel } from "./state";
 import { startOrder } from "./start";
-import type { DeskActions, PanelName } from "./actions";
+import type { PanelActions, PanelName } from "./actions";
 
 const LEFT: readonly PanelName[] = ["preflight", "shows", "shape", "obstacles"];
 const SHOW_MAX_BYTES = 64 * 1024;
@@ -26,8 +26,8 @@ export function createDeskActions(
   dispatch: (message: Message) => void,
   state: () => State,
   login: (token: string) => void,
-): DeskActions {
-  const set = (change: Partial<DeskState>): void => dispatch({ kind: "desk", change });
+): PanelActions {
+  const set = (change: Partial<PanelState>): void => dispatch({ kind: "panels", change });
   const undo = (prefix: string): void => dispatch({ kind: "undo", prefix });
   const view = (change: Partial<Omit<View, keyof Selection>>): void => dispatch({ kind: "view", change });
   const choose = (choice: Choice): void => dispatch({ kind: "select", choice });
@@ -35,16 +35,16 @@ export function createDeskActions(
   let holding = 0;
 
   function openPanel(name: PanelName): void {
-    const { desk, status } = state();
+    const { panels, status } = state();
     if (status?.replay && DEAD_IN_REPLAY.has(name)) return;
-    const sheet = isSmall(desk.layout) && desk.sheet === "start" ? null : desk.sheet; // it hides the panel
+    const sheet = isSmall(panels.layout) && panels.sheet === "start" ? null : panels.sheet; // it hides the panel
     if (LEFT.includes(name)) set({ left: name as LeftPanel, front: "left", sheet });
     else set({ right: name as RightPanel, front: "right", sheet });
   }
 
   function releaseKill(): void {
     clearTimeout(holding);
-    if (state().desk.holding_ms !== null) set({ holding_ms: null });
+    if (state().panels.holding_ms !== null) set({ holding_ms: null });
   }
 
   async function confirmKill(code: string): Promise<void> {
@@ -56,8 +56,8 @@ export function createDeskActions(
 
   /** What a group has on the screen, with what was typed into it. */
   async function apply(group: Group): Promise<void> {
-    const { status, frame, desk } = state();
-    const numbers = typedNumbers(desk.drafts, group);
+    const { status, frame, panels } = state();
+    const numbers = typedNumbers(panels.drafts, group);
     const why = whyNotGroup(state(), group) || (numbers === null ? texts.shape.badNumber : "");
     if (why !== "") return refuse(texts.shape.groups[group], why);
     if (numbers === null || !status || Object.keys(numbers).length === 0) return;
@@ -82,7 +82,7 @@ export function createDeskActions(
   }
 
   async function saveObstacle(): Promise<void> {
-    const { editing, drafts } = state().desk;
+    const { editing, drafts } = state().panels;
     const numbers = typedNumbers(drafts, "obstacle") as Partial<Box> | null;
     if (editing === null) return;
     if (numbers === null) return refuse(texts.obstacles.save, texts.shape.badNumber);
@@ -110,7 +110,7 @@ export function createDeskActions(
   }
 
   async function excluded(id: string): Promise<void> {
-    if (await service.exclude(id, (state().desk.drafts["exclude-reason"] ?? "").trim())) {
+    if (await service.exclude(id, (state().panels.drafts["exclude-reason"] ?? "").trim())) {
       undo("exclude-reason");
       set({ excluding: null });
       await service.loadPreflight();
@@ -139,17 +139,17 @@ export function createDeskActions(
     choose,
     chooseInScene(choice) {
       choose(choice);
-      const { view: { selection }, desk: { right } } = state();
+      const { view: { selection }, panels: { right } } = state();
       if (selection.length > 0 && right !== "fleet") openPanel("vehicle");
     },
     sheet(sheet) {
-      const open = state().desk.sheet;
+      const open = state().panels.sheet;
       set({ sheet: sheet === open ? null : sheet, sure: "" });
       if (open !== null && (sheet === null || sheet === open)) focusOn(open);
     },
     openPanel,
     togglePanel(name) {
-      const { left, right } = shownPanels(state().desk);
+      const { left, right } = shownPanels(state().panels);
       if (left === name) set({ left: null });
       else if (right === name) set({ right: null });
       else openPanel(name);
@@ -183,22 +183,22 @@ export function createDeskActions(
       set({ sure: "" });
       return service.removeObstacle(id);
     },
-    confirmGhost() {
-      const { ghost } = state();
-      dispatch({ kind: "ghost", ghost: null });
-      if (ghost !== null) void service.sendGhost(ghost);
+    confirmPreview() {
+      const { preview } = state();
+      dispatch({ kind: "preview", preview: null });
+      if (preview !== null) void service.sendPreview(preview);
     },
-    cancelGhost: () => dispatch({ kind: "ghost", ghost: null }),
+    cancelPreview: () => dispatch({ kind: "preview", preview: null }),
     armKill: (vehicles) => void service.armKill(vehicles),
-    confirmTyped: () => void confirmKill(state().desk.drafts["kill-typed"] ?? ""),
+    confirmTyped: () => void confirmKill(state().panels.drafts["kill-typed"] ?? ""),
     holdKill() {
       const { kill, page_ms } = state();
-      if (kill === null || state().desk.holding_ms !== null) return;
+      if (kill === null || state().panels.holding_ms !== null) return;
       set({ holding_ms: page_ms });
       clearTimeout(holding);
       holding = window.setTimeout(() => {
         const now = state();
-        if (now.desk.holding_ms !== null && now.kill !== null) void confirmKill(now.kill.armed.code);
+        if (now.panels.holding_ms !== null && now.kill !== null) void confirmKill(now.kill.armed.code);
         releaseKill();
       }, HOLD_MS);
     },
@@ -218,7 +218,7 @@ export function createDeskActions(
     seek: service.seek,
     upload: (file) => void upload(file),
     enter() {
-      const token = (state().desk.drafts["token"] ?? "").trim();
+      const token = (state().panels.drafts["token"] ?? "").trim();
       undo("token");
       if (token !== "") login(token);
     },

@@ -3,7 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { Command, State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { choices } from "./controls";
 import { clockTime } from "./format";
 import { icon, type IconName } from "./icons";
@@ -28,8 +28,8 @@ function sum(command: Command): string {
   return [...counts].map(([what, count]) => t.count(count, t.outcomes[what] ?? what)).join(", ");
 }
 
-function command(state: State, actions: DeskActions, one: Command): TemplateResult {
-  const open = state.desk.openCommand === one.id;
+function command(state: State, actions: PanelActions, one: Command): TemplateResult {
+  const open = state.panels.openCommand === one.id;
   const parts = Object.entries(one.vehicles);
   const telling = open ? parts : parts.filter(([, part]) => part.outcome === "failed");
   return html`<li class="event" data-testid="order-${one.id}">
@@ -58,7 +58,7 @@ function severityIcon(severity: string): IconName {
   return severity === "warning" ? "warning" : "info";
 }
 
-function lines(state: State, actions: DeskActions): TemplateResult {
+function lines(state: State, actions: PanelActions): TemplateResult {
   const all = [...(state.status?.events ?? [])].sort((a, b) => b.number - a.number);
   if (all.length === 0) return html`<p class="empty">${t.none}</p>`;
   return html`<ul class="events" data-testid="event-lines">
@@ -76,7 +76,7 @@ function lines(state: State, actions: DeskActions): TemplateResult {
 }
 
 function refusals(state: State): TemplateResult {
-  const all = state.desk.refusals;
+  const all = state.panels.refusals;
   if (all.length === 0) return html`<p class="empty">${t.none}</p>`;
   return html`<ul class="events" data-testid="event-refusals">
     ${all.map(
@@ -87,8 +87,8 @@ function refusals(state: State): TemplateResult {
   </ul>`;
 }
 
-export function events(state: State, actions: DeskActions): TemplateResult {
-  const { eventList } = state.desk;
+export function events(state: State, actions: PanelActions): TemplateResult {
+  const { eventList } = state.panels;
   return html`<div class="events-panel" data-testid="events">
     ${choices(
       "events",
@@ -96,7 +96,7 @@ export function events(state: State, actions: DeskActions): TemplateResult {
       [
         { value: "lines", label: t.lines },
         { value: "commands", label: t.commands },
-        { value: "refused", label: `${t.refused}${state.desk.refusals.length ? ` ${state.desk.refusals.length}` : ""}` },
+        { value: "refused", label: `${t.refused}${state.panels.refusals.length ? ` ${state.panels.refusals.length}` : ""}` },
       ],
       eventList,
       (value) => actions.set({ eventList: value }),

@@ -5,7 +5,7 @@ import { repeat } from "lit-html/directives/repeat.js";
 import { choiceOf } from "../selection";
 import { PHASES, type Frame, type State, type Status } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button } from "./controls";
 import { fixed, percentOnly } from "./format";
 import { selectionBar } from "./group";
@@ -25,8 +25,8 @@ const TERMS = [
 
 export const LOW_BATTERY = 0.3;
 
-function chips(state: State, actions: DeskActions): TemplateResult {
-  const { filter, table } = state.desk;
+function chips(state: State, actions: PanelActions): TemplateResult {
+  const { filter, table } = state.panels;
   const chip = (term: string, label: string, id: string, count?: number, shape?: TemplateResult): TemplateResult =>
     html`<button
       type="button"
@@ -45,8 +45,8 @@ function chips(state: State, actions: DeskActions): TemplateResult {
   </div>`;
 }
 
-function heading(state: State, actions: DeskActions, column: Column): TemplateResult {
-  const { sort } = state.desk;
+function heading(state: State, actions: PanelActions, column: Column): TemplateResult {
+  const { sort } = state.panels;
   const isSorted = sort.column === column;
   const name = texts.fleet.columns[column];
   return html`<th
@@ -66,7 +66,7 @@ function heading(state: State, actions: DeskActions, column: Column): TemplateRe
   </th>`;
 }
 
-function rowView(state: State, actions: DeskActions, row: Row, position: number): TemplateResult {
+function rowView(state: State, actions: PanelActions, row: Row, position: number): TemplateResult {
   const isSelected = state.view.selection.includes(row.id);
   const low = row.battery < LOW_BATTERY;
   return html`<tr
@@ -110,11 +110,11 @@ const keysOf = (event: MouseEvent | KeyboardEvent): { shift: boolean; ctrl: bool
 
 /** Every vehicle that meets the filter, as the table has them in order. */
 export function rowIds(state: State): string[] {
-  return state.desk.table.command.flatMap((index) => state.status?.vehicles[index]?.id ?? []);
+  return state.panels.table.command.flatMap((index) => state.status?.vehicles[index]?.id ?? []);
 }
 
 /** The id is a link to the vehicle's page; with a modifier it selects as the rest of its row does. */
-function openRow(actions: DeskActions, event: MouseEvent, id: string): void {
+function openRow(actions: PanelActions, event: MouseEvent, id: string): void {
   const keys = keysOf(event);
   if (keys.shift || keys.ctrl) return;
   event.stopPropagation();
@@ -122,7 +122,7 @@ function openRow(actions: DeskActions, event: MouseEvent, id: string): void {
 }
 
 /** Up and down go from vehicle to vehicle, also to those that are not drawn yet; with Shift the selection grows. */
-function onKey(actions: DeskActions, event: KeyboardEvent): void {
+function onKey(actions: PanelActions, event: KeyboardEvent): void {
   const state = actions.now();
   if (event.key === "Enter" && state.view.selected !== null) actions.openPanel("vehicle");
   if (event.key === "a" && (event.ctrlKey || event.metaKey)) {
@@ -131,7 +131,7 @@ function onKey(actions: DeskActions, event: KeyboardEvent): void {
   }
   const steps: Record<string, number> = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10, Home: -1e9, End: 1e9 };
   const step = steps[event.key];
-  const { command } = state.desk.table;
+  const { command } = state.panels.table;
   if (step === undefined || command.length === 0 || !state.status) return;
   event.preventDefault();
   const vehicles = state.status.vehicles;
@@ -145,9 +145,9 @@ function onKey(actions: DeskActions, event: KeyboardEvent): void {
   else if (bottom > scroller.scrollTop + scroller.clientHeight) scroller.scrollTop = bottom - scroller.clientHeight;
 }
 
-function table(state: State, actions: DeskActions, status: Status, frame: Frame): TemplateResult {
-  const { command, nearest_m } = state.desk.table;
-  const shown = windowed(command.length, state.desk.scroll_px, state.desk.room_px, ROW_PX);
+function table(state: State, actions: PanelActions, status: Status, frame: Frame): TemplateResult {
+  const { command, nearest_m } = state.panels.table;
+  const shown = windowed(command.length, state.panels.scroll_px, state.panels.room_px, ROW_PX);
   const rows = command
     .slice(shown.first, shown.last)
     .filter((index) => index < Math.min(frame.n, status.vehicles.length))
@@ -188,8 +188,8 @@ function table(state: State, actions: DeskActions, status: Status, frame: Frame)
   </div>`;
 }
 
-export function fleet(state: State, actions: DeskActions): TemplateResult {
-  const { status, frame, desk } = state;
+export function fleet(state: State, actions: PanelActions): TemplateResult {
+  const { status, frame, panels } = state;
   return html`<div class="fleet-panel">
     <div class="filter">
       <input
@@ -198,20 +198,20 @@ export function fleet(state: State, actions: DeskActions): TemplateResult {
         autocomplete="off"
         spellcheck="false"
         aria-label=${texts.fleet.filter}
-        aria-invalid=${desk.table.problem ? "true" : "false"}
+        aria-invalid=${panels.table.problem ? "true" : "false"}
         placeholder=${texts.fleet.filter}
         title=${texts.fleet.filterHelp}
-        .value=${desk.filter}
+        .value=${panels.filter}
         @input=${(event: Event) => actions.filter((event.target as HTMLInputElement).value)}
       />
       <span class="count" data-testid="fleet-count" role="status">
-        ${texts.fleet.count(desk.table.command.length, status?.vehicles.length ?? 0)}
+        ${texts.fleet.count(panels.table.command.length, status?.vehicles.length ?? 0)}
       </span>
       ${button(actions, {
         id: "filter-select",
-        label: texts.selection.selectShown(desk.table.command.length),
+        label: texts.selection.selectShown(panels.table.command.length),
         kind: "quiet",
-        why: desk.table.command.length > 0 ? "" : texts.fleet.nobody,
+        why: panels.table.command.length > 0 ? "" : texts.fleet.nobody,
         press: () => actions.choose({ how: "only", ids: rowIds(actions.now()) }),
       })}
       ${button(actions, {
@@ -221,7 +221,7 @@ export function fleet(state: State, actions: DeskActions): TemplateResult {
         press: () => actions.filter(""),
       })}
     </div>
-    ${desk.table.problem ? html`<p class="problem" role="alert" data-testid="filter-problem">${desk.table.problem}</p>` : nothing}
+    ${panels.table.problem ? html`<p class="problem" role="alert" data-testid="filter-problem">${panels.table.problem}</p>` : nothing}
     ${chips(state, actions)} ${status && frame ? table(state, actions, status, frame) : nothing} ${selectionBar(state, actions)}
   </div>`;
 }

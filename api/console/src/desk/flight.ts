@@ -4,7 +4,7 @@ import { html, nothing, type TemplateResult } from "lit-html";
 import type { ShowAction, State } from "../state";
 import { texts } from "../texts";
 import { fresh } from "../state";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { icon, type IconName } from "./icons";
 import { KEYS } from "./keys";
 import { failures, preflightNow } from "./preflight";
@@ -32,15 +32,15 @@ function warning(state: State, action: Big): string {
 }
 
 /** What a big button does, by hand or by key. */
-export function pressBig(state: State, actions: DeskActions, action: Big): void {
+export function pressBig(state: State, actions: PanelActions, action: Big): void {
   const why = whyNotBig(state, action);
   if (why !== "") actions.refuse(texts.flight[action], why);
   else if (action === "start" || action === "kill") actions.sheet(action);
   else actions.show(action);
 }
 
-export function flight(state: State, actions: DeskActions): TemplateResult {
-  const { sheet } = state.desk;
+export function flight(state: State, actions: PanelActions): TemplateResult {
+  const { sheet } = state.panels;
   return html`<section class="flight" aria-label=${texts.flight.title}>
     ${BIG.map(({ action, icon: name }) => {
       const why = whyNotBig(state, action);

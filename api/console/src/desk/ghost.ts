@@ -1,32 +1,32 @@
 /** What was dragged and is not ordered yet: confirm it or drop it. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import type { Ghost, State } from "../state";
+import type { Preview, State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button } from "./controls";
 import { withUnit } from "./format";
 import { icon } from "./icons";
 import { whyNot, whyNotShape } from "./rights";
 
-const t = texts.ghost;
+const t = texts.preview;
 
-export function ghostText(ghost: Ghost): string {
+export function previewText(preview: Preview): string {
   const m = (value: number): string => withUnit(value, "m");
-  switch (ghost.kind) {
+  switch (preview.kind) {
     case "target":
-      return t.target(m(ghost.x_m), m(ghost.y_m));
+      return t.target(m(preview.x_m), m(preview.y_m));
     case "obstacle":
-      return t.obstacle(ghost.id, m(ghost.x_m), m(ghost.y_m));
+      return t.obstacle(preview.id, m(preview.x_m), m(preview.y_m));
     case "new-obstacle":
-      return t.newObstacle(m(ghost.x_m), m(ghost.y_m));
+      return t.newObstacle(m(preview.x_m), m(preview.y_m));
     case "radius":
-      return t.radius(m(ghost.radius_m));
+      return t.radius(m(preview.radius_m));
   }
 }
 
-export function whyNotGhost(state: State): string {
-  switch (state.ghost?.kind) {
+export function whyNotPreview(state: State): string {
+  switch (state.preview?.kind) {
     case "target":
       return whyNotShape(state, "target");
     case "radius":
@@ -36,20 +36,20 @@ export function whyNotGhost(state: State): string {
   }
 }
 
-export function ghostBar(state: State, actions: DeskActions): TemplateResult | typeof nothing {
-  if (state.ghost === null) return nothing;
-  return html`<section class="ghost-bar" role="alertdialog" aria-label=${ghostText(state.ghost)} data-testid="ghost">
+export function previewBar(state: State, actions: PanelActions): TemplateResult | typeof nothing {
+  if (state.preview === null) return nothing;
+  return html`<section class="preview-bar" role="alertdialog" aria-label=${previewText(state.preview)} data-testid="preview">
     ${icon("info")}
-    <span><strong data-testid="ghost-text">${ghostText(state.ghost)}</strong><small>${t.what}</small></span>
+    <span><strong data-testid="preview-text">${previewText(state.preview)}</strong><small>${t.what}</small></span>
     ${button(actions, {
-      id: "ghost-confirm",
+      id: "preview-confirm",
       label: `${t.confirm} ⏎`,
 
       kind: "primary",
       icon: "check",
-      why: whyNotGhost(state),
-      press: () => actions.confirmGhost(),
+      why: whyNotPreview(state),
+      press: () => actions.confirmPreview(),
     })}
-    ${button(actions, { id: "ghost-cancel", label: `${t.cancel} Esc`, press: () => actions.cancelGhost() })}
+    ${button(actions, { id: "preview-cancel", label: `${t.cancel} Esc`, press: () => actions.cancelPreview() })}
   </section>`;
 }

@@ -4,7 +4,7 @@ import { html, nothing, type TemplateResult } from "lit-html";
 import type { FleetCommand } from "../actions";
 import { fresh, indexOf, PHASES, type Command, type Phase, type State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button } from "./controls";
 import { outcome } from "./events";
 import { percent, withUnit } from "./format";
@@ -43,7 +43,7 @@ export function lastOrder(state: State, id: string): Command | undefined {
   return state.commands.find((each) => id in each.vehicles);
 }
 
-function commands(state: State, actions: DeskActions, hasIcons: boolean): TemplateResult {
+function commands(state: State, actions: PanelActions, hasIcons: boolean): TemplateResult {
   return html`<div class="group-commands" role="group" aria-label=${t.commands}>
     ${FLEET_COMMANDS.map((command) =>
       button(actions, {
@@ -58,7 +58,7 @@ function commands(state: State, actions: DeskActions, hasIcons: boolean): Templa
   </div>`;
 }
 
-function head(state: State, actions: DeskActions): TemplateResult {
+function head(state: State, actions: PanelActions): TemplateResult {
   return html`<header>
     <strong data-testid="selection-count">${t.count(state.view.selection.length)}</strong>
     <button type="button" class="link" data-testid="selection-open" @click=${() => actions.openPanel("vehicle")}>${t.open}</button>
@@ -68,12 +68,12 @@ function head(state: State, actions: DeskActions): TemplateResult {
 }
 
 /** Below the table, as long as something is selected. */
-export function selectionBar(state: State, actions: DeskActions): TemplateResult | typeof nothing {
+export function selectionBar(state: State, actions: PanelActions): TemplateResult | typeof nothing {
   if (state.view.selection.length === 0) return nothing;
   return html`<section class="selection-bar" aria-label=${t.title} data-testid="selection">${head(state, actions)} ${commands(state, actions, false)}</section>`;
 }
 
-function line(state: State, actions: DeskActions, id: string): TemplateResult {
+function line(state: State, actions: PanelActions, id: string): TemplateResult {
   const index = indexOf(state, id);
   const phase = phaseOf(state, id);
   const command = lastOrder(state, id);
@@ -98,7 +98,7 @@ function line(state: State, actions: DeskActions, id: string): TemplateResult {
 }
 
 /** In place of one vehicle's page, where several are selected. */
-export function group(state: State, actions: DeskActions): TemplateResult {
+export function group(state: State, actions: PanelActions): TemplateResult {
   const { selection } = state.view;
   return html`<article class="group-page" data-testid="group-page">
     <header>

@@ -3,14 +3,14 @@
 import { html, type TemplateResult } from "lit-html";
 import { PHASES, type State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button } from "./controls";
 import { icon, PHASE_ICON } from "./icons";
 import { CAMERA_KEYS, FIT_KEY, KEYS, PANEL_KEYS, type FlightKey } from "./keys";
 
 const t = texts.help;
 
-export function help(_state: State, actions: DeskActions): TemplateResult {
+export function help(_state: State, actions: PanelActions): TemplateResult {
   const key = (keys: readonly string[], what: string): TemplateResult =>
     html`<div><dt>${keys.map((each) => html`<kbd>${each}</kbd> `)}</dt><dd>${what}</dd></div>`;
   return html`<p>${t.everywhere}</p>

@@ -5,7 +5,7 @@ import { certificate } from "../replay/certificate";
 import { replayBar } from "../replay/bar";
 import type { State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { alarmsOf } from "../alarms/model";
 import { alarms, announcer } from "../alarms/panel";
 import { offers, recovery } from "../alarms/recovery";
@@ -16,7 +16,7 @@ import { energy } from "./energy";
 import { events } from "./events";
 import { fleet } from "./fleet";
 import { flight } from "./flight";
-import { ghostBar } from "./ghost";
+import { previewBar } from "./ghost";
 import { help } from "./help";
 import { icon, type IconName } from "./icons";
 import { PANEL_KEYS } from "./keys";
@@ -34,7 +34,7 @@ import { timeline } from "./timeline";
 import { life, topbar } from "./topbar";
 import { vehicle } from "./vehicle";
 
-type View = (state: State, actions: DeskActions) => TemplateResult;
+type View = (state: State, actions: PanelActions) => TemplateResult;
 type PanelName = LeftPanel | RightPanel;
 
 const LEFT: readonly LeftPanel[] = ["preflight", "shows", "shape", "obstacles"];
@@ -66,8 +66,8 @@ function count(state: State, name: PanelName): number {
   return 0;
 }
 
-function rail(state: State, actions: DeskActions, side: "left" | "right", names: readonly PanelName[]): TemplateResult {
-  const open = shownPanels(state.desk)[side];
+function rail(state: State, actions: PanelActions, side: "left" | "right", names: readonly PanelName[]): TemplateResult {
+  const open = shownPanels(state.panels)[side];
   const keys = Object.entries(PANEL_KEYS);
   return html`<nav class="rail rail-${side}" aria-label=${texts.shell[side]}>
     ${names.map((name) => {
@@ -89,10 +89,10 @@ function rail(state: State, actions: DeskActions, side: "left" | "right", names:
   </nav>`;
 }
 
-function panel(state: State, actions: DeskActions, side: "left" | "right"): TemplateResult | typeof nothing {
-  const name = shownPanels(state.desk)[side];
+function panel(state: State, actions: PanelActions, side: "left" | "right"): TemplateResult | typeof nothing {
+  const name = shownPanels(state.panels)[side];
   if (name === null) return nothing;
-  const { layout, tall } = state.desk;
+  const { layout, tall } = state.panels;
   const title = texts.shell.tabs[name];
   return html`<aside class="panel panel-${side} panel-${name}" aria-label=${title} data-testid="panel-${name}">
     <header>
@@ -121,8 +121,8 @@ function panel(state: State, actions: DeskActions, side: "left" | "right"): Temp
   </aside>`;
 }
 
-function sheet(state: State, actions: DeskActions): TemplateResult | typeof nothing {
-  const name = state.desk.sheet;
+function sheet(state: State, actions: PanelActions): TemplateResult | typeof nothing {
+  const name = state.panels.sheet;
   if (name === null) return nothing;
   return html`<section class="sheet sheet-${name}" role="dialog" aria-label=${SHEETS[name].title} data-testid="sheet-${name}">
     <div class="head">
@@ -133,23 +133,23 @@ function sheet(state: State, actions: DeskActions): TemplateResult | typeof noth
   </section>`;
 }
 
-export function desk(state: State, actions: DeskActions): TemplateResult {
+export function panels(state: State, actions: PanelActions): TemplateResult {
   const now = life(state);
   const isReplay = Boolean(state.status?.replay);
   const isOld = now !== "live" && now !== "replay";
-  const { left, right } = shownPanels(state.desk);
-  const { layout, tall, allAlarms, sheet: open } = state.desk;
+  const { left, right } = shownPanels(state.panels);
+  const { layout, tall, allAlarms, sheet: open } = state.panels;
   const hasAlarms = alarmsOf(state.status).length > 0;
   const names = [
-    "desk",
+    "panels",
     isOld && "is-old",
     left && "has-left",
     right && "has-right",
     tall && "is-tall",
-    allAlarms && hasAlarms ? "has-all-alarms" : isBesideAPanel(state.desk) && "has-dense-alarms",
+    allAlarms && hasAlarms ? "has-all-alarms" : isBesideAPanel(state.panels) && "has-dense-alarms",
     open && open !== "help" && "has-dialog",
   ];
-  return html`<div class=${names.filter(Boolean).join(" ")} data-testid="desk" data-life=${now} data-layout=${layout}>
+  return html`<div class=${names.filter(Boolean).join(" ")} data-testid="panels" data-life=${now} data-layout=${layout}>
     ${topbar(state, actions)}
     ${banner(state)}
     ${isSmall(layout) ? nothing : recovery(state)}
@@ -159,7 +159,7 @@ export function desk(state: State, actions: DeskActions): TemplateResult {
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
     <div class="room" data-room><div class="room-low">${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
-    <div class="center-low">${sheet(state, actions)} ${ghostBar(state, actions)} ${toasts(state, actions)}</div>
+    <div class="center-low">${sheet(state, actions)} ${previewBar(state, actions)} ${toasts(state, actions)}</div>
     <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
     ${login(state, actions)} ${announcer(state)}
   </div>`;

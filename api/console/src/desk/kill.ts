@@ -3,7 +3,7 @@
 import { html, type TemplateResult } from "lit-html";
 import { PHASES, type Kill, type State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button, choices, textField } from "./controls";
 import { seconds } from "./format";
 import { icon, PHASE_ICON } from "./icons";
@@ -15,15 +15,15 @@ const t = texts.kill;
 
 /** Vehicles that the first step would name: those chosen, or every one that is not offline. Pure. */
 export function doomed(state: State): string[] {
-  const { status, frame, desk } = state;
+  const { status, frame, panels } = state;
   if (!status || !frame) return [];
   return status.vehicles
-    .filter((each, i) => (desk.killNamed ? desk.killNamed.has(each.id) : PHASES[frame.phase[i] ?? 0] !== "offline"))
+    .filter((each, i) => (panels.killNamed ? panels.killNamed.has(each.id) : PHASES[frame.phase[i] ?? 0] !== "offline"))
     .map((each) => each.id);
 }
 
-function choose(state: State, actions: DeskActions): TemplateResult {
-  const { killNamed } = state.desk;
+function choose(state: State, actions: PanelActions): TemplateResult {
+  const { killNamed } = state.panels;
   const chosen = doomed(state);
   return html`<h3>${t.who}</h3>
     ${choices(
@@ -42,7 +42,7 @@ function choose(state: State, actions: DeskActions): TemplateResult {
               class="chip"
               data-testid="kill-pick-${each.id}"
               aria-pressed=${String(killNamed.has(each.id))}
-              @click=${() => actions.set({ killNamed: toggle(actions.now().desk.killNamed ?? new Set(), each.id) })}
+              @click=${() => actions.set({ killNamed: toggle(actions.now().panels.killNamed ?? new Set(), each.id) })}
             >
               ${icon(PHASE_ICON[phase])}${each.id}
             </button>`;
@@ -57,7 +57,7 @@ function choose(state: State, actions: DeskActions): TemplateResult {
         kind: "danger",
         icon: "kill",
         why: whyNot(state, "kill") || (chosen.length ? "" : t.none),
-        press: () => actions.armKill(actions.now().desk.killNamed ? doomed(actions.now()) : null),
+        press: () => actions.armKill(actions.now().panels.killNamed ? doomed(actions.now()) : null),
       })}
       ${button(actions, { id: "kill-cancel", label: texts.shell.cancel, focus: true, press: () => actions.sheet(null) })}
       <small>${t.armWhat}</small>
@@ -72,8 +72,8 @@ function toggle(chosen: ReadonlySet<string>, id: string): ReadonlySet<string> {
 
 const HOLD_KEYS: readonly string[] = [" ", "Enter"];
 
-function holdButton(state: State, actions: DeskActions): TemplateResult {
-  const { holding_ms } = state.desk;
+function holdButton(state: State, actions: PanelActions): TemplateResult {
+  const { holding_ms } = state.panels;
   const share = holding_ms === null ? 0 : Math.min(1, (state.page_ms - holding_ms) / HOLD_MS);
   const down = (event: KeyboardEvent): void => {
     if (!HOLD_KEYS.includes(event.key)) return;
@@ -100,7 +100,7 @@ function holdButton(state: State, actions: DeskActions): TemplateResult {
   </button>`;
 }
 
-function confirm(state: State, actions: DeskActions, kill: Kill): TemplateResult {
+function confirm(state: State, actions: PanelActions, kill: Kill): TemplateResult {
   const { armed, until_ms } = kill;
   const left_s = Math.max(0, (until_ms - state.page_ms) / 1000);
   return html`<h3>${t.armed(armed.vehicles.length)}</h3>
@@ -122,6 +122,6 @@ function confirm(state: State, actions: DeskActions, kill: Kill): TemplateResult
     </form>`;
 }
 
-export function kill(state: State, actions: DeskActions): TemplateResult {
+export function kill(state: State, actions: PanelActions): TemplateResult {
   return state.kill ? confirm(state, actions, state.kill) : choose(state, actions);
 }

@@ -1,6 +1,6 @@
 /** Which of four layouts the page has, by the size of the window, and which panels it shows. Pure but for `watchLayout`. */
 
-import type { DeskState, Layout, LeftPanel, RightPanel } from "./state";
+import type { PanelState, Layout, LeftPanel, RightPanel } from "./state";
 
 export type { Layout, PanelSide } from "./state";
 
@@ -29,9 +29,9 @@ export function isSmall(layout: Layout): boolean {
 }
 
 /** Whether alarms have less than the height of the page: their rows are dense then, and a button shows all of them. */
-export function isBesideAPanel(desk: Pick<DeskState, "layout" | "left" | "right" | "front">): boolean {
-  const { left, right } = shownPanels(desk);
-  return isSmall(desk.layout) || right !== null || (desk.layout === "single" && left !== null);
+export function isBesideAPanel(panels: Pick<PanelState, "layout" | "left" | "right" | "front">): boolean {
+  const { left, right } = shownPanels(panels);
+  return isSmall(panels.layout) || right !== null || (panels.layout === "single" && left !== null);
 }
 
 /** Panels that ask the service for what a record does not hold. */
@@ -43,14 +43,14 @@ export interface ShownPanels {
 }
 
 /** The wide layout shows what is open on both sides, the others only the side that was opened last. */
-export function shownPanels({ layout, left, right, front }: Pick<DeskState, "layout" | "left" | "right" | "front">): ShownPanels {
+export function shownPanels({ layout, left, right, front }: Pick<PanelState, "layout" | "left" | "right" | "front">): ShownPanels {
   if (layout === "wide") return { left, right };
   return { left: front === "left" ? left : null, right: front === "right" ? right : null };
 }
 
 /** After rotation: a sheet starts closed, since it covers the scene; a panel beside the scene starts open. */
-export function withLayout(desk: DeskState, layout: Layout): DeskState {
-  if (layout === desk.layout) return desk;
-  const front = !isSmall(layout) ? (desk.front ?? "right") : isSmall(desk.layout) ? desk.front : null;
-  return { ...desk, layout, front, tall: false, allAlarms: false };
+export function withLayout(panels: PanelState, layout: Layout): PanelState {
+  if (layout === panels.layout) return panels;
+  const front = !isSmall(layout) ? (panels.front ?? "right") : isSmall(panels.layout) ? panels.front : null;
+  return { ...panels, layout, front, tall: false, allAlarms: false };
 }

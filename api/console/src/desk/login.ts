@@ -3,15 +3,15 @@
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button, textField } from "./controls";
 import { icon } from "./icons";
 
 const t = texts.token;
 
-export function login(state: State, actions: DeskActions): TemplateResult | typeof nothing {
+export function login(state: State, actions: PanelActions): TemplateResult | typeof nothing {
   if (state.connection.kind !== "denied") return nothing;
-  const typed = (state.desk.drafts["token"] ?? "").trim();
+  const typed = (state.panels.drafts["token"] ?? "").trim();
   return html`<section class="sheet login" role="dialog" aria-modal="true" aria-label=${t.title} data-testid="login">
     <h2>${icon("limited")} ${t.title}</h2>
     <p class="problem" role="alert" data-testid="login-reason">${state.connection.reason}</p>

@@ -3,7 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { Obstacle, State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button, numberField, textField } from "./controls";
 import { fixed, withUnit } from "./format";
 import { icon } from "./icons";
@@ -22,7 +22,7 @@ const FIELDS = [
 /** What a new one is like until somebody types otherwise. */
 export const NEW_OBSTACLE = { x_m: 0, y_m: 0, half_length_x_m: 2, half_length_y_m: 2, height_m: 10 } as const;
 
-function form(state: State, actions: DeskActions, known: Obstacle | null): TemplateResult {
+function form(state: State, actions: PanelActions, known: Obstacle | null): TemplateResult {
   const values = known ?? NEW_OBSTACLE;
   return html`<form
     class="group inline-form"
@@ -43,8 +43,8 @@ function form(state: State, actions: DeskActions, known: Obstacle | null): Templ
   </form>`;
 }
 
-function one(state: State, actions: DeskActions, box: Obstacle): TemplateResult {
-  const { editing, sure } = state.desk;
+function one(state: State, actions: PanelActions, box: Obstacle): TemplateResult {
+  const { editing, sure } = state.panels;
   const why = whyNot(state, "obstacle");
   const speed = Math.hypot(box.velocity_x_m_s, box.velocity_y_m_s);
   const removing = sure === `obstacle:${box.id}`;
@@ -75,9 +75,9 @@ function one(state: State, actions: DeskActions, box: Obstacle): TemplateResult 
   </li>`;
 }
 
-export function obstacles(state: State, actions: DeskActions): TemplateResult {
+export function obstacles(state: State, actions: PanelActions): TemplateResult {
   const all = state.status?.obstacles ?? [];
-  const { editing } = state.desk;
+  const { editing } = state.panels;
   return html`<div class="obstacles" data-testid="obstacles">
     ${all.length ? html`<ul class="cards">${all.map((box) => one(state, actions, box))}</ul>` : html`<p class="empty">${t.none}</p>`}
     ${editing === ""

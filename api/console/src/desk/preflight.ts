@@ -4,7 +4,7 @@ import { html, nothing, type TemplateResult } from "lit-html";
 import { guard } from "lit-html/directives/guard.js";
 import type { PreflightReport, State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button, textField } from "./controls";
 import { plain, seconds } from "./format";
 import { icon } from "./icons";
@@ -20,13 +20,13 @@ const NEW_MS = 12_000;
 
 /** The report, as long as it tells of now: on the ground, and read a short while ago. Pure. */
 export function preflightNow(state: State): PreflightReport | null {
-  const isNew = state.page_ms - state.desk.preflightRead_ms < NEW_MS; // NaN: not yet
+  const isNew = state.page_ms - state.panels.preflightRead_ms < NEW_MS; // NaN: not yet
   return isNew && whyNotOnGround(state) === "" ? state.preflight : null;
 }
 
 /** The report for a start of these vehicles (null: of every one that is online); null: there is none that tells of now. Pure. */
 export function preflightOf(state: State, vehicles: readonly string[] | null): PreflightReport | null {
-  return state.desk.preflightFor === reportKey(vehicles) ? preflightNow(state) : null;
+  return state.panels.preflightFor === reportKey(vehicles) ? preflightNow(state) : null;
 }
 
 export const reportKey = (vehicles: readonly string[] | null): string => vehicles?.join(" ") ?? "";
@@ -83,7 +83,7 @@ function checkView(one: Check, who: TemplateResult | typeof nothing = nothing): 
 
 const NAMED_MAX = 12;
 
-function whoView(actions: DeskActions, trouble: Trouble): TemplateResult {
+function whoView(actions: PanelActions, trouble: Trouble): TemplateResult {
   const named = trouble.vehicles.slice(0, NAMED_MAX);
   const more = trouble.vehicles.length - named.length;
   return html`<p class="check-who">
@@ -106,7 +106,7 @@ function whoView(actions: DeskActions, trouble: Trouble): TemplateResult {
   </p>`;
 }
 
-function excluding(state: State, actions: DeskActions, id: string): TemplateResult {
+function excluding(state: State, actions: PanelActions, id: string): TemplateResult {
   return html`<form
     class="inline-form"
     @submit=${(event: Event) => {
@@ -122,8 +122,8 @@ function excluding(state: State, actions: DeskActions, id: string): TemplateResu
   </form>`;
 }
 
-function vehicle(state: State, actions: DeskActions, one: Vehicle): TemplateResult {
-  const { allChecks, excluding: who } = state.desk;
+function vehicle(state: State, actions: PanelActions, one: Vehicle): TemplateResult {
+  const { allChecks, excluding: who } = state.panels;
   const failing = one.checks.filter((each) => each.state !== "pass").length;
   const good = one.flies && failing === 0;
   return html`<section class="preflight-vehicle ${one.flies ? (good ? "good" : "bad") : "out"}" data-testid="preflight-${one.id}">
@@ -159,14 +159,14 @@ function vehicle(state: State, actions: DeskActions, one: Vehicle): TemplateResu
 
 const VEHICLES_MAX = 60;
 
-function vehicleList(state: State, actions: DeskActions, list: readonly Vehicle[]): TemplateResult {
+function vehicleList(state: State, actions: PanelActions, list: readonly Vehicle[]): TemplateResult {
   return html`${list.slice(0, VEHICLES_MAX).map((one) => vehicle(state, actions, one))}
   ${list.length > VEHICLES_MAX ? html`<p class="dim">${t.moreVehicles(list.length - VEHICLES_MAX)}</p>` : nothing}`;
 }
 
 /** What passes is one line, until somebody wants to see it: a start is prepared by what does not. */
-function passing(state: State, actions: DeskActions, vehicles: readonly Vehicle[], checks: readonly Check[]): TemplateResult {
-  const { allChecks } = state.desk;
+function passing(state: State, actions: PanelActions, vehicles: readonly Vehicle[], checks: readonly Check[]): TemplateResult {
+  const { allChecks } = state.panels;
   return html`<section class="preflight-passing" data-testid="preflight-passing">
     <h3>${t.passing}</h3>
     <p class="verdict good">${icon("check")} <span>${t.passingWhat(vehicles.length, checks.length)}</span></p>
@@ -186,7 +186,7 @@ function passing(state: State, actions: DeskActions, vehicles: readonly Vehicle[
   </section>`;
 }
 
-function details(state: State, actions: DeskActions, found: PreflightReport): TemplateResult {
+function details(state: State, actions: PanelActions, found: PreflightReport): TemplateResult {
   const failing = found.fleet.filter((each) => each.state !== "pass");
   const list = troubles(found);
   const isGood = (one: Vehicle): boolean => one.flies && one.checks.every((each) => each.state === "pass");
@@ -218,21 +218,21 @@ function details(state: State, actions: DeskActions, found: PreflightReport): Te
 }
 
 /** With 200 vehicles the list is long: it is made anew when something in it has changed, and not ten times a second. */
-function report(state: State, actions: DeskActions, found: PreflightReport): TemplateResult {
-  const { allChecks, excluding: who, drafts } = state.desk;
+function report(state: State, actions: PanelActions, found: PreflightReport): TemplateResult {
+  const { allChecks, excluding: who, drafts } = state.panels;
   const onGround = whyNotOnGround(state);
   const shown = [found, allChecks, who, drafts["exclude-reason"], onGround, whyNot(state, "exclude"), whyNot(state, "include")];
   return html`<div class="verdict ${found.passes ? "good" : "bad"}" role="status" data-testid="preflight-verdict">
       ${icon(found.passes ? "check" : "cross")}
       <strong>${found.passes ? t.passes : t.fails(failures(found))}</strong>
-      <small>${onGround === "" ? "" : `${t.before}; `}${t.read(seconds((state.page_ms - state.desk.preflightRead_ms) / 1000))}</small>
+      <small>${onGround === "" ? "" : `${t.before}; `}${t.read(seconds((state.page_ms - state.panels.preflightRead_ms) / 1000))}</small>
     </div>
     ${guard(shown, () => details(state, actions, found))}`;
 }
 
-export function preflight(state: State, actions: DeskActions): TemplateResult {
+export function preflight(state: State, actions: PanelActions): TemplateResult {
   return html`<div class="preflight" data-testid="preflight">
-    ${state.desk.preflightProblem ? html`<p class="problem" role="alert" data-testid="preflight-problem">${state.desk.preflightProblem}</p>` : nothing}
+    ${state.panels.preflightProblem ? html`<p class="problem" role="alert" data-testid="preflight-problem">${state.panels.preflightProblem}</p>` : nothing}
     ${state.preflight ? report(state, actions, state.preflight) : html`<p class="empty">${t.none}</p>`}
     ${button(actions, { id: "preflight-read", label: t.again, press: () => actions.readPreflight() })}
   </div>`;

@@ -24,23 +24,23 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
   }
 
   return (state) => {
-    const { desk, page_ms, status } = state;
+    const { panels, page_ms, status } = state;
     if (!fresh(state) || !status || state.access === null) return;
     if (status.replay) {
       if (marksFor !== status.began_unix_time_s) ask("marks", service.loadMarks);
       marksFor = status.began_unix_time_s;
       return;
     }
-    const { left, right } = shownPanels(desk);
-    const isLooking = left === "preflight" || desk.sheet === "start";
+    const { left, right } = shownPanels(panels);
+    const isLooking = left === "preflight" || panels.sheet === "start";
     const onGround = whyNotOnGround(state) === "";
     if (onGround && page_ms - asked_ms.preflight >= (isLooking ? PREFLIGHT_MS : PREFLIGHT_UNSEEN_MS)) {
       asked_ms.preflight = page_ms;
-      const command = desk.sheet === "start" ? startOrder(state) : null;
+      const command = panels.sheet === "start" ? startOrder(state) : null;
       const vehicles = command === null || typeof command === "string" ? null : command.vehicles;
       ask("preflight", () => service.loadPreflight(vehicles));
     }
-    const ordersOpen = (right === "events" && desk.eventList === "commands") || right === "vehicle";
+    const ordersOpen = (right === "events" && panels.eventList === "commands") || right === "vehicle";
     if (ordersOpen && page_ms - asked_ms.commands >= ORDERS_MS) {
       asked_ms.commands = page_ms;
       ask("commands", service.loadOrders);

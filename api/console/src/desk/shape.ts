@@ -4,7 +4,7 @@ import { html, nothing, type TemplateResult } from "lit-html";
 import type { State } from "../state";
 import type { Group } from "./state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button, choices, numberField, type NumberField } from "./controls";
 import { fixed, parsed, withUnit } from "./format";
 import { whyNot, whyNotShape } from "./rights";
@@ -31,12 +31,12 @@ export function whyNotGroup(state: State, group: Group): string {
 }
 
 function hasDrafts(state: State, group: Group): boolean {
-  return Object.keys(state.desk.drafts).some((field) => field.startsWith(`${group}:`));
+  return Object.keys(state.panels.drafts).some((field) => field.startsWith(`${group}:`));
 }
 
 function section(
   state: State,
-  actions: DeskActions,
+  actions: PanelActions,
   group: Group,
   title: string,
   fields: readonly NumberField[],
@@ -44,7 +44,7 @@ function section(
 ): TemplateResult {
   const changed = hasDrafts(state, group);
   const why = whyNotGroup(state, group);
-  const wrong = typedNumbers(state.desk.drafts, group) === null ? t.badNumber : "";
+  const wrong = typedNumbers(state.panels.drafts, group) === null ? t.badNumber : "";
   return html`<form
     class="group"
     aria-label=${title}
@@ -71,7 +71,7 @@ function section(
   </form>`;
 }
 
-export function shape(state: State, actions: DeskActions): TemplateResult {
+export function shape(state: State, actions: PanelActions): TemplateResult {
   const { status, frame } = state;
   if (!status) return html`<p class="empty">${t.none}</p>`;
   const { formation, orbit, target, yaw } = status;

@@ -3,7 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { ShowCheck, State, StoredShow } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button } from "./controls";
 import { fixed, minutes, percent, withUnit } from "./format";
 import { icon } from "./icons";
@@ -55,8 +55,8 @@ function problems(check: ShowCheck): TemplateResult | typeof nothing {
 
 /** Why the service would not select this show as it was checked last; "" where it has not refused it. Pure. */
 export function refusal(state: State, name: string): string {
-  const refused = state.desk.showsRefused[name];
-  return refused !== undefined && state.desk.checks[name]?.hash === refused.hash ? refused.problem : "";
+  const refused = state.panels.showsRefused[name];
+  return refused !== undefined && state.panels.checks[name]?.hash === refused.hash ? refused.problem : "";
 }
 
 function verdict(check: ShowCheck | undefined, refused: string): TemplateResult {
@@ -72,8 +72,8 @@ function verdict(check: ShowCheck | undefined, refused: string): TemplateResult 
     : html`<span class="verdict bad">${icon("cross")}${t.bad(check.problems.length)}</span>`;
 }
 
-function one(state: State, actions: DeskActions, file: StoredShow): TemplateResult {
-  const { checks, openShow, sure } = state.desk;
+function one(state: State, actions: PanelActions, file: StoredShow): TemplateResult {
+  const { checks, openShow, sure } = state.panels;
   const check = checks[file.name];
   const selected = state.status?.show.selected?.name === file.name;
   const why = whyNot(state, "shows");
@@ -126,8 +126,8 @@ function one(state: State, actions: DeskActions, file: StoredShow): TemplateResu
   </li>`;
 }
 
-export function shows(state: State, actions: DeskActions): TemplateResult {
-  const all = state.desk.shows ?? [];
+export function shows(state: State, actions: PanelActions): TemplateResult {
+  const all = state.panels.shows ?? [];
   const why = whyNot(state, "shows");
   const noUploads = state.status?.shows_refused ?? "";
   const chosen = (event: Event): void => {
@@ -137,7 +137,7 @@ export function shows(state: State, actions: DeskActions): TemplateResult {
     input.value = "";
   };
   return html`<div class="shows" data-testid="shows">
-    ${state.desk.showsProblem ? html`<p class="problem" role="alert" data-testid="shows-problem">${state.desk.showsProblem}</p>` : nothing}
+    ${state.panels.showsProblem ? html`<p class="problem" role="alert" data-testid="shows-problem">${state.panels.showsProblem}</p>` : nothing}
     ${all.length
       ? html`<ul class="cards">
           ${all.map((file) => one(state, actions, file))}

@@ -3,7 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button, choices, textField } from "./controls";
 import { clockTime, nextClockTime } from "./format";
 import { icon } from "./icons";
@@ -21,7 +21,7 @@ const DAY_S = 86_400;
 
 /** What the start says as typed; a text where it cannot be sent. Pure. */
 export function startOrder(state: State): StartOrder | string {
-  const { drafts, startAt, startNamed } = state.desk;
+  const { drafts, startAt, startNamed } = state.panels;
   const vehicles = startNamed ? names(drafts["start-names"] ?? "") : null;
   if (vehicles?.length === 0) return t.badNames;
   const now_s = state.frame?.unix_time_s ?? NaN;
@@ -40,7 +40,7 @@ export function whyNotStart(state: State): string {
   const why = whyNotShow(state, "start") || (typeof command === "string" ? command : "");
   if (why !== "" || typeof command === "string" || command.at_unix_time_s !== null) return why;
   const report = preflightOf(state, command.vehicles);
-  if (report === null) return state.desk.preflightProblem || t.unknown;
+  if (report === null) return state.panels.preflightProblem || t.unknown;
   if (!report.vehicles.some((each) => each.flies)) return t.nobody;
   return report.passes ? "" : t.fails(failures(report));
 }
@@ -59,10 +59,10 @@ function named(vehicles: readonly string[]): string {
   return `${vehicles.slice(0, NAMED_MAX).join(", ")} ${texts.preflight.moreVehicles(vehicles.length - NAMED_MAX)}`;
 }
 
-function readiness(state: State, actions: DeskActions): TemplateResult {
+function readiness(state: State, actions: PanelActions): TemplateResult {
   const command = startOrder(state);
   const report = preflightOf(state, typeof command === "string" ? null : command.vehicles);
-  if (report === null) return html`<p class="verdict" data-testid="start-preflight">${icon("question")} ${state.desk.preflightProblem || t.unknown}</p>`;
+  if (report === null) return html`<p class="verdict" data-testid="start-preflight">${icon("question")} ${state.panels.preflightProblem || t.unknown}</p>`;
   const flying = report.vehicles.filter((each) => each.flies).length;
   const passes = report.passes && flying > 0;
   const byClock = typeof command !== "string" && command.at_unix_time_s !== null;
@@ -85,8 +85,8 @@ function readiness(state: State, actions: DeskActions): TemplateResult {
       : nothing}`;
 }
 
-export function start(state: State, actions: DeskActions): TemplateResult {
-  const { drafts, startAt, startNamed } = state.desk;
+export function start(state: State, actions: PanelActions): TemplateResult {
+  const { drafts, startAt, startNamed } = state.panels;
   const selected = state.status?.show.selected;
   const command = startOrder(state);
   const wrong = typeof command === "string" ? command : "";

@@ -31,7 +31,7 @@ export interface Table {
   made_ms: number;
 }
 
-export interface DeskState {
+export interface PanelState {
   left: LeftPanel | null;
   right: RightPanel | null;
   sheet: Sheet | null;
@@ -74,7 +74,7 @@ export const ROW_PX = 36;
 export const REFUSALS_KEPT = 100;
 export const HOLD_MS = 2000;
 
-export function initialDesk(): DeskState {
+export function initialDesk(): PanelState {
   return {
     left: "preflight",
     right: "fleet",

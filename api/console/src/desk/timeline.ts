@@ -3,7 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit-html";
 import { fresh, type State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { minutes } from "./format";
 import { icon } from "./icons";
 import { place } from "./place";
@@ -25,7 +25,7 @@ export function playing(all: readonly Segment[], clock_s: number): number {
   return all.findLastIndex((each) => each.at_s <= clock_s);
 }
 
-export function timeline(state: State, actions: DeskActions): TemplateResult {
+export function timeline(state: State, actions: PanelActions): TemplateResult {
   const show = state.status?.show.selected;
   if (!show || !state.status) {
     return html`<section class="timeline none" aria-label=${texts.timeline.title}>

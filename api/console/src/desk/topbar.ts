@@ -4,7 +4,7 @@ import { html, nothing, type TemplateResult } from "lit-html";
 import { overall, soundButton } from "../alarms/panel";
 import { fresh, type State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { camera } from "./camera";
 import { button } from "./controls";
 import { clockTime, minutes, withUnit } from "./format";
@@ -115,7 +115,7 @@ function who(state: State): TemplateResult {
   </div>`;
 }
 
-export function topbar(state: State, actions: DeskActions): TemplateResult {
+export function topbar(state: State, actions: PanelActions): TemplateResult {
   const now = life(state);
   const { night } = state.view;
   return html`<header class="topbar">
@@ -131,11 +131,11 @@ export function topbar(state: State, actions: DeskActions): TemplateResult {
       icon: "more",
       iconOnly: true,
       kind: "quiet",
-      expanded: state.desk.tools,
-      press: () => actions.set({ tools: !state.desk.tools }),
+      expanded: state.panels.tools,
+      press: () => actions.set({ tools: !state.panels.tools }),
     })}
-    <div class="tools ${state.desk.tools ? "open" : ""}">
-    ${isSmall(state.desk.layout) ? camera(state, actions) : nothing} ${soundButton(state, actions)} ${who(state)}
+    <div class="tools ${state.panels.tools ? "open" : ""}">
+    ${isSmall(state.panels.layout) ? camera(state, actions) : nothing} ${soundButton(state, actions)} ${who(state)}
     <time class="clock value" data-testid="clock" title=${texts.bar.clock}>${clockTime(state.frame?.unix_time_s)}</time>
     ${button(actions, {
       id: "night",
@@ -151,7 +151,7 @@ export function topbar(state: State, actions: DeskActions): TemplateResult {
       icon: "question",
       iconOnly: true,
       kind: "quiet",
-      expanded: state.desk.sheet === "help",
+      expanded: state.panels.sheet === "help",
       press: () => actions.sheet("help"),
     })}
     </div>

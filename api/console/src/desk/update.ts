@@ -7,7 +7,7 @@ import { withLayout } from "./layout";
 import { reportKey } from "./preflight";
 import { parseQuery } from "./query";
 import { rowOf, sorted } from "./rows";
-import { REFUSALS_KEPT, type DeskState, type Table } from "./state";
+import { REFUSALS_KEPT, type PanelState, type Table } from "./state";
 import { steppedBack, steppedForward } from "./stepping";
 
 /** The table is put in order at most so often: rows that jump cannot be pressed. */
@@ -16,57 +16,57 @@ const TABLE_MS = 1000;
 /** Behind the update of everything else; `message` is the same. */
 export function updateDesk(state: State, message: Message): State {
   switch (message.kind) {
-    case "desk": {
-      const opensKill = message.change.sheet === "kill" && state.desk.sheet !== "kill";
+    case "panels": {
+      const opensKill = message.change.sheet === "kill" && state.panels.sheet !== "kill";
       const next = changed(state, opensKill ? { ...message.change, killNamed: new Set(state.view.selection) } : message.change);
-      if (message.change.sheet === "start" && state.desk.sheet !== "start") return changed(next, steppedForward(next));
+      if (message.change.sheet === "start" && state.panels.sheet !== "start") return changed(next, steppedForward(next));
       return "filter" in message.change || "sort" in message.change ? withTable(next) : next;
     }
     case "layout":
-      return changed(state, withLayout(state.desk, message.layout));
+      return changed(state, withLayout(state.panels, message.layout));
     case "draft":
-      return changed(state, { drafts: { ...state.desk.drafts, [message.field]: message.text } });
+      return changed(state, { drafts: { ...state.panels.drafts, [message.field]: message.text } });
     case "undo":
-      return changed(state, { drafts: without(state.desk.drafts, message.prefix) });
+      return changed(state, { drafts: without(state.panels.drafts, message.prefix) });
     case "status":
-      return settled(state.desk.table.command.length === 0 ? withTable(state) : state);
+      return settled(state.panels.table.command.length === 0 ? withTable(state) : state);
     case "frame":
-      return message.frame.received_ms - state.desk.table.made_ms >= TABLE_MS ? withTable(state) : state;
+      return message.frame.received_ms - state.panels.table.made_ms >= TABLE_MS ? withTable(state) : state;
     case "refused": {
       const refusal = { unix_time_s: state.frame?.unix_time_s ?? NaN, text: message.text };
-      return changed(state, { refusals: [refusal, ...state.desk.refusals].slice(0, REFUSALS_KEPT) });
+      return changed(state, { refusals: [refusal, ...state.panels.refusals].slice(0, REFUSALS_KEPT) });
     }
     case "shows":
       return changed(state, { shows: message.shows, showsProblem: "" });
     case "check":
-      return message.check === null ? state : changed(state, { checks: { ...state.desk.checks, [message.check.name]: message.check } });
+      return message.check === null ? state : changed(state, { checks: { ...state.panels.checks, [message.check.name]: message.check } });
     case "show-selected":
-      return changed(state, { showsRefused: withRefusal(state.desk.showsRefused, message) });
+      return changed(state, { showsRefused: withRefusal(state.panels.showsRefused, message) });
     case "preflight": {
       const read = changed(state, { preflightRead_ms: state.page_ms, preflightProblem: "", preflightFor: reportKey(message.vehicles ?? null) });
       return changed(read, steppedForward(read));
     }
     case "kill-armed":
     case "kill-over":
-      return changed(state, { holding_ms: null, drafts: without(state.desk.drafts, "kill-") });
+      return changed(state, { holding_ms: null, drafts: without(state.panels.drafts, "kill-") });
     case "tick":
-      return state.kill === null && state.desk.holding_ms !== null ? changed(state, { holding_ms: null }) : state;
+      return state.kill === null && state.panels.holding_ms !== null ? changed(state, { holding_ms: null }) : state;
     default:
       return state;
   }
 }
 
-function changed(state: State, change: Partial<DeskState>): State {
-  return { ...state, desk: { ...state.desk, ...change } };
+function changed(state: State, change: Partial<PanelState>): State {
+  return { ...state, panels: { ...state.panels, ...change } };
 }
 
-function without(drafts: DeskState["drafts"], prefix: string): DeskState["drafts"] {
+function without(drafts: PanelState["drafts"], prefix: string): PanelState["drafts"] {
   return Object.fromEntries(Object.entries(drafts).filter(([field]) => !field.startsWith(prefix)));
 }
 
 function withRefusal(
-  refused: DeskState["showsRefused"], { name, hash, problem }: { name: string; hash: string; problem: string },
-): DeskState["showsRefused"] {
+  refused: PanelState["showsRefused"], { name, hash, problem }: { name: string; hash: string; problem: string },
+): PanelState["showsRefused"] {
   const { [name]: _before, ...others } = refused;
   return problem === "" ? others : { ...others, [name]: { hash, problem } };
 }
@@ -74,7 +74,7 @@ function withRefusal(
 /** What is open and is gone, or has no use any more, is closed. */
 function settled(before: State): State {
   const state = changed(before, steppedBack(before));
-  const { editing, drafts } = state.desk;
+  const { editing, drafts } = state.panels;
   const isGone = editing !== null && editing !== "" && !state.status?.obstacles.some((each) => each.id === editing);
   return isGone ? changed(state, { editing: null, drafts: without(drafts, "obstacle") }) : state;
 }
@@ -84,15 +84,15 @@ function withTable(state: State): State {
 }
 
 function madeTable(state: State): Table {
-  const { status, frame, desk } = state;
-  const query = parseQuery(desk.filter);
-  if (!status || !frame) return { ...desk.table, problem: query.problem };
+  const { status, frame, panels } = state;
+  const query = parseQuery(panels.filter);
+  if (!status || !frame) return { ...panels.table, problem: query.problem };
   const nearest = nearest_m(frame);
   const rows = status.vehicles.slice(0, frame.n).map((_, index) => rowOf(status, frame, nearest, index));
   const phases: Record<string, number> = Object.fromEntries(PHASES.map((phase) => [phase, 0]));
   for (const row of rows) phases[row.phase] = (phases[row.phase] ?? 0) + 1;
   return {
-    command: sorted(rows.filter(query.test), desk.sort).map((row) => row.index),
+    command: sorted(rows.filter(query.test), panels.sort).map((row) => row.index),
     nearest_m: nearest,
     phases,
     problem: query.problem,

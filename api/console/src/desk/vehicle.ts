@@ -3,7 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit-html";
 import { FLAG, indexOf, type State } from "../state";
 import { texts } from "../texts";
-import type { DeskActions } from "./actions";
+import type { PanelActions } from "./actions";
 import { button } from "./controls";
 import { fixed, percent, seconds, UNKNOWN, withUnit } from "./format";
 import { group, lastOrder } from "./group";
@@ -72,7 +72,7 @@ function left({ frame, status }: State, id: string): string {
   return Number.isFinite(low_s) ? `${roughly(low_s)}, ${roughly(empty_s)}` : UNKNOWN;
 }
 
-function commands(state: State, actions: DeskActions, row: Row): TemplateResult {
+function commands(state: State, actions: PanelActions, row: Row): TemplateResult {
   return html`<div class="vehicle-commands">
     ${VEHICLE_ACTIONS.map((action) => {
       const why = whyNotVehicle(state, action, row.phase);
@@ -91,14 +91,14 @@ function commands(state: State, actions: DeskActions, row: Row): TemplateResult 
   </div>`;
 }
 
-export function vehicle(state: State, actions: DeskActions): TemplateResult {
+export function vehicle(state: State, actions: PanelActions): TemplateResult {
   const { status, frame } = state;
   const id = state.view.selected;
   if (state.view.selection.length > 1) return group(state, actions);
   if (id === null) return html`<p class="empty">${t.none}</p>`;
   const index = indexOf(state, id);
   if (!status || !frame || index < 0 || index >= frame.n) return html`<p class="empty">${t.gone(id)}</p>`;
-  const row = rowOf(status, frame, state.desk.table.nearest_m, index);
+  const row = rowOf(status, frame, state.panels.table.nearest_m, index);
   const { reason } = status.vehicles[index]!;
   return html`<article class="vehicle ${isStale(row) ? "old" : ""}" data-testid="vehicle-page">
     <header>

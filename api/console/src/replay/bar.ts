@@ -1,7 +1,7 @@
 /** A record, played: play, speed, where in it. It takes the place of the big buttons. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import type { DeskActions } from "../desk/actions";
+import type { PanelActions } from "../desk/actions";
 import { button, choices } from "../desk/controls";
 import { minutes } from "../desk/format";
 import { icon } from "../desk/icons";
@@ -37,7 +37,7 @@ export function played(replay: Replay): ReplayChange {
 }
 
 /** Under the scrubber, to the same scale. */
-function band(state: State, actions: DeskActions, duration_s: number): TemplateResult | typeof nothing {
+function band(state: State, actions: PanelActions, duration_s: number): TemplateResult | typeof nothing {
   const { marks } = state;
   if (marks === null || duration_s <= 0) return nothing;
   if (marks.phases.length === 0) return html`<p class="marks-none dim" data-testid="replay-unmarked">${t.unmarked}</p>`;
@@ -66,11 +66,11 @@ function band(state: State, actions: DeskActions, duration_s: number): TemplateR
   </div>`;
 }
 
-export function replayBar(state: State, actions: DeskActions): TemplateResult | typeof nothing {
+export function replayBar(state: State, actions: PanelActions): TemplateResult | typeof nothing {
   const replay = state.status?.replay;
   if (!replay) return nothing;
   const stands = replay.paused || replay.ended;
-  const dragged = state.desk.drafts["scrubber"];
+  const dragged = state.panels.drafts["scrubber"];
   const shown_s = dragged === undefined ? position_s(state) : Number(dragged);
   const where = t.of(minutes(shown_s), minutes(replay.duration_s));
   const speed = String(replay.speed);

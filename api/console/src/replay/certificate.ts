@@ -1,7 +1,7 @@
 /** What a recorded flight kept and what it broke. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import type { DeskActions } from "../desk/actions";
+import type { PanelActions } from "../desk/actions";
 import { button } from "../desk/controls";
 import { fixed, minutes, withUnit } from "../desk/format";
 import { icon } from "../desk/icons";
@@ -10,7 +10,7 @@ import { texts } from "../texts";
 
 const t = texts.certificate;
 
-function moment(actions: DeskActions, at_s: number | null): TemplateResult | typeof nothing {
+function moment(actions: PanelActions, at_s: number | null): TemplateResult | typeof nothing {
   if (at_s === null) return nothing;
   return html`<button
     type="button"
@@ -45,7 +45,7 @@ const VERDICTS = {
 /** How a verdict is shown: only what was judged from beginning to end is green. */
 export const verdict = (found: Pick<CertificateReport, "verdict">): (typeof VERDICTS)[keyof typeof VERDICTS] => VERDICTS[found.verdict];
 
-function checks(actions: DeskActions, certificate: CertificateReport): TemplateResult {
+function checks(actions: PanelActions, certificate: CertificateReport): TemplateResult {
   return html`<table class="plain-table" data-testid="report-checks">
     <caption>${t.checks}</caption>
     ${head([t.name, t.worst, t.limit, t.who])}
@@ -64,7 +64,7 @@ function checks(actions: DeskActions, certificate: CertificateReport): TemplateR
   </table>`;
 }
 
-function pairs(actions: DeskActions, certificate: CertificateReport): TemplateResult {
+function pairs(actions: PanelActions, certificate: CertificateReport): TemplateResult {
   return html`<table class="plain-table" data-testid="report-pairs">
     <caption>${t.nearest}</caption>
     ${head([t.pair, t.distance, t.ratio, t.ratioOff, t.at])}
@@ -82,7 +82,7 @@ function pairs(actions: DeskActions, certificate: CertificateReport): TemplateRe
   </table>`;
 }
 
-function judged(actions: DeskActions, found: CertificateReport): TemplateResult {
+function judged(actions: PanelActions, found: CertificateReport): TemplateResult {
   const { mark, kind, text } = verdict(found);
   return html`<div class="verdict ${kind}" data-testid="report-verdict">
       ${icon(mark)}
@@ -101,8 +101,8 @@ function judged(actions: DeskActions, found: CertificateReport): TemplateResult 
     ${found.remarks.map((text) => html`<p class="hint">${text}</p>`)} ${checks(actions, found)} ${pairs(actions, found)}`;
 }
 
-export function certificate(state: State, actions: DeskActions): TemplateResult {
-  const { certificateProblem, certificateReading } = state.desk;
+export function certificate(state: State, actions: PanelActions): TemplateResult {
+  const { certificateProblem, certificateReading } = state.panels;
   return html`<div class="certificate" data-testid="certificate">
     ${certificateProblem ? html`<p class="problem" role="alert">${certificateProblem}</p>` : nothing}
     ${state.certificate

@@ -21,7 +21,7 @@ interface Left {
   chosen: readonly number[] | null;
 }
 
-export class Cameraman {
+export class CameraController {
   pose: Pose = START;
   #goal: Pose = START;
   #ease_s = EASE_S;

@@ -15,7 +15,7 @@ export interface Pair {
   second: number;
   distance_m: number;
   /** 1: at the floor, less: within it. */
-  closeness: number;
+  proximity: number;
 }
 
 /** Pairs are shown from here on, in floors. */
@@ -44,10 +44,10 @@ export function closePairs(frame: Frame, floor: Floor, most = 200): Pair[] {
         const dx = x - frame.x_m[j]!;
         const dy = y - frame.y_m[j]!;
         const dh = h - frame.height_m[j]!;
-        const closeness = Math.hypot(dx, dy, dh * stretch) / floor.horizontal_m;
+        const proximity = Math.hypot(dx, dy, dh * stretch) / floor.horizontal_m;
         const low = h < floor.pad_height_m && frame.height_m[j]! < floor.pad_height_m;
-        if (closeness < CLOSE && !low) {
-          found.push({ first: j, second: i, distance_m: Math.hypot(dx, dy, dh), closeness });
+        if (proximity < CLOSE && !low) {
+          found.push({ first: j, second: i, distance_m: Math.hypot(dx, dy, dh), proximity });
         }
       }
     }
@@ -59,7 +59,7 @@ export function closePairs(frame: Frame, floor: Floor, most = 200): Pair[] {
       others.push(i);
     }
   }
-  return found.sort((a, b) => a.closeness - b.closeness).slice(0, most);
+  return found.sort((a, b) => a.proximity - b.proximity).slice(0, most);
 }
 
 /** One number for a square of the ground. */

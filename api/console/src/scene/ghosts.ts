@@ -1,6 +1,6 @@
 // What a hand can move, and what it has been moved to: a ghost. Pure; nothing here orders anything.
 
-import type { Ghost, Obstacle, State } from "../state";
+import type { Preview, Obstacle, State } from "../state";
 import { may } from "../state";
 import type { Vec3 } from "./axes";
 import { minus, toScene, toShow } from "./axes";
@@ -17,7 +17,7 @@ export interface Sight {
 
 /** What was taken hold of, and by which part of it: ground off the hand's place. */
 export interface Grip {
-  ghost: Ghost;
+  preview: Preview;
   /** Level over which the hand moves it. */
   height_m: number;
   off_x_m: number;
@@ -64,16 +64,16 @@ function ofRadius(state: State, sight: Sight, px: number, py: number): Grip | nu
   if (sphere === null) {
     return null;
   }
-  const radius_m = state.ghost?.kind === "radius" ? state.ghost.radius_m : sphere.radius_m;
+  const radius_m = state.preview?.kind === "radius" ? state.preview.radius_m : sphere.radius_m;
   const seen = project(sight.basis, sight.pose, sight.screen, handleOf(sphere.center, radius_m, sight.basis));
   if (seen === null || Math.hypot(seen.px - px, seen.py - py) > REACH_PX) {
     return null;
   }
-  return { ghost: { kind: "radius", radius_m }, height_m: 0, off_x_m: 0, off_y_m: 0 };
+  return { preview: { kind: "radius", radius_m }, height_m: 0, off_x_m: 0, off_y_m: 0 };
 }
 
 function ofTarget(state: State, sight: Sight, ray: Ray, px: number, py: number): Grip | null {
-  const [x_m, y_m] = state.ghost?.kind === "target" ? [state.ghost.x_m, state.ghost.y_m] : state.frame!.target_m;
+  const [x_m, y_m] = state.preview?.kind === "target" ? [state.preview.x_m, state.preview.y_m] : state.frame!.target_m;
   const seen = project(sight.basis, sight.pose, sight.screen, toScene(x_m, y_m, 0));
   if (seen === null || Math.hypot(seen.px - px, seen.py - py) > REACH_PX) {
     return null;
@@ -96,10 +96,10 @@ function ofObstacle(state: State, ray: Ray): Grip | null {
   }
   const height_m = ray.from[1] + least_m * ray.along[1];
   const { id, x_m, y_m, half_length_x_m, half_length_y_m } = nearest;
-  const ghost: Ghost = id === NEW
+  const preview: Preview = id === NEW
     ? { kind: "new-obstacle", x_m, y_m, half_length_x_m, half_length_y_m, height_m: nearest.height_m }
     : { kind: "obstacle", id, x_m, y_m };
-  return gripped(ghost, ray, Math.max(0, height_m));
+  return gripped(preview, ray, Math.max(0, height_m));
 }
 
 const NEW = "";
@@ -107,18 +107,18 @@ const NEW = "";
 /** The obstacles as they stand, and the ghost of one before them. */
 function boxesOf(state: State): Obstacle[] {
   const boxes = [...state.status!.obstacles];
-  const box = ghostBox(state);
+  const box = previewBox(state);
   return box === null ? boxes : [box, ...boxes];
 }
 
 /** The box that the ghost is of; null when it is of none. A new one has no id yet. */
-export function ghostBox({ ghost, status }: State): Obstacle | null {
-  if (ghost?.kind === "new-obstacle") {
-    return { ...ghost, id: NEW, velocity_x_m_s: 0, velocity_y_m_s: 0 };
+export function previewBox({ preview, status }: State): Obstacle | null {
+  if (preview?.kind === "new-obstacle") {
+    return { ...preview, id: NEW, velocity_x_m_s: 0, velocity_y_m_s: 0 };
   }
-  if (ghost?.kind === "obstacle") {
-    const real = status?.obstacles.find((each) => each.id === ghost.id);
-    return real === undefined ? null : { ...real, x_m: ghost.x_m, y_m: ghost.y_m };
+  if (preview?.kind === "obstacle") {
+    const real = status?.obstacles.find((each) => each.id === preview.id);
+    return real === undefined ? null : { ...real, x_m: preview.x_m, y_m: preview.y_m };
   }
   return null;
 }
@@ -131,29 +131,29 @@ export function cornersOf(box: Obstacle): [Vec3, Vec3] {
   ];
 }
 
-function gripped(ghost: Exclude<Ghost, { kind: "radius" }>, ray: Ray, height_m: number): Grip | null {
+function gripped(preview: Exclude<Preview, { kind: "radius" }>, ray: Ray, height_m: number): Grip | null {
   const hand = onLevel(ray, height_m);
   if (hand === null) {
     return null;
   }
   const at = toShow(hand);
-  return { ghost, height_m, off_x_m: ghost.x_m - at.x_m, off_y_m: ghost.y_m - at.y_m };
+  return { preview, height_m, off_x_m: preview.x_m - at.x_m, off_y_m: preview.y_m - at.y_m };
 }
 
 /** The ghost when the hand has moved on; the old one where the hand points at nothing. */
-export function moved(grip: Grip, sphereCenter: Vec3 | null, sight: Sight, ray: Ray): Ghost {
+export function moved(grip: Grip, sphereCenter: Vec3 | null, sight: Sight, ray: Ray): Preview {
   const step = step_m(sight.pose.span_m, sight.screen.free.height);
-  if (grip.ghost.kind === "radius") {
+  if (grip.preview.kind === "radius") {
     if (sphereCenter === null) {
-      return grip.ghost;
+      return grip.preview;
     }
     const off = minus(facing(ray, sight.basis, sphereCenter), sphereCenter);
     return { kind: "radius", radius_m: Math.max(RADIUS_MIN_M, rounded(Math.hypot(...off), step)) };
   }
   const hand = onLevel(ray, grip.height_m);
   if (hand === null) {
-    return grip.ghost;
+    return grip.preview;
   }
   const at = toShow(hand);
-  return { ...grip.ghost, x_m: rounded(at.x_m + grip.off_x_m, step), y_m: rounded(at.y_m + grip.off_y_m, step) };
+  return { ...grip.preview, x_m: rounded(at.x_m + grip.off_x_m, step), y_m: rounded(at.y_m + grip.off_y_m, step) };
 }

@@ -13,7 +13,7 @@ import type { Eye, Shared } from "./eye";
 import { material, ORDER } from "./materials";
 import { addressOf, choose, placeAt, toShowFrame, type Origin, type Tile } from "./mercator";
 import type { Overlay } from "./overlay";
-import { Shelf } from "./shelf";
+import { TileCache } from "./shelf";
 
 const PARTS = 4; // of a tile's side: a square of the map is none of the ground
 
@@ -25,7 +25,7 @@ export class Ground {
   readonly #load;
   readonly #changed;
   readonly #view = { uFocus: { value: new Vector2() }, uReach: { value: 1 } };
-  readonly #shelf = new Shelf<Sheet>((sheet) => this.#drop(sheet));
+  readonly #tile_cache = new TileCache<Sheet>((sheet) => this.#drop(sheet));
   #origin: Origin = { latitude_deg: 0, longitude_deg: 0, altitude_amsl_m: 0, heading_deg: 0 }; // for which sheets are laid out
 
   /** `changed` is called when there is something new to draw. */
@@ -53,10 +53,10 @@ export class Ground {
     const desired = new Map(tiles.map((tile) => [addressOf(tile, map.tiles), tile]));
     const addresses = [...desired.keys()];
     if (!moves) {
-      this.#ask(this.#shelf.ask(addresses, now_ms), desired);
+      this.#ask(this.#tile_cache.ask(addresses, now_ms), desired);
     }
     for (const [address, tile] of desired) {
-      const sheet = this.#shelf.picture(address);
+      const sheet = this.#tile_cache.picture(address);
       if (sheet !== null) {
         sheet.visible = true;
         sheet.renderOrder = tile.zoom === tiles[0]!.zoom ? ORDER.farGround : ORDER.ground;
@@ -66,13 +66,13 @@ export class Ground {
   }
 
   dispose(): void {
-    this.#shelf.clear();
+    this.#tile_cache.clear();
   }
 
   #lay(origin: Origin): void {
     if (JSON.stringify(origin) !== JSON.stringify(this.#origin)) {
       this.#origin = origin;
-      this.#shelf.clear();
+      this.#tile_cache.clear();
     }
   }
 
@@ -81,10 +81,10 @@ export class Ground {
       const tile = desired.get(address)!;
       void this.#load(address)
         .then(
-          (picture) => this.#shelf.put(address, () => this.#sheet(tile, picture)),
+          (picture) => this.#tile_cache.put(address, () => this.#sheet(tile, picture)),
           (error: unknown) => {
             if (!(error instanceof TileError)) throw error;
-            this.#shelf.fail(address, { reason: error.message, isMissing: error.isMissing }, performance.now());
+            this.#tile_cache.fail(address, { reason: error.message, isMissing: error.isMissing }, performance.now());
           },
         )
         .finally(this.#changed);
@@ -93,8 +93,8 @@ export class Ground {
 
   /** Whom to thank for what is shown, and what keeps the rest from being shown. */
   #stated(addresses: readonly string[], attribution: string): string {
-    const shown = addresses.filter((address) => this.#shelf.picture(address) !== null).length;
-    const failures = addresses.map((address) => this.#shelf.failure(address)).filter((failure) => failure !== null);
+    const shown = addresses.filter((address) => this.#tile_cache.picture(address) !== null).length;
+    const failures = addresses.map((address) => this.#tile_cache.failure(address)).filter((failure) => failure !== null);
     const broken = failures.find((failure) => !failure.isMissing);
     const words = shown > 0 ? [attribution] : [];
     if (broken !== undefined) words.push(texts.scene.mapIncomplete(broken.reason));

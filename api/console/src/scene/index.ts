@@ -5,13 +5,13 @@ import "../styles/scene.css";
 import { Color, Group, Scene as Root, SRGBColorSpace } from "three";
 
 import type { Choice } from "../selection";
-import { fresh, indexOf, may, type Frame, type Ghost, type State, type Status } from "../state";
+import { fresh, indexOf, may, type Frame, type Preview, type State, type Status } from "../state";
 import { texts } from "../texts";
 import type { LoadTile } from "../wire/tiles";
 import { north_rad } from "./axes";
 import { Backdrop } from "./backdrop";
 import { Billboards } from "./billboards";
-import { Cameraman } from "./cameraman";
+import { CameraController } from "./cameraman";
 import { closePairs, type Floor, type Pair } from "./closeness";
 import { Controls, type Keys } from "./controls";
 import { Eye } from "./eye";
@@ -19,8 +19,8 @@ import { gripAt, handleOf, moved, type Grip } from "./ghosts";
 import { Grid } from "./grid";
 import { Ground } from "./ground";
 import { Table } from "./instances";
-import { Living, type Picture } from "./living";
-import { Looks } from "./looks";
+import { DynamicLayer, type Picture } from "./living";
+import { Appearance } from "./looks";
 import { Overlay } from "./overlay";
 import { DAY, NIGHT, type Palette } from "./palette";
 import { nearestPlace, placesWithin, rayThrough, type Ray, type Screen } from "./picking";
@@ -41,7 +41,7 @@ export interface Scene {
 
 export interface SceneEvents {
   /** While something is dragged: what it would be. Nothing is ordered by it. */
-  ghost(ghost: Ghost | null): void;
+  preview(preview: Preview | null): void;
   choose(choice: Choice): void;
 }
 
@@ -69,15 +69,15 @@ class LiveScene implements Scene {
   readonly #trails;
   readonly #shell;
   readonly #scenery;
-  readonly #living;
+  readonly #dynamicLayer;
   readonly #overlay;
   readonly #box;
   readonly #controls;
   readonly #observer;
-  readonly #cameraman = new Cameraman();
+  readonly #camera_controller = new CameraController();
   readonly #playback = new Playback();
   readonly #poses = new Poses();
-  readonly #looks = new Looks();
+  readonly #appearance = new Appearance();
   #size = { width: 1, height: 1, ratio: 1 };
   #measured: Screen | null = null; // until something changes: to measure costs the page a layout
   #state: State | null = null;
@@ -94,7 +94,7 @@ class LiveScene implements Scene {
     this.#canvas = canvas;
     this.#on = on;
     this.#fitted = createRenderer(canvas);
-    this.#eye = new Eye(this.#cameraman.pose, this.#screen());
+    this.#eye = new Eye(this.#camera_controller.pose, this.#screen());
     const { shared } = this.#eye;
     const all = new Group();
     this.#grid = new Grid(shared);
@@ -104,7 +104,7 @@ class LiveScene implements Scene {
     this.#trails = new Trails(shared);
     this.#shell = new Shell(shared);
     this.#scenery = new Scenery(shared, all);
-    this.#living = new Living(shared, all);
+    this.#dynamicLayer = new DynamicLayer(shared, all);
     all.add(
       this.#backdrop.mesh, this.#ground.group, this.#grid.mesh, this.#vehicles.mesh, this.#billboards.mesh, this.#trails.mesh, this.#shell.group,
     );
@@ -123,7 +123,7 @@ class LiveScene implements Scene {
       this.#playback.push(state.frame);
     }
     const moment = this.#playback.at(now_ms);
-    if (!this.#isDue && !this.#changed(state) && isFresh === this.#wasFresh && !this.#cameraman.moves && (moment?.still ?? true)) {
+    if (!this.#isDue && !this.#changed(state) && isFresh === this.#wasFresh && !this.#camera_controller.moves && (moment?.still ?? true)) {
       return;
     }
     if (!isDue(this.#fitted.software, now_ms - this.#drawn_ms)) {
@@ -152,7 +152,7 @@ class LiveScene implements Scene {
   dispose(): void {
     this.#observer.disconnect();
     for (const each of [
-      this.#controls, this.#overlay, this.#box, this.#ground, this.#grid, this.#vehicles, this.#billboards, this.#trails, this.#shell, this.#scenery, this.#living,
+      this.#controls, this.#overlay, this.#box, this.#ground, this.#grid, this.#vehicles, this.#billboards, this.#trails, this.#shell, this.#scenery, this.#dynamicLayer,
       this.#backdrop, this.#fitted.renderer,
     ]) {
       each.dispose();
@@ -162,7 +162,7 @@ class LiveScene implements Scene {
   #changed(state: State): boolean {
     const last = this.#state;
     return (
-      last === null || state.status !== last.status || state.frame !== last.frame || state.ghost !== last.ghost ||
+      last === null || state.status !== last.status || state.frame !== last.frame || state.preview !== last.preview ||
       state.view !== last.view || state.access !== last.access
     );
   }
@@ -187,9 +187,9 @@ class LiveScene implements Scene {
       this.#poses.set(moment, heading_deg);
     }
     const screen = this.#screen();
-    this.#eye.look(this.#cameraman.at(state, this.#poses, selected, screen, now_ms, this.#controls.isHeld), screen);
+    this.#eye.look(this.#camera_controller.at(state, this.#poses, selected, screen, now_ms, this.#controls.isHeld), screen);
     this.#backdrop.look(this.#eye, this.#palette!);
-    this.#ground.draw(status, this.#eye, this.#cameraman.moves, now_ms, this.#overlay);
+    this.#ground.draw(status, this.#eye, this.#camera_controller.moves, now_ms, this.#overlay);
     this.#grid.draw(this.#eye, this.#overlay);
     this.#overlay.north(north_rad(heading_deg) - this.#eye.pose.azimuth, this.#eye);
     if (moment === null || status === null) {
@@ -197,8 +197,8 @@ class LiveScene implements Scene {
     }
     const frame = moment.to;
     const palette = this.#palette!;
-    this.#looks.set(frame, palette, isFresh, this.#selectionOf(state));
-    const { tints } = this.#looks;
+    this.#appearance.set(frame, palette, isFresh, this.#selectionOf(state));
+    const { tints } = this.#appearance;
     this.#tell(frame.n);
     this.#vehicles.draw(this.#reported, frame.n);
     this.#billboards.draw(this.#reported, frame.n);
@@ -209,7 +209,7 @@ class LiveScene implements Scene {
     const floor: Floor = { ...status.separation, pad_height_m: PAD_HEIGHT_M };
     const pairs = this.#pairsOf(frame, floor);
     const picture: Picture = { state, frame, poses: this.#poses, pairs, floor, tints, selected, palette, eye: this.#eye };
-    this.#living.draw(picture, this.#overlay);
+    this.#dynamicLayer.draw(picture, this.#overlay);
     this.#names(state, frame, selected);
   }
 
@@ -228,8 +228,8 @@ class LiveScene implements Scene {
     const { numbers, texture } = this.#reported;
     for (let i = 0; i < n; i += 1) {
       numbers.set(this.#poses.place.subarray(4 * i, 4 * i + 4), 4 * REPORTED * i);
-      numbers.set(this.#looks.tints.subarray(4 * i, 4 * i + 4), 4 * REPORTED * i + 4);
-      numbers[4 * REPORTED * i + 8] = this.#looks.marks[i]!;
+      numbers.set(this.#appearance.tints.subarray(4 * i, 4 * i + 4), 4 * REPORTED * i + 4);
+      numbers[4 * REPORTED * i + 8] = this.#appearance.marks[i]!;
     }
     texture.needsUpdate = n > 0;
   }
@@ -268,7 +268,7 @@ class LiveScene implements Scene {
     if (selected >= 0) {
       put(selected, "selected");
     }
-    if (may(state, "operate") && state.status!.replay === null && this.#poses.center !== null && state.ghost?.kind !== "radius") {
+    if (may(state, "operate") && state.status!.replay === null && this.#poses.center !== null && state.preview?.kind !== "radius") {
       const text = texts.scene.radius(frame.radius_m.toFixed(1));
       this.#overlay.put(this.#eye, handleOf(this.#poses.center, frame.radius_m, this.#eye.basis), text, "handle");
     }
@@ -301,7 +301,7 @@ class LiveScene implements Scene {
       },
       drag: (px: number, py: number): void => {
         if (this.#grip !== null) {
-          this.#on.ghost(moved(this.#grip, this.#poses.center, this.#eye, this.#ray(px, py)));
+          this.#on.preview(moved(this.#grip, this.#poses.center, this.#eye, this.#ray(px, py)));
         }
       },
       drop: (): void => {
@@ -337,10 +337,10 @@ class LiveScene implements Scene {
         this.#hovered = -1;
         this.#isDue = true;
       },
-      turn: (right: number, up: number): void => this.#move(() => this.#cameraman.turn(right, up)),
-      pan: (right: number, up: number): void => this.#move(() => this.#cameraman.pan(right, up)),
-      zoom: (factor: number): void => this.#move(() => this.#cameraman.zoom(factor)),
-      frame: (): void => this.#move(() => this.#cameraman.frame()),
+      turn: (right: number, up: number): void => this.#move(() => this.#camera_controller.turn(right, up)),
+      pan: (right: number, up: number): void => this.#move(() => this.#camera_controller.pan(right, up)),
+      zoom: (factor: number): void => this.#move(() => this.#camera_controller.zoom(factor)),
+      frame: (): void => this.#move(() => this.#camera_controller.frame()),
     };
   }
 

@@ -3,13 +3,13 @@
 
 import type { Group } from "three";
 
-import type { Frame, Ghost, State } from "../state";
+import type { Frame, Preview, State } from "../state";
 import { texts } from "../texts";
 import { toScene, type Vec3 } from "./axes";
 import { CLOSE, type Floor, type Pair } from "./closeness";
 import { DECAL, Decals } from "./decals";
 import type { Eye, Shared } from "./eye";
-import { cornersOf, ghostBox, handleOf } from "./ghosts";
+import { cornersOf, previewBox, handleOf } from "./ghosts";
 import { ORDER } from "./materials";
 import type { Overlay } from "./overlay";
 import type { Palette, Rgb } from "./palette";
@@ -35,29 +35,29 @@ export interface Picture {
   eye: Eye;
 }
 
-export class Living {
+export class DynamicLayer {
   readonly #spots: Decals;
   readonly #lines: Strokes;
   readonly #bubbles: Solids;
-  readonly #ghostBox: Solids;
-  readonly #ghostLines: Strokes;
+  readonly #previewBox: Solids;
+  readonly #previewLines: Strokes;
 
   constructor(shared: Shared, into: Group) {
     this.#spots = new Decals(shared);
     this.#lines = new Strokes(shared, ORDER.strokes);
     this.#bubbles = new Solids(shared, ORDER.bubbles, "ellipsoid");
-    this.#ghostBox = new Solids(shared, ORDER.bubbles, "box");
-    this.#ghostLines = new Strokes(shared, ORDER.marks, { hidden: false });
-    into.add(this.#spots.mesh, this.#lines.mesh, this.#bubbles.mesh, this.#ghostBox.mesh, this.#ghostLines.mesh);
+    this.#previewBox = new Solids(shared, ORDER.bubbles, "box");
+    this.#previewLines = new Strokes(shared, ORDER.marks, { hidden: false });
+    into.add(this.#spots.mesh, this.#lines.mesh, this.#bubbles.mesh, this.#previewBox.mesh, this.#previewLines.mesh);
   }
 
   draw(picture: Picture, overlay: Overlay): void {
-    const parts = [this.#spots, this.#lines, this.#bubbles, this.#ghostBox, this.#ghostLines];
+    const parts = [this.#spots, this.#lines, this.#bubbles, this.#previewBox, this.#previewLines];
     parts.forEach((each) => each.clear());
     this.#threads(picture);
     this.#pairs(picture, overlay);
     this.#setpoint(picture);
-    this.#ghost(picture, overlay);
+    this.#preview(picture, overlay);
     parts.forEach((each) => each.commit());
   }
 
@@ -82,21 +82,21 @@ export class Living {
   /** Half of the floor's ellipsoid around each: two that touch are as close as two may be. */
   #pairs({ poses, pairs, floor, palette, eye }: Picture, overlay: Overlay): void {
     const worst = new Map<number, number>();
-    pairs.forEach(({ first, second, distance_m, closeness }, k) => {
-      const color = colorOf(closeness, palette);
+    pairs.forEach(({ first, second, distance_m, proximity }, k) => {
+      const color = colorOf(proximity, palette);
       const [a, b] = [placeOf(poses, first), placeOf(poses, second)];
-      this.#lines.line(a, b, { color, alpha: 0.95, width_px: closeness < 1 ? 2.6 : 1.6 });
+      this.#lines.line(a, b, { color, alpha: 0.95, width_px: proximity < 1 ? 2.6 : 1.6 });
       if (k < WRITTEN_PAIRS) {
         const middle: Vec3 = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2, (a[2] + b[2]) / 2];
         overlay.put(eye, middle, texts.scene.apart(distance_m.toFixed(1)), "close", -12);
       }
       for (const i of [first, second]) {
-        worst.set(i, Math.min(closeness, worst.get(i) ?? CLOSE));
+        worst.set(i, Math.min(proximity, worst.get(i) ?? CLOSE));
       }
     });
     const half: Vec3 = [floor.horizontal_m / 2, floor.vertical_m / 2, floor.horizontal_m / 2];
-    for (const [i, closeness] of worst) {
-      this.#bubbles.put(placeOf(poses, i), half, colorOf(closeness, palette), closeness < 1 ? 0.6 : 0.42);
+    for (const [i, proximity] of worst) {
+      this.#bubbles.put(placeOf(poses, i), half, colorOf(proximity, palette), proximity < 1 ? 0.6 : 0.42);
     }
   }
 
@@ -108,73 +108,73 @@ export class Living {
     const start = placeOf(poses, selected);
     const way = toScene(vx * AHEAD_S, vy * AHEAD_S, vup * AHEAD_S);
     const end: Vec3 = [start[0] + way[0], start[1] + way[1], start[2] + way[2]];
-    this.#ghostLines.arrow(start, end, { color: palette.setpoint, alpha: 0.95, width_px: 2.2 }, sideOf(way, eye));
+    this.#previewLines.arrow(start, end, { color: palette.setpoint, alpha: 0.95, width_px: 2.2 }, sideOf(way, eye));
   }
 
-  #ghost(picture: Picture, overlay: Overlay): void {
-    const { ghost } = picture.state;
-    if (ghost === null || picture.state.status === null) {
+  #preview(picture: Picture, overlay: Overlay): void {
+    const { preview } = picture.state;
+    if (preview === null || picture.state.status === null) {
       return;
     }
-    switch (ghost.kind) {
+    switch (preview.kind) {
       case "target":
-        return this.#ghostTarget(ghost, picture, overlay);
+        return this.#previewTarget(preview, picture, overlay);
       case "radius":
-        return this.#ghostRadius(ghost.radius_m, picture, overlay);
+        return this.#previewRadius(preview.radius_m, picture, overlay);
       case "obstacle":
       case "new-obstacle":
-        return this.#ghostObstacle(ghost, picture, overlay);
+        return this.#previewObstacle(preview, picture, overlay);
     }
   }
 
-  #ghostTarget(ghost: Ghost & { kind: "target" }, { state, frame, palette, eye }: Picture, overlay: Overlay): void {
+  #previewTarget(preview: Preview & { kind: "target" }, { state, frame, palette, eye }: Picture, overlay: Overlay): void {
     const { formation, orbit } = state.status!;
     const style = dashed(palette, eye);
-    const [from, to] = [toScene(...frame.target_m, 0), toScene(ghost.x_m, ghost.y_m, 0)];
+    const [from, to] = [toScene(...frame.target_m, 0), toScene(preview.x_m, preview.y_m, 0)];
     const moved_m = Math.hypot(to[0] - from[0], to[2] - from[2]);
-    this.#spots.put(to, palette.ghost, 1, Math.max(1.4, 15 * pixelAt(to, eye)), DECAL.target);
-    this.#ghostLines.line(from, to, style);
-    const up = toScene(ghost.x_m, ghost.y_m, formation.height_m);
-    this.#ghostLines.line(to, up, { ...style, alpha: 0.5 });
-    this.#ghostLines.circle(up, orbit.radius_m > 0 ? orbit.radius_m : frame.radius_m, { ...style, alpha: 0.6 });
-    overlay.put(eye, to, texts.scene.ghostPlace(ghost.x_m.toFixed(1), ghost.y_m.toFixed(1), moved_m.toFixed(1)), "ghost", 34);
+    this.#spots.put(to, palette.preview, 1, Math.max(1.4, 15 * pixelAt(to, eye)), DECAL.target);
+    this.#previewLines.line(from, to, style);
+    const up = toScene(preview.x_m, preview.y_m, formation.height_m);
+    this.#previewLines.line(to, up, { ...style, alpha: 0.5 });
+    this.#previewLines.circle(up, orbit.radius_m > 0 ? orbit.radius_m : frame.radius_m, { ...style, alpha: 0.6 });
+    overlay.put(eye, to, texts.scene.previewPlace(preview.x_m.toFixed(1), preview.y_m.toFixed(1), moved_m.toFixed(1)), "preview", 34);
   }
 
-  #ghostRadius(radius_m: number, { frame, poses, palette, eye }: Picture, overlay: Overlay): void {
+  #previewRadius(radius_m: number, { frame, poses, palette, eye }: Picture, overlay: Overlay): void {
     if (poses.center === null) {
       return;
     }
     const style = dashed(palette, eye);
-    this.#ghostLines.circle(poses.center, radius_m, style);
-    this.#ghostLines.circle(poses.center, radius_m, style, eye.basis.right, eye.basis.up);
-    const text = texts.scene.ghostRadius(frame.radius_m.toFixed(1), radius_m.toFixed(1));
-    overlay.put(eye, handleOf(poses.center, radius_m, eye.basis), text, "handle-ghost");
+    this.#previewLines.circle(poses.center, radius_m, style);
+    this.#previewLines.circle(poses.center, radius_m, style, eye.basis.right, eye.basis.up);
+    const text = texts.scene.previewRadius(frame.radius_m.toFixed(1), radius_m.toFixed(1));
+    overlay.put(eye, handleOf(poses.center, radius_m, eye.basis), text, "handle-preview");
   }
 
-  #ghostObstacle(ghost: Exclude<Ghost, { kind: "target" | "radius" }>, { state, palette, eye }: Picture, overlay: Overlay): void {
-    const box = ghostBox(state);
+  #previewObstacle(preview: Exclude<Preview, { kind: "target" | "radius" }>, { state, palette, eye }: Picture, overlay: Overlay): void {
+    const box = previewBox(state);
     if (box === null) {
       return;
     }
     const style = dashed(palette, eye);
     const [low, high] = cornersOf(box);
-    this.#ghostBox.put([box.y_m, box.height_m / 2, -box.x_m], [box.half_length_y_m, box.height_m / 2, box.half_length_x_m], palette.ghost, 0.16);
-    this.#ghostLines.box(low, high, style);
+    this.#previewBox.put([box.y_m, box.height_m / 2, -box.x_m], [box.half_length_y_m, box.height_m / 2, box.half_length_x_m], palette.preview, 0.16);
+    this.#previewLines.box(low, high, style);
     const top = toScene(box.x_m, box.y_m, box.height_m);
     const at = [box.x_m.toFixed(1), box.y_m.toFixed(1)] as const;
-    if (ghost.kind === "obstacle") {
-      const real = state.status!.obstacles.find((each) => each.id === ghost.id)!;
-      this.#ghostLines.line(toScene(real.x_m, real.y_m, 0), toScene(box.x_m, box.y_m, 0), style);
+    if (preview.kind === "obstacle") {
+      const real = state.status!.obstacles.find((each) => each.id === preview.id)!;
+      this.#previewLines.line(toScene(real.x_m, real.y_m, 0), toScene(box.x_m, box.y_m, 0), style);
       const moved_m = Math.hypot(box.x_m - real.x_m, box.y_m - real.y_m);
-      overlay.put(eye, top, texts.scene.ghostPlace(...at, moved_m.toFixed(1)), "ghost", -16);
+      overlay.put(eye, top, texts.scene.previewPlace(...at, moved_m.toFixed(1)), "preview", -16);
     } else {
       const size = [2 * box.half_length_x_m, 2 * box.half_length_y_m, box.height_m].map((each) => each.toFixed(1));
-      overlay.put(eye, top, texts.scene.ghostBox(...at, size[0]!, size[1]!, size[2]!), "ghost", -16);
+      overlay.put(eye, top, texts.scene.previewBox(...at, size[0]!, size[1]!, size[2]!), "preview", -16);
     }
   }
 
   dispose(): void {
-    for (const each of [this.#spots, this.#lines, this.#bubbles, this.#ghostBox, this.#ghostLines]) {
+    for (const each of [this.#spots, this.#lines, this.#bubbles, this.#previewBox, this.#previewLines]) {
       each.dispose();
     }
   }
@@ -186,7 +186,7 @@ function pixelAt(place: Vec3, eye: Eye): number {
 }
 
 function dashed(palette: Palette, eye: Eye): Style {
-  return { color: palette.ghost, alpha: 0.95, width_px: 1.8, dash_m: 0.016 * eye.pose.span_m };
+  return { color: palette.preview, alpha: 0.95, width_px: 1.8, dash_m: 0.016 * eye.pose.span_m };
 }
 
 /** The arrow's head lies across the line of sight, so that one sees it. */
@@ -197,6 +197,6 @@ function sideOf(way: Vec3, { basis }: Eye): Vec3 {
   return [side[0] / length, side[1] / length, side[2] / length];
 }
 
-function colorOf(closeness: number, { caution, danger }: Palette): Rgb {
-  return closeness < 1 ? danger : caution;
+function colorOf(proximity: number, { caution, danger }: Palette): Rgb {
+  return proximity < 1 ? danger : caution;
 }

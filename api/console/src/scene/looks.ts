@@ -20,7 +20,7 @@ export function isStale(frame: Frame, i: number, isFresh: boolean): boolean {
 }
 
 /** Red, green, blue and shine of each, and its marks. Owns its arrays, as long as the largest fleet yet. */
-export class Looks {
+export class Appearance {
   tints = new Float32Array(0);
   marks = new Float32Array(0);
 

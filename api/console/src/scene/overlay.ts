@@ -5,7 +5,7 @@ import type { Vec3 } from "./axes";
 import type { Eye } from "./eye";
 import { project } from "./picking";
 
-export type Manner = "grid" | "name" | "selected" | "thing" | "ghost" | "close" | "handle" | "handle-ghost";
+export type Manner = "grid" | "name" | "selected" | "thing" | "preview" | "close" | "handle" | "handle-preview";
 
 interface Word {
   element: HTMLElement;

@@ -21,7 +21,7 @@ export interface Palette {
   obstacle: Rgb;
   fence: Rgb;
   pad: Rgb;
-  ghost: Rgb;
+  preview: Rgb;
   setpoint: Rgb;
   selected: Rgb;
   limited: Rgb;
@@ -51,7 +51,7 @@ export const NIGHT: Palette = {
   obstacle: rgb("#d9803a"),
   fence: rgb("#c9564e"),
   pad: rgb("#7f8c99"),
-  ghost: rgb("#ffe9a8"),
+  preview: rgb("#ffe9a8"),
   setpoint: rgb("#9fe0ff"),
   selected: rgb("#ffffff"),
   limited: rgb("#f0b429"),
@@ -87,7 +87,7 @@ export const DAY: Palette = {
   obstacle: rgb("#b85c14"),
   fence: rgb("#b0332b"),
   pad: rgb("#5c6873"),
-  ghost: rgb("#8a5a00"),
+  preview: rgb("#8a5a00"),
   setpoint: rgb("#0072b2"),
   selected: rgb("#101418"),
   limited: rgb("#b57700"),

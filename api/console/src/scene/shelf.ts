@@ -13,7 +13,7 @@ export interface Failure {
   isMissing: boolean;
 }
 
-export class Shelf<Picture> {
+export class TileCache<Picture> {
   readonly #held = new Map<string, Picture | null>(); // the longest unwanted first; null: it is not here yet
   readonly #asking = new Set<string>(); // and not answered yet, wanted or not
   readonly #failures = new Map<string, Failure & { at_ms: number }>(); // also of what is wanted no more
