@@ -52,7 +52,7 @@ export interface Actions {
   acknowledge(alarm: string | null): Promise<boolean>;
   replay(change: ReplayChange): Promise<boolean>;
   loadMarks(): Promise<boolean>;
-  loadCertificate(): Promise<boolean>;
+  loadReport(): Promise<boolean>;
 }
 
 const POLL_MS = 500;
@@ -244,18 +244,18 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
         (reason) => ({ kind: "refused", text: texts.refused(texts.replay.title, reason) }),
       ),
     replay: async (change) => (await asked(texts.replay.title, api.POST("/api/v1/replay", { body: change }), null)) !== null,
-    async loadCertificate() {
+    async loadReport() {
       for (;;) {
-        const result: Outcome<Schemas["Certificate"]> = await outcome(api.GET("/api/v1/replay/report"));
+        const result: Outcome<Schemas["FlightReport"]> = await outcome(api.GET("/api/v1/replay/report"));
         const found = result.ok ? result.data : null;
         if (found !== null && (found.state === "waiting" || found.state === "running")) {
           await later(POLL_MS);
           continue;
         }
-        if (found?.report) dispatch({ kind: "certificate", certificate: found.report });
-        const certificateProblem = result.ok ? result.data.reason : result.reason;
-        dispatch({ kind: "panels", change: { certificateProblem } });
-        return certificateProblem === "";
+        if (found?.report) dispatch({ kind: "flightReport", flightReport: found.report });
+        const reportProblem = result.ok ? result.data.reason : result.reason;
+        dispatch({ kind: "panels", change: { reportProblem } });
+        return reportProblem === "";
       }
     },
   };

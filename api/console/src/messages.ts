@@ -4,7 +4,7 @@ import type { AttentionMessage } from "./alarms/attentionState";
 import type { PanelState, Layout } from "./desk/state";
 import type { Choice, Selection } from "./selection";
 import type {
-  Access, CertificateReport, Connection, Frame, Preview, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Status, StoredShow, View,
+  Access, ReportBody, Connection, Frame, Preview, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Status, StoredShow, View,
 } from "./state";
 
 export type Message =
@@ -19,7 +19,7 @@ export type Message =
   | { kind: "shows"; shows: readonly StoredShow[] }
   | { kind: "check"; check: ShowCheck | null }
   | { kind: "marks"; marks: ReplayMarks | null }
-  | { kind: "certificate"; certificate: CertificateReport | null }
+  | { kind: "flightReport"; flightReport: ReportBody | null }
   | { kind: "done" | "grave" | "refused"; text: string }
   | { kind: "toast-gone"; id: number }
   | { kind: "view"; change: Partial<Omit<View, keyof Selection>> }

@@ -3,7 +3,7 @@
 import { initialDesk, type PanelState } from "./desk/state";
 import { initialAttention, type Attention } from "./alarms/attentionState";
 import { NOTHING_SELECTED, type Selection } from "./selection";
-import type { CertificateReport, Frame, KillArmed, Command, PreflightReport, ReplayMarks, Status } from "./snapshot";
+import type { ReportBody, Frame, KillArmed, Command, PreflightReport, ReplayMarks, Status } from "./snapshot";
 
 export * from "./snapshot";
 
@@ -77,7 +77,7 @@ export interface State {
   /** Phases, cues, events and idle time of the record that is replayed, once they were read. */
   marks: ReplayMarks | null;
   /** What the record that is replayed kept and broke, once it was judged. */
-  certificate: CertificateReport | null;
+  flightReport: ReportBody | null;
   toasts: readonly Toast[];
   toastsMade: number;
   view: View;
@@ -114,7 +114,7 @@ export function initial(now_ms: number): State {
     commands: [],
     preflight: null,
     marks: null,
-    certificate: null,
+    flightReport: null,
     toasts: [],
     toastsMade: 0,
     view: {

@@ -53,7 +53,7 @@ export const texts = {
       vehicle: "Vehicle",
       events: "Events",
       plots: "Plots",
-      certificate: "Certificate",
+      flightReport: "FlightReport",
     },
     larger: (name: string): string => `Enlarge ${name}`,
     smaller: (name: string): string => `Shrink ${name}`,
@@ -601,7 +601,7 @@ export const texts = {
     speed: "Speed",
     position: "Position in the record",
     of: (position: string, duration: string): string => `${position} of ${duration}`,
-    certificate: "Certificate",
+    flightReport: "FlightReport",
     back: "10 s back",
     on: "10 s on",
     label: "Replay: nothing shown here flies",
@@ -613,8 +613,8 @@ export const texts = {
     goTo: (time: string): string => `Go to ${time}`,
     kinds: { cue: "cue", alarm: "alarm", warning: "warning", error: "error" },
   },
-  certificate: {
-    title: "Certificate",
+  flightReport: {
+    title: "FlightReport",
     kept: "All limits respected",
     broken: "Limits violated",
     incomplete: "Incomplete: not all of the flight could be judged",

@@ -34,8 +34,8 @@ function updateShared(state: State, message: Message): State {
       return { ...state, preflight: message.report };
     case "marks":
       return { ...state, marks: message.marks };
-    case "certificate":
-      return { ...state, certificate: message.certificate };
+    case "flightReport":
+      return { ...state, flightReport: message.flightReport };
     case "done":
     case "grave":
     case "refused":

@@ -56,5 +56,5 @@ export interface PanelActions
   upload(file: File): void;
   enter(): void;
   replay(change: ReplayChange): void;
-  readCertificate(): void;
+  readReport(): void;
 }

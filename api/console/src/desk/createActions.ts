@@ -117,10 +117,10 @@ export function createDeskActions(
     }
   }
 
-  async function readCertificate(): Promise<void> {
-    set({ certificateReading: true, certificateProblem: "" });
-    await service.loadCertificate();
-    set({ certificateReading: false });
+  async function readReport(): Promise<void> {
+    set({ reportReading: true, reportProblem: "" });
+    await service.loadReport();
+    set({ reportReading: false });
   }
 
   return {
@@ -223,6 +223,6 @@ export function createDeskActions(
       if (token !== "") login(token);
     },
     replay: (change) => void service.replay(change),
-    readCertificate: () => void readCertificate(),
+    readReport: () => void readReport(),
   };
 }

@@ -1,7 +1,7 @@
 /** The desk around the scene: a pure function of the state. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import { certificate } from "../replay/certificate";
+import { flightReport } from "../replay/certificate";
 import { replayBar } from "../replay/bar";
 import type { State } from "../state";
 import { texts } from "../texts";
@@ -49,7 +49,7 @@ const PANELS: Record<PanelName, { view: View; icon: IconName }> = {
   vehicle: { view: vehicle, icon: "vehicle" },
   events: { view: events, icon: "events" },
   plots: { view: plots, icon: "plots" },
-  certificate: { view: certificate, icon: "check" },
+  flightReport: { view: flightReport, icon: "check" },
 };
 
 const SHEETS: Record<Sheet, { view: View; title: string }> = {
@@ -155,7 +155,7 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
     ${isSmall(layout) ? nothing : recovery(state)}
     <div class="alarms" data-region="alarms">${isSmall(layout) ? recovery(state) : nothing} ${alarms(state, actions)}</div>
     <div class="rails">
-      ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "certificate"] : RIGHT)}
+      ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "flightReport"] : RIGHT)}
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
     <div class="room" data-room><div class="room-low">${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>

@@ -13,7 +13,7 @@ export type PanelSide = "left" | "right";
 /** What is changed together, by one button. */
 export type Group = "formation" | "orbit" | "target" | "yaw";
 export type LeftPanel = "preflight" | "shows" | "shape" | "obstacles";
-export type RightPanel = "fleet" | "vehicle" | "events" | "plots" | "certificate";
+export type RightPanel = "fleet" | "vehicle" | "events" | "plots" | "flightReport";
 export type Sheet = "start" | "kill" | "help";
 
 /** Something that the service, or the page, refused. */
@@ -66,8 +66,8 @@ export interface PanelState {
   openCommand: string | null;
   eventList: "commands" | "lines" | "refused";
   refusals: readonly Refusal[]; // newest first
-  certificateProblem: string;
-  certificateReading: boolean;
+  reportProblem: string;
+  reportReading: boolean;
 }
 
 export const ROW_PX = 36;
@@ -110,7 +110,7 @@ export function initialDesk(): PanelState {
     openCommand: null,
     eventList: "lines",
     refusals: [],
-    certificateProblem: "",
-    certificateReading: false,
+    reportProblem: "",
+    reportReading: false,
   };
 }

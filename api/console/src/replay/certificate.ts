@@ -5,10 +5,10 @@ import type { PanelActions } from "../desk/actions";
 import { button } from "../desk/controls";
 import { fixed, minutes, withUnit } from "../desk/format";
 import { icon } from "../desk/icons";
-import type { CertificateReport, State } from "../state";
+import type { ReportBody, State } from "../state";
 import { texts } from "../texts";
 
-const t = texts.certificate;
+const t = texts.flightReport;
 
 function moment(actions: PanelActions, at_s: number | null): TemplateResult | typeof nothing {
   if (at_s === null) return nothing;
@@ -43,14 +43,14 @@ const VERDICTS = {
 } as const;
 
 /** How a verdict is shown: only what was judged from beginning to end is green. */
-export const verdict = (found: Pick<CertificateReport, "verdict">): (typeof VERDICTS)[keyof typeof VERDICTS] => VERDICTS[found.verdict];
+export const verdict = (found: Pick<ReportBody, "verdict">): (typeof VERDICTS)[keyof typeof VERDICTS] => VERDICTS[found.verdict];
 
-function checks(actions: PanelActions, certificate: CertificateReport): TemplateResult {
+function checks(actions: PanelActions, flightReport: ReportBody): TemplateResult {
   return html`<table class="plain-table" data-testid="report-checks">
     <caption>${t.checks}</caption>
     ${head([t.name, t.worst, t.limit, t.who])}
     <tbody>
-      ${certificate.checks.map(
+      ${flightReport.checks.map(
         (each) => html`<tr class=${rowClass(each.kept)}>
           <th scope="row">
             ${each.kept === null ? nothing : icon(each.kept ? "check" : "cross")}${each.name}<span class="for-readers">: ${each.kept === null ? t.nothing : each.kept ? t.keptShort : t.brokenShort}</span>
@@ -64,12 +64,12 @@ function checks(actions: PanelActions, certificate: CertificateReport): Template
   </table>`;
 }
 
-function pairs(actions: PanelActions, certificate: CertificateReport): TemplateResult {
+function pairs(actions: PanelActions, flightReport: ReportBody): TemplateResult {
   return html`<table class="plain-table" data-testid="report-pairs">
     <caption>${t.nearest}</caption>
     ${head([t.pair, t.distance, t.ratio, t.ratioOff, t.at])}
     <tbody>
-      ${certificate.nearest_pairs.map(
+      ${flightReport.nearest_pairs.map(
         (pair) => html`<tr>
           <th scope="row">${pair.vehicles.join(" – ")}</th>
           <td class="number">${withUnit(pair.distance_m, "m", 2)}</td>
@@ -82,7 +82,7 @@ function pairs(actions: PanelActions, certificate: CertificateReport): TemplateR
   </table>`;
 }
 
-function judged(actions: PanelActions, found: CertificateReport): TemplateResult {
+function judged(actions: PanelActions, found: ReportBody): TemplateResult {
   const { mark, kind, text } = verdict(found);
   return html`<div class="verdict ${kind}" data-testid="report-verdict">
       ${icon(mark)}
@@ -101,19 +101,19 @@ function judged(actions: PanelActions, found: CertificateReport): TemplateResult
     ${found.remarks.map((text) => html`<p class="hint">${text}</p>`)} ${checks(actions, found)} ${pairs(actions, found)}`;
 }
 
-export function certificate(state: State, actions: PanelActions): TemplateResult {
-  const { certificateProblem, certificateReading } = state.panels;
-  return html`<div class="certificate" data-testid="certificate">
-    ${certificateProblem ? html`<p class="problem" role="alert">${certificateProblem}</p>` : nothing}
-    ${state.certificate
-      ? judged(actions, state.certificate)
-      : html`<p class="empty">${certificateReading ? t.reading : t.none}</p>`}
+export function flightReport(state: State, actions: PanelActions): TemplateResult {
+  const { reportProblem, reportReading } = state.panels;
+  return html`<div class="flightReport" data-testid="flightReport">
+    ${reportProblem ? html`<p class="problem" role="alert">${reportProblem}</p>` : nothing}
+    ${state.flightReport
+      ? judged(actions, state.flightReport)
+      : html`<p class="empty">${reportReading ? t.reading : t.none}</p>`}
     ${button(actions, {
       id: "report-read",
       label: t.read,
-      kind: state.certificate ? "quiet" : "primary",
-      why: certificateReading ? t.reading : "",
-      press: () => actions.readCertificate(),
+      kind: state.flightReport ? "quiet" : "primary",
+      why: reportReading ? t.reading : "",
+      press: () => actions.readReport(),
     })}
   </div>`;
 }
