@@ -7,7 +7,7 @@ NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 # Modules are compiled once and kept, wherever we run: pytest's rewriting of them takes longer than many a test.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: sitl ready demo test soak computed flown console console-test wire check compiled bench mutate flight-quality screenshots docs format lock clean
+.PHONY: sitl ready demo test soak computed flown console console-test schema check compiled bench mutate flight-quality screenshots docs format lock clean
 
 # Two environments are made side by side: one flies, one builds the page.
 ready:
@@ -48,14 +48,14 @@ soak: ready compiled  ## what only endurance shows: twenty kills, long floods, t
 console: api/console/dist/index.html  ## the operator's page, built by Node from a wheel of its own
 
 console-test: .venv/ready api/console/node_modules/ready  ## the page's types and unit tests
-	$(BIN)/python -m gcs.api.openapi | $(NPM) run --silent wire -- --check --output src/wire/schema.ts || \
-	  { echo "api/console/src/wire/schema.ts is not what the API says of itself: make wire" >&2; exit 1; }
+	$(BIN)/python -m gcs.api.openapi | $(NPM) run --silent schema -- --check --output src/schemas/schema.ts || \
+	  { echo "api/console/src/schemas/schema.ts is not what the API says of itself: make schema" >&2; exit 1; }
 	$(NPM) run --silent types
 	$(NPM) run --silent cycles
 	$(NPM) run --silent test
 
-wire: .venv/ready api/console/node_modules/ready  ## the page's wire types, from the API's own OpenAPI
-	$(BIN)/python -m gcs.api.openapi | $(NPM) run --silent wire -- --output src/wire/schema.ts
+schema: .venv/ready api/console/node_modules/ready  ## the page's wire types, from the API's own OpenAPI
+	$(BIN)/python -m gcs.api.openapi | $(NPM) run --silent schema -- --output src/schemas/schema.ts
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
 	@$(BIN)/python -c "from gcs import control; from gcs.mavlink import codec, setpoint_kernels; \

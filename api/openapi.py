@@ -1,6 +1,6 @@
 """What the API says of itself, as `/openapi.json` does, without a service: `python -m gcs.api.openapi`.
 
-The console's types are made of it (`api/console/src/wire/schema.ts`).
+The console's types are made of it (`api/console/src/schemas/schema.ts`).
 """
 
 import json
