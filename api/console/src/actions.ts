@@ -3,8 +3,8 @@
 import type { Preview, Command, ShowCheck, State, StoredShow } from "./state";
 import { texts } from "./texts";
 import type { Message } from "./messages";
-import { outcome, type Api, type Outcome } from "./wire/rest";
-import type { components } from "./wire/schema";
+import { outcome, type Api, type Outcome } from "./schemas/rest";
+import type { components } from "./schemas/schema";
 
 type Schemas = components["schemas"];
 type Call<T> = Promise<{ data?: T; error?: unknown; response: Response }>;

@@ -1,9 +1,9 @@
-// Carries out what a key means; `desk/keys.ts` says what that is.
+// Carries out what a key means; `panels/keys.ts` says what that is.
 
-import { command } from "./desk/keys";
-import type { PanelActions } from "./desk/actions";
-import { pressBig } from "./desk/flight";
-import { whyNotPreview } from "./desk/ghost";
+import { command } from "./panels/keys";
+import type { PanelActions } from "./panels/actions";
+import { pressBig } from "./panels/flight";
+import { whyNotPreview } from "./panels/preview";
 import { jumped_s, played } from "./replay/bar";
 import type { State } from "./state";
 import { texts } from "./texts";

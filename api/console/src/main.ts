@@ -1,7 +1,7 @@
 // Composition: the one state, who changes it, and the one loop that draws it.
 
 import "./styles/tokens.css";
-import "./styles/desk.css";
+import "./styles/page.css";
 import "./styles/controls.css";
 import "./styles/panels.css";
 import "./styles/alarms.css";
@@ -12,19 +12,19 @@ import { render } from "lit-html";
 
 import { createActions } from "./actions";
 import { createSigns } from "./alarms/signs";
-import { createDeskActions } from "./desk/createActions";
-import { panels } from "./desk/index";
-import { watchLayout } from "./desk/layout";
-import { createReader } from "./desk/reading";
+import { createDeskActions } from "./panels/createActions";
+import { panels } from "./panels/index";
+import { watchLayout } from "./panels/layout";
+import { createReader } from "./panels/reading";
 import { onKey } from "./keyboard";
 import { createScene } from "./scene/index";
 import { phaseColours } from "./scene/palette";
 import { initial, type State } from "./state";
 import { texts } from "./texts";
 import { update, type Message } from "./update";
-import { createApi } from "./wire/rest";
-import { openStream } from "./wire/stream";
-import { createTiles } from "./wire/tiles";
+import { createApi } from "./schemas/rest";
+import { openStream } from "./schemas/stream";
+import { createTiles } from "./schemas/tiles";
 
 /** The desk's own pace; what a person does is shown at once. */
 const DESK_MS = 100;

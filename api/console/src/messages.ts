@@ -1,7 +1,7 @@
 // Everything that changes the page's state.
 
 import type { AttentionMessage } from "./alarms/attentionState";
-import type { PanelState, Layout } from "./desk/state";
+import type { PanelState, Layout } from "./panels/state";
 import type { Choice, Selection } from "./selection";
 import type {
   Access, ReportBody, Connection, Frame, Preview, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Status, StoredShow, View,

@@ -1,6 +1,6 @@
 // What the service reports: its status, and one frame of the fleet. Types and their constants alone.
 
-import type { components } from "./wire/schema";
+import type { components } from "./schemas/schema";
 
 type Schemas = components["schemas"];
 

@@ -1,6 +1,6 @@
 // The page's one state. Everything that is shown follows from it; `update` alone makes the next one.
 
-import { initialDesk, type PanelState } from "./desk/state";
+import { initialDesk, type PanelState } from "./panels/state";
 import { initialAttention, type Attention } from "./alarms/attentionState";
 import { NOTHING_SELECTED, type Selection } from "./selection";
 import type { ReportBody, Frame, KillArmed, Command, PreflightReport, ReplayMarks, Status } from "./snapshot";

@@ -1,7 +1,7 @@
 // The one way from a state to the next. Pure: no clock, no network, no document.
 
 import { updateAttention } from "./alarms/attention";
-import { updateDesk } from "./desk/update";
+import { updateDesk } from "./panels/update";
 import { energy, radiusError_m } from "./formation";
 import { choose, remaining } from "./selection";
 import { HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Connection, type Frame, type History, type Command, type State, type Status, type Toast } from "./state";

@@ -1,6 +1,6 @@
 import { describe, expect, test } from "vitest";
 
-import { decode, FrameError } from "../src/wire/frame";
+import { decode, FrameError } from "../src/schemas/frame";
 import { bytes, frame } from "./frames";
 
 describe("a frame", () => {

@@ -1,6 +1,6 @@
 // Frames for tests, written byte by byte as docs/stream.md says: not with the page's own reader.
 
-import { decode, HEADER_BYTES, size } from "../src/wire/frame";
+import { decode, HEADER_BYTES, size } from "../src/schemas/frame";
 import { PHASES, type Frame, type Phase } from "../src/state";
 
 export interface Vehicle {

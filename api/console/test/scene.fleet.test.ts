@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 
-import { closePairs } from "../src/scene/closeness";
-import { isStale, Appearance, MARK } from "../src/scene/looks";
+import { closePairs } from "../src/scene/proximity";
+import { isStale, Appearance, MARK } from "../src/scene/appearance";
 import { DAY, NIGHT } from "../src/scene/palette";
 import { Table } from "../src/scene/instances";
 import { Playback, Poses } from "../src/scene/playback";

@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 
 import { toScene } from "../src/scene/axes";
-import { previewBox, gripAt, handleOf, moved, rounded, step_m, type Grip, type Sight } from "../src/scene/ghosts";
+import { previewBox, gripAt, handleOf, moved, rounded, step_m, type Grip, type Sight } from "../src/scene/dragPreviews";
 import { project, rayThrough, type Screen } from "../src/scene/picking";
 import { basisOf, START } from "../src/scene/rig";
 import { initial, type Obstacle, type Right, type State } from "../src/state";

@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 
-import { CameraController } from "../src/scene/cameraman";
+import { CameraController } from "../src/scene/cameraController";
 import { believed, followed, isVisible, keepMargin_px } from "../src/scene/framing";
 import type { Screen } from "../src/scene/picking";
 import { placeOf, Playback, Poses } from "../src/scene/playback";

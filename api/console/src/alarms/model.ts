@@ -1,7 +1,7 @@
 // Alarms as the service lists them: in which order they are shown, and how severe the whole is. Pure.
 
 import type { Status } from "../snapshot";
-import type { components } from "../wire/schema";
+import type { components } from "../schemas/schema";
 
 export const SEVERITIES = ["emergency", "warning", "caution", "information"] as const satisfies readonly Severity[];
 export type Severity = components["schemas"]["AlarmSeverity"];

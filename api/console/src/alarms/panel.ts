@@ -4,12 +4,12 @@ import { html, nothing, type TemplateResult } from "lit-html";
 import { keyed } from "lit-html/directives/keyed.js";
 import { repeat } from "lit-html/directives/repeat.js";
 
-import type { PanelActions } from "../desk/actions";
-import { button } from "../desk/controls";
-import { clockTime, seconds } from "../desk/format";
-import { icon, type IconName } from "../desk/icons";
-import { isBesideAPanel, isSmall } from "../desk/layout";
-import { whyNotAcknowledge } from "../desk/rights";
+import type { PanelActions } from "../panels/actions";
+import { button } from "../panels/controls";
+import { clockTime, seconds } from "../panels/format";
+import { icon, type IconName } from "../panels/icons";
+import { isBesideAPanel, isSmall } from "../panels/layout";
+import { whyNotAcknowledge } from "../panels/rights";
 import { fresh, type State } from "../state";
 import { texts } from "../texts";
 import { ALWAYS_SHOWN, alarmsOf, counted, isOpen, lasts, commanded, worst, type Alarm, type Overall } from "./model";

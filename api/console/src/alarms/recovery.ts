@@ -2,12 +2,12 @@
 
 import { html, nothing, type TemplateResult } from "lit-html";
 
-import type { PanelActions } from "../desk/actions";
-import { button } from "../desk/controls";
-import { clockTime } from "../desk/format";
-import { icon } from "../desk/icons";
-import { whyNot } from "../desk/rights";
-import { byReason } from "../desk/start";
+import type { PanelActions } from "../panels/actions";
+import { button } from "../panels/controls";
+import { clockTime } from "../panels/format";
+import { icon } from "../panels/icons";
+import { whyNot } from "../panels/rights";
+import { byReason } from "../panels/start";
 import type { State } from "../state";
 import { texts } from "../texts";
 

@@ -1,11 +1,11 @@
 /** A record, played: play, speed, where in it. It takes the place of the big buttons. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import type { PanelActions } from "../desk/actions";
-import { button, choices } from "../desk/controls";
-import { minutes } from "../desk/format";
-import { icon } from "../desk/icons";
-import { place } from "../desk/place";
+import type { PanelActions } from "../panels/actions";
+import { button, choices } from "../panels/controls";
+import { minutes } from "../panels/format";
+import { icon } from "../panels/icons";
+import { place } from "../panels/place";
 import type { ReplayChange } from "../actions";
 import type { Status, State } from "../state";
 import { texts } from "../texts";

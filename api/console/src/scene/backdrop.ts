@@ -2,7 +2,7 @@
 
 import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, NoBlending, ShaderMaterial } from "three";
 
-import type { Eye } from "./eye";
+import type { Eye } from "./camera";
 import { ORDER } from "./materials";
 import type { Palette, Rgb } from "./palette";
 import { middleOf } from "./picking";

@@ -2,7 +2,7 @@
 
 import { Vector3 } from "three";
 
-import { color, type Shared } from "./eye";
+import { color, type Shared } from "./camera";
 import { Repeated, stripShape, telling, type Table } from "./instances";
 import { ORDER } from "./materials";
 import type { Palette } from "./palette";

@@ -1,7 +1,7 @@
 // What lies flat on the ground: pads, and below each vehicle the spot over which it flies. One draw call each.
 
 import type { Vec3 } from "./axes";
-import type { Shared } from "./eye";
+import type { Shared } from "./camera";
 import { Collected, stripShape, telling } from "./instances";
 import { ORDER } from "./materials";
 import type { Rgb } from "./palette";

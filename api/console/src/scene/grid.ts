@@ -4,7 +4,7 @@ import { BufferAttribute, BufferGeometry, Mesh, Vector2, Vector3, type ShaderMat
 
 import { texts } from "../texts";
 import { roundStep } from "./axes";
-import { color, type Eye, type Shared } from "./eye";
+import { color, type Eye, type Shared } from "./camera";
 import { STRIP, STRIP_EDGE } from "./glsl";
 import { material, ORDER } from "./materials";
 import type { Overlay } from "./overlay";

@@ -7,13 +7,13 @@ import {
 
 import type { Status } from "../state";
 import { texts } from "../texts";
-import { TileError, type LoadTile } from "../wire/tiles";
+import { TileError, type LoadTile } from "../schemas/tiles";
 import { toScene } from "./axes";
-import type { Eye, Shared } from "./eye";
+import type { Eye, Shared } from "./camera";
 import { material, ORDER } from "./materials";
 import { addressOf, choose, placeAt, toShowFrame, type Origin, type Tile } from "./mercator";
 import type { Overlay } from "./overlay";
-import { TileCache } from "./shelf";
+import { TileCache } from "./tileCache";
 
 const PARTS = 4; // of a tile's side: a square of the map is none of the ground
 

@@ -2,7 +2,7 @@
 
 import { texts } from "../texts";
 import type { Vec3 } from "./axes";
-import type { Eye } from "./eye";
+import type { Eye } from "./camera";
 import { project } from "./picking";
 
 export type Manner = "grid" | "name" | "selected" | "thing" | "preview" | "close" | "handle" | "handle-preview";

@@ -3,7 +3,7 @@
 import { BufferAttribute, BufferGeometry, Group, Mesh, Vector3, type ShaderMaterial } from "three";
 
 import { dot, minus, type Vec3 } from "./axes";
-import { color, type Eye, type Shared } from "./eye";
+import { color, type Eye, type Shared } from "./camera";
 import { material, ORDER } from "./materials";
 import type { Palette } from "./palette";
 import { Strokes } from "./strokes";

@@ -3,7 +3,7 @@
 import { BoxGeometry, FrontSide, SphereGeometry } from "three";
 
 import type { Vec3 } from "./axes";
-import type { Shared } from "./eye";
+import type { Shared } from "./camera";
 import { Collected, telling } from "./instances";
 import type { Rgb } from "./palette";
 

@@ -2,7 +2,7 @@
 // or not. Collected anew when something changed.
 
 import type { Vec3 } from "./axes";
-import type { Shared } from "./eye";
+import type { Shared } from "./camera";
 import { STRIP, STRIP_EDGE } from "./glsl";
 import { Collected, stripShape, telling } from "./instances";
 import type { Rgb } from "./palette";

@@ -1,7 +1,7 @@
 // Where everybody has been: a ring of samples on the graphics card, in which every sample is written once. A sample is
 // a place and when that was; a segment whose end is older than its beginning is the seam of the ring, and is not drawn.
 
-import type { Shared } from "./eye";
+import type { Shared } from "./camera";
 import { STRIP, STRIP_EDGE } from "./glsl";
 import { Repeated, stripShape, Table, telling } from "./instances";
 import { ORDER } from "./materials";

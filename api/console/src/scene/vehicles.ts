@@ -2,7 +2,7 @@
 
 import { Vector3, type BufferGeometry } from "three";
 
-import { color, type Shared } from "./eye";
+import { color, type Shared } from "./camera";
 import { Repeated, telling, type Table } from "./instances";
 import { ORDER } from "./materials";
 import type { Palette } from "./palette";

@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 
-import { parseQuery, toggled } from "../src/desk/query";
-import { sorted, windowed, type Row } from "../src/desk/rows";
+import { parseQuery, toggled } from "../src/panels/query";
+import { sorted, windowed, type Row } from "../src/panels/rows";
 
 const row = (id: string, change: Partial<Row> = {}): Row => ({
   index: 0, id, phase: "formation", mode: "offboard", height_m: 20, battery: 0.8, age_s: 0.1, link: 0.99, fixIsBad: false, fix: "3D", fix_m: 0.4,

@@ -1,11 +1,11 @@
 import { describe, expect, it } from "vitest";
 
-import { previewText } from "../src/desk/ghost";
-import { command, type Press } from "../src/desk/keys";
-import { columns } from "../src/desk/plots";
-import { failures, preflightNow, troubles } from "../src/desk/preflight";
-import { playing, segments } from "../src/desk/timeline";
-import { byReason, whyNotStart } from "../src/desk/start";
+import { previewText } from "../src/panels/preview";
+import { command, type Press } from "../src/panels/keys";
+import { columns } from "../src/panels/plots";
+import { failures, preflightNow, troubles } from "../src/panels/preflight";
+import { playing, segments } from "../src/panels/timeline";
+import { byReason, whyNotStart } from "../src/panels/start";
 import { initial, type PreflightReport, type State } from "../src/state";
 import { texts } from "../src/texts";
 import { frame } from "./frames";

@@ -1,12 +1,12 @@
 import { describe, expect, it } from "vitest";
 
-import { doomed } from "../src/desk/kill";
-import { whyNot, whyNotOnGround, whyNotShape, whyNotShow, whyNotVehicle } from "../src/desk/rights";
-import { lastOrder, whyNotSelection } from "../src/desk/group";
-import { refusal } from "../src/desk/shows";
-import { startOrder } from "../src/desk/start";
-import { life, showReason } from "../src/desk/topbar";
-import { typedNumbers } from "../src/desk/shape";
+import { doomed } from "../src/panels/kill";
+import { whyNot, whyNotOnGround, whyNotShape, whyNotShow, whyNotVehicle } from "../src/panels/rights";
+import { lastOrder, whyNotSelection } from "../src/panels/group";
+import { refusal } from "../src/panels/shows";
+import { startOrder } from "../src/panels/start";
+import { life, showReason } from "../src/panels/topbar";
+import { typedNumbers } from "../src/panels/shape";
 import { initial, type Right, type State } from "../src/state";
 import { texts } from "../src/texts";
 import { update, type Message } from "../src/update";

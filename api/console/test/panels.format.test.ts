@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 
-import { fixed, minutes, nextClockTime, parsed, percent, plain, seconds, withUnit } from "../src/desk/format";
+import { fixed, minutes, nextClockTime, parsed, percent, plain, seconds, withUnit } from "../src/panels/format";
 
 describe("numbers for an operator", () => {
   it("says what is not known with a dash, never with a zero", () => {

@@ -1,10 +1,10 @@
 /** What a recorded flight kept and what it broke. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import type { PanelActions } from "../desk/actions";
-import { button } from "../desk/controls";
-import { fixed, minutes, withUnit } from "../desk/format";
-import { icon } from "../desk/icons";
+import type { PanelActions } from "../panels/actions";
+import { button } from "../panels/controls";
+import { fixed, minutes, withUnit } from "../panels/format";
+import { icon } from "../panels/icons";
 import type { ReportBody, State } from "../state";
 import { texts } from "../texts";
 

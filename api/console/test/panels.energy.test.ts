@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 
-import { entries, roughly } from "../src/desk/energy";
+import { entries, roughly } from "../src/panels/energy";
 import { frame } from "./frames";
 
 const IDS = ["d1", "d2", "d3"];

@@ -1,7 +1,7 @@
 /** The desk around the scene: a pure function of the state. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import { flightReport } from "../replay/certificate";
+import { flightReport } from "../replay/report";
 import { replayBar } from "../replay/bar";
 import type { State } from "../state";
 import { texts } from "../texts";
@@ -16,7 +16,7 @@ import { energy } from "./energy";
 import { events } from "./events";
 import { fleet } from "./fleet";
 import { flight } from "./flight";
-import { previewBar } from "./ghost";
+import { previewBar } from "./preview";
 import { help } from "./help";
 import { icon, type IconName } from "./icons";
 import { PANEL_KEYS } from "./keys";

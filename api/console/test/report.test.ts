@@ -1,6 +1,6 @@
 import { expect, it } from "vitest";
 
-import { verdict } from "../src/replay/certificate";
+import { verdict } from "../src/replay/report";
 
 it("shows three verdicts, and only what was judged from beginning to end in green", () => {
   expect(verdict({ verdict: "kept" }).kind).toBe("good");

@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 
-import { layoutOf, shownPanels, withLayout, type Layout } from "../src/desk/layout";
-import { initialDesk } from "../src/desk/state";
+import { layoutOf, shownPanels, withLayout, type Layout } from "../src/panels/layout";
+import { initialDesk } from "../src/panels/state";
 
 /** Whether a window of this size matches a query, at 16 px to the em. */
 const matches = (width: number, height: number) => (query: string): boolean =>
