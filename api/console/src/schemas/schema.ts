@@ -84,6 +84,46 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/commands": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * The last orders
+         * @description The newest first, as many as are remembered.
+         */
+        get: operations["list_commands"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/commands/{command_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * An order's outcome
+         * @description How far an accepted order has got, vehicle by vehicle.
+         */
+        get: operations["get_command"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/fleet": {
         parameters: {
             query?: never;
@@ -344,46 +384,6 @@ export interface paths {
         patch: operations["change_orbit"];
         trace?: never;
     };
-    "/api/v1/orders": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * The last orders
-         * @description The newest first, as many as are remembered.
-         */
-        get: operations["list_orders"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/orders/{order_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * An order's outcome
-         * @description How far an accepted order has got, vehicle by vehicle.
-         */
-        get: operations["get_order"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
     "/api/v1/preflight": {
         parameters: {
             query?: never;
@@ -428,26 +428,6 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
-    "/api/v1/replay/certificate": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * What the flight kept and broke
-         * @description Answers at once. The first call begins the judgement beside the replay: ask again until it is done.
-         */
-        get: operations["get_certificate"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
     "/api/v1/replay/marks": {
         parameters: {
             query?: never;
@@ -460,6 +440,26 @@ export interface paths {
          * @description All of the record at once, for a scrubber; it never changes.
          */
         get: operations["get_replay_marks"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/replay/report": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * What the flight kept and broke
+         * @description Answers at once. The first call begins the judgement beside the replay: ask again until it is done.
+         */
+        get: operations["get_flight_report"];
         put?: never;
         post?: never;
         delete?: never;
@@ -1133,6 +1133,11 @@ export interface components {
              */
             cause: string;
             /**
+             * Command Id
+             * @description The command that the service gave because of it; null: none.
+             */
+            command_id: string | null;
+            /**
              * Ended Unix Time S
              * @description null: the cause lasts. Emergencies and warnings stay listed after their cause has ended until they are acknowledged; they do not count for the state of the whole.
              */
@@ -1142,11 +1147,6 @@ export interface components {
              * @example vehicle-lost-7
              */
             id: string;
-            /**
-             * Order Id
-             * @description The command that the service gave because of it; null: none.
-             */
-            order_id: string | null;
             /**
              * Raised Unix Time S
              * @description When it began, or last concerned a further vehicle or became more severe: it then is no longer acknowledged. The newest of a severity is listed first.
@@ -1199,112 +1199,6 @@ export interface components {
             velocity: components["schemas"]["VelocityOut"] | null;
         };
         /**
-         * Certificate
-         * @description How far the judgement of the record has got.
-         */
-        Certificate: {
-            /**
-             * Reason
-             * @description Why it failed, empty when it did not.
-             */
-            reason: string;
-            /** @description null until it is done. */
-            report: components["schemas"]["CertificateReport"] | null;
-            state: components["schemas"]["CheckState"];
-        };
-        /**
-         * CertificateCheck
-         * @description One limit: kept or not, and the worst that was.
-         */
-        CertificateCheck: {
-            /**
-             * At S
-             * @description Since the beginning of the record.
-             */
-            at_s: number | null;
-            /**
-             * Kept
-             * @description null: there was nothing to judge.
-             */
-            kept: boolean | null;
-            /**
-             * Limit
-             * @description That held then: a written show has its own.
-             */
-            limit: number | null;
-            /**
-             * Name
-             * @example greatest height
-             */
-            name: string;
-            /**
-             * Tolerated
-             * @description Kept up to here: an autopilot's own answer may pass the limit by a little.
-             */
-            tolerated: number | null;
-            /**
-             * Unit
-             * @description Of limit, tolerated and worst.
-             * @example m
-             */
-            unit: string;
-            /**
-             * Vehicle
-             * @description Whose worst it was.
-             */
-            vehicle: string;
-            /**
-             * Worst
-             * @description null: there was nothing to judge.
-             */
-            worst: number | null;
-        };
-        /**
-         * CertificateReport
-         * @description What `gcs certify --json` tells of a record.
-         */
-        CertificateReport: {
-            /**
-             * Based On
-             * @example true positions
-             * @example estimated positions
-             */
-            based_on: string;
-            /** Checks */
-            checks: components["schemas"]["CertificateCheck"][];
-            /** Duration S */
-            duration_s: number;
-            /** Flew */
-            flew: number;
-            /**
-             * Missing
-             * @description What could not be judged, and why; with times and bytes.
-             */
-            missing: string[];
-            /** Nearest Pairs */
-            nearest_pairs: components["schemas"]["NearestPair"][];
-            /**
-             * Remarks
-             * @description About the file.
-             */
-            remarks: string[];
-            /** Source */
-            source: string;
-            /**
-             * Uncertainty
-             * @description Of the positions, in words.
-             */
-            uncertainty: string;
-            /** Vehicles */
-            vehicles: number;
-            /**
-             * Verdict
-             * @description incomplete: nothing was found broken, but not all of the flight could be judged.
-             * @enum {string}
-             */
-            verdict: "kept" | "broken" | "incomplete";
-        };
-        /**
          * Check
          * @description One thing that is looked at before a start.
          */
@@ -1343,27 +1237,36 @@ export interface components {
          */
         CheckState: "waiting" | "running" | "done" | "failed";
         /**
-         * ColumnPair
-         * @description Two vehicles, one above the other in the check: they cannot both come straight down.
+         * Command
+         * @description An accepted order and what has become of it.
          */
-        ColumnPair: {
+        Command: {
+            /** Accepted Unix Time S */
+            accepted_unix_time_s: number;
+            /** Action */
+            action: string;
             /**
-             * Cue
-             * @description When that was.
+             * By
+             * @description Whose token; `local` without any, `service` when nobody called.
              */
-            cue: string;
-            /** Lower */
-            lower: number;
-            /**
-             * Sideways M
-             * @description Between them, seen from above, at their nearest.
-             */
-            sideways_m: number;
-            /**
-             * Upper
-             * @description Vehicle of the show, from 1.
-             */
-            upper: number;
+            by: string;
+            /** Id */
+            id: string;
+            /** @description pending while any vehicle is, then failed if any has, else done. */
+            outcome: components["schemas"]["Outcome"];
+            /** Vehicles */
+            vehicles: {
+                [key: string]: components["schemas"]["CommandPart"];
+            };
+        };
+        /**
+         * CommandPart
+         * @description One vehicle's part of an order.
+         */
+        CommandPart: {
+            outcome: components["schemas"]["Outcome"];
+            /** Reason */
+            reason: string;
         };
         /**
          * Counts
@@ -1592,7 +1495,7 @@ export interface components {
             filter_interventions: number;
             formation: components["schemas"]["Formation"];
             /** @description A flight that was cut off, and is not settled. */
-            interrupted: components["schemas"]["Interrupted"] | null;
+            interrupted: components["schemas"]["InterruptedFlight"] | null;
             /** Minimum Separation M */
             minimum_separation_m: number | null;
             /** Obstacles */
@@ -1616,6 +1519,20 @@ export interface components {
             /** Vehicles */
             vehicles: components["schemas"]["Vehicle"][];
             yaw: components["schemas"]["Yaw"];
+        };
+        /**
+         * FlightReport
+         * @description How far the judgement of the record has got.
+         */
+        FlightReport: {
+            /**
+             * Reason
+             * @description Why it failed, empty when it did not.
+             */
+            reason: string;
+            /** @description null until it is done. */
+            report: components["schemas"]["ReportBody"] | null;
+            state: components["schemas"]["CheckState"];
         };
         /**
          * Formation
@@ -1693,27 +1610,6 @@ export interface components {
             vehicles?: string[];
         };
         /**
-         * Happening
-         * @description Something that happened, as the service's log tells it.
-         */
-        Happening: {
-            /**
-             * Number
-             * @description Counts up since the service began.
-             */
-            number: number;
-            severity: components["schemas"]["Severity"];
-            /** Text */
-            text: string;
-            /** Unix Time S */
-            unix_time_s: number;
-            /**
-             * Vehicle
-             * @description Whom it concerns; null: nobody in particular.
-             */
-            vehicle: string | null;
-        };
-        /**
          * Health
          * @description The control loop runs and its newest state is fresh.
          */
@@ -1762,10 +1658,10 @@ export interface components {
             until_s: number;
         };
         /**
-         * Interrupted
+         * InterruptedFlight
          * @description A flight that was cut off when the service ended or stalled. Nothing of it is taken over by itself.
          */
-        Interrupted: {
+        InterruptedFlight: {
             /**
              * Cause
              * @description What cut it off, in words.
@@ -1836,6 +1732,27 @@ export interface components {
              * @example a1b2c3
              */
             code: string;
+        };
+        /**
+         * LogEvent
+         * @description Something that happened, as the service's log tells it.
+         */
+        LogEvent: {
+            /**
+             * Number
+             * @description Counts up since the service began.
+             */
+            number: number;
+            severity: components["schemas"]["Severity"];
+            /** Text */
+            text: string;
+            /** Unix Time S */
+            unix_time_s: number;
+            /**
+             * Vehicle
+             * @description Whom it concerns; null: nobody in particular.
+             */
+            vehicle: string | null;
         };
         /**
          * Map
@@ -2042,38 +1959,6 @@ export interface components {
              * @example 2
              */
             speed_m_s?: number;
-        };
-        /**
-         * Order
-         * @description An accepted order and what has become of it.
-         */
-        Order: {
-            /** Accepted Unix Time S */
-            accepted_unix_time_s: number;
-            /** Action */
-            action: string;
-            /**
-             * By
-             * @description Whose token; `local` without any, `service` when nobody called.
-             */
-            by: string;
-            /** Id */
-            id: string;
-            /** @description pending while any vehicle is, then failed if any has, else done. */
-            outcome: components["schemas"]["Outcome"];
-            /** Vehicles */
-            vehicles: {
-                [key: string]: components["schemas"]["OrderPart"];
-            };
-        };
-        /**
-         * OrderPart
-         * @description One vehicle's part of an order.
-         */
-        OrderPart: {
-            outcome: components["schemas"]["Outcome"];
-            /** Reason */
-            reason: string;
         };
         /**
          * Origin
@@ -2319,6 +2204,98 @@ export interface components {
             phases: components["schemas"]["PhaseSpan"][];
         };
         /**
+         * ReportBody
+         * @description What `gcs report --json` tells of a record.
+         */
+        ReportBody: {
+            /**
+             * Based On
+             * @example true positions
+             * @example estimated positions
+             */
+            based_on: string;
+            /** Checks */
+            checks: components["schemas"]["ReportCheck"][];
+            /** Duration S */
+            duration_s: number;
+            /** Flew */
+            flew: number;
+            /**
+             * Missing
+             * @description What could not be judged, and why; with times and bytes.
+             */
+            missing: string[];
+            /** Nearest Pairs */
+            nearest_pairs: components["schemas"]["NearestPair"][];
+            /**
+             * Remarks
+             * @description About the file.
+             */
+            remarks: string[];
+            /** Source */
+            source: string;
+            /**
+             * Uncertainty
+             * @description Of the positions, in words.
+             */
+            uncertainty: string;
+            /** Vehicles */
+            vehicles: number;
+            /**
+             * Verdict
+             * @description incomplete: nothing was found broken, but not all of the flight could be judged.
+             * @enum {string}
+             */
+            verdict: "kept" | "broken" | "incomplete";
+        };
+        /**
+         * ReportCheck
+         * @description One limit: kept or not, and the worst that was.
+         */
+        ReportCheck: {
+            /**
+             * At S
+             * @description Since the beginning of the record.
+             */
+            at_s: number | null;
+            /**
+             * Kept
+             * @description null: there was nothing to judge.
+             */
+            kept: boolean | null;
+            /**
+             * Limit
+             * @description That held then: a written show has its own.
+             */
+            limit: number | null;
+            /**
+             * Name
+             * @example greatest height
+             */
+            name: string;
+            /**
+             * Tolerated
+             * @description Kept up to here: an autopilot's own answer may pass the limit by a little.
+             */
+            tolerated: number | null;
+            /**
+             * Unit
+             * @description Of limit, tolerated and worst.
+             * @example m
+             */
+            unit: string;
+            /**
+             * Vehicle
+             * @description Whose worst it was.
+             */
+            vehicle: string;
+            /**
+             * Worst
+             * @description null: there was nothing to judge.
+             */
+            worst: number | null;
+        };
+        /**
          * Right
          * @description What a call needs.
          * @enum {string}
@@ -2476,15 +2453,10 @@ export interface components {
             /** Climb Max M S */
             climb_max_m_s: number;
             /**
-             * Column Pairs
-             * @description Pairs whose columns overlap at some time of the show.
-             */
-            column_pairs: number;
-            /**
              * Columns
              * @description The nearest of them.
              */
-            columns: components["schemas"]["ColumnPair"][];
+            columns: components["schemas"]["VerticalOverlap"][];
             /** Cues */
             cues: components["schemas"]["CueFigures"][];
             /** Fence Distance Margin M */
@@ -2509,6 +2481,11 @@ export interface components {
             speed_max_m_s: number;
             /** Vehicles */
             vehicles: number;
+            /**
+             * Vertical Overlaps
+             * @description Pairs whose columns overlap at some time of the show.
+             */
+            vertical_overlaps: number;
         };
         /**
          * ShowPhase
@@ -2634,11 +2611,16 @@ export interface components {
              * Events
              * @description The newest 100, the newest last.
              */
-            events: components["schemas"]["Happening"][];
+            events: components["schemas"]["LogEvent"][];
             fence: components["schemas"]["Fence"];
             formation: components["schemas"]["Formation"];
             /** @description A flight that was cut off, and is not settled. */
-            interrupted: components["schemas"]["Interrupted"] | null;
+            interrupted: components["schemas"]["InterruptedFlight"] | null;
+            /**
+             * Limits
+             * @description What vehicles are held back for now, each once.
+             */
+            limits: string[];
             /** @description null: none is configured. */
             map: components["schemas"]["Map"] | null;
             /**
@@ -2650,11 +2632,6 @@ export interface components {
             origin: components["schemas"]["Origin"];
             /** @description null: this is no replay. */
             replay: components["schemas"]["Replay"] | null;
-            /**
-             * Restraints
-             * @description What vehicles are held back for now, each once.
-             */
-            restraints: string[];
             /**
              * Revision
              * @description Counts up with every change; a frame names the one it belongs to.
@@ -2701,6 +2678,11 @@ export interface components {
             home: components["schemas"]["Home"] | null;
             /** Id */
             id: string;
+            /**
+             * Limited By
+             * @description What the safety filter holds it back for, empty when it does not.
+             */
+            limited_by: string;
             /** Link */
             link: string;
             /**
@@ -2708,11 +2690,6 @@ export interface components {
              * @description Why it is in its phase.
              */
             reason: string;
-            /**
-             * Restrained By
-             * @description What the safety filter holds it back for, empty when it does not.
-             */
-            restrained_by: string;
             /** System Id */
             system_id: number;
         };
@@ -2806,6 +2783,11 @@ export interface components {
              * @example #ff8000
              */
             light: string | null;
+            /**
+             * Limited By
+             * @description What the safety filter held it back for, empty when it did not.
+             */
+            limited_by: string;
             /** Link */
             link: string;
             /**
@@ -2832,11 +2814,6 @@ export interface components {
             ready: boolean;
             /** Reason */
             reason: string;
-            /**
-             * Restrained By
-             * @description What the safety filter held it back for, empty when it did not.
-             */
-            restrained_by: string;
             /** @description Sent in the last tick; null: not commanded. */
             setpoint: components["schemas"]["VelocityOut"] | null;
             /** System Id */
@@ -2876,6 +2853,29 @@ export interface components {
             x_m_s: number | null;
             /** Y M S */
             y_m_s: number | null;
+        };
+        /**
+         * VerticalOverlap
+         * @description Two vehicles, one above the other in the check: they cannot both come straight down.
+         */
+        VerticalOverlap: {
+            /**
+             * Cue
+             * @description When that was.
+             */
+            cue: string;
+            /** Lower */
+            lower: number;
+            /**
+             * Sideways M
+             * @description Between them, seen from above, at their nearest.
+             */
+            sideways_m: number;
+            /**
+             * Upper
+             * @description Vehicle of the show, from 1.
+             */
+            upper: number;
         };
         /**
          * WrittenShow
@@ -3310,6 +3310,156 @@ export interface operations {
             };
         };
     };
+    list_commands: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Command"][];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to come again. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    get_command: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                command_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Command"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No such thing. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to come again. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
     get_fleet: {
         parameters: {
             query?: never;
@@ -3394,7 +3544,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -3526,7 +3676,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -3658,7 +3808,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -3790,7 +3940,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -3922,7 +4072,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -4374,7 +4524,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -5201,156 +5351,6 @@ export interface operations {
             };
         };
     };
-    list_orders: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Order"][];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to come again. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_order: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                order_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Order"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to come again. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
     get_preflight: {
         parameters: {
             query?: {
@@ -5652,7 +5652,7 @@ export interface operations {
             };
         };
     };
-    get_certificate: {
+    get_replay_marks: {
         parameters: {
             query?: never;
             header?: never;
@@ -5667,7 +5667,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Certificate"];
+                    "application/json": components["schemas"]["ReplayMarks"];
                 };
             };
             /** @description No token, or one that is not known. */
@@ -5735,7 +5735,7 @@ export interface operations {
             };
         };
     };
-    get_replay_marks: {
+    get_flight_report: {
         parameters: {
             query?: never;
             header?: never;
@@ -5750,7 +5750,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["ReplayMarks"];
+                    "application/json": components["schemas"]["FlightReport"];
                 };
             };
             /** @description No token, or one that is not known. */
@@ -5898,7 +5898,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6017,7 +6017,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6253,7 +6253,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6372,7 +6372,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6627,7 +6627,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6755,7 +6755,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6874,7 +6874,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8173,7 +8173,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8307,7 +8307,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8437,7 +8437,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8567,7 +8567,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8697,7 +8697,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8827,7 +8827,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8957,7 +8957,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
@@ -9087,7 +9087,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Order"];
+                    "application/json": components["schemas"]["Command"];
                 };
             };
             /** @description The body cannot be read. */
