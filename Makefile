@@ -63,6 +63,7 @@ compiled: .venv/ready  ## the law as machine code, so that no flight waits for t
 	  control.warm_up(); return_paths.warm_up(); codec.warm_up(); setpoint_kernels.warm_up()"
 
 check: .venv/ready  ## what a reviewer should not have to say
+	$(BIN)/python tests/vocabulary.py
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

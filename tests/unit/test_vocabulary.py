@@ -1,0 +1,44 @@
+"""The check of retired identifiers finds them wherever a name can stand."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SPEC = importlib.util.spec_from_file_location("vocabulary", ROOT / "tests/vocabulary.py")
+assert SPEC is not None
+assert SPEC.loader is not None
+vocabulary = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(vocabulary)
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        ("a.py", "class OrderBook: ..."),
+        ("a.py", "def f(errand): ..."),
+        ("a.py", "x.sick_sensors"),
+        ("a.py", "f(deadman_s=0.2)"),
+        ("a.py", 'log.info("vehicle_heard")'),
+        ("a.ts", "const told = ghostBox;"),
+        ("a.md", "as `restrained_by` shows"),
+    ],
+)
+def test_a_retired_name_is_found(path: str, source: str) -> None:
+    (line, *_) = vocabulary.findings(path, source)
+    assert line.startswith(f"{path}:1: ")
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        ("a.py", '"""Told by whom it was heard."""\n# the errand'),
+        ("a.py", "order = sorted(watch)"),
+        ("a.py", "def test_what_was_told(): ..."),
+        ("a.ts", '// told\nconst text = "what was said here";'),
+        ("a.md", "what was said"),
+    ],
+)
+def test_prose_and_common_words_are_not_judged(path: str, source: str) -> None:
+    assert vocabulary.findings(path, source) == []
