@@ -1,8 +1,8 @@
-"""Reports identifiers that the glossary has retired: in Python, TypeScript, styles and code spans of documents.
+"""Reports identifiers that the glossary has retired: in Python, TypeScript, styles and documents.
 
-`vocabulary.json` holds the table. `words` are retired as parts of any identifier, `names` as whole identifiers.
-Names of test functions are sentences and are not judged. `python tests/vocabulary.py` prints each place and
-exits with 1.
+`vocabulary.json` holds the table: `words` are retired as parts of identifiers, `names` as whole ones.
+Names of test functions are sentences and are not judged; of documents, only code spans are.
+`python tests/vocabulary.py` prints each place and exits with 1.
 """
 
 import ast
@@ -19,7 +19,13 @@ WORD = re.compile(r"[A-Za-z_]\w*")
 KEY = re.compile(r"[A-Za-z_][\w.-]*")
 SPAN = re.compile(r"`([^`\n]+)`")
 NO_CODE = re.compile(r"//[^\n]*|/\*.*?\*/|(?<=[\"'`])[^\"'`\n]* [^\"'`\n]*(?=[\"'`])", re.DOTALL)
-HISTORY = ("CHANGELOG.md", "docs/decisions/", "docs/explanation/decisions/", "tests/vocabulary")
+HISTORY = (
+    "CHANGELOG.md",
+    "docs/decisions/",
+    "docs/explanation/decisions/",
+    "tests/vocabulary",
+    "tests/unit/test_vocabulary.py",
+)
 
 
 def retired(name: str) -> str | None:

@@ -186,7 +186,7 @@ def test_serve_names_the_port_that_is_taken(
         file = tmp_path / "config.yaml"
         file.write_text(yaml.safe_dump(raw))
         assert main(["serve", "--config", str(file), "--quiet"]) == 1
-    assert f"api.{taken}: port {ports[taken]} is in use on 127.0.0.1" in capsys.readouterr().out
+    assert f"api.{taken}: port {ports[taken]} is in use on 127.0.0.1" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("logging_restored")
@@ -204,4 +204,4 @@ def test_serve_names_the_file_that_is_missing(
     file = tmp_path / "config.yaml"
     file.write_text(yaml.safe_dump(raw))
     assert main(["serve", "--config", str(file), "--quiet"]) == 1
-    assert stated in capsys.readouterr().out
+    assert stated in capsys.readouterr().err

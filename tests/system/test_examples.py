@@ -41,6 +41,7 @@ def test_the_examples_run_against_one_station(tmp_path: Path) -> None:
         assert "at 60.0 0.0 m, 40.0 m high" in output_of("add_obstacle", url)
         assert client.obstacles() == []
 
+        wait_until("assembled", SOON_S, lambda: client.show().phase == "running")
         lines = output_of("watch_stream", url).splitlines()
         assert len(lines) == 5
         assert all("running" in line and "'d3': 'formation'" in line for line in lines)
