@@ -49,7 +49,7 @@ def play(name: str) -> tuple[Bench, float, dict[str, Any]]:
     bench.run(HEARTBEAT_S - first_s)  # from now on the heartbeats come when the recorded ones did
     begin_s = bench.now_s
     messages = [build(kind) for kind in recording["order_kinds"]]
-    for time_s, index in recording["commands"]:
+    for time_s, index in recording["orders"]:
         if begin_s + time_s > bench.now_s:
             bench.run(begin_s + time_s - bench.now_s)
         bench.send(messages[index])
