@@ -1,6 +1,6 @@
-"""Collects, five times a second, the conditions that an operator should know, and keeps the alarms.
+"""Collects the conditions that an operator should know, five times a second, and maintains the alarms.
 
-While nothing is wrong a round costs little: it compares whole columns, never vehicle by vehicle.
+Rounds without a condition are cheap: whole columns are compared, not single vehicles.
 """
 
 import logging
@@ -35,12 +35,12 @@ from gcs.service.alarms import (
 log = logging.getLogger(__name__)
 
 PERIOD_S: Final = 0.2
-"""Alarms are looked for so often."""
+"""Interval between two rounds."""
 
 BEFORE_ASSEMBLING: Final = frozenset({ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, ShowPhase.ARMING})
 
 POOR_LINK: Final = Limit(on=0.7, off=0.85)
-"""Share of the positions asked for that arrive."""
+"""Share of the requested position messages that arrive."""
 
 LEVEL: Final = {
     AlarmSeverity.EMERGENCY: logging.ERROR,
@@ -60,7 +60,7 @@ OF_FAILSAFE: Final = {
     Cause.TARGET_STALE: AlarmCause.TARGET_STALE,
     Cause.SERVICE_LATE: AlarmCause.SERVICE_LATE,
 }
-"""Lost vehicles are seen by their phase; what follows from it is the reaction's."""
+"""Lost vehicles are seen by their phase; what the service does about them is the failsafe's alarm."""
 
 OF_THE_SHOW: Final = frozenset(
     {Cause.WIND, Cause.LINKS_LATE, Cause.VEHICLES_LOST, Cause.TARGET_STALE, Cause.SERVICE_LATE}
@@ -72,10 +72,10 @@ WAITS_FOR_A_COMMAND: Final = (
 WAIT_FOR_A_COMMAND: Final = (
     "They wait for a command: take-over or bring-home for all, take-control for some of them."
 )
-"""Advice where a stall or a restart of this service explains the mode: nothing is wrong with the vehicles."""
+"""Advice where a stall or restart of this service explains the mode: the vehicles themselves are in order."""
 
 SENDS_NOTHING: Final = ("The service sends nothing to it.", "The service sends nothing to them.")
-"""To one vehicle, to several."""
+"""Texts for one vehicle and for several."""
 
 FLOWN_ON: Final = ("It is flown on.", "They are flown on.")
 
@@ -102,25 +102,25 @@ VEHICLES_FOLLOW: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What others than the flight know of at this tick."""
+    """Conditions at one tick that are found outside the flight state."""
 
     failsafes: Sequence[ActiveFailsafe] = ()
-    obstacles_wait: Sequence[str] = ()  # why obstacles of the show do not stand yet
+    obstacles_wait: Sequence[str] = ()  # why obstacles of the show have not appeared yet
     not_recorded: Sequence[str] = ()
-    failed_links: Mapping[str, str] = field(default_factory=dict)  # why, by name
+    failed_links: Mapping[str, str] = field(default_factory=dict)  # reason by name of the link
     interrupted: InterruptedFlight | None = None
     return_problem: str = ""  # why the vehicles return without a common plan
-    supervisor: str = ""  # why this service is not restarted any more
-    notes: Sequence[str] = ()  # what holds as long as this service runs
+    supervisor: str = ""  # why this service is no longer restarted
+    notes: Sequence[str] = ()  # notices for as long as this service runs
 
 
 class AlarmMonitor:
-    """The alarms of one flight. Used on the event loop alone."""
+    """Maintains the alarms of one flight. Used on the event loop only."""
 
     def __init__(
         self, flight: Fleet, unix_s: Callable[[], float], commands: Callable[[], Sequence[CommandRecord]]
     ) -> None:
-        """`commands` are the newest commands, the newest first."""
+        """`commands` returns the newest commands, newest first."""
         self._flight = flight
         self._unix_s = unix_s
         self._commands = commands
@@ -131,15 +131,15 @@ class AlarmMonitor:
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """Now, the most severe first."""
+        """Current alarms, most severe first."""
         return self._book.alarms
 
     def is_due(self, now_s: float) -> bool:
-        """Whether it is time to `look` again."""
+        """Whether the next round is due."""
         return now_s >= self._due_s
 
     def look(self, tick: Tick, findings: Findings) -> None:
-        """Bring the alarms up to date after a tick, and log what has changed."""
+        """Update the alarms after a tick, and log the changes."""
         now_s = self._flight.fleet.time_s
         self._due_s = now_s + PERIOD_S
         conditions = [
@@ -154,7 +154,7 @@ class AlarmMonitor:
             _tell(change)
 
     def acknowledge(self, alarm_id: str) -> Alarm:
-        """Note that the caller has seen it. Raises: UnknownError."""
+        """Mark an alarm as acknowledged by the caller. Raises: UnknownError."""
         known = {alarm.id: alarm.acknowledged_by for alarm in self.alarms}
         alarm = self._book.acknowledge(alarm_id, WHO.get(), self._unix_s())
         if known[alarm_id] is None:
@@ -162,14 +162,14 @@ class AlarmMonitor:
         return alarm
 
     def acknowledge_all(self) -> tuple[Alarm, ...]:
-        """Likewise all alarms not acknowledged yet."""
+        """Acknowledge all alarms that are not acknowledged yet."""
         acknowledged = self._book.acknowledge_all(WHO.get(), self._unix_s())
         for alarm in acknowledged:
             _tell_acknowledged(alarm)
         return acknowledged
 
     def _of_vehicles(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
-        """By phase."""
+        """Yield the conditions of single vehicles, by phase."""
         vehicles = self._flight.vehicles.values()
         phases = [vehicle.phase for vehicle in vehicles]
         if not {Phase.LOST, Phase.PILOT, Phase.KILLED}.intersection(phases):
@@ -204,7 +204,7 @@ class AlarmMonitor:
                 because = vehicle.reason.removeprefix(f"{vehicle.id} ").partition(". ")[0]
                 yield Condition(
                     AlarmCause.OUTSIDE_CONTROL,
-                    because.removesuffix("."),  # what to do stands in the advice
+                    because.removesuffix("."),  # the advice says what to do
                     (vehicle.id,),
                     *SENDS_NOTHING,
                 )
@@ -212,7 +212,7 @@ class AlarmMonitor:
                 yield self._of_a_kill(vehicle)
 
     def _of_a_kill(self, vehicle: Vehicle) -> Condition:
-        """A kill that has not worked must not read as if it had."""
+        """Distinguish a kill that has not taken effect from one that has."""
         command = self._kill_of(vehicle.id)
         outcome = None if command is None else command.outcomes[vehicle.id].outcome
         because = "motors stopped on command"
@@ -235,7 +235,7 @@ class AlarmMonitor:
         return next((command for command in kills if vehicle_id in command.outcomes), None)
 
     def _of_distances(self, tick: Tick) -> Iterator[Condition]:
-        """Pairs inside the floor."""
+        """Yield the pairs inside the minimum-separation ellipsoid."""
         floor, pairs = tick.floor, self._pairs
         if not pairs.any and not tick.minimum_separation_m < pairs.reach_m(floor):
             return
@@ -330,7 +330,7 @@ def _of_the_interruption(found: InterruptedFlight) -> Condition:
 
 
 def _tell(change: Change) -> None:
-    """To the log, and with it to the events and the record."""
+    """Log a change; the log feeds the events and the record."""
     alarm = change.alarm
     about = {"alarm": alarm.id, "severity": alarm.severity.value, "cause": alarm.cause.value}
     if change.kind is ChangeKind.ENDED:

@@ -1,4 +1,4 @@
-"""The accepted command that a refusal names while anything is airborne."""
+"""Names, in a refusal, a command that is accepted while a vehicle is airborne."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,14 +17,14 @@ SAFER: Final = (
     (VehicleAction.HOLD, Event.HOLD),
     (VehicleAction.LAND, Event.DESCEND),
 )
-"""Commands to one vehicle that only make less of its flight; the first that its phase allows is named."""
+"""Commands that shorten a vehicle's flight; the first that its phase allows is named."""
 
 AIRBORNE: Final = frozenset({Whereabouts.CONTROLLED, Whereabouts.UNCONTROLLED})
 
 
 @contextmanager
 def instead(flight: Fleet, vehicle_id: VehicleId | None = None) -> Iterator[None]:
-    """A refusal in here names a safer command that is accepted now; with nothing airborne it needs none.
+    """Add to a refusal raised inside a safer command that is accepted now; none while nothing is airborne.
 
     Raises: RefusedError, as raised inside, with that command in its text.
     """
@@ -38,7 +38,7 @@ def instead(flight: Fleet, vehicle_id: VehicleId | None = None) -> Iterator[None
 
 
 def _accepted(flight: Fleet, vehicle_id: VehicleId | None) -> str:
-    """The command, as `gcs` takes it; empty when nothing is airborne."""
+    """Return the command in the syntax of `gcs`; empty when nothing is airborne."""
     vehicles = flight.vehicles
     if not any(flight.whereabouts(vehicle) in AIRBORNE for vehicle in vehicles.values()):
         return ""

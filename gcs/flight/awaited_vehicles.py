@@ -1,6 +1,6 @@
-"""Vehicles that the newest command to all still has to reach.
+"""Vehicles that the newest fleet-wide command has not reached yet.
 
-Nothing was received of them yet, or the stall before the command took them out of control after it.
+Either they have sent nothing yet, or a stall before the command took them out of control after it was given.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -15,7 +15,7 @@ from gcs.model.state import VehicleId
 from gcs.service import Outcome
 
 RECEIVED_WITHIN_S: Final = 3.0
-"""A command for an interrupted flight awaits vehicles of which nothing was received yet for so long."""
+"""A command for an interrupted flight waits this long for vehicles that have sent nothing yet."""
 
 REPLACED: Final = "replaced by another command"
 
@@ -25,7 +25,7 @@ Missed = Callable[[Vehicle, Outcome, str], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Command:
-    """The newest command to all, and the vehicles that it has not reached."""
+    """The newest fleet-wide command, and the vehicles that it has not reached."""
 
     given_s: float
     reaches_fallen: bool
@@ -35,10 +35,10 @@ class _Command:
 
 
 class AwaitedVehicles:
-    """Changed only on the event loop."""
+    """Keeps the awaited vehicles of the newest command. Changed on the event loop only."""
 
     def __init__(self, flight: Fleet, maneuvers: Maneuvers, now_s: Callable[[], float]) -> None:
-        """`now_s` is the loop's clock: the newest tick may have been before a stall."""
+        """`now_s` is the loop's clock: the newest tick may precede a stall."""
         self._flight = flight
         self._maneuvers = maneuvers
         self._now_s = now_s
@@ -52,31 +52,31 @@ class AwaitedVehicles:
     def expect(
         self, vehicles: Sequence[Vehicle], reached: Reached, missed: Missed, *, reaches_fallen: bool
     ) -> None:
-        """Await `vehicles` for a command, instead of those that an earlier command awaits.
+        """Await `vehicles` for a command; replaces those that an earlier command awaits.
 
         Args:
-            vehicles: of which nothing was received yet.
+            vehicles: have sent nothing yet.
             reached: called for each vehicle that the command may take control of.
-            missed: called once for each other, with the outcome and the reason.
-            reaches_fallen: whether `reached` is also for vehicles that a stall takes out of control now.
+            missed: called once for each other vehicle, with the outcome and the reason.
+            reaches_fallen: whether `reached` is also called for vehicles that a stall takes out of control.
         """
         self.replace()
         awaited = {vehicle.id: vehicle for vehicle in vehicles}
         self._command = _Command(self._now_s(), reaches_fallen, awaited, reached, missed)
 
     def replace(self) -> None:
-        """Another command has come: nothing is awaited any more."""
+        """Forget the awaited vehicles: another command has replaced the one they wait for."""
         command, self._command = self._command, None
         if command is not None:
             for vehicle in command.vehicles.values():
                 command.missed(vehicle, Outcome.FAILED, REPLACED)
 
     def falls(self, vehicle: Vehicle, since_s: float) -> bool:
-        """A stall has taken a vehicle out of control. Returns: whether the newest command is for it as well.
+        """Note that a stall took a vehicle out of control. Returns: whether the newest command reaches it.
 
         Args:
             vehicle: out of control now.
-            since_s: commands given before that do not reach it: an operator knew nothing of the stall.
+            since_s: commands given before this time do not reach it; the operator did not know of the stall.
         """
         command = self._command
         if command is None or not command.reaches_fallen or command.given_s < since_s:
@@ -85,11 +85,11 @@ class AwaitedVehicles:
         return True
 
     def receive(self, waiting: Collection[VehicleId], why_not: Callable[[Vehicle], str]) -> None:
-        """Hand on the vehicles that were received meanwhile; name those that were not received in time.
+        """Pass on the vehicles that have sent telemetry by now; report those whose time is over as missed.
 
         Args:
             waiting: vehicles that the command may take control of.
-            why_not: why it may not.
+            why_not: returns why the command may not take control of a vehicle.
         """
         command = self._command
         if command is None:

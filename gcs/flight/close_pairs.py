@@ -1,4 +1,4 @@
-"""Pairs of vehicles inside the floor, with hysteresis: each until it is clearly outside again."""
+"""Pairs of vehicles inside the minimum-separation ellipsoid, with hysteresis."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,32 +11,31 @@ from gcs.safety.separation import Floor
 from gcs.service.alarms import Limit, beyond
 
 CLOSE: Final = Limit(on=1.0, off=1.05)
-"""Distance over the floor, in the metric in which the floor is a sphere."""
+"""Distance as a share of the minimum, in the metric in which the ellipsoid is a sphere."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClosePair:
-    """Two rows of FleetState."""
+    """A pair of vehicles, by their rows in FleetState."""
 
     rows: tuple[int, int]
     apart_m: float  # true distance
 
 
 class ClosePairs:
-    """Remembers which pairs were too close."""
+    """Finds close pairs, and remembers them for the hysteresis."""
 
     def __init__(self) -> None:
-        """None was."""
         self._close: frozenset[tuple[int, int]] = frozenset()
 
     @property
     def any(self) -> bool:
-        """Whether any is."""
+        """Whether any pair is too close."""
         return bool(self._close)
 
     @staticmethod
     def reach_m(floor: Floor) -> float:
-        """Without a pair nearer than that, and none before, there is nothing to look for."""
+        """Distance above which a pair cannot count, provided that no pair was close before."""
         return CLOSE.off * max(floor.horizontal_m, floor.vertical_m)
 
     def look(self, position_m: Array, airborne: Mask, floor: Floor) -> tuple[ClosePair, ...]:
@@ -45,7 +44,7 @@ class ClosePairs:
         Args:
             position_m: (n, 3) show frame, NaN where not known.
             airborne: (n,) of a pair at least one must be; with both below the pad height none counts.
-            floor: what nobody else may be inside of.
+            floor: the minimum-separation ellipsoid.
         """
         known = np.flatnonzero(np.isfinite(position_m).all(axis=1))
         scaled_m = position_m[known] * floor.scale

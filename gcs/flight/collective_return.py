@@ -1,4 +1,4 @@
-"""Everybody comes home together: they stop, their ways are planned beside the flight, and they set out."""
+"""The collective return: all vehicles stop, paths are planned beside the flight, all fly home together."""
 
 import logging
 from collections.abc import Iterable
@@ -21,71 +21,71 @@ log = logging.getLogger(__name__)
 
 STANDS_M_S = 0.4
 STOPPED_WITHIN_S = 5.0
-"""Who does not stand by then, or is not under control, comes home without the plan, through the filter."""
+"""A vehicle that has not stopped or is not under control by then returns without a planned path."""
 
 PLANNED_WITHIN_S = 10.0
-"""Then the best plan so far is flown; the first is always finished. 50 are planned within a second or two."""
+"""The best plan at that time is flown; the first is always completed. 50 vehicles take one or two seconds."""
 
 INSIDE_FENCE_M = 1.0
 
 TOGETHER_MAX = 300
-"""For more the first plan takes too long; they come home through the filter alone."""
+"""Larger fleets return without planned paths: their first plan would take too long."""
 
 FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
 
 
 class CollectiveReturn:
-    """One collective return. Changed only on the event loop."""
+    """One collective return. Changed on the event loop only."""
 
     def __init__(self, flight: Fleet, vehicles: Iterable[Vehicle], planning: Executor) -> None:
-        """`vehicles` know where they started; the plan is found in `planning`: a tick has no time for it."""
+        """`vehicles` know where they started. The planner runs in `planning`, outside the tick."""
         self._flight = flight
         self._planning = planning
         self._expected = {vehicle.id: vehicle for vehicle in vehicles}
         self._stopping: dict[VehicleId, Vehicle] = {}
         self._rows: dict[VehicleId, int] = {}
         self._places: list[int] = []  # rows of FleetState, in the plan's order
-        self._is_off = False  # nothing is planned: they come home one by one
+        self._is_off = False  # no plan: the vehicles return one by one
         self._problem = ""
         self._planned: Future[ReturnPaths] | None = None
-        self._enough = False  # read by the thread that plans
+        self._enough = False  # read by the planning thread
         self._progress: PathProgress | None = None
-        self._led: set[VehicleId] = set()  # who asked for its goal since the last tick
-        self._since_s = flight.fleet.time_s  # the order, then the planning, then the last tick
+        self._led: set[VehicleId] = set()  # vehicles that asked for their goal since the last tick
+        self._since_s = flight.fleet.time_s  # time of the command, the planning, or the last tick
 
     @property
     def is_planned(self) -> bool:
-        """Whether they have set out."""
+        """Whether the plan is found and flown."""
         return self._progress is not None
 
     @property
     def problem(self) -> str:
-        """Why the planner failed, and what follows; empty where it did not."""
+        """Why the planner failed and what follows; empty if it did not fail."""
         return self._problem
 
     @property
     def left_s(self) -> float | None:
-        """Until the plan has the last of them down, if nothing holds them back; None: no plan yet."""
+        """Planned time until the last vehicle has landed, in s, without delays; None: no plan yet."""
         if self._progress is None:
             return None
         return max(float(self._progress.return_paths.down_s.max()) - self._progress.time_s, 0.0)
 
     def give_up(self) -> None:
-        """Look for no better plan."""
+        """Stop improving the plan."""
         self._enough = True
 
     def stopping(self, vehicle: Vehicle) -> None:
-        """It is under control, and stops."""
+        """Note that a vehicle is under control and stops."""
         self._stopping[vehicle.id] = vehicle
 
     def takes_part(self, vehicle: Vehicle) -> bool:
-        """Whether it is, or may still be, part of the plan."""
+        """Whether the vehicle is in the plan, or still may be."""
         if self._is_off:
             return False
         return vehicle.id in (self._expected if self._planned is None else self._rows)
 
     def advance(self) -> None:
-        """Go on; once a tick."""
+        """Advance the return by one tick."""
         now_s = self._flight.fleet.time_s
         since_s = now_s - self._since_s
         if self._progress is not None:
@@ -104,10 +104,10 @@ class CollectiveReturn:
             self.give_up()
 
     def _set_out(self, planned: Future[ReturnPaths]) -> None:
-        """Fly the plan. Where the planner has failed, by any error, the fleet flies home without a plan.
+        """Start the planned paths. If the planner raised any error, the fleet returns without a plan.
 
-        The planner runs beside control, and control survives it: the error is read from the future, logged
-        with its traceback, and shown as an alarm.
+        The planner runs beside control, and its errors do not reach control: the error is read from the
+        future, logged with its traceback, and shown as an alarm.
         """
         error = planned.exception()
         if error is None:
@@ -121,30 +121,30 @@ class CollectiveReturn:
         log.error("return_planner_failed", extra={"reason": self._problem}, exc_info=error)
 
     def _flown(self) -> Mask:
-        """(n,) which vehicles fly the plan."""
+        """(n,) Which vehicles follow the plan."""
         flown = np.array([vehicle_id in self._led for vehicle_id in self._rows], dtype=np.bool_)
         self._led.clear()
         return flown
 
     def goal_m(self, vehicle: Vehicle) -> Array | None:
-        """(3,) where it shall be now; None: it waits for the plan."""
+        """(3,) Goal at this time, show frame; None: the vehicle waits for the plan."""
         if self._progress is None:
             return None
         self._led.add(vehicle.id)
         return self._progress.goal_m(self._rows[vehicle.id])
 
     def has_path(self, vehicle: Vehicle) -> bool:
-        """Whether a way was found for it that meets nobody."""
+        """Whether the planner found a path without conflicts for it."""
         return (
             self._progress is not None and self._rows[vehicle.id] not in self._progress.return_paths.unplanned
         )
 
     def is_over(self, vehicle: Vehicle) -> bool:
-        """Whether its way has led it above its start."""
+        """Whether its path has led it above its start."""
         return self._progress is not None and self._progress.is_over(self._rows[vehicle.id])
 
     def _all_stand(self) -> bool:
-        """Every vehicle that is still ours, or about to be, is under control, and hardly moves."""
+        """Whether every participating vehicle is under control and nearly at rest."""
         ours = [vehicle for vehicle in self._expected.values() if vehicle.phase in FLYING | {Phase.PILOT}]
         speed_m_s = np.linalg.norm(self._flight.fleet.velocity_m_s, axis=1)
         return all(
@@ -197,7 +197,7 @@ def return_planner(
         time_s: now.
         uncertainty_m: (n,) of the positions.
 
-    Raises: ShapeError where there are no vehicles, or a place is not finite.
+    Raises: ShapeError if there are no vehicles, or a position is not finite.
     """
     return Planner(
         position_m,
@@ -213,7 +213,7 @@ def return_planner(
 
 
 def _are_free(control: ControlSettings, plan: Plan, time_s: float) -> AreFree:
-    """Which places are inside the fence and clear of obstacles, as they are at `time_s`."""
+    """Return a function for which positions are inside the fence and clear of obstacles at `time_s`."""
     fence, ellipses = control.safety.fence, tuple(ellipses_of(plan, control, time_s).values())
 
     def are_free(place_m: Array) -> Mask:

@@ -1,4 +1,4 @@
-"""Accepted orders and what became of them, vehicle by vehicle."""
+"""Accepted commands, and their outcome for each vehicle."""
 
 import time
 from collections import OrderedDict
@@ -14,19 +14,19 @@ KEPT = 1000
 
 
 class Listener(Protocol):
-    """Who is told of every order and outcome; never raises, never waits."""
+    """Is called for every command and outcome; never raises, never waits."""
 
     def opened(self, record: CommandRecord, who: str) -> None:
-        """An order was accepted."""
+        """Called when a command is accepted."""
         ...
 
     def closed(self, command_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:
-        """One vehicle's part of it has ended."""
+        """Called when one vehicle's part of a command has ended."""
         ...
 
 
 class CommandLog:
-    """The last orders, oldest forgotten first."""
+    """The newest commands; the oldest are dropped first."""
 
     def __init__(self, listener: Listener | None = None) -> None:
         self._listener = listener
@@ -36,7 +36,7 @@ class CommandLog:
     def open(
         self, action: str, vehicles: Iterable[VehicleId], left_out: Mapping[VehicleId, str]
     ) -> CommandRecord:
-        """Note an order: pending for `vehicles`, not including those `left_out` for the reasons given."""
+        """Record a command as pending for `vehicles`, with the reasons of those `left_out`."""
         outcomes = {vehicle_id: VehicleOutcome(Outcome.PENDING) for vehicle_id in vehicles}
         outcomes |= {name: VehicleOutcome(Outcome.NOT_INCLUDED, why) for name, why in left_out.items()}
         record = CommandRecord(f"o{self._next}", action, time.time(), outcomes, WHO.get())
@@ -49,7 +49,7 @@ class CommandLog:
         return record
 
     def close(self, command_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str = "") -> None:
-        """Note one vehicle's outcome, once: only what is pending changes."""
+        """Record one vehicle's outcome; only a pending one changes."""
         record = self._records.get(command_id)
         if record is not None and record.outcomes[vehicle_id].outcome is Outcome.PENDING:
             changed = record.outcomes | {vehicle_id: VehicleOutcome(outcome, reason)}
@@ -58,15 +58,15 @@ class CommandLog:
                 self._listener.closed(command_id, vehicle_id, outcome, reason)
 
     def closer(self, record: CommandRecord, vehicle_id: VehicleId) -> Callable[[Outcome, str], None]:
-        """Closes one vehicle's part, once its outcome and the reason are known."""
+        """Return a function that records one vehicle's outcome and reason."""
         return lambda outcome, reason: self.close(record.id, vehicle_id, outcome, reason)
 
     def newest(self) -> Sequence[CommandRecord]:
-        """All that are kept, the newest first."""
+        """All kept commands, newest first."""
         return tuple(reversed(self._records.values()))
 
     def get(self, command_id: str) -> CommandRecord:
-        """The record as it stands. Raises: UnknownError."""
+        """Return a command's record. Raises: UnknownError."""
         try:
             return self._records[command_id]
         except KeyError:

@@ -34,17 +34,17 @@ from gcs.service import ActiveFailsafe, CommandRecord, Outcome, ShowAction, Vehi
 log = logging.getLogger(__name__)
 
 REJOINED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING, ShowPhase.PAUSED})
-"""Phases of the show in which a vehicle that is back joins the formation by itself."""
+"""Phases of the show in which a vehicle that was lost rejoins the formation automatically."""
 
 OVER = frozenset({ShowPhase.LANDED, ShowPhase.UNCONTROLLED})
-"""Nothing is led by the show any more."""
+"""Phases in which the show leads no vehicle."""
 
 STOPS_WITHIN_S = 0.8
-"""On pause, each vehicle's goal is where its velocity takes it in this time."""
+"""On pause, each vehicle's goal is the position that its velocity reaches in this time."""
 
 
 class Commander:
-    """Turns orders into errands, and lets the show go on by itself where it can."""
+    """Turns fleet-wide commands into maneuvers, and advances the show automatically."""
 
     def __init__(
         self,
@@ -58,9 +58,9 @@ class Commander:
         planning: Executor,
         found: Interruption | None = None,
     ) -> None:
-        """`planning` is where ways home are found: beside the flight.
+        """`planning` runs the planner of the collective return, outside the tick.
 
-        `found` is a flight that was cut off before this service began.
+        `found` is a flight that was interrupted before this service began.
         """
         self._flight = flight
         self._planning = planning
@@ -73,7 +73,7 @@ class Commander:
         self._starting = Starting(flight, maneuvers, book, self._preflight_gate, show_player, unix_s)
         self._vehicle_commands = VehicleCommands(flight, maneuvers, book)
         self._collective_return: CollectiveReturn | None = None
-        self._commanded: ShowEvent | None = None  # the newest command to all, where vehicles may be awaited
+        self._commanded: ShowEvent | None = None  # newest command to all, if vehicles may be awaited
         self.recovery = Recovery(flight, maneuvers, book, show_player, found, self._bring_home, unix_s)
         self._telemetry_monitor = TelemetryMonitor(flight, maneuvers, parameter_reader, self._come_back)
         self._failsafe_monitor = FailsafeMonitor(flight, show_player, clock, unix_s, self, maneuvers.running)
@@ -85,7 +85,7 @@ class Commander:
 
     @property
     def home_left_s(self) -> float | None:
-        """Until the last collective return is over, by its plan; None: there is none."""
+        """Planned time until the last collective return is over, in s; None: there is none."""
         return None if self._collective_return is None else self._collective_return.left_s
 
     @property
@@ -98,20 +98,20 @@ class Commander:
     # once a tick
 
     def stalled(self, gap_s: float) -> None:
-        """No tick came for `gap_s`, longer than any setpoint lives: what was flown may have been lost."""
+        """Note that no tick came for `gap_s`, longer than any setpoint lives: control may have been lost."""
         self.recovery.stalled(gap_s)
         self._telemetry_monitor.resume()
 
     def watch(self) -> None:
-        """Let the telemetry change phases, and end errands that no longer apply."""
+        """Let the telemetry change phases, and end maneuvers that no longer apply."""
         self._telemetry_monitor.look()
 
     async def _come_back(self, vehicle: Vehicle) -> None:
-        """Through HOLD, and on with what the others do: into the formation, home, or down.
+        """Take control through HOLD, then join the formation, return or land, as the other vehicles do.
 
-        It was lost, or holds because its link lost setpoints. An order to come home or down stands for it,
-        also when all the others are down and the show is over. It joins by itself only where it was in
-        formation.
+        For a vehicle that was lost, or that holds because its link lost setpoints. A command to return or
+        land still applies to it, also when all other vehicles have landed and the show is over. It joins
+        automatically only if it was in formation.
         """
         flight, rejoins = self._flight, vehicle.rejoins
         if vehicle.phase is Phase.PILOT:
@@ -132,7 +132,7 @@ class Commander:
             await self._rejoin(vehicle)
 
     async def _rejoin(self, vehicle: Vehicle) -> None:
-        """Back into the formation that it was lost from, if that still has room for it."""
+        """Return it to the formation that it was lost from, if there still is room for it."""
         try:
             self._vehicle_commands.check_room([vehicle])
             await self._maneuvers.join(vehicle)
@@ -142,7 +142,7 @@ class Commander:
         log.info("rejoined", extra={"vehicle": vehicle.id})
 
     def advance(self) -> None:
-        """Let the show go on: all up, assembled, all down."""
+        """Advance the show: all have taken off, all are assembled, all have landed."""
         flight = self._flight
         self._telemetry_monitor.inspect()
         self._failsafe_monitor.look()
@@ -154,7 +154,7 @@ class Commander:
         busy = [vehicle for vehicle in led if self._maneuvers.running(vehicle)]
         follow(flight, busy=bool(busy))
         if flight.show is ShowPhase.ARMING:
-            # who comes down again does not keep the others waiting
+            # vehicles that come down again do not delay the others
             if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
                 self._all_have_taken_off()
         elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
@@ -165,7 +165,7 @@ class Commander:
         self.recovery.note_setpoints()
 
     def _all_have_taken_off(self) -> None:
-        """Go on with the vehicles that are up, if any."""
+        """Continue with the vehicles that are airborne, if any."""
         flight = self._flight
         holding = ", ".join(f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.in_phase(Phase.HOLD))
         if flight.in_phase(Phase.FORMATION):
@@ -175,21 +175,21 @@ class Commander:
         elif not flight.airborne:
             flight.move_show(ShowEvent.ALL_DOWN, "no vehicle took off")
 
-    # by itself
+    # automatically
 
     @property
     def failsafes(self) -> tuple[ActiveFailsafe, ...]:
-        """Those whose causes last, the most severe first."""
+        """Failsafes whose causes last, most severe first."""
         return self._failsafe_monitor.active
 
     def execute_failsafe(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> CommandRecord:
-        """One order to several vehicles: hold, return or land."""
+        """Give several vehicles one command: hold, return or land."""
         return self._vehicle_commands.command_some(vehicles, action)
 
     def execute_show_failsafe(self, action: ShowAction, reason: str) -> CommandRecord:
-        """Pause, stop or abort, by the service itself: vehicles that come down already go on doing so.
+        """Pause, stop or abort automatically; vehicles that already come down continue.
 
-        Control of what is out of control is not taken without an operator's command.
+        Takes no control of vehicles outside it: that needs an operator's command.
         """
         if action is ShowAction.PAUSE:
             return self._pause(reason, reclaim=False)
@@ -199,17 +199,17 @@ class Commander:
         return self._abort(reason, spared, reclaim=False)
 
     def note_re_formed(self) -> CommandRecord:
-        """The others close a gap; nothing needs to be sent for that."""
+        """Record that the remaining vehicles close a gap; nothing is sent."""
         return self._done("re-form", self._not_ours())
 
     def note_target_held(self) -> CommandRecord:
-        """All vehicles follow a target that stands now."""
+        """Record that the target is held: the vehicles follow a target at rest."""
         return self._done("hold-target")
 
     # before take-off
 
     def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
-        """What a start would find. Raises: UnknownError, RefusedError."""
+        """Report what a start would find. Raises: UnknownError, RefusedError."""
         return self._preflight_gate.report(vehicles)
 
     def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
@@ -218,7 +218,7 @@ class Commander:
         return self._participants.exclude(vehicle_id, reason)
 
     def include(self, vehicle_id: VehicleId) -> CommandRecord:
-        """Take it into the show again. Raises: UnknownError, RefusedError."""
+        """Include an excluded vehicle again. Raises: UnknownError, RefusedError."""
         self._need_no_countdown()
         return self._participants.include(vehicle_id)
 
@@ -226,11 +226,11 @@ class Commander:
         if self.countdown is not None:
             raise RefusedError("a start is being counted down: stop cancels it")
 
-    # orders
+    # commands
 
     @property
     def countdown(self) -> Countdown | None:
-        """The start that is ordered for a clock time."""
+        """The start that is scheduled for a clock time."""
         return self._starting.countdown
 
     def command_show(
@@ -241,7 +241,7 @@ class Commander:
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
     ) -> CommandRecord:
-        """Carry out an order to the whole show. Raises: RefusedError, UnknownError, InvalidError."""
+        """Execute a fleet-wide command. Raises: RefusedError, UnknownError, InvalidError."""
         given = {"vehicles": vehicles, "show_hash": show_hash, "at_unix_time_s": at_unix_time_s}
         for field, value in given.items():
             if value is not None and action is not ShowAction.START:
@@ -259,25 +259,25 @@ class Commander:
         return commands[action]()
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
-        """Carry out an order to one vehicle. Raises: RefusedError, UnknownError."""
+        """Execute a command to one vehicle. Raises: RefusedError, UnknownError."""
         return self._vehicle_commands.command(vehicle_id, action)
 
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
     ) -> CommandRecord:
-        """Carry out an order to several vehicles. Raises: RefusedError, UnknownError, InvalidError."""
+        """Execute a command to several vehicles. Raises: RefusedError, UnknownError, InvalidError."""
         return self._vehicle_commands.command_group(action, vehicles)
 
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
-        """Stop the motors of these. Raises: RefusedError, UnknownError."""
+        """Stop the motors of these vehicles. Raises: RefusedError, UnknownError."""
         return self._vehicle_commands.kill(vehicle_ids)
 
     def _reclaimed(self, *, reclaim: bool) -> list[Vehicle]:
-        """Airborne vehicles outside control that a command reaches: it takes control of them first.
+        """Airborne vehicles outside control that a command reaches, and first takes control of.
 
         Args:
-            reclaim: those that a stall or a restart explains count; otherwise only those of which control is
-                being taken already.
+            reclaim: whether vehicles count whose mode a stall or a restart explains; otherwise only those
+                that are being taken over already.
         """
         flight = self._flight
         found = self.recovery.reclaim() if reclaim else []
@@ -295,7 +295,7 @@ class Commander:
         reclaim: bool = True,
         action: str = ShowAction.STOP.value,
     ) -> CommandRecord:
-        """All vehicles home but those spared; those that have not left the ground stay there."""
+        """Return all vehicles except `spared`; those on the ground stay there."""
         back = self._reclaimed(reclaim=reclaim)
         flying = [*(v for v in self._flight.airborne if v not in spared), *back]
         waiting, later = self.waiting, self._expected(reclaim=reclaim)
@@ -314,7 +314,7 @@ class Commander:
         return record
 
     def _expected(self, *, reclaim: bool) -> list[Vehicle]:
-        """Vehicles of an interrupted flight that are not received yet: a command to all means them."""
+        """Vehicles of an interrupted flight that have sent nothing yet: a command to all includes them."""
         return self.recovery.unreceived if reclaim else []
 
     def _expect(
@@ -326,9 +326,9 @@ class Commander:
         *,
         reclaim: bool,
     ) -> None:
-        """Await these for a command; those that are not received in time are named in its outcome.
+        """Await these vehicles for a command; its outcome names those that send nothing in time.
 
-        Where the service repeats what an operator has commanded, the operator's command still counts.
+        If the service repeats an operator's command, the operator's command still counts.
         """
         if not reclaim and event is self._commanded:
             return
@@ -340,7 +340,7 @@ class Commander:
         self.recovery.expect(later, reached, missed, reaches_fallen=reclaim)
 
     def _closer(self, record: CommandRecord, vehicle: Vehicle) -> Done:
-        """Closes the vehicle's part of a command to all, unless a stall before it has only delayed it."""
+        """Return a function that closes the vehicle's part, except if a stall has only delayed it."""
 
         def done(outcome: Outcome, reason: str) -> None:
             if outcome is not Outcome.FAILED or not self.recovery.reaches_again(vehicle):
@@ -349,14 +349,14 @@ class Commander:
         return done
 
     def _lead_again(self, event: ShowEvent, reason: str) -> None:
-        """A vehicle is reached later than the others, of which none may have been reached."""
+        """Repeat the show's transition for a vehicle reached late: possibly no vehicle was reached before."""
         if self._flight.show is ShowPhase.UNCONTROLLED:
             self._flight.move_show(event, reason)
 
     def _lead(self, event: ShowEvent, reason: str, reached: Sequence[Vehicle]) -> None:
-        """Let the show follow a command; one that reaches no vehicle is accepted, and changes nothing.
+        """Move the show's phase for a command; one that reaches no vehicle is accepted and changes nothing.
 
-        Raises: RefusedError where nothing is airborne, and the phase does not allow it.
+        Raises: RefusedError if nothing is airborne and the phase does not allow it.
         """
         flight = self._flight
         if flight.show is ShowPhase.UNCONTROLLED and not reached:
@@ -364,15 +364,15 @@ class Commander:
         flight.move_show(event, reason)
 
     def _bring_home(self, reason: str) -> CommandRecord:
-        """What was cut off in flight comes under control, and home together with the others."""
+        """Take control of the interrupted flight's vehicles, and return them together with the others."""
         return self._stop(reason, action=Offer.BRING_HOME.value)
 
     def _send_home(
         self, record: CommandRecord, flying: Sequence[Vehicle], later: Sequence[Vehicle]
     ) -> CollectiveReturn:
-        """These together above their own starts and down; down where they are when those are not known.
+        """Return these vehicles together and land them at their starts, or in place if those are not known.
 
-        `later` are not received yet: part of the plan if they are until it is made.
+        `later` have sent nothing yet: they join the plan if they do before it is made.
         """
         homeless_m = landing_sites_m(self._flight, [vehicle for vehicle in flying if vehicle.home_m is None])
         together = [v for v in (*flying, *later) if v.home_m is not None and not v.comes_down_alone]
@@ -389,7 +389,7 @@ class Commander:
         collective_return: CollectiveReturn,
         places_m: Mapping[VehicleId, Array],
     ) -> None:
-        """Above its own start and down; where that is not known, down on its place of `places_m`."""
+        """Return a vehicle to its start, and land; without a known start, land at its place of `places_m`."""
         maneuver = (
             self._maneuvers.descend(places_m[vehicle.id])
             if vehicle.home_m is None
@@ -399,7 +399,7 @@ class Commander:
         self._maneuvers.start(vehicle, maneuver, self._closer(record, vehicle))
 
     def _not_ours(self, reclaimed: Sequence[Vehicle] = ()) -> dict[VehicleId, str]:
-        """Vehicles that no command to all reaches, and why."""
+        """Vehicles that no fleet-wide command reaches, with the reasons."""
         left_out = {}
         for vehicle in self._flight.in_phase(Phase.LOST, Phase.PILOT, Phase.KILLED):
             if vehicle not in reclaimed:
@@ -411,10 +411,10 @@ class Commander:
         return left_out
 
     def _pause(self, reason: str = "all vehicles hold in place", *, reclaim: bool = True) -> CommandRecord:
-        """All vehicles stop in place: also those on their way home or down, but for those touching down."""
+        """Stop all vehicles in place, also those that return or land, except those touching down."""
         flight, maneuvers = self._flight, self._maneuvers
         advance_show(flight.show, ShowEvent.PAUSE)
-        taking_over = self.recovery.taking_over  # it ends paused: the pause goes along with it
+        taking_over = self.recovery.taking_over  # the take-over ends paused: the pause closes with it
         back = [one for one in self._reclaimed(reclaim=reclaim) if one not in taking_over]
         waiting = self.waiting
         later = [one for one in self._expected(reclaim=reclaim) if one not in taking_over]
@@ -443,10 +443,10 @@ class Commander:
         return self._book.get(record.id)
 
     def _stop_on_the_way(self) -> None:
-        """Stop vehicles on their way home or down, but for those touching down, and those in formation."""
+        """Stop the vehicles in formation and those that return or land, except those touching down."""
         flight, maneuvers = self._flight, self._maneuvers
         if flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
-            for vehicle in flight.in_phase(Phase.HOLD):  # about to come home, or down
+            for vehicle in flight.in_phase(Phase.HOLD):  # about to return or land
                 maneuvers.stop(vehicle, "paused by another command")
         for vehicle in flight.in_phase(Phase.RETURN, Phase.LANDING):
             if not vehicle.handed_over:
@@ -456,7 +456,7 @@ class Commander:
             vehicle.hold_m = self._stops_m(vehicle)
 
     def _stops_m(self, vehicle: Vehicle) -> Array:
-        """(3,) where it can stand soon."""
+        """(3,) Position at which the vehicle can soon be at rest, show frame."""
         place_m: Array = (
             self._flight.position_m(vehicle) + self._flight.fleet.velocity_m_s[vehicle.row] * STOPS_WITHIN_S
         )
@@ -477,7 +477,7 @@ class Commander:
         return self._done("resume")
 
     def _done(self, action: str, left_out: Mapping[VehicleId, str] | None = None) -> CommandRecord:
-        """An order that the next tick carries out for all of the formation."""
+        """Record a command that the next tick executes for the whole formation."""
         formed = self._flight.in_phase(Phase.FORMATION)
         record = self._book.open(action, [vehicle.id for vehicle in formed], left_out or {})
         for vehicle in formed:
@@ -491,7 +491,7 @@ class Commander:
         *,
         reclaim: bool = True,
     ) -> CommandRecord:
-        """A filtered descent of all vehicles but those spared, lowest first, to distinct places."""
+        """Land all vehicles except `spared` through the safety filter, lowest first, on distinct places."""
         back = self._reclaimed(reclaim=reclaim)
         flying = [*(v for v in self._flight.airborne if v not in spared), *back]
         waiting, later = self.waiting, self._expected(reclaim=reclaim)
@@ -523,6 +523,6 @@ class Commander:
 
     @property
     def waiting(self) -> list[Vehicle]:
-        """On the ground, but about to take off."""
+        """Vehicles on the ground that are about to take off."""
         on_ground = self._flight.in_phase(Phase.STANDBY) if self._flight.show is ShowPhase.ARMING else []
         return [vehicle for vehicle in on_ground if self._maneuvers.running(vehicle)]

@@ -7,7 +7,7 @@ from gcs.flight.vehicle import Vehicle
 from gcs.model.state import Mode
 
 A_PERSON_FLIES = frozenset({Mode.POSITION, Mode.OTHER})
-"""Modes that no autopilot chooses for itself while it has a position: a person is at the sticks."""
+"""Modes that no autopilot chooses for itself while it has a position: a pilot is at the sticks."""
 
 
 def why_never(flight: Fleet, vehicle: Vehicle) -> str:
@@ -16,7 +16,7 @@ def why_never(flight: Fleet, vehicle: Vehicle) -> str:
 
 
 def why_not_unasked(flight: Fleet, vehicle: Vehicle) -> str:
-    """Why a command to all vehicles leaves this one out, which a command that names it may reach."""
+    """Why a command to all vehicles omits this one; a command that names it may reach it."""
     inputs = flight.inputs(vehicle)
     if inputs.mode in A_PERSON_FLIES and not inputs.in_failsafe:
         agreed = f"take-control {vehicle.id} names it, when the pilot agrees"
@@ -25,9 +25,9 @@ def why_not_unasked(flight: Fleet, vehicle: Vehicle) -> str:
 
 
 def why_not_without_heartbeat(flight: Fleet, vehicle: Vehicle) -> str:
-    """Why a command to all vehicles leaves out one whose mode is not known any more; empty while it is.
+    """Why a command to all vehicles omits one whose mode is out of date; empty while it is not.
 
-    Its positions may still arrive, while a pilot has taken it.
+    Its positions may still arrive after a pilot has taken over.
     """
     telemetry, at = flight.telemetry[vehicle.id]
     age_s = flight.fleet.time_s - float(telemetry.heartbeat_time_s[at])
@@ -38,7 +38,7 @@ def why_not_without_heartbeat(flight: Fleet, vehicle: Vehicle) -> str:
 
 
 def why_not_touching_down(flight: Fleet, vehicle: Vehicle) -> str:
-    """Why a command to all leaves out a vehicle that its autopilot has nearly landed; empty for others."""
+    """Why a command to all vehicles omits one whose autopilot is about to touch down; empty for others."""
     inputs = flight.inputs(vehicle)
     ground_z_m = 0.0 if vehicle.home_m is None else float(vehicle.home_m[2])
     height_m = ground_z_m - float(flight.position_m(vehicle)[2])

@@ -1,4 +1,4 @@
-"""Collects the inputs of the estimates from a running flight, once a second."""
+"""Collects the inputs of the time and battery estimates from the running flight, once a second."""
 
 from dataclasses import replace
 from typing import Final
@@ -31,14 +31,13 @@ OURS: Final = IN_THE_AIR - {Phase.PILOT}
 FORMING: Final = frozenset({ShowPhase.ARMING, ShowPhase.ASSEMBLING})
 COMES_DOWN: Final = frozenset({ShowPhase.RETURNING, ShowPhase.ABORTING})
 SPEED_SHARE: Final = 0.95
-"""Of the limits, as the collective return plans."""
+"""Share of the speed limits that the collective return plans with."""
 
 
 class Estimating:
-    """Keeps the newest estimates of one flight. Used on the event loop alone."""
+    """Keeps the newest estimates of one flight. Used on the event loop only."""
 
     def __init__(self, flight: Fleet) -> None:
-        """Nothing is known yet."""
         self._flight = flight
         self._history = BatteryHistory(len(flight.vehicles))
         self._made_s = -np.inf
@@ -46,11 +45,11 @@ class Estimating:
         self.newest: Estimates = nothing(len(flight.vehicles))
 
     def refresh(self, waiting: int, left_s: float | None) -> None:
-        """Make them anew where they are a second old; called every tick.
+        """Recompute the estimates once they are a second old; called every tick.
 
         Args:
             waiting: vehicles on the ground that have yet to take off with this start.
-            left_s: of a collective return that has begun; None: none has.
+            left_s: remaining time of a collective return; None: none has begun.
         """
         now_s = self._flight.fleet.time_s
         if now_s - self._made_s < EVERY_S - 1e-3:
@@ -114,7 +113,7 @@ class Estimating:
         return total_s if np.isfinite(total_s) and (waiting or formed.any() or coming.any()) else None
 
     def _climbs_m(self, climbing: Mask) -> Array:
-        """What those still have to climb to where they wait for the others."""
+        """Return the heights that climbing vehicles still have to climb to their waiting height."""
         height_m = self._flight.config.operation.takeoff_height_m
         return np.array(
             [
@@ -153,7 +152,7 @@ class Estimating:
 
 
 def speeds_of(control: ControlSettings) -> Speeds:
-    """What the law flies at."""
+    """Return the speeds of the control law."""
     law, limits = control.law, control.safety.limits
     return Speeds(
         level_m_s=SPEED_SHARE * min(law.speed_m_s, limits.horizontal_m_s),
@@ -167,7 +166,7 @@ def speeds_of(control: ControlSettings) -> Speeds:
 
 
 def _raised(position_m: Array, coming: Mask, height_m: float) -> Array:
-    """Where those will be when they join: no lower than the height that all climb to."""
+    """Return positions with joining vehicles raised at least to the take-off height of all."""
     raised_m = position_m[coming].copy()
     raised_m[:, 2] = np.minimum(raised_m[:, 2], -height_m)
     return raised_m[np.isfinite(raised_m).all(axis=1)]

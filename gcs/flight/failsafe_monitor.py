@@ -1,4 +1,4 @@
-"""Looks every tick whether something goes wrong, and orders what `gcs.failsafe.triggers` wants."""
+"""Evaluates the failsafe triggers every tick, and executes what `gcs.failsafe.triggers` requests."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ from gcs.service import ActiveFailsafe, CommandRecord, ShowAction, VehicleAction
 log = logging.getLogger(__name__)
 
 EVERYBODY_LOOKED_AT_S = 1.0
-"""So often phases are looked at although the telemetry is calm: a killed vehicle may go on talking."""
+"""All phases are checked this often although telemetry is calm: a killed vehicle may still send telemetry."""
 
 SHOW_COMMAND: Final = {
     Action.PAUSE: ShowAction.PAUSE,
@@ -41,7 +41,7 @@ STANDING: Final = {
     Phase.RETURN: SEVERITY[Action.RETURN],
     Phase.LANDING: SEVERITY[Action.LAND],
 }
-"""How severe is what a vehicle does already."""
+"""Severity of what a vehicle does already."""
 
 SHOW_STANDING: Final = {
     ShowPhase.PAUSED: SEVERITY[Action.PAUSE],
@@ -54,27 +54,27 @@ FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 
 
 class FailsafeCommands(Protocol):
-    """What can be ordered, see `gcs.flight.commander`."""
+    """The commands that failsafes may give, see `gcs.flight.commander`."""
 
     def execute_failsafe(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> CommandRecord:
-        """One order to several vehicles."""
+        """Give several vehicles one command."""
         ...
 
     def execute_show_failsafe(self, action: ShowAction, reason: str) -> CommandRecord:
-        """Pause, stop or abort."""
+        """Pause, stop or abort the show."""
         ...
 
     def note_re_formed(self) -> CommandRecord:
-        """The others close a gap."""
+        """Record that the remaining vehicles close a gap."""
         ...
 
     def note_target_held(self) -> CommandRecord:
-        """The target stands."""
+        """Record that the target is held."""
         ...
 
 
 class FailsafeMonitor:
-    """The reactions of one flight. Changed only on the event loop."""
+    """The failsafes of one flight. Changed on the event loop only."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class FailsafeMonitor:
         commands: FailsafeCommands,
         is_busy: Callable[[Vehicle], bool],
     ) -> None:
-        """`is_busy` tells who is on an errand."""
+        """`is_busy` returns whether a vehicle executes a maneuver."""
         self._flight = flight
         self._show_player = show_player
         self._clock = clock
@@ -96,7 +96,7 @@ class FailsafeMonitor:
         self._known = Known.nothing(len(flight.vehicles), flight.fleet.time_s, self._settings)
         self._acted: dict[tuple[Cause, int], int] = {}
         self._commanded: dict[tuple[Cause, Action], str] = {}
-        self._sent: dict[int, int] = {}  # severity of what was ordered of a vehicle that is on its errand
+        self._sent: dict[int, int] = {}  # severity of the command whose maneuver a vehicle executes
         self._held: dict[tuple[Cause, Action], bool] = {}
         self._lost_before: set[str] = set()
         self._looked_s = -np.inf
@@ -104,7 +104,7 @@ class FailsafeMonitor:
         self.active: tuple[ActiveFailsafe, ...] = ()
 
     def look(self) -> None:
-        """Once a tick."""
+        """Evaluate all triggers; called once a tick."""
         seen = self._seen()
         known, on, weather = look(seen, self._known, self._settings)
         self._known = known
@@ -145,7 +145,7 @@ class FailsafeMonitor:
         )
 
     def _roles(self, now_s: float) -> Roles:
-        """Who is what; those whom an earlier show lost are no news to this one."""
+        """Return the roles of the vehicles; vehicles lost before this show do not count as newly lost."""
         vehicles = self._flight.vehicles.values()
         phases = [vehicle.phase for vehicle in vehicles]
         lost = {
@@ -170,7 +170,7 @@ class FailsafeMonitor:
             self._paused_since_s = now_s
 
     def _execute(self, requests: Sequence[FailsafeRequest]) -> None:
-        """Order what is due, and remember what needs no order any more."""
+        """Execute the requests that are due, and remember those that need no command any more."""
         self._sent = {
             row: sent for row, sent in self._sent.items() if self._is_busy(self._flight.at_row(row))
         }
@@ -190,7 +190,7 @@ class FailsafeMonitor:
                     self._acted[cause, row] = max(self._acted.get((cause, row), 0), request.severity)
 
     def _standing(self) -> Standing:
-        """What goes on; who is on an errand is on its way to what was ordered."""
+        """Return what is in progress; a vehicle's maneuver counts as what it was commanded."""
         flight = self._flight
         of_show = SHOW_STANDING.get(flight.show, FLIES_ON)
         severities = np.full(len(flight.vehicles), np.nan)
@@ -216,7 +216,7 @@ class FailsafeMonitor:
         )
 
     def _act(self, request: FailsafeRequest) -> None:
-        """Order those vehicles; who still climbs is not stopped half-way, but may be landed."""
+        """Command the vehicles of a request; a climbing vehicle is not stopped, but may be landed."""
         able = []
         for row in request.rows:
             vehicle = self._flight.at_row(row)
@@ -228,7 +228,7 @@ class FailsafeMonitor:
             self._note(request, self._commands.execute_failsafe(vehicles, VEHICLE_COMMAND[request.action]))
 
     def _note(self, request: FailsafeRequest, record: CommandRecord) -> None:
-        """Remember that it was ordered, and say so."""
+        """Remember and log that the request was commanded."""
         for key in keys(request):
             self._acted[key] = max(self._acted.get(key, 0), request.severity)
         rows = [v.row for v in self._flight.airborne] if request.whole_show else request.rows
@@ -243,7 +243,7 @@ class FailsafeMonitor:
         return tuple(self._flight.fleet.ids[row] for row in request.rows)
 
     def _show(self, requests: Sequence[FailsafeRequest]) -> None:
-        """Keep what people see, and say what is over."""
+        """Update the active failsafes for display, and log those that are over."""
         lasting = {(request.cause, request.action) for request in requests}
         self._commanded = {key: command for key, command in self._commanded.items() if key in lasting}
         for failsafe in self.active:

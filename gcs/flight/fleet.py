@@ -1,6 +1,6 @@
-"""The runtime state of a flight: who is where, in which phase, and what the operator wants.
+"""The runtime state of a flight: positions, phases, and the plan that the operator has set.
 
-Plain data and questions about it; `commander` changes it on orders and events, `orchestrator` once a tick.
+Plain data and queries; `commander` changes it on commands and events, `orchestrator` once a tick.
 """
 
 import asyncio
@@ -39,23 +39,23 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 ASSEMBLED_M = 1.0
-"""The sphere stands when nobody's radius is off by more, with ASSEMBLED_SHARE of the radius added."""
+"""The formation is assembled when no radius is off by more, with ASSEMBLED_SHARE of the radius added."""
 
 ASSEMBLED_SHARE = 0.05
 
 SPREAD_SHARE = 0.7
-"""And when the two nearest directions are apart by this share of what they are in the best shape known."""
+"""And when the two nearest directions are apart by this share of those in the best shape known."""
 
 
 BEHIND_M = 11.0
-"""Farther from what the plan draws it to, a vehicle does not fly the plan any more."""
+"""A vehicle farther from its planned position does not follow the plan any more."""
 
 
 FLIES = AIRBORNE | {Phase.PILOT}
 
 
 def stands(offset_m: Array, radius_m: float, charge: Array) -> bool:
-    """Whether everybody at (n, 3) from the centre, n at least 1, is on the sphere, spread over all of it."""
+    """Whether the vehicles at (n, 3) from the centre, n >= 1, are on the sphere and spread over all of it."""
     distance_m = np.linalg.norm(offset_m, axis=1)
     near = np.abs(distance_m - radius_m) < ASSEMBLED_M + ASSEMBLED_SHARE * radius_m
     if not near.all() or len(offset_m) < 2:
@@ -66,12 +66,12 @@ def stands(offset_m: Array, radius_m: float, charge: Array) -> bool:
 
 
 class Newest(Mapping[VehicleId, tuple[Telemetry, int]]):
-    """For each vehicle, its link's telemetry and its row there. The rows never change, the telemetry does."""
+    """Maps each vehicle to its link's telemetry and its row there. Only the telemetry changes."""
 
     def __init__(
         self, parts: Sequence[Telemetry], places: Mapping[VehicleId, tuple[int, int]] | None = None
     ) -> None:
-        """`places`: which part and which row in it; None: worked out."""
+        """`places`: part and row of each vehicle; None: derived from `parts`."""
         self.parts = tuple(parts)
         self.places: Mapping[VehicleId, tuple[int, int]] = places or {
             name: (index, at) for index, part in enumerate(parts) for at, name in enumerate(part.ids)
@@ -90,11 +90,11 @@ class Newest(Mapping[VehicleId, tuple[Telemetry, int]]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """What the newest telemetry says of all vehicles, rows as in FleetState."""
+    """The newest telemetry of all vehicles as columns, rows as in FleetState."""
 
     beat_s: Array  # (n,) arrival of the newest heartbeat
-    life_s: Array  # (n,) of anything
-    position_s: Array  # (n,) and position
+    life_s: Array  # (n,) arrival of the newest message of any kind
+    position_s: Array  # (n,) arrival of the newest position
     mode: Sequence[Mode]
     armed: Sequence[bool]
     landed: Sequence[Landed]
@@ -102,10 +102,10 @@ class Columns:
 
 
 class Fleet:
-    """One fleet, and what is going on with it. Changed only on the event loop."""
+    """The runtime state of one fleet. Changed on the event loop only."""
 
     def __init__(self, config: Config, links: Sequence[Link], now_s: float) -> None:
-        """Nobody heard, nothing commanded. `links` carry all vehicles of `config`."""
+        """Starts with nothing received and nothing commanded. `links` carry all vehicles of `config`."""
         self.config = config
         self.links = tuple(links)
         self.link_of: Mapping[VehicleId, Link] = {name: link for link in links for name in link.ids}
@@ -127,19 +127,19 @@ class Fleet:
         self.reason = "nothing has been started"
         self.columns = ""  # how many pairs will be stacked, in words; as of the last start
         self.show_before = ShowPhase.IDLE  # the phase before control of everything airborne was lost
-        self.came_down_by: ShowPhase | None = None  # how the last show ended, where that was ordered
+        self.came_down_by: ShowPhase | None = None  # how the last show ended, if by a command
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
-        self.left_behind: dict[VehicleId, str] = {}  # who does not fly with the last start, and why
+        self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.telemetry = Newest(())
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
-        self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # away from what preflight demands
-        self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be
+        self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
+        self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be read
         received_in = [name for link in links for name in link.ids]
         place_of = {name: place for place, name in enumerate(received_in)}
         self._order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
         self._in_order = self._order == list(range(len(received_in)))
-        self._may_descend: tuple[FleetState, float] | None = None  # of a tick: see `may_descend`
+        self._may_descend: tuple[FleetState, float] | None = None  # for one tick: see `may_descend`
         noticed_s = FORWARD_MAX_S + config.setpoint_timeout_s + config.operation.setpoint_loss_s
         self._table = Table(
             config.ids,
@@ -147,20 +147,20 @@ class Fleet:
             flies_on_s=max(noticed_s, config.operation.silence_s),
             brakes_s=2.0 * STOP_S,
         )
-        self._seen_m = np.full((len(self.vehicles), 3), np.nan)  # where each was last known to be
-        self._seen_m_s = self._seen_m.copy()  # and how it moved
+        self._seen_m = np.full((len(self.vehicles), 3), np.nan)  # last known positions
+        self._seen_m_s = self._seen_m.copy()  # last known velocities
         looks_hz = config.tick_rate_hz
         asked_hz = [min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet]
         self.link_quality = LinkQuality(np.array(asked_hz))
         self.link_delay = LinkDelay(len(self.vehicles))
         self._slowed: tuple[ControlSettings, float, ControlSettings] | None = None  # see `control_now`
-        self.without_heartbeat: dict[VehicleId, str] = {}  # in the air with positions: since when, in words
+        self.without_heartbeat: dict[VehicleId, str] = {}  # airborne, sends positions: since when, in words
         self.setpoint_gaps = SetpointGaps(len(self.vehicles))
         self._ticked = asyncio.Event()
         self.fleet = self.hear(now_s)
 
     def hear(self, now_s: float) -> FleetState:
-        """Take in the newest telemetry of all links."""
+        """Read the newest telemetry of all links."""
         parts = [link.snapshot() for link in self.links]
         self.telemetry = Newest(parts, self.telemetry.places)
         self.fleet = self._table.state(parts, now_s)
@@ -171,7 +171,7 @@ class Fleet:
         return self.fleet
 
     def _widen(self, now_s: float) -> None:
-        """Give every vehicle the margin that its reported accuracy, or a jump, asks for."""
+        """Set each vehicle's margin from its reported accuracy and its latest position jump."""
         parts = self.telemetry.parts
         wide_m = uncertainty_m(
             self.control.safety.floor.uncertainty_m,
@@ -184,7 +184,7 @@ class Fleet:
 
     @property
     def control_now(self) -> ControlSettings:
-        """What this tick is set to: `control`, slower and wider while links are late."""
+        """The control settings of this tick: `control`, slower and wider while links are late."""
         late_s = self.link_delay.late_s
         if late_s.max(initial=0.0) < LATE_S:
             return self.control
@@ -196,29 +196,28 @@ class Fleet:
 
     @property
     def reset_time_s(self) -> Array:
-        """(n,) when each position last jumped; -inf where it never did."""
+        """(n,) Time of the latest position jump; -inf if there was none."""
         return self._table.reset_time_s
 
     def note_seen(self, rows: Mask | int) -> None:
-        """Keep where these vehicles are, and the whole of their last velocity."""
+        """Keep the positions and last full velocities of these vehicles."""
         self._seen_m[rows] = self.fleet.position_m[rows]
         self._seen_m_s[rows] = self._table.last_velocity_m_s[rows]
 
     def forget_seen(self, vehicle: Vehicle) -> None:
-        """It is not there any more."""
+        """Forget the last known position: the vehicle is not there any more."""
         self._seen_m[vehicle.row] = np.nan
 
     def last_m(self, vehicle: Vehicle) -> Array | None:
-        """(3,) where it was last known to be, show frame; None when it never was, or is forgotten."""
+        """(3,) Last known position, show frame; None if there is none, or it was forgotten."""
         place_m: Array = self._seen_m[vehicle.row]
         return place_m if np.isfinite(place_m).all() else None
 
     def at_row(self, row: int) -> Vehicle:
-        """The vehicle of a row of FleetState."""
         return self.vehicles[self.fleet.ids[row]]
 
     def newest(self) -> Columns:
-        """What everybody said last."""
+        """Return the newest telemetry of all vehicles."""
         parts = self.telemetry.parts
         return Columns(
             self.in_rows([part.heartbeat_time_s for part in parts]),
@@ -231,12 +230,12 @@ class Fleet:
         )
 
     def in_rows(self, parts: Sequence[Array]) -> Array:
-        """(n,) of (k,) arrays, one for each link: rows as in FleetState."""
+        """(n,) Values from (k,) arrays, one for each link; rows as in FleetState."""
         joined: Array = np.concatenate(parts)
         return joined if self._in_order else joined[self._order]
 
     def ordered(self, parts: Sequence[Sequence[T]]) -> Sequence[T]:
-        """What all links' vehicles say, rows as in FleetState."""
+        """Values of all links' vehicles, rows as in FleetState."""
         joined = list(chain.from_iterable(parts))
         return joined if self._in_order else [joined[place] for place in self._order]
 
@@ -245,21 +244,21 @@ class Fleet:
         await self._ticked.wait()
 
     def wake(self) -> None:
-        """A tick is done: wake those who wait for it."""
+        """Wake the tasks that wait for the end of this tick."""
         self._ticked.set()
         self._ticked = asyncio.Event()
 
     async def execute(self, command: Command) -> None:
-        """Pass an order to the vehicle's link. Raises: CommandError."""
+        """Send a command to the vehicle's link. Raises: CommandError."""
         await self.link_of[command.vehicle_id].execute(command)
 
     def mode(self, vehicle: Vehicle) -> Mode:
-        """As its newest heartbeat says."""
+        """Return the mode in the newest heartbeat."""
         telemetry, at = self.telemetry[vehicle.id]
         return telemetry.mode[at]
 
     def inputs(self, vehicle: Vehicle) -> FailsafeInputs:
-        """All that tells why it flies as it does: see `gcs.failsafe.autopilot_failsafe`."""
+        """Return the inputs that explain the vehicle's mode: see `gcs.failsafe.autopilot_failsafe`."""
         (telemetry, at), now_s = self.telemetry[vehicle.id], self.fleet.time_s
         return FailsafeInputs(
             mode=telemetry.mode[at],
@@ -275,7 +274,7 @@ class Fleet:
 
     @property
     def known(self) -> set[VehicleId]:
-        """Of whom everything is known that a start asks for: parameters, fix, clock; where they count."""
+        """Vehicles that have reported all that a start requires: parameters, fix and clock, as configured."""
         config, parts = self.config, self.telemetry.parts
         names = set(self.parameters if config.operation.require_parameters else self.vehicles)
         reported = np.ones(len(self.vehicles), dtype=np.bool_)
@@ -287,19 +286,18 @@ class Fleet:
 
     @property
     def not_flying(self) -> dict[VehicleId, str]:
-        """Who stays on the ground while the others fly, or will, and why."""
+        """Vehicles that stay on the ground while the others fly or will fly, with the reasons."""
         why = {name: str(exclusion) for name, exclusion in self.excluded.items()}
         if self.show not in ON_THE_GROUND:
             why = self.left_behind | why
         return {name: text for name, text in why.items() if self.vehicles[name].phase in GROUNDED}
 
     def in_phase(self, *phases: Phase) -> list[Vehicle]:
-        """Vehicles in any of these phases."""
         return [vehicle for vehicle in self.vehicles.values() if vehicle.phase in phases]
 
     @property
     def airborne(self) -> list[Vehicle]:
-        """Vehicles in the air that the service answers for."""
+        """Vehicles in the air under this service's control."""
         return self.in_phase(*AIRBORNE)
 
     def whereabouts(self, vehicle: Vehicle) -> Whereabouts:
@@ -310,18 +308,18 @@ class Fleet:
         return whereabouts(vehicle.phase, landed, armed=armed, heartbeat_age_s=age_s)
 
     def position_m(self, vehicle: Vehicle) -> Array:
-        """(3,) newest position, show frame."""
+        """(3,) Newest position, show frame."""
         position_m: Array = self.fleet.position_m[vehicle.row]
         return position_m
 
     def may_descend(self, vehicle: Vehicle) -> bool:
-        """Whether everybody lower who comes down too is in its column, so that this one may follow."""
+        """Whether every lower landing vehicle is in its landing column, so that this one may descend."""
         if self._may_descend is None or self._may_descend[0] is not self.fleet:
             self._may_descend = self.fleet, self._lowest_beside()
         return not self._may_descend[1] > self.position_m(vehicle)[2]
 
     def _lowest_beside(self) -> float:
-        """Give z of the lowest who comes down and is not in its column, -inf when all are."""
+        """Return z of the lowest landing vehicle outside its landing column, -inf if there is none."""
         lowest_z_m = -np.inf
         for vehicle in self.in_phase(Phase.LANDING):
             here_m, goal_m = self.position_m(vehicle), vehicle.goal_m
@@ -330,7 +328,7 @@ class Fleet:
         return lowest_z_m
 
     def assembled(self) -> bool:
-        """Whether everybody of the formation is on the sphere, and they are spread over all of it."""
+        """Whether the formation's vehicles are on the sphere and spread over all of it."""
         center, radius_m = self.memory.center, self.memory.radius_m
         rows = [vehicle.row for vehicle in self.in_phase(Phase.FORMATION)]
         if center is None or not rows:
@@ -338,7 +336,7 @@ class Fleet:
         return stands(self.fleet.position_m[rows] - center.position_m, radius_m, self.traits.charge[rows])
 
     def vehicle(self, vehicle_id: VehicleId) -> Vehicle:
-        """One of ours. Raises: UnknownError."""
+        """Return the vehicle with this id. Raises: UnknownError."""
         try:
             return self.vehicles[vehicle_id]
         except KeyError:
@@ -346,7 +344,7 @@ class Fleet:
             raise UnknownError(f"there is no vehicle {vehicle_id}; there are {known}") from None
 
     def move_show(self, event: ShowEvent, reason: str) -> None:
-        """Let the show go on to its next phase. Raises: RefusedError when that is not possible now."""
+        """Move the show to its next phase. Raises: RefusedError when the transition is not allowed."""
         before, self.show = self.show, advance_show(self.show, event)
         self.reason = reason
         if event is ShowEvent.CONTROL_LOST:
@@ -358,14 +356,14 @@ class Fleet:
         log.info("show_phase", extra={"was": before.value, "phase": self.show.value, "reason": reason})
 
     def tasks(self) -> Tasks:
-        """What everybody is to do in this tick."""
+        """Return the tasks of all vehicles in this tick."""
         vehicles = self.vehicles.values()  # rows as in FleetState
         now_s, show = self.fleet.time_s, self.show
         show_flies = show in SHOW_FLIES
         phases = [vehicle.phase for vehicle in vehicles]
         frozen_until_s = max([vehicle.frozen_until_s for vehicle in vehicles])
         if show_flies and now_s >= frozen_until_s and phases.count(Phase.FORMATION) == len(phases):
-            return Tasks.of_formation(len(phases), center_moves=show is ShowPhase.RUNNING)  # as a rule
+            return Tasks.of_formation(len(phases), center_moves=show is ShowPhase.RUNNING)  # the usual case
         task = np.full(len(vehicles), Task.FORMATION, dtype=np.int8)
         goal_m = np.full((len(vehicles), 3), np.nan)
         for row, vehicle in enumerate(vehicles):
@@ -390,7 +388,7 @@ class Fleet:
         )
 
     def _follows_planned_path(self, goal_m: Array) -> Mask:
-        """(n,) who follows the way found for it; who has fallen far behind keeps the rules of the road."""
+        """(n,) Which vehicles follow their planned paths; those far behind keep the right-of-way rules."""
         follows = np.array(
             [vehicle.follows_planned_path for vehicle in self.vehicles.values()], dtype=np.bool_
         )

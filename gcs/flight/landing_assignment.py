@@ -1,4 +1,4 @@
-"""Where vehicles come down when they cannot, or shall not, come home."""
+"""Landing positions of vehicles that cannot, or are not to, return to their starts."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from gcs.planning.landing_sites import distinct_sites_m
 
 
 def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
-    """(3,) for each: where it comes down, clear of obstacles, of everybody's pads, and of the others."""
+    """(3,) For each vehicle: a landing position clear of obstacles, all pads, and the other positions."""
     if not vehicles:
         return {}
     desired_m = np.array([flight.position_m(vehicle)[:2] for vehicle in vehicles])

@@ -1,4 +1,4 @@
-"""Who is on an errand: a task of the control group. A vehicle has at most one; a new one replaces it."""
+"""Runs maneuvers as tasks of the control group. A vehicle has at most one; a new one replaces it."""
 
 import asyncio
 import logging
@@ -16,29 +16,29 @@ Done: TypeAlias = Callable[[Outcome, str], None]
 
 
 class ManeuverTasks:
-    """Starts, replaces and ends errands."""
+    """Starts, replaces and ends maneuvers."""
 
     def __init__(self, group: asyncio.TaskGroup) -> None:
-        """`group` is control's."""
+        """`group` is the control group."""
         self._group = group
         self._running: dict[str, tuple[asyncio.Task[None], Done]] = {}
 
     def running(self, vehicle: Vehicle) -> bool:
-        """Whether the vehicle is on an errand."""
+        """Whether the vehicle executes a maneuver."""
         running = self._running.get(vehicle.id)
         return running is not None and not running[0].done()
 
     def stop(self, vehicle: Vehicle, reason: str) -> None:
-        """End the vehicle's errand, if any; it has failed for that reason."""
+        """End the vehicle's maneuver, if any; its outcome is FAILED with that reason."""
         running = self._running.pop(vehicle.id, None)
         vehicle.entering_offboard = False
         if running is not None and not running[0].done():
             task, done = running
             task.cancel()
-            done(Outcome.FAILED, reason)  # here: a task cancelled before its first step says nothing
+            done(Outcome.FAILED, reason)  # here: a task cancelled before its first step reports nothing
 
     def start(self, vehicle: Vehicle, maneuver: Maneuver, done: Done) -> None:
-        """Send the vehicle on `maneuver` instead of any other; `done` is called once with the outcome."""
+        """Start `maneuver` in place of any other; `done` is called once with the outcome."""
         self.stop(vehicle, "replaced by another order")
         task = self._group.create_task(self._run(vehicle, maneuver, done), name=f"maneuver/{vehicle.id}")
         self._running[vehicle.id] = task, done
@@ -56,6 +56,6 @@ class ManeuverTasks:
         except (CommandError, RefusedError) as error:
             outcome, reason = Outcome.FAILED, str(error)
             log.warning("command_failed", extra={"vehicle": vehicle.id, "reason": reason})
-        # Not reached when `stop` cancels: it has done both, and the vehicle may be on its next errand.
+        # Not reached when `stop` cancels: it has done both, and the vehicle may execute its next maneuver.
         vehicle.entering_offboard = False
         done(outcome, reason)

@@ -1,6 +1,6 @@
-"""What one vehicle is led through, step by step: take off, join, come home, come down.
+"""The maneuvers of one vehicle, step by step: take off, join, return, land.
 
-A refused order ends the errand and leaves the vehicle where its phase says it is.
+A refused command ends the maneuver and leaves the vehicle in its phase.
 """
 
 import asyncio
@@ -23,32 +23,32 @@ from gcs.planning.return_paths import IN_PLACE_M, WELL_IN_PLACE_M, is_above, may
 log = logging.getLogger(__name__)
 
 MODES_OF = {
-    Verb.TAKEOFF: frozenset({Mode.TAKEOFF, Mode.HOLD}),  # PX4 holds by itself at the top
+    Verb.TAKEOFF: frozenset({Mode.TAKEOFF, Mode.HOLD}),  # PX4 changes to HOLD by itself at the top
     Verb.HOLD: frozenset({Mode.HOLD}),
     Verb.OFFBOARD: frozenset({Mode.OFFBOARD}),
     Verb.LAND: frozenset({Mode.LAND}),
     Verb.RETURN: frozenset({Mode.RETURN}),
 }
-"""Modes that an order explains once it is obeyed."""
+"""Modes that a command explains once it is executed."""
 
 UP_SHARE, ENDED_SHARE = 0.85, 0.6
-"""Of the height that was ordered: enough in any case, and enough where the autopilot holds already."""
+"""Share of the commanded height: sufficient in any case; sufficient once the autopilot holds."""
 
 EARLY_S = 0.05
-"""By how much two take-offs may be closer than the stagger: their timers are not exact."""
+"""Two take-offs may be closer than the stagger by this time: their timers are not exact."""
 
 SETPOINTS_FIRST_S = 0.3
 RETRY_S = 1.0
 ENGAGE_TRIES = 3
 NO_PROGRESS_S = 30.0
-"""A way home or down that takes longer than this is worth a word to the operator."""
+"""A return or landing that takes longer than this is logged for the operator."""
 
 WAY_S = 90.0
-"""Likewise, for ways on which some wait for others."""
+"""The same limit for returns along planned paths, on which some vehicles wait for others."""
 
 
 class Surroundings(Protocol):
-    """What errands need of the orchestrator."""
+    """What maneuvers need of the running flight."""
 
     @property
     def fleet(self) -> FleetState:
@@ -60,66 +60,66 @@ class Surroundings(Protocol):
         ...
 
     async def execute(self, command: Command) -> None:
-        """Pass an order to the vehicle's link. Raises: CommandError."""
+        """Send a command to the vehicle's link. Raises: CommandError."""
         ...
 
     @property
     def vehicles(self) -> Mapping[str, Vehicle]:
-        """All of the fleet."""
+        """All vehicles of the fleet, by id."""
         ...
 
     def mode(self, vehicle: Vehicle) -> Mode:
-        """As its newest heartbeat says."""
+        """Return the mode in the newest heartbeat."""
         ...
 
     def may_descend(self, vehicle: Vehicle) -> bool:
-        """Whether everybody lower has come to its column, so that this one may come down."""
+        """Whether every lower landing vehicle is in its landing column, so that this one may descend."""
         ...
 
 
 class CollectiveReturn(Protocol):
-    """What errands need of a collective return, see `gcs.flight.collective_return`."""
+    """What maneuvers need of a collective return, see `gcs.flight.collective_return`."""
 
     @property
     def is_planned(self) -> bool:
-        """Whether the ways are found."""
+        """Whether the paths are found."""
         ...
 
     def stopping(self, vehicle: Vehicle) -> None:
-        """It is under control, and stops."""
+        """Note that a vehicle is under control and stops."""
         ...
 
     def takes_part(self, vehicle: Vehicle) -> bool:
-        """Whether it is, or may still be, part of the plan."""
+        """Whether the vehicle is in the plan, or still may be."""
         ...
 
     def goal_m(self, vehicle: Vehicle) -> Array | None:
-        """(3,) where it shall be now."""
+        """(3,) Goal at this time, show frame."""
         ...
 
     def has_path(self, vehicle: Vehicle) -> bool:
-        """Whether a way was found for it that meets nobody."""
+        """Whether the planner found a path without conflicts for it."""
         ...
 
     def is_over(self, vehicle: Vehicle) -> bool:
-        """Whether its way has led it above its start."""
+        """Whether its path has led it above its start."""
         ...
 
 
 class Maneuvers(ManeuverTasks):
-    """The errands there are, and who is on which."""
+    """The maneuvers, and which vehicle executes which."""
 
     def __init__(self, group: asyncio.TaskGroup, around: Surroundings, settings: OperationSettings) -> None:
         super().__init__(group)
         self._around = around
         self._settings = settings
-        self._next_turn_s = -inf  # of a take-off
-        self._up: tuple[FleetState, bool] | None = None  # of a tick: see `_all_up`
+        self._next_turn_s = -inf  # time of the next take-off
+        self._up: tuple[FleetState, bool] | None = None  # for one tick: see `_all_up`
 
-    # the errands
+    # maneuvers
 
     def take_off(self, delay_s: float, check: Callable[[Vehicle], None]) -> Maneuver:
-        """Wait for one's turn, arm, climb straight up, wait there for the others, join.
+        """Wait for the vehicle's turn, arm, climb straight up, wait there for the others, join.
 
         `check` raises RefusedError when the vehicle may no longer fly: its turn may come late.
         """
@@ -147,7 +147,7 @@ class Maneuvers(ManeuverTasks):
         return maneuver
 
     async def _turn(self) -> None:
-        """Wait until the last take-off is long enough ago: after a stall many are due at once."""
+        """Wait for the stagger after the last take-off: after a stall many are due at once."""
         loop = asyncio.get_running_loop()
         turn_s = self._next_turn_s
         self._next_turn_s = max(turn_s, loop.time()) + self._settings.takeoff_stagger_s - EARLY_S
@@ -155,7 +155,7 @@ class Maneuvers(ManeuverTasks):
             await asyncio.sleep(wait_s)
 
     async def _climb(self, vehicle: Vehicle) -> None:
-        """Straight up, to hold there; where that fails it is landed. Raises: CommandError, saying why."""
+        """Climb straight up to HOLD; on failure land the vehicle. Raises: CommandError with the reason."""
         height_m, timeout_s = self._settings.takeoff_height_m, self._settings.takeoff_timeout_s
         try:
             await self._command(vehicle, Verb.TAKEOFF, height_m)
@@ -175,21 +175,21 @@ class Maneuvers(ManeuverTasks):
         raise CommandError(reason)
 
     async def join(self, vehicle: Vehicle) -> None:
-        """From HOLD under the service's control, at first in place."""
+        """Enter the formation from HOLD under the service's control, at first in place."""
         if vehicle.phase is Phase.TAKEOFF:
             raise RefusedError(f"{vehicle.id} still climbs")
         await self._engage(vehicle)
         vehicle.apply(Event.ENGAGE, "flies with the formation")
 
     async def come_home(self, vehicle: Vehicle) -> None:
-        """Fly above one's own start, come down there, and land."""
+        """Fly above the vehicle's own start, descend there, and land."""
         home_m = vehicle.home_m
         if vehicle.comes_down_alone or home_m is None:
             await self.autopilot_land(vehicle)
             return
         if not await self._under_control(vehicle, Event.COME_HOME, "on its way home"):
             return
-        # sideways at its own height, but not lower than where everybody climbed to
+        # sideways at its own height, but not lower than the take-off height of all
         height_z_m = min(
             float(self._position_m(vehicle)[2]), float(home_m[2]) - self._settings.takeoff_height_m
         )
@@ -199,7 +199,7 @@ class Maneuvers(ManeuverTasks):
         await self._descend_slowly(vehicle, home_m)
 
     def come_home_together(self, collective_return: CollectiveReturn, stops_m: Array) -> Maneuver:
-        """Stop at `stops_m` (3,), then fly the way that is found for everybody, and land."""
+        """Stop at `stops_m` (3,), follow the path of the collective return, and land."""
 
         async def maneuver(vehicle: Vehicle) -> None:
             home_m = vehicle.home_m
@@ -229,12 +229,12 @@ class Maneuvers(ManeuverTasks):
         return maneuver
 
     def _led(self, vehicle: Vehicle, collective_return: CollectiveReturn, home_m: Array) -> bool:
-        """Move its goal on. Returns: whether it is above its start, where its way led it."""
+        """Move the goal along the path. Returns: whether the path has led the vehicle above its start."""
         vehicle.goal_m = collective_return.goal_m(vehicle)
         return collective_return.is_over(vehicle) and self._above(vehicle, home_m, WELL_IN_PLACE_M)
 
     def descend(self, place_m: Array) -> Maneuver:
-        """Come down on `place_m` (3,), the lowest of all first."""
+        """Descend onto `place_m` (3,), lowest vehicle first, and land."""
 
         async def maneuver(vehicle: Vehicle) -> None:
             if vehicle.comes_down_alone:
@@ -244,7 +244,7 @@ class Maneuvers(ManeuverTasks):
                 return
             here_m = self._position_m(vehicle)
             vehicle.goal_m = np.array([place_m[0], place_m[1], here_m[2]])
-            await self._around.ticked()  # until then all who were sent down together have begun, and count
+            await self._around.ticked()  # until then all vehicles commanded together have begun, and count
             await self._until(
                 vehicle, lambda: self._above(vehicle, place_m) and self._around.may_descend(vehicle)
             )
@@ -253,13 +253,13 @@ class Maneuvers(ManeuverTasks):
         return maneuver
 
     async def hold(self, vehicle: Vehicle) -> None:
-        """Leave whatever it does; the autopilot holds position."""
+        """Stop any maneuver; the autopilot holds position."""
         await self._command(vehicle, Verb.HOLD)
         if vehicle.phase is not Phase.HOLD:
             vehicle.apply(Event.HOLD, "holds on order")
 
     async def stay_down(self, vehicle: Vehicle) -> None:
-        """Not in the air yet, and no longer wanted there: motors off, should they run already."""
+        """Keep a vehicle on the ground that is not to take off any more: disarm it if its motors run."""
         await self._command(vehicle, Verb.DISARM)
 
     async def rest(self, vehicle: Vehicle) -> None:
@@ -267,12 +267,12 @@ class Maneuvers(ManeuverTasks):
         await self._command(vehicle, Verb.HOLD)
 
     async def take_control(self, vehicle: Vehicle) -> None:
-        """A vehicle in the air comes under this station's control, in HOLD."""
+        """Take control of an airborne vehicle, in HOLD."""
         await self._command(vehicle, Verb.HOLD)
         vehicle.apply(Event.TAKE_CONTROL, "under this station's control again, holds")
 
     def take_control_first(self, then: Maneuver) -> Maneuver:
-        """For a vehicle that is airborne out of control: take control, then go on."""
+        """Take control of a vehicle that is airborne outside control, then continue with `then`."""
 
         async def maneuver(vehicle: Vehicle) -> None:
             if vehicle.phase is Phase.PILOT:
@@ -282,13 +282,13 @@ class Maneuvers(ManeuverTasks):
         return maneuver
 
     async def autopilot_land(self, vehicle: Vehicle) -> None:
-        """Straight down by the autopilot alone: from a climb, or as a last resort."""
+        """Have the autopilot land straight down: from a climb, or as a last resort."""
         if vehicle.phase is not Phase.LANDING:
             vehicle.apply(Event.DESCEND, "its autopilot lands it")
         vehicle.handed_over = True
         await self._touch_down(vehicle)
 
-    # their parts
+    # parts of maneuvers
 
     def _position_m(self, vehicle: Vehicle) -> Array:
         position_m: Array = self._around.fleet.position_m[vehicle.row]
@@ -298,9 +298,9 @@ class Maneuvers(ManeuverTasks):
         return float(place_m[2] - self._position_m(vehicle)[2])
 
     def _all_up(self) -> bool:
-        """Whether nobody is led up any more, nor waits on the ground for its turn."""
+        """Whether no vehicle climbs any more, or waits on the ground for its turn."""
         fleet = self._around.fleet
-        if self._up is None or self._up[0] is not fleet:  # asked by everybody who waits, in every tick
+        if self._up is None or self._up[0] is not fleet:  # every waiting vehicle asks in every tick
             self._up = (
                 fleet,
                 not any(
@@ -311,7 +311,7 @@ class Maneuvers(ManeuverTasks):
         return self._up[1]
 
     def _is_up(self, vehicle: Vehicle) -> bool:
-        """By its height; or its autopilot has ended the climb itself: their heights are wrong by metres."""
+        """Decide by height, or by the autopilot's end of the climb: the heights may be wrong by metres."""
         if vehicle.home_m is None:
             return False
         share = self._height_m(vehicle, vehicle.home_m) / self._settings.takeoff_height_m
@@ -328,7 +328,7 @@ class Maneuvers(ManeuverTasks):
         *,
         patience_s: float = NO_PROGRESS_S,
     ) -> None:
-        """Wait while it is in one of `phases`. Raises: RefusedError when it leaves them."""
+        """Wait while the vehicle is in one of `phases`. Raises: RefusedError when it leaves them."""
         loop = asyncio.get_running_loop()
         since_s = loop.time()
         while not reached():
@@ -341,12 +341,12 @@ class Maneuvers(ManeuverTasks):
             await self._around.ticked()
 
     async def _engage(self, vehicle: Vehicle) -> None:
-        """Setpoints first, standing still, then OFFBOARD: PX4 refuses it without."""
+        """Send setpoints at rest first, then command OFFBOARD: PX4 refuses it without them."""
         vehicle.hold_m = self._position_m(vehicle).copy()
         vehicle.entering_offboard = True
         await asyncio.sleep(SETPOINTS_FIRST_S)
         for left in reversed(range(ENGAGE_TRIES)):
-            await self._around.ticked()  # after a pause of ours setpoints must flow again first
+            await self._around.ticked()  # after a pause of this service setpoints must flow again first
             try:
                 await self._command(vehicle, Verb.OFFBOARD)
             except CommandError:
@@ -357,7 +357,7 @@ class Maneuvers(ManeuverTasks):
                 return
 
     async def _under_control(self, vehicle: Vehicle, event: Event, reason: str) -> bool:
-        """Have the service fly it. Where its autopilot refuses that, the last resort is its own LAND.
+        """Take control in OFFBOARD. If the autopilot refuses it, the last resort is its own LAND.
 
         Returns: False when the autopilot has landed it instead.
         """
@@ -378,7 +378,7 @@ class Maneuvers(ManeuverTasks):
         return True
 
     async def _descend_slowly(self, vehicle: Vehicle, place_m: Array) -> None:
-        """Through the filter to just above the place, then the autopilot touches down."""
+        """Descend through the safety filter to just above the place, then have the autopilot touch down."""
         vehicle.goal_m = np.array([place_m[0], place_m[1], place_m[2]])
         await self._until(
             vehicle,
@@ -406,7 +406,7 @@ class Maneuvers(ManeuverTasks):
             raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
 
     async def _command(self, vehicle: Vehicle, verb: Verb, height_m: float = 0.0) -> None:
-        """Execute, while both the old and the new mode count as ours."""
+        """Execute a command, while both the old and the new mode count as commanded."""
         obeyed = MODES_OF.get(verb, frozenset())
         vehicle.modes = vehicle.modes | obeyed
         await self._around.execute(Command(vehicle.id, verb, height_m))

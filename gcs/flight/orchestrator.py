@@ -1,7 +1,7 @@
-"""The control group: links, tick, orders. Implements `gcs.service.Service`.
+"""The control group: links, tick, commands. Implements `gcs.service.Service`.
 
 Everything here runs on one event loop. A link that fails is retried; a bug anywhere in the group ends it,
-and with it all setpoints (the deadman in the links sees to that).
+and with it all setpoints (the setpoint watchdog in the links ensures that).
 """
 
 import asyncio
@@ -63,20 +63,20 @@ BEFORE_ASSEMBLING = frozenset({ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, ShowPha
 
 
 class Heart(Protocol):
-    """Who is told that control lives."""
+    """Receives a sign of life from control with every tick."""
 
     @property
     def problem(self) -> str:
-        """Why nobody listens any more, in words; empty while somebody does, or nobody ever did."""
+        """Why the receiver stopped listening, in words; empty while it listens, or if there never was one."""
         ...
 
     def beat(self) -> None:
-        """A tick came in time. Never waits, never raises."""
+        """Report a tick that came in time. Never waits, never raises."""
         ...
 
 
 class Orchestrator:
-    """Flies the fleet of one configuration. A `gcs.service.Service`."""
+    """Flies the fleet of one configuration. Implements `gcs.service.Service`."""
 
     def __init__(
         self,
@@ -89,16 +89,16 @@ class Orchestrator:
         planning: Executor | None = None,
         problems: Sequence[str] = (),
     ) -> None:
-        """Nothing moves before `run`; must be made on the running event loop.
+        """Sends nothing before `run`; must be created on the running event loop.
 
         Args:
             config: checked.
-            links: one for each of the configuration's, with its vehicles.
-            record: where orders, events and every tick are noted; opened and closed by whoever made it.
-            unix_s: the clock that people read, in s since 1970.
-            heart: is told of every tick that came in time, and of no other.
-            planning: where ways home are found; None: in a thread of its own, ended with `run`.
-            problems: what an operator should know as long as this service runs.
+            links: one for each link of the configuration, with its vehicles.
+            record: receives commands, events and every tick; its creator opens and closes it.
+            unix_s: the wall clock, in s since 1970.
+            heart: receives a beat for every tick that came in time, and for no other.
+            planning: executor for the return planner; None: a thread of its own, ended with `run`.
+            problems: notices for the operator for as long as this service runs.
         """
         warm_up()
         warm_up_paths()
@@ -131,7 +131,7 @@ class Orchestrator:
         self._estimating = Estimating(self._flight)
         self._view = Latest(self._promised_view(self._decide())())
 
-    # the loop
+    # loop
 
     async def run(self) -> None:
         """Fly until cancelled."""
@@ -176,7 +176,7 @@ class Orchestrator:
             self._flight.wake()
 
     def _tick(self, now_s: float, commander: Commander) -> Tick:
-        """Hear, decide, send: one tick, without waiting for any vehicle."""
+        """Run one tick without waiting for any vehicle: read telemetry, compute, send."""
         flight = self._flight
         flight.hear(now_s)
         gap_s = self._clock.gap_before(now_s)
@@ -189,7 +189,7 @@ class Orchestrator:
         flight.setpoint_gaps.note(~np.isnan(result.memory.desired_m_s[:, 0]), now_s)
         for link, share in zip(flight.links, self._routing.of(result.setpoints), strict=True):
             link.send(share)
-        # What follows can wait for the next tick: setpoints cannot.
+        # The rest can wait for the next tick: setpoints cannot.
         self._interventions += sum(reason != "" for reason in result.limited_by)
         commander.advance()
         if self._alarms.is_due(now_s):
@@ -197,7 +197,7 @@ class Orchestrator:
         return result
 
     def _findings(self, commander: Commander) -> Findings:
-        """What the alarms are made of, beside the flight's own state."""
+        """Conditions for the alarms that are found outside the flight state."""
         links = self._flight.links
         recorded = () if self._record is None else self._record.problems
         return Findings(
@@ -222,12 +222,12 @@ class Orchestrator:
 
     @property
     def _start_unix_s(self) -> float | None:
-        """Of a start that is ordered for a clock time."""
+        """Time of a scheduled start, in s since 1970; None: there is none."""
         countdown = None if self._commander is None else self._commander.countdown
         return None if countdown is None else countdown.at_unix_s
 
     def _note(self, result: Tick) -> None:
-        """Leave this tick to the record."""
+        """Pass this tick to the record."""
         if self._record is not None:
             sample = record_sample(
                 self._flight,
@@ -241,7 +241,7 @@ class Orchestrator:
             self._record.note(sample, self._flight.links)
 
     def _promised_view(self, result: Tick) -> Callable[[], FleetView]:
-        """Puts the view of this tick together: for a thousand vehicles that is work, and seldom looked at."""
+        """Return a function that builds the view of this tick: expensive for large fleets, rarely needed."""
         flight = self._flight
         return partial(
             fleet_view,
@@ -269,7 +269,7 @@ class Orchestrator:
             alarms=self._alarms.alarms,
         )
 
-    # the service
+    # service port
 
     @property
     def view(self) -> Latest[FleetView]:
@@ -278,29 +278,29 @@ class Orchestrator:
 
     @property
     def frame(self) -> ShowFrame:
-        """Where the show's origin lies."""
+        """Position and heading of the show's origin."""
         return self._config.frame
 
     @property
     def audit(self) -> Audit:
-        """Where calls are noted, and what an answer waits for."""
+        """The audit record: notes calls, and delays an answer until they are stored."""
         return self._audit
 
     @property
     def replaying(self) -> None:
-        """This is no replay."""
+        """None: this service is no replay."""
         return None
 
     def command_record(self, command_id: str) -> CommandRecord:
-        """An accepted order. Raises: UnknownError."""
+        """Return an accepted command. Raises: UnknownError."""
         return self._book.get(command_id)
 
     def commands(self) -> Sequence[CommandRecord]:
-        """The last orders, the newest first."""
+        """The newest commands, newest first."""
         return self._book.newest()
 
     def events(self) -> Sequence[LogEvent]:
-        """What happened last, the newest last."""
+        """The newest events, newest last."""
         return self._event_log.newest()
 
     def command_show(
@@ -311,26 +311,26 @@ class Orchestrator:
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
     ) -> CommandRecord:
-        """Order the whole show."""
+        """Execute a fleet-wide command."""
         with instead(self._flight):
             return self._running().command_show(
                 action, vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s
             )
 
     def select_show(self, name: str, show_hash: str) -> SelectedShow:
-        """Have a checked show fly next."""
+        """Select a checked show to fly next."""
         with instead(self._flight):
             self._need_no_countdown()
             return self._show_player.select(name, show_hash)
 
     def deselect_show(self) -> None:
-        """Fly what is told instead."""
+        """Select no show: the panels decide the plan."""
         with instead(self._flight):
             self._need_no_countdown()
             self._show_player.deselect()
 
     def seek_show(self, cue: str) -> SelectedShow:
-        """Have the selected show begin at a cue."""
+        """Start the selected show at a cue."""
         with instead(self._flight):
             self._need_no_countdown()
             return self._show_player.seek(cue)
@@ -340,19 +340,19 @@ class Orchestrator:
             raise RefusedError("a start is being counted down: stop cancels it")
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
-        """Order one vehicle."""
+        """Execute a command to one vehicle."""
         with instead(self._flight, vehicle_id):
             return self._running().command_vehicle(vehicle_id, action)
 
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
     ) -> CommandRecord:
-        """Order several vehicles at once."""
+        """Execute a command to several vehicles."""
         with instead(self._flight):
             return self._running().command_vehicles(action, vehicles)
 
     def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
-        """What a start would find."""
+        """Report what a start would find."""
         with instead(self._flight):
             return self._running().preflight(vehicles)
 
@@ -362,25 +362,24 @@ class Orchestrator:
             return self._running().exclude(vehicle_id, reason)
 
     def include(self, vehicle_id: VehicleId) -> CommandRecord:
-        """Take it into the show again."""
+        """Include an excluded vehicle again."""
         with instead(self._flight):
             return self._running().include(vehicle_id)
 
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
-        """Motors off, now."""
+        """Stop the motors of these vehicles immediately."""
         with instead(self._flight):
             return self._running().kill(vehicle_ids)
 
     def acknowledge_alarm(self, alarm_id: str) -> Alarm:
-        """Note that whoever calls has seen an alarm. Raises: UnknownError."""
+        """Mark an alarm as acknowledged by the caller. Raises: UnknownError."""
         return self._alarms.acknowledge(alarm_id)
 
     def acknowledge_alarms(self) -> Sequence[Alarm]:
-        """Acknowledge all alarms."""
         return self._alarms.acknowledge_all()
 
     def settle(self, offer: Offer) -> CommandRecord:
-        """Go on with a flight that was cut off, or bring it home."""
+        """Continue an interrupted flight, or return its vehicles."""
         with instead(self._flight):
             return self._running().recovery.settle(offer)
 
@@ -390,7 +389,7 @@ class Orchestrator:
         return self._commander
 
     def set_formation(self, formation: Formation) -> None:
-        """Change radius and height; refused with what would work."""
+        """Change radius and height; a refusal names values that are accepted."""
         self._plan_editor.set_formation(formation)
 
     def set_orbit(self, orbit: Orbit) -> None:
@@ -398,26 +397,26 @@ class Orchestrator:
         self._plan_editor.set_orbit(orbit)
 
     def set_target(self, target: Target) -> None:
-        """Tell where the target is now and how it moves."""
+        """Set the target's position and velocity."""
         self._plan_editor.set_target(target)
 
     def set_yaw(self, yaw: Yaw) -> None:
-        """Change where the vehicles look."""
+        """Change the vehicles' heading."""
         self._plan_editor.set_yaw(yaw)
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
-        """Add a box."""
+        """Add a box-shaped obstacle."""
         self._plan_editor.add_obstacle(obstacle)
 
     def change_obstacle(self, obstacle: Obstacle) -> None:
-        """Replace the box of the same id."""
+        """Replace the obstacle of the same id."""
         self._plan_editor.change_obstacle(obstacle)
 
     def remove_obstacle(self, obstacle_id: str) -> None:
-        """Forget a box."""
+        """Remove an obstacle."""
         self._plan_editor.remove_obstacle(obstacle_id)
 
     def _taking_part(self) -> list[Vehicle]:
-        """In the air, or about to be."""
+        """Vehicles in the air, or about to take off."""
         waiting = [] if self._commander is None else self._commander.waiting
         return [*self._flight.airborne, *waiting]

@@ -1,7 +1,6 @@
-"""Reads the vehicles' parameters while they stand on the ground, and says what is wrong with them.
+"""Reads the vehicles' parameters while they are on the ground, and reports what is wrong with them.
 
-Beside the tick, never in it: reading takes up to seconds, and a vehicle that does not answer keeps nobody
-else waiting.
+Reading runs beside the tick: it takes up to seconds, and a vehicle that does not answer delays no other.
 """
 
 import asyncio
@@ -23,14 +22,14 @@ from gcs.preflight.parameters import Requirement, parameter_checks, requirements
 log = logging.getLogger(__name__)
 
 RETRY_S: Final = 2.0
-"""After a vehicle has not answered."""
+"""Wait after a vehicle has not answered."""
 
 AT_ONCE_MAX: Final = 50
-"""Vehicles that are read at the same time: a thousand together would keep the tick waiting."""
+"""Vehicles read at the same time: a thousand at once would delay the tick."""
 
 
 class ParameterReader:
-    """Keeps `Fleet.parameters` true: read when a vehicle is met, after a reboot, and after every flight."""
+    """Keeps `Fleet.parameters` current: reads on first contact, after a reboot, and after every flight."""
 
     def __init__(self, group: asyncio.TaskGroup, flight: Fleet) -> None:
         n = len(flight.vehicles)
@@ -47,7 +46,7 @@ class ParameterReader:
         self._not_before_s = np.full(n, -np.inf)
 
     def watch(self, received: Columns) -> None:
-        """Once a tick: begin to read whatever is to be read now."""
+        """Start the reads that are due; called once a tick."""
         flight = self._flight
         if not flight.config.operation.require_parameters:
             return
@@ -58,14 +57,14 @@ class ParameterReader:
         for row in np.flatnonzero((silent & ~self._silent) | (reboot_count != self._reboot_count)).tolist():
             self._forget(flight.at_row(row))
         self._reboot_count, self._silent = reboot_count, silent
-        self._due |= armed  # who flies may be changed by others meanwhile
+        self._due |= armed  # others may change parameters during a flight
         waits = self._reading | armed | silent | (now_s < self._not_before_s)
         room = AT_ONCE_MAX - int(self._reading.sum())
         for row in np.flatnonzero(self._due & ~waits)[: max(room, 0)].tolist():
             self._begin(flight.at_row(row))
 
     def _take_announced(self, received: Columns) -> None:
-        """Compare announced parameters with what preflight demands, whichever station set them."""
+        """Compare announced parameters with what preflight requires, whichever station set them."""
         for link in self._flight.links:
             for vehicle_id, values in link.reported_parameters().items():
                 vehicle = self._flight.vehicles[vehicle_id]
@@ -75,7 +74,7 @@ class ParameterReader:
     def _compare(
         self, vehicle: Vehicle, requirement: Requirement, value: ParameterValue, *, armed: bool
     ) -> None:
-        """Keep a value that another station has set; warn where it breaks what preflight demands."""
+        """Store a value that another station has set; warn if it breaks what preflight requires."""
         flight, name = self._flight, requirement.name
         known = flight.parameters.get(vehicle.id)
         before = None if known is None else known.get(name)
@@ -103,7 +102,7 @@ class ParameterReader:
             self._flight.changed_parameters.pop(vehicle.id, None)
 
     def checks(self, vehicle_id: VehicleId) -> list[Check]:
-        """Of its parameters. Where any is wrong they are read again: it may be mended by then."""
+        """Return the checks of its parameters. If any fails they are read again: it may be fixed by then."""
         flight = self._flight
         found = parameter_checks(
             self._needed, flight.parameters.get(vehicle_id), flight.parameter_problems.get(vehicle_id)

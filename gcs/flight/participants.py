@@ -1,4 +1,4 @@
-"""Who flies: those on the ground who were not taken out of the show."""
+"""Chooses the vehicles that fly: those on the ground that are not excluded."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ REASON_MAX = 200
 
 
 class Participants:
-    """Says who would fly, and lets an operator take vehicles out."""
+    """Chooses the vehicles of a start, and lets an operator exclude vehicles."""
 
     def __init__(self, flight: Fleet, book: CommandLog, unix_s: Callable[[], float]) -> None:
         self._flight = flight
@@ -25,7 +25,7 @@ class Participants:
         self._unix_s = unix_s
 
     def choose(self, desired: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
-        """Who flies, and why the others do not. Raises: UnknownError, RefusedError."""
+        """Return the vehicles that fly, and why the others do not. Raises: UnknownError, RefusedError."""
         flight = self._flight
         for name in desired or ():
             flight.vehicle(name)
@@ -46,7 +46,7 @@ class Participants:
         return chosen, left_out
 
     def could(self, desired: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
-        """Who is meant to fly and could, and why the others do not; whatever a start would say of that."""
+        """Return the desired vehicles that could fly, and why the others do not; raises nothing."""
         chosen: list[VehicleId] = []
         left_out: dict[VehicleId, str] = {}
         meant = None if desired is None else frozenset(desired)
@@ -64,7 +64,7 @@ class Participants:
     def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
         """Take a vehicle out of the show, until it is included again.
 
-        Raises: UnknownError, InvalidError; RefusedError unless everybody is on the ground.
+        Raises: UnknownError, InvalidError; RefusedError unless all vehicles are on the ground.
         """
         if len(reason) > REASON_MAX:
             raise InvalidError("reason", reason[:20], f"at most {REASON_MAX} characters")
@@ -75,9 +75,9 @@ class Participants:
         return self._noted("exclude", vehicle_id, str(exclusion))
 
     def include(self, vehicle_id: VehicleId) -> CommandRecord:
-        """Take it into the show again.
+        """Include an excluded vehicle again.
 
-        Raises: UnknownError; RefusedError when it is in, or unless everybody is on the ground.
+        Raises: UnknownError; RefusedError if it is not excluded, or unless all vehicles are on the ground.
         """
         self._need_ground(vehicle_id)
         if self._flight.excluded.pop(vehicle_id, None) is None:

@@ -1,4 +1,4 @@
-"""What an operator wants otherwise, checked against the flight before it becomes the plan."""
+"""Checks an operator's changes against the flight before they become the plan."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ from gcs.planning.feasibility import (
 
 
 class PlanEditor:
-    """Changes the plan of a flight, or refuses to. As `gcs.service.Service` says of each."""
+    """Changes the plan of a flight, or refuses the change. See `gcs.service.Service` for each method."""
 
     def __init__(
         self,
@@ -29,14 +29,14 @@ class PlanEditor:
         taking_part: Callable[[], Sequence[Vehicle]],
         now_s: Callable[[], float],
     ) -> None:
-        """`taking_part` tells who is in the air, or about to be; `now_s` is the loop's clock."""
+        """`taking_part` returns the vehicles in the air or about to take off; `now_s` is the loop's clock."""
         self._flight = flight
         self._show_player = show_player
         self._taking_part = taking_part
         self._now_s = now_s
 
     def set_formation(self, formation: Formation) -> None:
-        """Change radius and height; refused with what would work."""
+        """Change radius and height; a refusal names values that are accepted."""
         flight = self._flight
         self._show_player.need_free("formation")
         count = 1 if flight.show in ON_THE_GROUND else max(1, len(self._taking_part()))
@@ -57,20 +57,20 @@ class PlanEditor:
         flight.plan = replace(flight.plan, orbit=orbit)
 
     def set_target(self, target: Target) -> None:
-        """Tell where the target is now and how it moves."""
+        """Set the target's position and velocity."""
         self._show_player.tell_target(replace(target, time_s=self._now_s()))
 
     def _followed(self) -> Target:
-        """The target where it is followed now."""
+        """Return the target as it is followed at this time."""
         now_s = self._now_s()
         return followed(self._flight.plan, now_s, self._flight.control.safety.fence)
 
     def set_yaw(self, yaw: Yaw) -> None:
-        """Change where the vehicles look."""
+        """Change the vehicles' heading."""
         self._flight.plan = replace(self._flight.plan, yaw=yaw)
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
-        """Add a box."""
+        """Add a box-shaped obstacle."""
         self._show_player.need_own_obstacle(obstacle.id)
         if any(known.id == obstacle.id for known in self._flight.plan.obstacles):
             raise RefusedError(f"there is an obstacle {obstacle.id} already; change or remove it")
@@ -79,12 +79,12 @@ class PlanEditor:
         self._place_obstacle(obstacle)
 
     def change_obstacle(self, obstacle: Obstacle) -> None:
-        """Replace the box of the same id."""
+        """Replace the obstacle of the same id."""
         self._need_obstacle(obstacle.id)
         self._place_obstacle(obstacle)
 
     def remove_obstacle(self, obstacle_id: str) -> None:
-        """Forget a box."""
+        """Remove an obstacle."""
         self._need_obstacle(obstacle_id)
         self._set_obstacles([known for known in self._flight.plan.obstacles if known.id != obstacle_id])
 

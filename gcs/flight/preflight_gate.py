@@ -1,4 +1,4 @@
-"""Who may start, and why not: preflight over a flight. Only on the ground, and only when somebody asks."""
+"""Decides which vehicles may start, and why others may not. Runs only on the ground, and only on request."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,10 +25,10 @@ from gcs.preflight import Pattern, PreflightInputs, own_checks, room_to_wander, 
 log = logging.getLogger(__name__)
 
 AGAIN_S = 1.0
-"""A report is not made more often: for a thousand vehicles it is work."""
+"""Shortest interval between two reports: a report is expensive for large fleets."""
 
 SWAYS_M = 0.5
-"""By which two vehicles may be nearer to each other than their places."""
+"""Two vehicles may be nearer to each other than their slots by this distance."""
 
 ON_GROUND = "all vehicles on the ground and received"
 AS_CHECKED = "as it was checked, with as many vehicles"
@@ -42,22 +42,22 @@ TO_DO: Final = {
 
 
 class Cleared(NamedTuple):
-    """Who may start, and why the others do not."""
+    """Vehicles that may start, and why the others may not."""
 
     chosen: list[VehicleId]
     left_out: dict[VehicleId, str]
 
 
 class _Looked(NamedTuple):
-    """What was found."""
+    """Results of one inspection."""
 
-    alone: dict[VehicleId, list[Check]]  # of everybody
-    together: list[Check]  # of those who are to fly
+    alone: dict[VehicleId, list[Check]]  # of all vehicles
+    together: list[Check]  # of the vehicles that are to fly
     not_checked: list[str]
 
 
 class _Kept(NamedTuple):
-    """The newest report, and what it answers."""
+    """The newest report, and the request that it answers."""
 
     time_s: float
     asked: tuple[VehicleId, ...] | None
@@ -66,13 +66,13 @@ class _Kept(NamedTuple):
     report: PreflightReport
 
     def answers(self, asked: tuple[VehicleId, ...] | None, flight: Fleet) -> bool:
-        """Whether it will do for that question, now."""
+        """Whether the report still answers this request."""
         same = self.show is flight.show_run and self.out == frozenset(flight.excluded)
         return same and self.asked == asked and flight.fleet.time_s - self.time_s < AGAIN_S
 
 
 class PreflightGate:
-    """Looks at everything before a start."""
+    """Runs all checks before a start."""
 
     def __init__(
         self,
@@ -91,9 +91,11 @@ class PreflightGate:
         self._roomy: frozenset[VehicleId] = frozenset()  # see `gcs.preflight.room_to_wander`
 
     def report(self, desired: Sequence[VehicleId] | None) -> PreflightReport:
-        """What a start of these would find: made now or within the last second, on the ground.
+        """Report what a start of these vehicles would find: made within the last second, on the ground.
 
-        In the air it is the one of before take-off. Raises: UnknownError; RefusedError when there is none.
+        In the air it is the report from before take-off.
+
+        Raises: UnknownError; RefusedError when there is none.
         """
         flight = self._flight
         for name in desired or ():
@@ -150,9 +152,9 @@ class PreflightGate:
         )
 
     def need(self, show_hash: str | None, desired: Sequence[VehicleId] | None) -> "Cleared":
-        """Before a start: who flies, and who does not.
+        """Return the vehicles that fly and those that do not, before a start.
 
-        Raises: RefusedError, InvalidError, UnknownError with all that speaks against it.
+        Raises: RefusedError, InvalidError, UnknownError with all reasons against the start.
         """
         chosen, left_out = self._participants.choose(desired)
         self._need_show(chosen, show_hash, desired)
@@ -178,7 +180,7 @@ class PreflightGate:
         return Cleared(chosen, left_out)
 
     def need_alone(self, vehicle_id: VehicleId) -> None:
-        """At its turn to take off, while others fly. Raises: RefusedError with all that speaks against it."""
+        """Check one vehicle at its turn to take off. Raises: RefusedError with all reasons against it."""
         checks = self._alone(self._inputs(), [vehicle_id])[vehicle_id]
         text = describe((vehicle_id, check) for check in checks)
         if text:
@@ -253,7 +255,7 @@ class PreflightGate:
         )
 
     def _pattern(self) -> Pattern | None:
-        """The selected show's pads, each a vehicle's by its number; else what the configuration says."""
+        """Return the selected show's pads, in the order of the fleet; without a show the configured ones."""
         flight, config = self._flight, self._flight.config
         heading_deg = config.show_frame.heading_deg
         if flight.show_run is not None:
@@ -269,7 +271,7 @@ class PreflightGate:
     def _setpoint_loss_checks(
         self, chosen: Sequence[VehicleId]
     ) -> Iterator[tuple[str, str, Callable[[], None]]]:
-        """What would go wrong in the air, as far as it can be known: each raises what it finds."""
+        """Yield the checks of what would go wrong in the air, as far as it can be predicted; each raises."""
         flight, operation = self._flight, self._flight.config.operation
         yield (
             "formation",
@@ -300,7 +302,7 @@ class PreflightGate:
             check_obstacle(obstacle, flight.control.law.avoidance, {}, pads_m)
 
     def _check_vertical_overlap(self, chosen: Sequence[VehicleId]) -> None:
-        """Note how many pairs will be stacked, as far as that can be known."""
+        """Store how many pairs will be stacked, as far as it can be predicted."""
         flight = self._flight
         home_m = np.array([flight.position_m(flight.vehicles[name]) for name in chosen])
         width_m = column_m(flight.control.safety.floor)

@@ -1,4 +1,4 @@
-"""What a tick leaves for the record. Nothing is worked out here that the tick does not know anyway."""
+"""Assembles one tick's sample for the record, from values that the tick has computed anyway."""
 
 from functools import partial
 
@@ -23,7 +23,7 @@ def record_sample(
     unix_time_s: float,
     start_unix_time_s: float | None,
 ) -> Sample:
-    """Put together what one tick believed, wanted and sent; rows as in `flight.fleet`."""
+    """Return what one tick estimated, desired and sent; rows as in `flight.fleet`."""
     fleet, newest, vehicles = flight.fleet, flight.newest(), flight.vehicles.values()
     parts = flight.telemetry.parts
     center = tick.memory.center

@@ -41,22 +41,22 @@ from gcs.service import CommandRecord, Outcome
 log = logging.getLogger(__name__)
 
 BEGUN_ANEW = frozenset({ShowPhase.PREFLIGHT, ShowPhase.ARMING})
-"""Whoever starts a show has settled what was before."""
+"""A start settles every interruption before it."""
 
 COMES_DOWN: Final = frozenset({ShowPhase.RETURNING, ShowPhase.ABORTING})
 
 
 @dataclass(slots=True, eq=False)
 class _Batch:
-    """Vehicles that are handed back together, for an order."""
+    """Vehicles that one command hands back together."""
 
-    records: list[CommandRecord]  # the take-over's, and of commands that go along with it
+    records: list[CommandRecord]  # the take-over's record, and those of commands that close with it
     awaited: set[VehicleId]
     handed: list[Vehicle] = field(default_factory=list)
 
 
 class Recovery:
-    """Knows what was cut off until everybody is accounted for. Changed only on the event loop."""
+    """Tracks an interrupted flight until every vehicle is accounted for. Changed on the event loop only."""
 
     def __init__(
         self,
@@ -68,20 +68,20 @@ class Recovery:
         send_home: Callable[[str], CommandRecord],
         unix_s: Callable[[], float],
     ) -> None:
-        """Restores the pads, nothing else. `send_home` brings vehicles that hold home together."""
+        """Restores the pads, nothing else. `send_home` returns vehicles that hold together."""
         self._flight = flight
         self._maneuvers = maneuvers
         self._book = book
         self._found = found
         self._send_home = send_home
         self._batch: _Batch | None = None
-        self._wrong: tuple[str, ...] = ()  # with the whole record
+        self._wrong: tuple[str, ...] = ()  # what is wrong with the whole record
         self._sent_on: set[VehicleId] = set()
         self._no_plan = ""  # why the formation cannot go on
         self._plans = RestoredPlan(flight, show_player, unix_s)
         self._stalls = StallRecovery(flight, unix_s)
         self._awaited = AwaitedVehicles(flight, maneuvers, asyncio.get_running_loop().time)
-        self._regained: set[VehicleId] = set()  # of what was found, those that were under control since
+        self._regained: set[VehicleId] = set()  # vehicles of the interruption that were under control since
         if found is not None:
             self._restore_pads(found)
 
@@ -97,18 +97,18 @@ class Recovery:
         reported = {"of_session": found.session, "was": found.show.value, "mismatches": list(self._wrong)}
         log.warning("found_interrupted", extra=reported)
 
-    # a stall
+    # stall
 
     def note_setpoints(self) -> None:
-        """Once a tick, at its end: remember which vehicles fly under setpoints until the next."""
+        """Remember which vehicles fly under setpoints until the next tick; called at the end of each tick."""
         self._stalls.note_setpoints()
 
     def stalled(self, gap_s: float) -> None:
-        """No tick came for `gap_s`: remember what was flown. To be called before telemetry changes phases."""
+        """Note that no tick came for `gap_s`; to be called before telemetry changes phases."""
         self._stalls.stalled(gap_s)
 
     def _explain(self, stall: Stall) -> None:
-        """Count those that the stall took out of control to what was cut off."""
+        """Add the vehicles that the stall took out of control to the interruption."""
         known = set() if self._found is None else self._found.vehicles.keys() - self._regained
         fallen = self._stalls.fallen(known)
         if not fallen:
@@ -132,7 +132,7 @@ class Recovery:
     def reaches_again(self, vehicle: Vehicle) -> bool:
         """Whether the stall has just ended a command of `vehicle` that was given after it.
 
-        Then the command is not over: once the vehicle's mode is explained, it is reached again.
+        Such a command is not over: it reaches the vehicle again once the vehicle's mode is explained.
         """
         stall = self._stalls.stall
         if stall is None or vehicle.phase is not Phase.PILOT or vehicle.id not in stall.flown.vehicles:
@@ -141,20 +141,20 @@ class Recovery:
 
     @property
     def reclaimable(self) -> list[Vehicle]:
-        """Airborne out of control, as the stall or the restart explains: a command may take control first."""
+        """Airborne vehicles that the stall or restart took out of control; a command may take it first."""
         shown = self.view()
         waiting = () if shown is None or self._wrong else (one.id for one in shown.vehicles if one.waits)
         vehicles = [self._flight.vehicles[name] for name in waiting]
         return [one for one in vehicles if one.phase is Phase.PILOT and not self.why_not(one)]
 
     def reclaim(self) -> list[Vehicle]:
-        """As `reclaimable`, for a command that reaches them now: the obstacles of that flight stand again."""
+        """Return `reclaimable` for a command that reaches them now, and restore that flight's obstacles."""
         if self._found is not None and not self._wrong:
             self._plans.restore(self._found, Offer.BRING_HOME)
         return self.reclaimable
 
     def why_not(self, vehicle: Vehicle) -> str:
-        """Why no command to all takes control of it; empty when one may."""
+        """Why no fleet-wide command takes control of it; empty when one may."""
         flight = self._flight
         return (
             why_never(flight, vehicle)
@@ -164,7 +164,7 @@ class Recovery:
 
     @property
     def unreceived(self) -> list[Vehicle]:
-        """Of the interrupted flight, those of which nothing was received yet: a command means them."""
+        """Vehicles of the interrupted flight that have sent nothing yet: a command to all includes them."""
         if self._found is None or self._wrong:
             return []
         vehicles = [self._flight.vehicles[name] for name in self._found.vehicles]
@@ -173,11 +173,11 @@ class Recovery:
     def expect(
         self, vehicles: Sequence[Vehicle], reached: Reached, missed: Missed, *, reaches_fallen: bool = True
     ) -> None:
-        """Await `vehicles`, of `unreceived`, for a command to all; see `AwaitedVehicles.expect`."""
+        """Await `vehicles`, of `unreceived`, for a fleet-wide command; see `AwaitedVehicles.expect`."""
         self._awaited.expect(vehicles, reached, missed, reaches_fallen=reaches_fallen)
 
     def replace(self) -> None:
-        """A command has come that no vehicle is awaited for."""
+        """Note a command that awaits no vehicle."""
         self._awaited.replace()
 
     def _receive(self) -> None:
@@ -193,7 +193,7 @@ class Recovery:
     # once a tick
 
     def advance(self) -> None:
-        """Go on with a batch that holds; forget what is settled."""
+        """Continue a batch whose vehicles hold, and forget interruptions that are settled."""
         stall = self._stalls.stall
         if stall is not None:
             self._explain(stall)
@@ -214,7 +214,7 @@ class Recovery:
             self._plans.forget()
 
     def _keep_true(self, found: Interruption) -> None:
-        """Remember which vehicles came under control again, and say why the others are not."""
+        """Remember which vehicles came under control again, and report why the others are not."""
         for name, before in found.vehicles.items():
             vehicle = self._flight.vehicles.get(name)
             if vehicle is None:
@@ -229,7 +229,7 @@ class Recovery:
                     vehicle.reason = shown.text
 
     def _all_settled(self, found: Interruption) -> bool:
-        """Nobody is unheard or waits for an order, and nobody who was handed back is yet to be sent on."""
+        """Whether no vehicle is unreceived, waits for a command, or is handed back but not sent on."""
         if self._batch is not None or self._awaited.any:
             return False
         open_phases = {Phase.OFFLINE, Phase.PILOT, Phase.HOLD}
@@ -237,7 +237,7 @@ class Recovery:
         return all(one.id in self._sent_on or one.phase not in open_phases for one in left)
 
     def view(self) -> InterruptedFlight | None:
-        """What an operator is shown."""
+        """Return the interruption for display."""
         found = self._found
         if found is None:
             return None
@@ -278,10 +278,10 @@ class Recovery:
             taken_again=name in self._regained,
         )
 
-    # orders
+    # commands
 
     def settle(self, offer: Offer) -> CommandRecord:
-        """Carry out an offer. Raises: RefusedError when it is not offered."""
+        """Execute an offer. Raises: RefusedError when it is not offered."""
         found, shown = self._found, self.view()
         if found is None or shown is None:
             raise RefusedError("no flight was cut off, or all of it is settled")
@@ -320,31 +320,31 @@ class Recovery:
         self._maneuvers.start(vehicle, self._maneuvers.take_control, partial(self._note, batch, vehicle))
 
     def _close(self, batch: _Batch) -> None:
-        """Another take-over begins before all of this batch hold."""
+        """Close a batch because another take-over begins before all of its vehicles hold."""
         for vehicle in batch.handed:
             self._end_part(batch, vehicle, Outcome.FAILED, REPLACED)
 
     def _end_part(self, batch: _Batch, vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
-        """Note what became of one vehicle, in every record that has it."""
+        """Record one vehicle's outcome in every record that contains it."""
         for record in batch.records:
             if vehicle.id in record.outcomes:
                 self._book.close(record.id, vehicle.id, outcome, reason)
 
     @property
     def taking_over(self) -> list[Vehicle]:
-        """Vehicles that a take-over means, and that it has not sent on yet."""
+        """Vehicles of a take-over that it has not sent on yet."""
         if self._batch is None:
             return []
         handed = {one.id for one in self._batch.handed}
         return [one for one in self._flight.vehicles.values() if one.id in self._batch.awaited | handed]
 
     def go_along(self, record: CommandRecord) -> None:
-        """Close the parts of `record` as those of the take-over that is carried out."""
+        """Close the parts of `record` together with those of the running take-over."""
         if self._batch is not None:
             self._batch.records.append(record)
 
     def _note(self, batch: _Batch, vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
-        """One of a batch holds, or could not be had."""
+        """Note that one vehicle of a batch holds, or could not be taken over."""
         batch.awaited.discard(vehicle.id)
         if outcome is Outcome.DONE:
             batch.handed.append(vehicle)
@@ -352,7 +352,7 @@ class Recovery:
             self._end_part(batch, vehicle, outcome, reason)
 
     def _go_on(self, batch: _Batch) -> None:
-        """All of a batch hold: send them on, together."""
+        """Send all vehicles of a batch on together once they hold."""
         ours = [one for one in batch.handed if one.phase is Phase.HOLD and not self._is_commanded(one)]
         for vehicle in batch.handed:
             if vehicle not in ours:
@@ -367,7 +367,7 @@ class Recovery:
                 self._end_part(batch, vehicle, Outcome.DONE, "holds, as before")
 
     def _is_commanded(self, vehicle: Vehicle) -> bool:
-        """Whether another command has come since it holds: that one counts."""
+        """Whether a newer command was given since the vehicle holds: the newer command counts."""
         return self._maneuvers.running(vehicle) or self._flight.show in COMES_DOWN
 
     def _rejoins(self, vehicle: Vehicle) -> bool:

@@ -1,4 +1,4 @@
-"""The plan of an interrupted flight: read from the record, merged with the commands since, checked."""
+"""The plan of an interrupted flight: read from the record, merged with later commands, checked."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 def merged_obstacles(
     recorded: Sequence[Obstacle], configured: Sequence[Obstacle], now: Sequence[Obstacle]
 ) -> tuple[Obstacle, ...]:
-    """The recorded obstacles and what an operator has changed since the restart: the newest command counts.
+    """Merge recorded obstacles with an operator's changes since the restart: the newest command counts.
 
     Args:
         recorded: of the interrupted flight.
@@ -32,7 +32,7 @@ def merged_obstacles(
 
 
 class RestoredPlan:
-    """Restores the plan of an interrupted flight, once for each offer. Changed only on the event loop."""
+    """Restores the plan of an interrupted flight, once for each offer. Changed on the event loop only."""
 
     def __init__(self, flight: Fleet, show_player: ShowPlayer, unix_s: Callable[[], float]) -> None:
         self._flight = flight
@@ -43,20 +43,20 @@ class RestoredPlan:
 
     @property
     def is_taken_over(self) -> bool:
-        """Whether all of the plan was restored: from then on the present plan counts."""
+        """Whether the whole plan was restored: from then on the present plan counts."""
         return Offer.TAKE_OVER in self._restored
 
     def forget(self) -> None:
-        """The interruption is over; the next one is restored anew."""
+        """Forget the interruption: a later one is restored anew."""
         self._restored.clear()
 
     def why_not(self, found: Interruption) -> str:
-        """Why no vehicle can be sent back into the formation; empty when they can."""
+        """Why no vehicle can return to the formation; empty when they can."""
         if found.show not in TAKEN_OVER_FROM:
             return f"take-over is not offered: the show was {found.show}"
         try:
             if found.stalled_s is not None and found.plan is None:
-                return ""  # the plan that was flown still stands
+                return ""  # the plan that was flown still applies
             if found.written is not None:
                 self._show_player.find(found.written.name, found.written.hash)
             else:
@@ -66,9 +66,9 @@ class RestoredPlan:
         return ""
 
     def restore(self, found: Interruption, offer: Offer) -> None:
-        """Restore the plan: all of it to take over, its obstacles to bring home.
+        """Restore the whole plan to take over, or its obstacles to return the vehicles.
 
-        Raises: RefusedError, where a take-over cannot fly it; bringing home is never refused.
+        Raises: RefusedError if a take-over cannot fly it; a return is never refused.
         """
         if found.plan is None and found.stalled_s is not None:
             return  # the service has kept it
@@ -85,7 +85,7 @@ class RestoredPlan:
         self._restored.add(offer)
 
     def _restore_obstacles(self, found: Interruption) -> None:
-        """As many as there may be; a record that cannot be read has none."""
+        """Restore as many obstacles as are allowed; an unreadable record has none."""
         flight = self._flight
         if found.plan is None or flight.show_run is not None:
             return
@@ -101,7 +101,7 @@ class RestoredPlan:
         flight.plan = replace(flight.plan, obstacles=merged[-MAX_OBSTACLES:])
 
     def _recorded(self, found: Interruption) -> Plan:
-        """The plan, its target and obstacles moved on to now. Raises: RefusedError when it cannot be read."""
+        """The recorded plan, with target and obstacles moved to now. Raises: RefusedError if unreadable."""
         if found.plan is None:
             raise RefusedError("what was flown is not in the record")
         now_s = self._flight.fleet.time_s
@@ -112,7 +112,7 @@ class RestoredPlan:
             raise RefusedError(f"the plan of the record cannot be read: {error!r}") from None
 
     def _merged(self, found: Interruption) -> Plan:
-        """The recorded plan, with what an operator has changed since the restart. Raises: RefusedError."""
+        """The recorded plan with an operator's changes since the restart. Raises: RefusedError."""
         recorded, configured, now = self._recorded(found), self._configured, self._flight.plan
         merged = merged_obstacles(recorded.obstacles, configured.obstacles, now.obstacles)
         if len(merged) > MAX_OBSTACLES:

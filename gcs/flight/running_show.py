@@ -1,4 +1,4 @@
-"""The show that is selected: its clock, who plays which part, and what it was told."""
+"""The selected show: its clock, the vehicles' parts, and its live target."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,37 +19,37 @@ OVER = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
 
 @dataclass(slots=True, eq=False)
 class ShowRun:
-    """Runtime state of one show. Changed only on the event loop; every `now_s` is the tick's own time."""
+    """Runtime state of one show. Changed on the event loop only; every `now_s` is the tick's own time."""
 
     name: str
     timeline: Timeline
     clock: ShowClock = ShowClock()
-    live: Target | None = None  # as it was told last, since the target became live
-    started: bool = False  # by an order that named its hash; False again once everybody is down
+    live: Target | None = None  # the newest update, since the target became live
+    started: bool = False  # by a command that named its hash; False again once all vehicles are down
     parts: dict[VehicleId, int] = field(default_factory=dict)  # rows of the lights
-    figures: Mapping[str, Any] = field(default_factory=dict)  # what its check found; empty: not known
-    cue_times: tuple[tuple[str, float], ...] = field(init=False)  # every cue as it is played, and when
+    figures: Mapping[str, Any] = field(default_factory=dict)  # results of its check; empty: not known
+    cue_times: tuple[tuple[str, float], ...] = field(init=False)  # name and time of every cue as played
 
     def __post_init__(self) -> None:
         self.cue_times = tuple((one.cue.cue, one.at_s) for one in self.timeline.played)
 
     @property
     def hash(self) -> str:
-        """Of everything that is flown."""
+        """Hash of everything that is flown."""
         return self.timeline.show.digest
 
     @property
     def obstacle_ids(self) -> frozenset[str]:
-        """Every obstacle that stands at any time of the show."""
+        """Every obstacle that appears at any time of the show."""
         return frozenset(box.id for box in self.obstacles)
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """All of them, at whatever time they stand."""
+        """All obstacles, at any time of the show."""
         return tuple({box: None for _, standing in self.timeline.obstacles for box in standing})
 
     def follow(self, phase: ShowPhase, now_s: float) -> None:
-        """Let the clock run while the show does; a pause stops it, and the end sets it back."""
+        """Run the clock while the show runs; a pause stops it, and the end resets it."""
         if phase is ShowPhase.RUNNING:
             self.clock = self.clock.run(now_s)
         else:
@@ -58,21 +58,21 @@ class ShowRun:
             self.clock, self.started, self.live = ShowClock(), False, None
 
     def is_live(self, now_s: float) -> bool:
-        """Whether the show takes its target from whoever tells it now."""
+        """Whether the show follows target updates at this time."""
         return isinstance(self.timeline.leg_at(self._within(now_s)), Live)
 
     def is_over(self, now_s: float) -> bool:
-        """Whether everybody is to come home."""
+        """Whether the show has ended, so that all vehicles return."""
         return self.clock.ended(self.timeline, now_s)
 
     def cue(self, now_s: float) -> str:
-        """The cue that was played last."""
+        """Return the newest cue played."""
         return self.timeline.cue_at(self._within(now_s)).cue.cue
 
     def desired(self, now_s: float) -> Plan:
-        """What the show wants now, all its obstacles standing. Targets are told in the tick's time."""
+        """Return the show's plan at this time, with all its obstacles. Target times are the tick's."""
         if not self.is_live(now_s):
-            self.live = None  # what was told once says nothing of the next live target
+            self.live = None  # an update does not apply to the next live target
         return self.timeline.plan_at(
             self.clock.show_s(now_s), clock_s=now_s, runs=self.clock.runs, live=self.live
         )
@@ -80,11 +80,11 @@ class ShowRun:
     def colours(
         self, vehicle_ids: Sequence[VehicleId], now_s: float
     ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """(n, 3) red, green, blue of each vehicle, and (n,) who plays a part: of others they mean nothing."""
+        """(n, 3) red, green, blue of each vehicle, and (n,) which play a part; other rows mean nothing."""
         return lights(self.timeline, self.parts, vehicle_ids, self._within(now_s))
 
     def view(self, now_s: float) -> SelectedShow:
-        """For people and programs."""
+        """Return the show for display."""
         return SelectedShow(
             name=self.name,
             hash=self.hash,
@@ -104,7 +104,7 @@ class ShowRun:
 def lights(
     timeline: Timeline, parts: Mapping[VehicleId, int], vehicle_ids: Sequence[VehicleId], show_s: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """As `ShowRun.colours`, at a time of the show."""
+    """Return `ShowRun.colours` at a time of the show."""
     part = np.array([parts.get(name, -1) for name in vehicle_ids], dtype=np.intp)
     lit = part >= 0
     colour = np.zeros((len(vehicle_ids), 3), np.uint8)

@@ -1,4 +1,4 @@
-"""What is done with the selected show on an order, and how it leads the flight, tick by tick."""
+"""Selects shows, and updates the plan from the selected show every tick."""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -23,21 +23,21 @@ log = logging.getLogger(__name__)
 
 
 class ShowPlayer:
-    """Selects shows, and lets the one that is selected decide the plan."""
+    """Selects shows, and has the selected show decide the plan."""
 
     def __init__(self, flight: Fleet, show_library: ShowLibrary) -> None:
         self._flight = flight
         self._show_library = show_library
         show_library.judge_by(self.misfits)
-        self._reported: Plan = flight.plan  # what is flown without a show
-        self.waits: tuple[str, ...] = ()  # why obstacles of the show do not stand yet
-        self._held: Target | None = None  # in place of a live one that was not renewed since `_reported_s`
+        self._reported: Plan = flight.plan  # the plan without a show
+        self.waits: tuple[str, ...] = ()  # why obstacles of the show have not appeared yet
+        self._held: Target | None = None  # replaces a live target not renewed since `_reported_s`
         self._reported_s = 0.0
 
     # on the ground
 
     def select(self, name: str, show_hash: str) -> SelectedShow:
-        """Have a checked show fly next.
+        """Select a checked show to fly next.
 
         Raises: UnknownError; RefusedError when it is not cleared to fly, or does not fit this service.
         """
@@ -46,16 +46,16 @@ class ShowPlayer:
         return self._take(ShowRun(name, timeline, figures=self._show_library.checked(name).figures or {}))
 
     def find(self, name: str, show_hash: str) -> Timeline:
-        """A show that was flown before: by its hash, which says that it was checked. Reads the file.
+        """Return a show that was flown before, by its hash, which proves its check. Reads the file.
 
         Raises: UnknownError; RefusedError when it has changed since, or does not fit this service.
         """
         return self._fitting(name, self._show_library.recorded(name, show_hash))
 
     def resume(self, written: Written, plan: Plan) -> None:
-        """Have a show that was cut off go on from where it was, once it is resumed.
+        """Select an interrupted show, to go on from its time once it is resumed.
 
-        Of the `plan` then count the obstacles that were not the show's, and where the vehicles looked.
+        From `plan` it takes the obstacles that are not the show's, and the heading.
 
         Raises: as `find`.
         """
@@ -67,12 +67,12 @@ class ShowPlayer:
         self._take(show_run)
 
     def _fitting(self, name: str, timeline: Timeline) -> Timeline:
-        """Raises: RefusedError when it does not fit this service."""
+        """Return the timeline. Raises: RefusedError when it does not fit this service."""
         _refuse(name, self._own_misfits(timeline.show))
         return timeline
 
     def misfits(self, show: Show) -> list[Flaw]:
-        """Everything for which a good show would be refused now: limits, fleet, take-off, obstacles."""
+        """Every reason to refuse a valid show at this time: limits, fleet, take-off, obstacles."""
         return [*self._own_misfits(show), *self._clashes(show)]
 
     def _own_misfits(self, show: Show) -> list[Flaw]:
@@ -80,7 +80,7 @@ class ShowPlayer:
         return misfits(show, config.frame, config.control, config.operation, count)
 
     def _clashes(self, show: Show) -> Iterator[Flaw]:
-        """The show's obstacles and those set by operators."""
+        """Yield the conflicts of the show's obstacles with those of operators."""
         own, its = self._reported_obstacles, {box.id for cue in show.timeline for box in cue.obstacles.appear}
         twice = sorted(its & {box.id for box in own})
         if twice:
@@ -91,7 +91,7 @@ class ShowPlayer:
             yield Flaw(("timeline",), text)
 
     def _take(self, show_run: ShowRun) -> SelectedShow:
-        """Let it lead. Raises: RefusedError when its obstacles and those that were told clash."""
+        """Let the show lead. Raises: RefusedError when its obstacles conflict with those of operators."""
         flight, name = self._flight, show_run.name
         show, own = show_run.timeline.show, self._reported_obstacles
         _refuse(name, [*self._clashes(show)])
@@ -105,7 +105,7 @@ class ShowPlayer:
         return show_run.view(flight.fleet.time_s)
 
     def deselect(self) -> None:
-        """Fly what is told instead. Raises: RefusedError in the air."""
+        """Select no show: the panels decide the plan. Raises: RefusedError in the air."""
         flight = self._flight
         self._need_ground("deselect the show")
         if flight.show_run is None:
@@ -116,7 +116,7 @@ class ShowPlayer:
         flight.plan = replace(self._reported, target=target, obstacles=own, yaw=yaw)
 
     def seek(self, cue: str) -> SelectedShow:
-        """Have the show begin at a cue. Raises: UnknownError; RefusedError in the air, or without a show."""
+        """Start the show at a cue. Raises: UnknownError; RefusedError in the air, or without a show."""
         flight = self._flight
         show_run = self._selected("seek")
         grounded = flight.show in ON_THE_GROUND and not flight.airborne
@@ -127,13 +127,13 @@ class ShowPlayer:
     def check_start(
         self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool, taken_out: int = 0
     ) -> None:
-        """Whether the selected show may be started by these.
+        """Check whether these vehicles may start the selected show.
 
         Args:
-            chosen: who would fly.
-            show_hash: that the order names.
-            named: whether the order names them, too.
-            taken_out: how many others an operator took out of the show.
+            chosen: vehicles that would fly.
+            show_hash: hash named by the command.
+            named: whether the command also names the vehicles.
+            taken_out: number of other vehicles that an operator excluded.
 
         Raises: RefusedError.
         """
@@ -157,19 +157,19 @@ class ShowPlayer:
             raise RefusedError(f"show {show_run.name!r} is for {needed} vehicles, {count} would start: {fix}")
 
     def begin(self, chosen: Sequence[VehicleId]) -> None:
-        """The selected show is started by these."""
+        """Begin the selected show with these vehicles."""
         show_run = self._flight.show_run
         if show_run is not None:
             show_run.started = True
             show_run.parts = {name: part for part, name in enumerate(chosen)}
 
     def plans(self) -> Sequence[tuple[str, Plan]]:
-        """What is to be flown, from first to last, by cue."""
+        """Plans to be flown in order, with the names of their cues."""
         show_run = self._flight.show_run
         return [("", self._flight.plan)] if show_run is None else show_run.timeline.stages()
 
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """Everything that stands at some time."""
+        """All obstacles, at any time of the flight."""
         show_run, plan = self._flight.show_run, self._flight.plan
         if show_run is None:
             return plan.obstacles
@@ -188,7 +188,7 @@ class ShowPlayer:
     # in the air
 
     def lead(self) -> None:
-        """Let the show decide formation, orbit, target and its own obstacles; once a tick."""
+        """Have the show decide formation, orbit, target and its own obstacles; called once a tick."""
         flight, show_run = self._flight, self._flight.show_run
         if show_run is None:
             return
@@ -225,19 +225,19 @@ class ShowPlayer:
 
     @property
     def _reported_obstacles(self) -> tuple[Obstacle, ...]:
-        """Those that are not the selected show's."""
+        """Obstacles that are not the selected show's."""
         show_run = self._flight.show_run
         return self._flight.plan.obstacles if show_run is None else self._own_obstacles(show_run)
 
     def _own_obstacles(self, show_run: ShowRun) -> tuple[Obstacle, ...]:
-        """Those that were told, and are not the show's."""
+        """Obstacles set by operators that are not the show's."""
         ids = show_run.obstacle_ids
         return tuple(box for box in self._flight.plan.obstacles if box.id not in ids)
 
-    # what may be told meanwhile
+    # changes during a show
 
     def need_free(self, what: str) -> None:
-        """Raises: RefusedError while a show decides it."""
+        """Check that no show decides `what`. Raises: RefusedError."""
         show_run = self._flight.show_run
         if show_run is not None:
             raise RefusedError(
@@ -246,14 +246,14 @@ class ShowPlayer:
             )
 
     def need_own_obstacle(self, obstacle_id: str) -> None:
-        """Raises: RefusedError when it is one of the show's."""
+        """Check that the obstacle is not one of the show's. Raises: RefusedError."""
         show_run = self._flight.show_run
         if show_run is not None and obstacle_id in show_run.obstacle_ids:
             self.need_free(f"obstacle {obstacle_id}")
 
     @property
     def reserved(self) -> int:
-        """Obstacles that the show will want, and that do not stand."""
+        """Number of the show's obstacles that have not appeared."""
         show_run = self._flight.show_run
         if show_run is None:
             return 0
@@ -261,7 +261,7 @@ class ShowPlayer:
 
     @property
     def target_age_s(self) -> float:
-        """Since the target of a live cue was told; NaN where none is awaited, or none was ever told."""
+        """Age of the newest update of a live cue's target; NaN if none is expected or none was sent."""
         flight, show_run = self._flight, self._flight.show_run
         if show_run is None or show_run.live is None or not show_run.clock.runs:
             return nan
@@ -269,7 +269,7 @@ class ShowPlayer:
         return flight.fleet.time_s - reported_s
 
     def hold_target(self) -> None:
-        """Have a live target that nobody renews stay where it is now, until it is told again."""
+        """Hold a live target that is not updated at its present position, until its next update."""
         flight, show_run = self._flight, self._flight.show_run
         if show_run is None or show_run.live is None or show_run.live is self._held:
             return
@@ -278,7 +278,7 @@ class ShowPlayer:
         self._held = show_run.live = Target(*live.position_m(now_s), time_s=now_s)
 
     def tell_target(self, target: Target) -> None:
-        """Take a target, where nothing or a live cue asks for it. Raises: RefusedError, InvalidError."""
+        """Set a target, without a show or for a live cue. Raises: RefusedError, InvalidError."""
         flight, show_run = self._flight, self._flight.show_run
         if show_run is not None and not show_run.is_live(target.time_s):
             self.need_free(f"target at cue {show_run.cue(target.time_s)!r}")
@@ -289,7 +289,7 @@ class ShowPlayer:
 
 
 def _refuse(name: str, flaws: Sequence[Flaw]) -> None:
-    """Raises: RefusedError with these, where there are any."""
+    """Refuse the show if it has flaws. Raises: RefusedError."""
     if flaws:
         reported = "; ".join(flaw.text for flaw in flaws)
         raise RefusedError(f"show {name!r} does not fit this service: {reported}")

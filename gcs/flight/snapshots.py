@@ -1,4 +1,4 @@
-"""The newest state of everything, as people and programs may see it."""
+"""Assembles the newest state of the whole flight for display and clients."""
 
 from collections.abc import Collection, Sequence
 
@@ -21,7 +21,7 @@ from gcs.service.vehicle_table import VehicleTable
 
 
 def finite(value: float) -> float | None:
-    """None in place of a value that is not known."""
+    """Return the value, or None if it is not finite."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -50,13 +50,11 @@ def fleet_view(
     alarms: Sequence[Alarm] = (),
     estimates: Estimates | None = None,
 ) -> FleetView:
-    """Put one tick's state together. Of `flight` only what no order changes is asked, and its vehicles.
+    """Assemble one tick's view. Reads from `flight` only its vehicles and what no command changes.
 
-    `telemetry` is that of all links, `known`
-    are those of whom all is known that a start asks for: only they are ready. `problems` are the links',
-    `waits` say which obstacles of the selected show do not stand yet, `start_unix_s` is that of a countdown,
-    `not_flying` says who stays on the ground, and why, `interrupted` is a flight that was cut off. `alarms`
-    are all of now, the most severe first.
+    `telemetry` is that of all links. `known` are the vehicles with all data that a start requires: only they
+    are ready. `start_unix_s` is the time of a countdown, `interrupted` is a flight that was cut off, and
+    `alarms` are all current ones, most severe first.
     """
     center = tick.memory.center
     return FleetView(

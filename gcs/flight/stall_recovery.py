@@ -1,4 +1,4 @@
-"""What the station flew when it stalled, and the vehicles that the stall has taken out of control."""
+"""What this service flew when it stalled, and the vehicles that the stall took out of control."""
 
 import logging
 from collections.abc import Callable, Collection
@@ -14,11 +14,12 @@ from gcs.model.state import Mode, VehicleId
 log = logging.getLogger(__name__)
 
 STALL_EXPLAINS_S = 3.0
-"""So long after a stall it explains modes: heartbeats come once a second, and the oldest are read first."""
+"""A stall explains modes for this time: heartbeats come once a second, and the oldest are read first."""
 
 STALL_SHARE = 0.7
-"""A stall explains a setpoint-loss failsafe from this share of `operation.setpoint_loss_s` on: the last
-setpoint may have been late, and vehicles may be set to less.
+"""A stall explains a setpoint-loss failsafe from this share of `operation.setpoint_loss_s` on.
+
+The last setpoint may have been late, and vehicles may be configured with a shorter time.
 """
 
 OTHER_FAILSAFES = frozenset(FailsafeCause) - {
@@ -27,21 +28,21 @@ OTHER_FAILSAFES = frozenset(FailsafeCause) - {
     FailsafeCause.OTHER,
     FailsafeCause.UNKNOWN,
 }
-"""What a stall does not explain."""
+"""Modes that a stall does not explain."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Flown:
-    """What was flown at the end of a tick: commands after a stall may come before its first tick."""
+    """State at the end of a tick: commands after a stall may come before its first tick."""
 
     show: ShowPhase
     reason: str
-    vehicles: dict[VehicleId, tuple[Phase, str]]  # under setpoints
+    vehicles: dict[VehicleId, tuple[Phase, str]]  # vehicles under setpoints
 
 
 @dataclass(frozen=True, slots=True)
 class Stall:
-    """What was flown when a stall began, and until when it explains a mode."""
+    """State when a stall began, and until when the stall explains a mode."""
 
     flown: Interruption
     since_s: float  # commands given later were given after the stall
@@ -49,7 +50,7 @@ class Stall:
 
 
 class StallRecovery:
-    """Remembers what is flown, and explains modes by the newest stall. Changed only on the event loop."""
+    """Remembers what is flown, and explains modes by the newest stall. Changed on the event loop only."""
 
     def __init__(self, flight: Fleet, unix_s: Callable[[], float]) -> None:
         self._flight = flight
@@ -59,11 +60,11 @@ class StallRecovery:
 
     @property
     def stall(self) -> Stall | None:
-        """The newest stall, while it explains modes."""
+        """Newest stall while it explains modes."""
         return self._stall
 
     def note_setpoints(self) -> None:
-        """Once a tick, at its end: remember which vehicles fly under setpoints until the next."""
+        """Remember which vehicles fly under setpoints until the next tick; called at the end of each tick."""
         flight = self._flight
         flown = {
             vehicle.id: (vehicle.phase, vehicle.reason)
@@ -73,7 +74,7 @@ class StallRecovery:
         self._flown = _Flown(flight.show, flight.reason, flown)
 
     def stalled(self, gap_s: float) -> None:
-        """No tick came for `gap_s`: remember what was flown. To be called before telemetry changes phases."""
+        """Keep what was flown when no tick came for `gap_s`; to be called before telemetry changes phases."""
         flight, flown = self._flight, self._flown
         now_s = flight.fleet.time_s
         if gap_s < STALL_SHARE * flight.config.operation.setpoint_loss_s:
@@ -105,12 +106,12 @@ class StallRecovery:
         return Written(shown.name, shown.hash, shown.cue, shown.clock_s, dict(show_run.parts))
 
     def expire(self) -> None:
-        """Once a tick: a stall long ago explains nothing."""
+        """Forget a stall that no longer explains modes; called once a tick."""
         if self._stall is not None and self._flight.fleet.time_s > self._stall.until_s:
             self._stall = None
 
     def fallen(self, known: Collection[VehicleId]) -> dict[VehicleId, Before]:
-        """Vehicles that the stall has taken out of control; those already `known` are left out."""
+        """Return vehicles that the stall took out of control, without those already `known`."""
         stall, flight = self._stall, self._flight
         if stall is None:
             return {}

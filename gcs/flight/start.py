@@ -1,4 +1,4 @@
-"""A start, now or at a clock time: what speaks against it, and who takes off when."""
+"""A start, immediate or scheduled: the checks before it, and the order of take-offs."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -18,15 +18,15 @@ from gcs.service import CommandRecord, Outcome, ShowAction
 log = logging.getLogger(__name__)
 
 AHEAD_MAX_S = 24 * 3600.0
-"""Nobody schedules a start for another day."""
+"""A start can be scheduled at most one day ahead."""
 
 LATE_MAX_S = 2.0
-"""A start that this machine missed by more (asleep, or its clock was set) is not made up for."""
+"""A start missed by more (suspended computer, or changed clock) is not made up for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Countdown:
-    """A start that is ordered for a clock time."""
+    """A start that is scheduled for a clock time."""
 
     at_unix_s: float
     record: CommandRecord
@@ -35,7 +35,7 @@ class Countdown:
 
 
 class Starting:
-    """Carries out orders to start, and counts down to those that are for later."""
+    """Executes start commands, and counts down to scheduled ones."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class Starting:
     def begin(
         self, desired: Sequence[VehicleId] | None, show_hash: str | None, at_unix_s: float | None
     ) -> CommandRecord:
-        """Take off now, or at a clock time: everything is checked now, and then once more.
+        """Take off now, or at a clock time: all checks run now, and again at that time.
 
         Raises: RefusedError, UnknownError, InvalidError.
         """
@@ -98,7 +98,7 @@ class Starting:
             self._maneuvers.start(vehicle, maneuver, self._closer(record, name))
 
     def _closer(self, record: CommandRecord, name: VehicleId) -> Callable[[Outcome, str], None]:
-        """Closes one vehicle's part; who did not get up is told with those who do not fly."""
+        """Return a function that closes one vehicle's part; a failed take-off leaves the vehicle behind."""
         close = self._book.closer(record, name)
 
         def ended(outcome: Outcome, reason: str) -> None:
@@ -109,7 +109,7 @@ class Starting:
         return ended
 
     def count_down(self) -> None:
-        """Once a tick: take off when it is time, if everybody still may; else say why not."""
+        """Take off at the scheduled time if the checks still pass, otherwise say why; called once a tick."""
         countdown = self.countdown
         if countdown is None:
             return
@@ -126,7 +126,7 @@ class Starting:
         self._take_off(countdown.record, chosen, left_out)
 
     def _still_ready(self, countdown: Countdown, late_s: float) -> Cleared:
-        """Who flies. Raises: RefusedError, InvalidError, UnknownError when they may not take off any more."""
+        """Check again, at take-off time. Raises: RefusedError, InvalidError, UnknownError."""
         if self._flight.airborne:
             raise RefusedError("a vehicle is in the air already")
         if others := uncontrolled(self._flight):
@@ -141,7 +141,7 @@ class Starting:
             self._book.close(countdown.record.id, name, Outcome.FAILED, reason)
 
     def call_off(self, action: ShowAction) -> CommandRecord:
-        """Nobody has left the ground, and nobody will."""
+        """Cancel the countdown, if any: no vehicle has taken off."""
         if self.countdown is not None:
             self._end_countdown(self.countdown, "called off")
         self._flight.move_show(ShowEvent(action.value), "the countdown was called off")

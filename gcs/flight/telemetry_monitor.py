@@ -1,4 +1,4 @@
-"""What the telemetry changes, and what then follows without an order."""
+"""Updates phases from telemetry, and starts what follows without a command."""
 
 import logging
 from functools import partial
@@ -18,29 +18,29 @@ from gcs.model.state import Array, Mask, Mode
 log = logging.getLogger(__name__)
 
 TRY_AGAIN_S = 5.0
-"""Between two attempts at something that the service does by itself."""
+"""Interval between two attempts at an automatic action."""
 
 
 class TelemetryMonitor:
-    """Keeps the phases true to what the vehicles say."""
+    """Keeps the phases consistent with the vehicles' telemetry."""
 
     def __init__(
         self, flight: Fleet, maneuvers: Maneuvers, parameter_reader: ParameterReader, come_back: Maneuver
     ) -> None:
-        """`come_back` is for who was lost and is heard again."""
+        """`come_back` is the maneuver of a lost vehicle that sends telemetry again."""
         self._flight = flight
         self._maneuvers = maneuvers
         self._parameter_reader = parameter_reader
         self._come_back = come_back
         self._resumed_s = -np.inf  # after a stall; messages of that time may not be read yet
-        self._calm: tuple[object, ...] | None = None  # in which nobody had to be looked at
+        self._calm: tuple[object, ...] | None = None  # state in which no vehicle needed inspection
 
     def resume(self) -> None:
-        """The service has stalled: it cannot know yet which vehicles were silent meanwhile."""
+        """Note that the service has stalled: it cannot know yet which vehicles were silent meanwhile."""
         self._resumed_s = self._flight.fleet.time_s
 
     def look(self) -> None:
-        """Once a tick: let the telemetry change phases, and end errands that no longer apply."""
+        """Let the telemetry change phases, and end maneuvers that no longer apply; called once a tick."""
         flight = self._flight
         silence_s = flight.config.operation.silence_s
         now_s, telemetry_of = flight.fleet.time_s, flight.newest()
@@ -53,7 +53,7 @@ class TelemetryMonitor:
         flight.note_seen(np.asarray(age_s <= silence_s) & known)
         fresh: Mask = np.asarray(np.minimum(age_s, now_s - self._resumed_s) <= silence_s)
         self._forget_heartbeats(fresh)
-        # A thousand vehicles are looked at in every tick: while nothing changes, all at once.
+        # All vehicles at once while nothing changes: single inspections of a thousand would be slow.
         vehicles = flight.vehicles.values()
         expected = [vehicle.phase for vehicle in vehicles], [vehicle.modes for vehicle in vehicles]
         state = (*expected, telemetry_of.mode, telemetry_of.armed)
@@ -70,7 +70,7 @@ class TelemetryMonitor:
         self._calm = state if all_calm else None
 
     def inspect(self) -> None:
-        """Once a tick, later: begin to read the parameters that are to be read now."""
+        """Start the parameter reads that are due; called once a tick, later than `look`."""
         self._parameter_reader.watch(self._flight.newest())
 
     def _look_at(self, vehicle: Vehicle, telemetry_of: Columns, *, is_known: bool) -> None:
@@ -82,7 +82,7 @@ class TelemetryMonitor:
             for column in (telemetry_of.position_s, telemetry_of.beat_s, telemetry_of.life_s)
         )
         age_s = now_s - min(life_s, position_s, beat_s + _beats_may_lack_s(vehicle.phase))
-        if age_s <= silence_s and is_known:  # though a heartbeat lacks
+        if age_s <= silence_s and is_known:  # even without a heartbeat
             flight.note_seen(row)
         age_s = min(age_s, self._not_judged_s(vehicle.phase))
         lacks = lacking(now_s, life_s, beat_s, position_s, silence_s)
@@ -116,17 +116,17 @@ class TelemetryMonitor:
             vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
 
     def _not_judged_s(self, phase: Phase) -> float:
-        """Since a stall of the service: a vehicle in the air is not silent for longer, as far as it knows."""
+        """Start of the time known after a stall: airborne vehicles cannot be judged silent for longer."""
         return np.inf if phase in {Phase.OFFLINE, Phase.LOST} else self._flight.fleet.time_s - self._resumed_s
 
     def _explained(self, vehicle: Vehicle) -> Explanation:
-        """Why it is in a mode that this station did not command."""
+        """Explain a mode that this station did not command."""
         inputs = self._flight.inputs(vehicle)
         cause = cause_of(inputs)
         return cause, described(vehicle.id, cause, inputs)
 
     def _mind_failsafe(self, vehicle: Vehicle, *, beat_is_fresh: bool) -> None:
-        """Keep the explanation true, and fly on one that holds only because its link lost setpoints."""
+        """Update the explanation, and fly on a vehicle that holds only because its link lost setpoints."""
         inputs = self._flight.inputs(vehicle)
         cause = cause_of(inputs)
         vehicle.explain(
@@ -154,7 +154,7 @@ class TelemetryMonitor:
                 )
 
     def _mind_reset(self, vehicle: Vehicle) -> None:
-        """A position that jumped may be wrong now, or have been wrong before: stand still, with more room."""
+        """Freeze a vehicle whose position jumped, with a wider margin: it may be wrong now, or was before."""
         flight, positioning = self._flight, self._flight.config.positioning
         if vehicle.phase not in FLOWN:
             return
@@ -165,16 +165,16 @@ class TelemetryMonitor:
         vehicle.freeze(flight.position_m(vehicle), flight.fleet.time_s + positioning.freeze_s, reason)
 
     def _by_itself(self, vehicle: Vehicle, maneuver: Maneuver) -> None:
-        """Do what nobody ordered: not recorded as an order, and not again at once when it fails."""
+        """Start an automatic maneuver: not recorded as a command, and not repeated at once when it fails."""
         if self._flight.fleet.time_s >= vehicle.try_again_s:
             vehicle.try_again_s = self._flight.fleet.time_s + TRY_AGAIN_S
             self._maneuvers.start(vehicle, maneuver, lambda _outcome, _reason: None)
 
 
 def _beats_may_lack_s(phase: Phase) -> float:
-    """What a heartbeat may be older by than `operation.silence_s`.
+    """Time by which a heartbeat may be older than `operation.silence_s`.
 
-    Nothing for a lost vehicle: an old heartbeat does not show whether a pilot has taken over meanwhile.
+    Zero for a lost vehicle: an old heartbeat does not show whether a pilot has taken over meanwhile.
     """
     if phase in {Phase.OFFLINE, Phase.LOST}:
         return 0.0

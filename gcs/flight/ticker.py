@@ -1,4 +1,4 @@
-"""The control loop's clock, and how well it is kept."""
+"""The control loop's clock, and its timing statistics."""
 
 import asyncio
 from bisect import bisect_left
@@ -32,31 +32,29 @@ async def ticks(period_s: float) -> AsyncIterator[tuple[float, float, int]]:
 
 
 class Counted:
-    """Grows into a `Histogram`."""
+    """Counts values for a `Histogram`."""
 
     def __init__(self) -> None:
         self._counts = [0] * (len(BOUNDS_S) + 1)
         self._sum_s = 0.0
 
     def note(self, seconds: float) -> None:
-        """Count one."""
         self._counts[bisect_left(BOUNDS_S, seconds)] += 1
         self._sum_s += seconds
 
     def histogram(self) -> Histogram:
-        """As it is now."""
         return Histogram(BOUNDS_S, tuple(self._counts), self._sum_s)
 
 
 class TickClock:
-    """Counts ticks and remembers how long and how late the last ones were."""
+    """Counts ticks, and keeps the durations and delays of the last ones."""
 
     def __init__(self, rate_hz: float) -> None:
         self.rate_hz = rate_hz
         self.count = 0
         self.missed = 0
-        self.gap_s = 0.0  # between the beginnings of the last two ticks
-        self.late_s = 0.0  # by which the last one was: begun late, or after others that were dropped
+        self.gap_s = 0.0  # time between the starts of the last two ticks
+        self.late_s = 0.0  # delay of the last tick: started late, or after dropped ones
         self._began_s = 0.0
         self._duration_s: deque[float] = deque(maxlen=REMEMBERED)
         self._lateness_s: deque[float] = deque(maxlen=REMEMBERED)
@@ -64,11 +62,11 @@ class TickClock:
         self._summary = self._summarised(0.0, 0.0, 0.0)
 
     def gap_before(self, now_s: float) -> float:
-        """How long ago the newest noted tick began; 0 before the first."""
+        """Time since the newest recorded tick began; 0 before the first."""
         return now_s - self._began_s if self.count else 0.0
 
     def note(self, began_s: float, duration_s: float, lateness_s: float, missed: int) -> None:
-        """Take one tick into account, which began at `began_s` of the loop's clock."""
+        """Record one tick, which began at `began_s` of the loop's clock."""
         self.gap_s = began_s - self._began_s if self.count else 0.0
         self._began_s = began_s
         self.late_s = max(lateness_s, self.gap_s - 1.0 / self.rate_hz, 0.0)
@@ -80,7 +78,7 @@ class TickClock:
         self._latenesses.note(lateness_s)
 
     def summary(self) -> TickView:
-        """Percentiles over the last ticks; recomputed once a second, as they are for people."""
+        """Percentiles over the last ticks, recomputed once a second for display."""
         if self.count % max(1, round(self.rate_hz)) == 1:
             duration_ms = np.array(self._duration_s) * 1e3
             p50, p99 = np.percentile(duration_ms, (50, 99))

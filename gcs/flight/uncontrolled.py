@@ -10,17 +10,17 @@ from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent,
 from gcs.model.preflight_report import joined
 
 NAMED: Final = 6
-"""So many vehicles are named one by one; of more, how many there are."""
+"""Up to this many vehicles are named; of more, only the number is given."""
 
 
 def uncontrolled(flight: Fleet) -> list[Vehicle]:
-    """Airborne under a pilot's or their own autopilot's control."""
+    """Airborne vehicles under the control of a pilot or of their own autopilot."""
     vehicles = flight.in_phase(Phase.PILOT, Phase.KILLED)
     return [one for one in vehicles if flight.whereabouts(one) is Whereabouts.UNCONTROLLED]
 
 
 def reason(vehicles: Collection[Vehicle]) -> str:
-    """How many of these are airborne and why not under control, vehicles with one reason together."""
+    """Return how many of these are airborne and why outside control, grouped by reason."""
     by_reason: dict[str, list[str]] = {}
     for vehicle in vehicles:
         by_reason.setdefault(vehicle.reason, []).append(vehicle.id)
@@ -37,11 +37,11 @@ def _named(ids: list[str]) -> str:
 
 
 def follow(flight: Fleet, *, busy: bool) -> None:
-    """Once a tick: keep the show's phase true to what is airborne.
+    """Move the show's phase to match what is airborne; called once a tick.
 
     Args:
         flight: changed.
-        busy: whether a vehicle is being led to or from the ground, or under control.
+        busy: whether a vehicle is under control, or takes off or lands.
     """
     if flight.airborne:
         if flight.show in ON_THE_GROUND | {ShowPhase.UNCONTROLLED} and flight.show is not ShowPhase.COUNTDOWN:
@@ -61,7 +61,7 @@ def follow(flight: Fleet, *, busy: bool) -> None:
 
 
 def _land(flight: Fleet) -> None:
-    """Nothing is airborne: what is lost, or was killed, is named, and counts as airborne no more."""
+    """End the phase with nothing airborne: lost and killed vehicles are named, and no longer count."""
     unknown = [one.id for one in flight.vehicles.values() if flight.whereabouts(one) is Whereabouts.UNKNOWN]
     named = f"; not confirmed on the ground: {joined(unknown)}" if unknown else ""
     if flight.show is ShowPhase.UNCONTROLLED and flight.show_before is ShowPhase.IDLE:

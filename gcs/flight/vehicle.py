@@ -1,4 +1,4 @@
-"""One vehicle as the service runs it: its phase, what it may do, and what its telemetry says of it."""
+"""Runtime state of one vehicle: its phase, its task, and its reported status."""
 
 import logging
 from collections.abc import Callable
@@ -22,7 +22,7 @@ Explanation: TypeAlias = tuple[FailsafeCause, str]
 
 
 _VAGUE = {FailsafeCause.UNKNOWN, FailsafeCause.OTHER, FailsafeCause.SETPOINT_LOSS, None}
-"""Causes that what comes later may replace: STATUSTEXTs and battery states arrive when they will."""
+"""Causes that later messages may replace: STATUSTEXT and battery states arrive at any time."""
 
 
 def _unexplained() -> Explanation:
@@ -31,20 +31,20 @@ def _unexplained() -> Explanation:
 
 @dataclass(frozen=True, slots=True)
 class VehicleStatus:
-    """What the telemetry says of one vehicle at one tick."""
+    """The reported status of one vehicle at one tick."""
 
-    age_s: float  # of the oldest of its signs of life; a heartbeat may lack for a while
+    age_s: float  # age of the oldest sign of life; a heartbeat may be missing for a while
     mode: Mode
     armed: bool
     landed: Landed
-    in_failsafe: bool = False  # its autopilot says that it intervenes
-    lacks: str = ""  # which of its signs lacks, and since when, in words
-    explain: Callable[[], Explanation] = _unexplained  # why its mode is another one than was commanded
+    in_failsafe: bool = False  # the autopilot reports a failsafe
+    lacks: str = ""  # which sign of life is missing, and since when, in words
+    explain: Callable[[], Explanation] = _unexplained  # explains a mode that was not commanded
 
 
 @dataclass(slots=True, eq=False)
 class Vehicle:
-    """Runtime state of one vehicle. Changed only on the event loop, by the orchestrator and its errands."""
+    """Runtime state of one vehicle. Changed on the event loop only, by the orchestrator and its maneuvers."""
 
     id: VehicleId
     row: int
@@ -58,18 +58,18 @@ class Vehicle:
     goal_m: Array | None = None  # (3,) of RETURN and LANDING
     entering_offboard: bool = False  # in HOLD, setpoints already flow so that OFFBOARD can be accepted
     frozen_until_s: float = -inf  # its position jumped: until then it stands still
-    follows_planned_path: bool = False  # in RETURN, its goal leads it along a way found for the whole fleet
+    follows_planned_path: bool = False  # in RETURN, its goal follows a path planned for the whole fleet
     handed_over: bool = False  # in LANDING, the autopilot's own LAND touches down
-    pilot_in_control: bool = False  # a person's (or its failsafe's) until handed back, silent or not
-    try_again_s: float = 0.0  # when what the service does by itself may be tried again
+    pilot_in_control: bool = False  # or its own failsafe, until handed back, silent or not
+    try_again_s: float = 0.0  # earliest time of the next automatic attempt
     cause: FailsafeCause | None = None  # while PILOT: why it is in its mode
-    rejoins: bool = False  # it was in formation when it was lost, and nothing was commanded since
+    rejoins: bool = False  # lost from the formation, and nothing commanded since
     _explained: tuple[Mode, bool] | None = None
-    modes: frozenset[Mode] = field(default_factory=frozenset)  # those that an order of ours explains
+    modes: frozenset[Mode] = field(default_factory=frozenset)  # those that a command explains
 
     @property
     def comes_down_alone(self) -> bool:
-        """Whether a descent from here is the autopilot's: it climbs straight up, or touches down already."""
+        """Whether the autopilot alone leads its descent: it climbs straight up, or touches down already."""
         return self.phase is Phase.TAKEOFF or self.handed_over
 
     def apply(self, event: Event, reason: str) -> None:
@@ -91,14 +91,14 @@ class Vehicle:
         )
 
     def _mind_pilot(self) -> None:
-        """Whether it is to be left to a person: not where its link lost setpoints, and it just holds."""
+        """Decide whether a pilot is in control: not if its link lost setpoints and it just holds."""
         if self.phase is Phase.PILOT:
             self.pilot_in_control = self.cause is not FailsafeCause.SETPOINT_LOSS
         elif self.phase not in {Phase.LOST, Phase.KILLED}:
             self.pilot_in_control = False
 
     def explain(self, explanation: Explanation, mode: Mode, *, in_failsafe: bool) -> None:
-        """While PILOT: keep what explains its mode. A mode once explained keeps its cause: texts expire."""
+        """Keep the explanation of its mode while PILOT. An explained mode keeps its cause: texts expire."""
         cause, text = explanation
         changed = (mode, in_failsafe) != self._explained
         if not changed and (
@@ -112,12 +112,12 @@ class Vehicle:
         self._mind_pilot()
 
     def freeze(self, position_m: Array, until_s: float, reason: str) -> None:
-        """Have it stand where it now says that it is; nothing else of what it does changes."""
+        """Hold it at its reported position; its maneuver and phase do not change."""
         self.hold_m, self.frozen_until_s, self.reason = position_m.copy(), until_s, reason
         log.warning("position_reset", extra={"vehicle": self.id, "reason": reason})
 
     def task(self, show: ShowPhase, time_s: float) -> tuple[Task, Array | None]:
-        """What the tick at `time_s` does with it, and the goal where there is one."""
+        """Return its task in the tick at `time_s`, and the goal if there is one."""
         flown = self.phase in FLOWN and not self.handed_over
         if flown and self.hold_m is not None and time_s < self.frozen_until_s:
             return Task.GOAL, self.hold_m
@@ -132,10 +132,10 @@ class Vehicle:
         return Task.NONE, None
 
     def is_calm(self, mode: Mode, *, armed: bool) -> bool:
-        """Whether a vehicle heard just now does what is expected of it: `observe` would change nothing.
+        """Whether `observe` would change nothing for a vehicle received just now.
 
-        Nor does anything follow by itself (see `gcs.flight.telemetry_monitor`). False does not say the
-        contrary.
+        Then nothing follows automatically either (see `gcs.flight.telemetry_monitor`). False does not prove
+        the contrary.
         """
         if self.phase in AIRBORNE:
             return armed and mode in self.modes and mode is not Mode.HOLD
@@ -144,10 +144,11 @@ class Vehicle:
     def observe(self, status: VehicleStatus, silence_s: float, *, lost_holds: bool = True) -> bool:
         """Let the telemetry change the phase. Returns: whether it did.
 
-        Nothing that a person or the autopilot decided is undone here: an unordered mode means hands off.
+        A decision of a pilot or of the autopilot is never reverted here: a mode without a command ends
+        control.
 
         Args:
-            status: now.
+            status: at this tick.
             silence_s: without telemetry for longer, it is silent.
             lost_holds: whether its failsafe has it hold, so that HOLD after a silence needs no pilot.
         """
@@ -193,7 +194,7 @@ class Vehicle:
         return None
 
     def _received_again(self, status: VehicleStatus, *, lost_holds: bool) -> tuple[Event, str] | None:
-        """Back from LOST: only one that still waits for us is taken on (by an order to HOLD)."""
+        """Return from LOST: control is resumed only if a command, or the expected HOLD, explains the mode."""
         if not status.armed:
             return Event.CONNECTED, "received again, on the ground, motors off"
         if self.pilot_in_control:
@@ -206,7 +207,7 @@ class Vehicle:
 
 
 def require_phase(vehicle: Vehicle, event: Event) -> None:
-    """Raises: RefusedError naming the vehicle when `event` is not possible now."""
+    """Check that `event` is allowed now. Raises: RefusedError naming the vehicle."""
     try:
         advance(vehicle.phase, event)
     except RefusedError as error:

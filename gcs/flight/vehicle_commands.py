@@ -1,4 +1,4 @@
-"""What is done with one vehicle on an order."""
+"""Executes commands to single vehicles and groups."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ EVENT_OF = {
 
 
 class VehicleCommands:
-    """Turns orders to one vehicle into errands."""
+    """Turns commands to vehicles into maneuvers."""
 
     def __init__(self, flight: Fleet, maneuvers: Maneuvers, book: CommandLog) -> None:
         self._flight = flight
@@ -39,7 +39,7 @@ class VehicleCommands:
         self._book = book
 
     def command(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
-        """Carry out an order to one vehicle. Raises: RefusedError, UnknownError."""
+        """Execute a command to one vehicle. Raises: RefusedError, UnknownError."""
         vehicle = self._flight.vehicle(vehicle_id)
         self._require(vehicle, action)
         if action is VehicleAction.CONFIRM_DOWN:
@@ -62,7 +62,7 @@ class VehicleCommands:
         return self._send(vehicle, maneuvers[action], action)
 
     def _require(self, vehicle: Vehicle, action: VehicleAction) -> None:
-        """Raises: RefusedError naming the vehicle when it cannot be given the command now."""
+        """Check that the vehicle accepts the command now. Raises: RefusedError naming the vehicle."""
         name, show = vehicle.id, self._flight.show
         if not (action is VehicleAction.HOLD and vehicle.phase is Phase.HOLD):
             require_phase(vehicle, EVENT_OF[action])
@@ -80,7 +80,7 @@ class VehicleCommands:
             raise RefusedError(f"control of {name} is not taken: {why}")
 
     def command_group(self, action: VehicleAction, names: Sequence[VehicleId] | None) -> CommandRecord:
-        """One command for several vehicles; None: for all that it can apply to.
+        """Execute one command for several vehicles; None: for all that it can apply to.
 
         Raises: UnknownError, InvalidError; RefusedError when it reaches none of them.
         """
@@ -107,7 +107,7 @@ class VehicleCommands:
     def _reached(
         self, action: VehicleAction, asked: Sequence[Vehicle], *, named: bool
     ) -> tuple[list[Vehicle], dict[VehicleId, str]]:
-        """Which of these a command reaches, and why not the others."""
+        """Return the vehicles that a command reaches, and why it does not reach the others."""
         chosen: list[Vehicle] = []
         left_out: dict[VehicleId, str] = {}
         for vehicle in asked:
@@ -133,7 +133,7 @@ class VehicleCommands:
         action: VehicleAction,
         left_out: Mapping[VehicleId, str] = MappingProxyType({}),
     ) -> CommandRecord:
-        """One order to several that may be given it: hold, return or land, each to a place of its own."""
+        """Give one command to several vehicles that accept it: hold, return or land, each to its own site."""
         homeless = action is VehicleAction.RETURN
         places_m = landing_sites_m(self._flight, [v for v in vehicles if not homeless or v.home_m is None])
         record = self._book.open(action, [vehicle.id for vehicle in vehicles], left_out)
@@ -149,7 +149,7 @@ class VehicleCommands:
         return record
 
     def check_room(self, joining: Sequence[Vehicle]) -> None:
-        """Raises: RefusedError when the sphere is too small for these as well."""
+        """Check that the sphere has room for these as well. Raises: RefusedError."""
         flight = self._flight
         others = [other for other in flight.airborne if other not in joining]
         formed = [other for other in others if other.entering_offboard or other.phase is Phase.FORMATION]
@@ -160,7 +160,7 @@ class VehicleCommands:
             raise RefusedError(f"{named} cannot join: {error}") from None
 
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
-        """Motors off. The phases change at once: nothing else is sent from here on.
+        """Stop motors. The phases change at once: nothing else is sent from then on.
 
         Raises: UnknownError; RefusedError when none of them can be reached.
         """
