@@ -1,16 +1,16 @@
-"""Every error this package raises on purpose.
+"""Every error that `gcs` raises on purpose.
 
 GcsError
 ├── ShapeError       an array has the wrong shape (a bug in the caller)
-├── ConfigError      a configuration file says something impossible
+├── ConfigError      a configuration file contains an impossible value
 │   └── FileError    names the line of every problem
-│       └── ShowError    of a show file; names the cue, too
+│       └── ShowError    of a show file; also names the cue
 ├── InvalidError     a value from outside is out of range; names the field and what is allowed
 ├── AccessError      the caller may not do this, or calls too often
-├── RefusedError     a proper request at the wrong moment; says why
-├── UnknownError     a vehicle, obstacle or order that does not exist
+├── RefusedError     a proper request at the wrong moment; gives the reason
+├── UnknownError     a vehicle, obstacle or command that does not exist
 └── LinkError        a transport does not work; the supervisor retries
-    └── CommandError   a vehicle refused an order or did not answer
+    └── CommandError   a vehicle refused a command or did not answer
 """
 
 from collections.abc import Sequence
@@ -20,11 +20,11 @@ from typing import Final
 from gcs.model.quoting import cut
 
 PROBLEMS_MAX: Final = 100
-"""Problems listed for one file; further ones show once these are fixed."""
+"""Problems listed for one file; further ones are listed once these are fixed."""
 
 
 class GcsError(Exception):
-    """Root of the tree; its text is meant for a person."""
+    """Root of the tree; its text is written for a person."""
 
 
 class ShapeError(GcsError):
@@ -37,11 +37,11 @@ class ConfigError(GcsError):
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing that is wrong with a file, and where to mend it."""
+    """One problem of a file, and where to fix it."""
 
     line: int  # of the file, from 1
     cue: str | None  # None: not in the timeline
-    text: str  # what is wrong, and what would be right
+    text: str  # what is wrong, and what is allowed
 
     def __str__(self) -> str:
         cue = "" if self.cue is None else f" cue '{self.cue}':"
@@ -49,11 +49,11 @@ class Problem:
 
 
 class FileError(ConfigError):
-    """A file of which every problem is known by its line.
+    """A file with problems, each with its line.
 
     Attributes:
         file: its name.
-        problems: the first `PROBLEMS_MAX` that are known, by line.
+        problems: the first `PROBLEMS_MAX`, by line.
     """
 
     def __init__(self, file: str, problems: Sequence[Problem]) -> None:
@@ -75,8 +75,8 @@ class InvalidError(GcsError):
 
     Attributes:
         field: dotted name as the caller knows it, for example ``radius_m``.
-        value: what was given.
-        allowed: what would be right, in words or numbers, units included.
+        value: the value given.
+        allowed: what is allowed, in words or numbers, units included.
     """
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
@@ -87,20 +87,20 @@ class InvalidError(GcsError):
 
 
 class AccessError(GcsError):
-    """The caller's token does not allow it, or it called too often; the text says what would."""
+    """The caller's token does not allow it, or it calls too often; the text says what is allowed."""
 
 
 class RefusedError(GcsError):
-    """A request that is proper but not now; the text says why and what to do."""
+    """A proper request at the wrong moment; the text gives the reason and what to do."""
 
 
 class UnknownError(GcsError):
-    """Something named does not exist."""
+    """The named vehicle, obstacle or command does not exist."""
 
 
 class LinkError(GcsError):
-    """A transport failed; whoever supervises the link retries."""
+    """A transport failed; the link's supervisor retries."""
 
 
 class CommandError(LinkError):
-    """A vehicle refused an order, or its obedience was not seen in time."""
+    """A vehicle refused a command, or its execution was not seen in time."""

@@ -9,7 +9,7 @@ from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Landed
 
 KILLED_RECEIVED_S: Final = 3.0
-"""An older landed state of a killed vehicle does not count; heartbeats come once a second."""
+"""Age from which the landed state of a killed vehicle does not count; heartbeats come once a second."""
 
 
 class Whereabouts(StrEnum):
@@ -26,7 +26,7 @@ class Whereabouts(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """How many vehicles are where; the five add up to the fleet."""
+    """Number of vehicles in each `Whereabouts`; the five add up to the fleet."""
 
     controlled: int
     uncontrolled: int
@@ -43,9 +43,9 @@ class Counts:
 def whereabouts(phase: Phase, landed: Landed, *, armed: bool, heartbeat_age_s: float) -> Whereabouts:
     """Where a vehicle is, from its phase and from what its autopilot reports.
 
-    A vehicle that is armed on its pad stands on the ground whatever its phase says. A lost vehicle is
-    unknown. A killed one is unknown until it is heard on the ground, unless it still reports running motors:
-    then the kill has not worked, and it flies.
+    A vehicle that is armed on its pad stands on the ground whatever its phase is. A lost vehicle is unknown.
+    A killed vehicle is unknown until it reports that it is on the ground. If it still reports running motors,
+    the kill has not worked, and it flies.
     """
     if phase is Phase.OFFLINE:
         return Whereabouts.OFFLINE
@@ -70,7 +70,7 @@ def counts_of(
     armed: Sequence[bool],
     heartbeat_age_s: Iterable[float],
 ) -> Counts:
-    """Count a fleet; one entry of each for every vehicle."""
+    """Count a fleet; each argument has one entry for every vehicle."""
     found = [
         whereabouts(phase, down, armed=is_armed, heartbeat_age_s=age_s)
         for phase, down, is_armed, age_s in zip(phases, landed, armed, heartbeat_age_s, strict=True)

@@ -1,4 +1,4 @@
-"""Between the geodetic world and the show frame, vectorised over the fleet.
+"""Conversions between geodetic positions and the show frame, vectorised over the fleet.
 
 The show frame is flat and fixed: x along the show's heading, y to its right, z down, origin given by
 latitude, longitude and altitude AMSL. With heading 0 it is NED. Geodesy is pymap3d's, on WGS84.
@@ -22,7 +22,7 @@ def wrap_rad(angle_rad: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class ShowFrame:
-    """Where the show's origin lies and which way its x axis points.
+    """The show's origin and heading.
 
     Raises: InvalidError when a number is not finite or out of its range.
     """
@@ -59,7 +59,7 @@ class ShowFrame:
         return self.from_ned(np.stack([north, east, down], axis=-1))
 
     def geodetic(self, position_m: Array) -> tuple[Array, Array, Array]:
-        """(n, 3) of the show frame as latitude, longitude (degrees) and altitude AMSL (m), each (n,)."""
+        """Latitude, longitude (degrees) and altitude AMSL (m), each (n,), of (n, 3) in the show frame."""
         ned = self.into_ned(position_m)
         latitude_deg, longitude_deg, altitude_amsl_m = pymap3d.ned2geodetic(
             ned[:, 0], ned[:, 1], ned[:, 2], self.latitude_deg, self.longitude_deg, self.altitude_amsl_m

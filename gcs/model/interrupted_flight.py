@@ -1,4 +1,4 @@
-"""A flight that was cut off, when the service ended or stalled: what is known of it, what can be offered."""
+"""An interrupted flight (the service ended or stalled): what is known of it, what can be offered."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -12,29 +12,29 @@ Triple = tuple[float, float, float]
 
 
 class Offer(StrEnum):
-    """What can be done about it. Nothing is done without an order."""
+    """What the operator can command for an interrupted flight. Nothing is done without a command."""
 
-    TAKE_OVER = "take-over"  # hold, and back into the formation, which stands until it is resumed
-    BRING_HOME = "bring-home"  # hold, and home together to where they took off
+    TAKE_OVER = "take-over"  # hold, then back into the formation, which stands until it is resumed
+    BRING_HOME = "bring-home"  # hold, then a collective return to the take-off positions
 
 
 TAKEN_OVER_FROM = frozenset({ShowPhase.ARMING, ShowPhase.ASSEMBLING, ShowPhase.RUNNING, ShowPhase.PAUSED})
-"""Who was on the way down is not sent back into a formation."""
+"""Show phases from which a flight can be taken over; descending vehicles do not go back into formation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Before:
-    """One vehicle where the record ends."""
+    """One vehicle at the end of the record."""
 
     system_id: int
     phase: Phase
     reason: str
-    pad_m: Triple | None  # show frame of its session: where it took off
+    pad_m: Triple | None  # where it took off, in the show frame of its session
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """The written show that was flown, and where in it."""
+    """The written show that was flown, and the position in it."""
 
     name: str
     hash: str
@@ -45,34 +45,34 @@ class Written:
 
 @dataclass(frozen=True, slots=True)
 class Interruption:
-    """What the record knows of a flight whose session did not end as it should."""
+    """What the record contains of a flight whose session did not end properly."""
 
     session: str
-    unix_s: float  # the last that was noted
+    unix_s: float  # time of the last record
     show: ShowPhase
     reason: str
-    frame: Mapping[str, float]  # `show_frame` of its configuration
+    frame: Mapping[str, float]  # `show_frame` of the session's configuration
     vehicles: Mapping[VehicleId, Before]
     written: Written | None
     plan: (
         Mapping[str, Any] | None
-    )  # as recorded, see `gcs.model.plan_json`; None: the plan flown still stands
-    stalled_s: float | None = None  # no setpoints left for so long; None: the service ended
+    )  # as recorded, see `gcs.model.plan_json`; None: the flown plan is still in force
+    stalled_s: float | None = None  # duration without setpoints; None: the service ended
 
     @property
     def cause(self) -> str:
-        """What cut the flight off, in words."""
+        """What interrupted the flight, in words."""
         if self.stalled_s is None:
             return "the service was cut off"
         return f"the service stalled for {self.stalled_s:.1f} s"
 
     def to_json(self) -> dict[str, Any]:
-        """For the record: the next session must know it, however soon this one ends."""
+        """As JSON for the record: the next session must know it, however soon this one ends."""
         return asdict(self)
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "Interruption":
-        """The same again. Raises: KeyError, TypeError or ValueError for what is none."""
+        """The inverse of `to_json`. Raises: KeyError, TypeError or ValueError when `raw` does not fit."""
         written = raw["written"]
         return cls(
             session=raw["session"],
@@ -91,7 +91,7 @@ class Interruption:
 
 
 def triple(values: Sequence[float] | None) -> Triple | None:
-    """Three numbers, or not known. Raises: ValueError."""
+    """Three floats; None stays None. Raises: ValueError when there are not three numbers."""
     if values is None:
         return None
     x, y, z = values
@@ -100,18 +100,18 @@ def triple(values: Sequence[float] | None) -> Triple | None:
 
 @dataclass(frozen=True, slots=True)
 class Remaining:
-    """One vehicle that was in the air, and what is known of it now."""
+    """One vehicle that was in the air, and its present state."""
 
     id: VehicleId
     before: Phase
     pad_known: bool
-    waits: bool  # for an order: it can be taken over, or brought home
+    waits: bool  # for a command: it can be taken over or brought home
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class InterruptedFlight:
-    """What an operator is shown, until everybody is accounted for."""
+    """What an operator is shown until every vehicle is accounted for."""
 
     session: str
     unix_time_s: float
@@ -119,13 +119,13 @@ class InterruptedFlight:
     written: Written | None
     vehicles: tuple[Remaining, ...]
     offers: tuple[Offer, ...]
-    problems: tuple[str, ...]  # what speaks against the others
+    problems: tuple[str, ...]  # why the other offers are not made
     cause: str = "the service was cut off"
-    stalled: bool = False  # it did not end
+    stalled: bool = False  # True: the service stalled, it did not end
 
     @property
     def notice(self) -> str:
-        """In words."""
+        """What interrupted the flight, what can be commanded, and which vehicles are unavailable."""
         what = "" if self.written is None else f" of {self.written.name!r}, cue {self.written.cue!r},"
         reported = f"{self.cause} while the show{what} was {self.show}"
         if self.show is ShowPhase.COUNTDOWN:
@@ -139,7 +139,7 @@ class InterruptedFlight:
 def mismatches(
     found: Interruption, frame: Mapping[str, float], system_ids: Mapping[VehicleId, int]
 ) -> list[str]:
-    """What keeps the record from being believed under this configuration, in words."""
+    """Why the record cannot be used with this configuration, in words; empty when it can."""
     wrong = []
     if dict(found.frame) != dict(frame):
         wrong.append("show_frame is another than when it was cut off: places of the record mean nothing")
@@ -153,14 +153,14 @@ def mismatches(
 
 
 def is_left_alone(before: Phase, mode: Mode, setpoint_loss_action: str, *, in_failsafe: bool) -> bool:
-    """Whether a mode is one in which our end, and no pilot, left a vehicle.
+    """Whether the end of this station's control, and not a pilot, explains a vehicle's mode.
 
     Args:
         before: its phase when control ended.
-        mode: now.
+        mode: its present mode.
         setpoint_loss_action: see `gcs.config.schema.OperationSettings`.
         in_failsafe: whether its autopilot reports a failsafe. With "descend" it flies in a pilot's mode, or
-            lands where it cannot; only the failsafe tells these from a pilot.
+            lands where it cannot; only the failsafe distinguishes these from a pilot.
     """
     ours = {Mode.HOLD, Mode.OFFBOARD}
     if before is Phase.TAKEOFF:
@@ -175,7 +175,7 @@ def is_left_alone(before: Phase, mode: Mode, setpoint_loss_action: str, *, in_fa
 
 
 def left_by(cause: str, mode: Mode) -> str:
-    """Why a vehicle that this station flew is in a mode of its autopilot's, in words."""
+    """Why a vehicle that this station flew is in a mode that its autopilot chose, in words."""
     return f"{cause}; in mode {mode} by the setpoint-loss failsafe"
 
 
@@ -189,13 +189,13 @@ def remaining(
     in_failsafe: bool = False,
     taken_again: bool = False,
 ) -> Remaining:
-    """What is known of one vehicle now.
+    """The present state of one vehicle of the interrupted flight.
 
     Args:
-        name: of the vehicle.
-        before: what it was when control ended.
-        phase: now.
-        mode: now.
+        name: the vehicle's id.
+        before: its state when control ended.
+        phase: its present phase.
+        mode: its present mode.
         loss_action: `operation.setpoint_loss_action`.
         in_failsafe: whether its autopilot reports a failsafe.
         taken_again: this station has controlled it since, and then a pilot or another station took it.

@@ -1,4 +1,4 @@
-"""The one way in which kernels are compiled here.
+"""Compilation of kernels with numba.
 
 Compiled code is kept on disk, so that only the first run after a change waits for the compiler. Arithmetic
 stays as written (no fast-math), so that the same input gives the same output everywhere.
@@ -20,10 +20,11 @@ MARK = b"@kernel"
 
 
 def kept_in(package: Path) -> Path:
-    """The folder for the compiled code of a package, named after what all its kernels say.
+    """The folder for the compiled code of a package, named by a hash of all its kernel sources.
 
-    Numba looks at the file of the kernel that is called, but not at those of the kernels that it calls: after
-    a change in one of them it would go on flying the old code. With another name all is compiled anew.
+    Numba checks the file of the kernel that is called, but not the files of the kernels that it calls: after
+    a
+    change in one of those it would keep running the old code. With another folder name all is compiled again.
     """
     sources = [path.read_bytes() for path in sorted(package.rglob("*.py"))]
     digest = sha256(b"\0".join(source for source in sources if MARK in source)).hexdigest()[:16]
@@ -40,11 +41,11 @@ numba.config.CACHE_DIR = str(kept_in(Path(__file__).parents[1]))
 
 
 def _load_without_blas() -> None:
-    """Numba looks for scipy's BLAS as soon as it is used: 15 MB, though no kernel multiplies matrices."""
+    """Keep numba from importing scipy's BLAS on first use: 15 MB, though no kernel multiplies matrices."""
     blas = "scipy.linalg.cython_blas"
     if blas in sys.modules:
         return
-    sys.modules[blas] = None  # type: ignore[assignment]  # as documented: importing it fails
+    sys.modules[blas] = None  # type: ignore[assignment]  # as documented: importing it fails - documented: its import fails
     try:
         import_module("numba.np.arraymath")
     finally:
@@ -55,18 +56,18 @@ _load_without_blas()
 
 
 def kernel(function: Kernel) -> Kernel:
-    """Compile at the first call; dividing by zero gives inf or NaN, as in numpy."""
+    """Compile at the first call; division by zero gives inf or NaN, as in numpy."""
     compiled: Kernel = numba.njit(cache=True, error_model="numpy")(function)
     return compiled
 
 
 def kernel_apart(function: Kernel) -> Kernel:
-    """As `kernel`; called in a thread of its own it holds up no other: it lets the interpreter's lock go."""
+    """As `kernel`, but releases the interpreter's lock, so that in a thread of its own it blocks no other."""
     compiled: Kernel = numba.njit(cache=True, error_model="numpy", nogil=True)(function)
     return compiled
 
 
 def kernel_in_any_order(function: Kernel) -> Kernel:
-    """As `kernel`; sums may be formed in any order, so that they can be vectorised."""
+    """As `kernel`, but sums may be formed in any order, so that they can be vectorised."""
     compiled: Kernel = numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz"})(function)
     return compiled

@@ -1,4 +1,4 @@
-"""Phases of a vehicle and of the show, as tables. What a table does not name is refused."""
+"""Phases of a vehicle and of the show, as tables. A transition that no table contains is refused."""
 
 from enum import StrEnum
 from typing import Final
@@ -7,20 +7,20 @@ from gcs.model.errors import RefusedError
 
 
 class Phase(StrEnum):
-    """Where one vehicle stands."""
+    """Phase of one vehicle."""
 
-    __hash__ = str.__hash__  # Enum's own is Python: a tick asks thousands of times
+    __hash__ = str.__hash__  # Enum's own is written in Python, and a tick hashes thousands of times
 
-    OFFLINE = "offline"  # not heard, and not known to be in the air
-    STANDBY = "standby"  # heard, on the ground
+    OFFLINE = "offline"  # no telemetry, and not known to be in the air
+    STANDBY = "standby"  # telemetry received, on the ground
     TAKEOFF = "takeoff"  # the autopilot climbs, straight up
     HOLD = "hold"  # in the air, the autopilot holds position
     FORMATION = "formation"  # flown by the law
     RETURN = "return"  # flown home by the service
-    LANDING = "landing"  # descends at its place
+    LANDING = "landing"  # descends at its landing site
     LOST = "lost"  # was in the air, then silent: nothing is sent
-    PILOT = "pilot"  # a person has taken over: nothing is sent
-    KILLED = "killed"  # motors were stopped on order
+    PILOT = "pilot"  # under pilot control: nothing is sent
+    KILLED = "killed"  # motors were stopped on command
 
 
 class Event(StrEnum):
@@ -31,7 +31,7 @@ class Event(StrEnum):
     SILENT = "silent"
     TAKE_OFF = "take off"
     HOLD = "hold"
-    ENGAGE = "engage"  # offboard accepted, the law flies it
+    ENGAGE = "engage"  # OFFBOARD accepted, the law flies it
     COME_HOME = "come home"
     DESCEND = "descend"
     TOUCHED_DOWN = "touched down"
@@ -43,17 +43,17 @@ class Event(StrEnum):
 
 
 AIRBORNE: Final = frozenset({Phase.TAKEOFF, Phase.HOLD, Phase.FORMATION, Phase.RETURN, Phase.LANDING})
-"""Phases in which the service answers for a vehicle in the air."""
+"""Phases in which the service is responsible for a vehicle in the air."""
 
 FLOWN: Final = frozenset({Phase.FORMATION, Phase.RETURN, Phase.LANDING})
 """Phases in which the tick may send setpoints."""
 
 GROUNDED: Final = frozenset({Phase.OFFLINE, Phase.STANDBY})
-"""Phases in which a vehicle is not in the air, as far as anybody knows."""
+"""Phases in which a vehicle is not in the air, as far as is known."""
 
 NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
     (Phase.OFFLINE, Event.CONNECTED): Phase.STANDBY,
-    (Phase.OFFLINE, Event.CONNECTED_IN_AIR): Phase.PILOT,  # found flying: somebody else's until handed over
+    (Phase.OFFLINE, Event.CONNECTED_IN_AIR): Phase.PILOT,  # found flying: under pilot control until hand-over
     (Phase.STANDBY, Event.SILENT): Phase.OFFLINE,
     (Phase.STANDBY, Event.CONNECTED_IN_AIR): Phase.PILOT,
     (Phase.STANDBY, Event.TAKE_OFF): Phase.TAKEOFF,
@@ -86,12 +86,12 @@ NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
     (Phase.KILLED, Event.CONFIRMED_DOWN): Phase.OFFLINE,
     **{(phase, Event.SILENT): Phase.LOST for phase in AIRBORNE},
     **{(phase, Event.TAKEN_OVER): Phase.PILOT for phase in AIRBORNE | {Phase.LOST}},
-    **{(phase, Event.KILL): Phase.KILLED for phase in (set(Phase) - {Phase.OFFLINE})},  # and again
+    **{(phase, Event.KILL): Phase.KILLED for phase in (set(Phase) - {Phase.OFFLINE})},  # also repeatedly
 }
 
 
 def advance(phase: Phase, event: Event) -> Phase:
-    """The phase after `event`. Raises: RefusedError when the table does not name the pair."""
+    """The phase after `event`. Raises: RefusedError when the table does not contain the pair."""
     try:
         return NEXT[phase, event]
     except KeyError:
@@ -102,12 +102,12 @@ def advance(phase: Phase, event: Event) -> Phase:
 
 
 class ShowPhase(StrEnum):
-    """Where the show stands."""
+    """Phase of the show."""
 
-    __hash__ = str.__hash__  # Enum's own is Python: a tick asks thousands of times
+    __hash__ = str.__hash__  # Enum's own is written in Python, and a tick hashes thousands of times
 
     IDLE = "idle"
-    COUNTDOWN = "countdown"  # on the ground, to a start at a clock time
+    COUNTDOWN = "countdown"  # on the ground, until a start at a clock time
     PREFLIGHT = "preflight"
     ARMING = "arming"  # arming and taking off, one after the other
     ASSEMBLING = "assembling"
@@ -116,7 +116,7 @@ class ShowPhase(StrEnum):
     RETURNING = "returning"
     ABORTING = "aborting"
     LANDED = "landed"
-    UNCONTROLLED = "uncontrolled"  # something is airborne, and nothing of it under this station's control
+    UNCONTROLLED = "uncontrolled"  # something is airborne, and none of it is under this station's control
 
 
 class ShowEvent(StrEnum):
@@ -133,20 +133,20 @@ class ShowEvent(StrEnum):
     STOP = "stop"
     ABORT = "abort"
     ALL_DOWN = "all down"
-    TAKEN_ON = "taken on"  # a vehicle in the air is ours while no show flies
-    CONTROL_LOST = "control lost"  # something is airborne, and nothing of it under this station's control
-    NEVER_FLEW = "never flew"  # what was airborne without a show of this station's has landed
+    TAKEN_ON = "taken on"  # an airborne vehicle came under control while no show flies
+    CONTROL_LOST = "control lost"  # something is airborne, and none of it is under this station's control
+    NEVER_FLEW = "never flew"  # vehicles that were airborne without a show of this station have landed
 
 
 ON_THE_GROUND: Final = frozenset({ShowPhase.IDLE, ShowPhase.COUNTDOWN, ShowPhase.LANDED})
-"""Nobody flies, nor is about to arm."""
+"""No vehicle flies or is about to arm."""
 
 IN_THE_AIR: Final = frozenset(
     {ShowPhase.ARMING, ShowPhase.ASSEMBLING, ShowPhase.RUNNING, ShowPhase.PAUSED, ShowPhase.RETURNING}
 )
 
 ANYTHING_FLIES: Final = IN_THE_AIR | {ShowPhase.ABORTING, ShowPhase.UNCONTROLLED}
-"""Something may be airborne: PAUSE, STOP and ABORT are accepted in every one of these."""
+"""Something may be airborne: PAUSE, STOP and ABORT are accepted in all of these."""
 
 SHOW_NEXT: Final[dict[tuple[ShowPhase, ShowEvent], ShowPhase]] = {
     (ShowPhase.IDLE, ShowEvent.START): ShowPhase.PREFLIGHT,
@@ -163,9 +163,9 @@ SHOW_NEXT: Final[dict[tuple[ShowPhase, ShowEvent], ShowPhase]] = {
     (ShowPhase.ARMING, ShowEvent.ALL_UP): ShowPhase.ASSEMBLING,
     (ShowPhase.ASSEMBLING, ShowEvent.ASSEMBLED): ShowPhase.RUNNING,
     **{(phase, ShowEvent.PAUSE): ShowPhase.PAUSED for phase in IN_THE_AIR | {ShowPhase.ABORTING}},
-    (ShowPhase.UNCONTROLLED, ShowEvent.PAUSE): ShowPhase.UNCONTROLLED,  # until something is under control
+    (ShowPhase.UNCONTROLLED, ShowEvent.PAUSE): ShowPhase.UNCONTROLLED,  # until a vehicle is under control
     (ShowPhase.PAUSED, ShowEvent.RESUME): ShowPhase.ASSEMBLING,
-    (ShowPhase.ARMING, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,  # up, but nobody could join
+    (ShowPhase.ARMING, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,  # airborne, but no vehicle could join
     (ShowPhase.IDLE, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
     (ShowPhase.LANDED, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
     (ShowPhase.UNCONTROLLED, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
@@ -181,7 +181,7 @@ SHOW_NEXT: Final[dict[tuple[ShowPhase, ShowEvent], ShowPhase]] = {
 
 
 def advance_show(phase: ShowPhase, event: ShowEvent) -> ShowPhase:
-    """The show's phase after `event`. Raises: RefusedError when the table does not name the pair."""
+    """The show's phase after `event`. Raises: RefusedError when the table does not contain the pair."""
     try:
         return SHOW_NEXT[phase, event]
     except KeyError:

@@ -1,7 +1,7 @@
-"""What the operator wants: formation, target, orbit, obstacles. Immutable; a change is a new value.
+"""The operator's plan: formation, target, orbit, obstacles, yaw. Immutable; a change is a new value.
 
-Every constructor refuses what can never be flown, with the field's name and what would be right. Whether
-it fits the fleet and the moment (radius for N, height, limits) is `gcs.planning.feasibility`'s question.
+Every constructor refuses what can never be flown, with the field's name and what is allowed. Whether a plan
+fits the fleet and the moment (radius for N, height, limits) is checked in `gcs.planning.feasibility`.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from math import hypot, isfinite
 from gcs.model.errors import InvalidError
 
 MAX_OBSTACLES = 32
-"""Every tick looks at each of them, and a landing at each for every place."""
+"""Limit, because every tick checks each obstacle, and every landing checks each for every landing site."""
 
 
 class Direction(StrEnum):
@@ -22,7 +22,7 @@ class Direction(StrEnum):
 
 
 class YawPolicy(StrEnum):
-    """Where the vehicles look: as at engagement, one way, or at the target."""
+    """Heading of the vehicles: as at engagement, a fixed yaw, or towards the target."""
 
     HELD = "held"
     FIXED = "fixed"
@@ -45,9 +45,9 @@ def require_positive(**values: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Formation:
-    """The virtual sphere: its radius, its centre's height above the show's origin, how fast it turns.
+    """The virtual sphere: its radius, its centre's height above the show's origin, its rotation.
 
-    It turns about the vertical; a positive `spin_rad_s` is clockwise from above.
+    It rotates about the vertical; a positive `spin_rad_s` is clockwise seen from above.
     """
 
     radius_m: float
@@ -61,7 +61,7 @@ class Formation:
 
 @dataclass(frozen=True, slots=True)
 class Orbit:
-    """How the formation's centre circles the target; radius 0: it sits above the target.
+    """Orbit of the formation's centre around the target; with radius 0 the centre stays above the target.
 
     `speed_m_s` is relative to the target.
     """
@@ -79,7 +79,7 @@ class Orbit:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """The ground target in the show frame, as last told; it goes on with its velocity."""
+    """The ground target in the show frame, as last received; it moves on with its velocity."""
 
     x_m: float = 0.0
     y_m: float = 0.0
@@ -114,7 +114,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """A box on the ground, edges along the show frame's axes, as last told; it goes on with its velocity."""
+    """A box on the ground, edges along the show frame's axes, as last received; its velocity continues."""
 
     id: str
     x_m: float  # centre
@@ -155,7 +155,7 @@ class Obstacle:
 
 @dataclass(frozen=True, slots=True)
 class Yaw:
-    """Where every vehicle looks. `fixed_rad` counts for FIXED: from the show's x axis towards y."""
+    """Heading of every vehicle. `fixed_rad` counts for FIXED: from the show's x axis towards y."""
 
     policy: YawPolicy = YawPolicy.HELD
     fixed_rad: float = 0.0

@@ -1,4 +1,4 @@
-"""What is wanted, as JSON in the record, and back."""
+"""The plan as JSON in the record, and back."""
 
 import json
 from collections.abc import Mapping
@@ -9,14 +9,14 @@ from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target, 
 
 
 def plan_json(plan: Plan, **more: object) -> str:
-    """Everything that is wanted, as JSON; times are those of the loop's clock. `more` stands beside it."""
+    """The plan as JSON, with the fields `more` added; times are those of the loop's clock."""
     return json.dumps({**asdict(plan), **more}, separators=(",", ":"))
 
 
 def plan_of(raw: Mapping[str, Any], shift_s: float) -> Plan:
-    """A plan as it was recorded, its times moved by `shift_s`.
+    """A recorded plan, its times moved by `shift_s`.
 
-    Raises: GcsError, KeyError, TypeError or ValueError for what is none.
+    Raises: GcsError, KeyError, TypeError or ValueError when `raw` is not a plan.
     """
     target = Target(**raw["target"])
     boxes = [Obstacle(**box) for box in raw["obstacles"]]

@@ -1,6 +1,6 @@
-"""What preflight says: of each vehicle and of the fleet, check by check, and who has been taken out.
+"""Result of the preflight checks, of each vehicle and of the fleet, and the exclusion of a vehicle.
 
-Plain data, for the interface above control. What is checked, and how, is `gcs.preflight`'s.
+Plain data for the service port. The checks themselves are in `gcs.preflight`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -11,7 +11,7 @@ from gcs.model.state import VehicleId
 
 
 class State(StrEnum):
-    """How a check came out. What is not known counts as failed."""
+    """Result of a check. Unknown counts as failed."""
 
     PASS = "pass"  # noqa: S105 (no password)
     FAIL = "fail"
@@ -20,25 +20,24 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing that was looked at."""
+    """One check."""
 
     name: str
     state: State
-    value: float | None = None  # as measured; None: not known, or no number
+    value: float | None = None  # as measured; None: unknown, or not a number
     unit: str = ""
     limit: str = ""  # what passes, in words, with its unit
     problem: str = ""  # what is wrong, in words; empty when it passes
-    to_do: str = ""  # what mends it
+    to_do: str = ""  # how to fix it
 
     @property
     def passes(self) -> bool:
-        """Whether nothing speaks against a start."""
         return self.state is State.PASS
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleChecks:
-    """One vehicle before take-off."""
+    """Checks of one vehicle before take-off."""
 
     id: VehicleId
     flies: bool
@@ -47,24 +46,24 @@ class VehicleChecks:
 
     @property
     def failed(self) -> tuple[Check, ...]:
-        """What keeps it on the ground, if it flies."""
+        """The checks that keep it on the ground, if it takes part."""
         return tuple(check for check in self.checks if not check.passes)
 
 
 @dataclass(frozen=True, slots=True)
 class PreflightReport:
-    """Everything that is looked at before a start."""
+    """All preflight checks of one moment."""
 
-    unix_time_s: float  # when
+    unix_time_s: float  # of the check
     show: str | None  # the selected one
     show_hash: str | None
     fleet: tuple[Check, ...]
     vehicles: tuple[VehicleChecks, ...]
-    not_checked: tuple[str, ...]  # what is not looked at, and why
+    not_checked: tuple[str, ...]  # what is not checked, and why
 
     @property
     def passes(self) -> bool:
-        """Whether a start would be accepted: nothing fails, of the fleet or of anybody who flies."""
+        """Whether a start would be accepted: no check of the fleet or of a participating vehicle fails."""
         flying = [vehicle for vehicle in self.vehicles if vehicle.flies]
         sound = all(check.passes for check in self.fleet)
         return sound and bool(flying) and not any(vehicle.failed for vehicle in flying)
@@ -72,9 +71,9 @@ class PreflightReport:
 
 @dataclass(frozen=True, slots=True)
 class Exclusion:
-    """A vehicle was taken out of the show."""
+    """The exclusion of a vehicle from the show."""
 
-    by: str  # who did it: see `gcs.service.WHO`
+    by: str  # who excluded it: see `gcs.service.WHO`
     reason: str
     unix_time_s: float
 
@@ -84,7 +83,7 @@ class Exclusion:
 
 
 def describe(found: Iterable[tuple[VehicleId | None, Check]]) -> str:
-    """What is wrong and then what to do, in words; what several vehicles share is said once.
+    """All problems and then all remedies, in words; text that several vehicles share appears once.
 
     None in place of a vehicle stands for the fleet. Checks that pass are left out.
     """
@@ -104,5 +103,4 @@ def _grouped(lines: Iterable[tuple[VehicleId | None, str]]) -> list[str]:
 
 
 def joined(names: Sequence[VehicleId]) -> str:
-    """With commas."""
     return ", ".join(names)

@@ -1,4 +1,4 @@
-"""Values in messages: short, whatever the value is."""
+"""Values quoted in messages, limited in length."""
 
 from reprlib import Repr
 from typing import Final
@@ -13,11 +13,11 @@ _REPR.maxstring = _REPR.maxlong = _REPR.maxother = SHOWN_MAX
 
 
 def cut(text: str) -> str:
-    """At most `SHOWN_MAX` characters of a text, on one line; an ellipsis stands for what is left out."""
+    """At most `SHOWN_MAX` characters of a text, on one line; an ellipsis replaces the rest."""
     line = text[: SHOWN_MAX + 1].replace("\n", " ")
     return line if len(line) <= SHOWN_MAX else line[: SHOWN_MAX - 1] + "…"
 
 
 def quoted(value: object) -> str:
-    """Any value as a message shows it. Its size and depth do not count: only what is shown is looked at."""
+    """Any value as a message shows it; only the shown part is formatted, whatever its size and depth."""
     return cut(_REPR.repr(value))

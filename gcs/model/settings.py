@@ -1,4 +1,4 @@
-"""What every group of settings shares: frozen, no unknown keys, finite numbers, a unit in every name."""
+"""Base of all groups of settings: frozen, no unknown keys, finite numbers, a unit in every name."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -19,7 +19,7 @@ class Settings(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _no_numbers_in_words(cls, values: object) -> object:
-        """A text is no number, nor is true or false: neither means one."""
+        """Refuse strings and booleans for numbers; pydantic would convert them."""
         if not isinstance(values, dict):
             return values
         return {
@@ -30,7 +30,7 @@ class Settings(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class _Word:
-    """What is refused where a number is needed."""
+    """A value refused where a number is needed."""
 
     value: str | bool
 
@@ -40,13 +40,13 @@ class _Word:
 
 @cache
 def _is_number(model: type[BaseModel], key: str) -> bool:
-    """Whether a field may be nothing else."""
+    """Whether a field accepts numbers only."""
     field = model.model_fields.get(key)
     return field is not None and _kinds(field.annotation) - {type(None)} <= {int, float}
 
 
 def _kinds(annotation: object) -> frozenset[object]:
-    """What an annotation allows, of a union all."""
+    """The types that an annotation allows; all members of a union."""
     if get_origin(annotation) is Annotated:
         return _kinds(get_args(annotation)[0])
     if get_origin(annotation) in {Union, UnionType}:

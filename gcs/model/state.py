@@ -1,4 +1,4 @@
-"""Batches that cross the boundaries: one array row per vehicle, frozen, checked where they are made.
+"""Batches that cross the boundaries: one array row per vehicle, frozen, checked on construction.
 
 Times are seconds of the event loop's clock (``loop.time()``, monotonic). The show frame is x along the
 show's heading, y to its right, z down; see ``gcs.model.frames``.
@@ -20,9 +20,9 @@ VehicleId: TypeAlias = str
 
 
 class Mode(StrEnum):
-    """Flight mode as the autopilot's heartbeat names it; OTHER is any mode we never order."""
+    """Flight mode as the autopilot's heartbeat reports it; OTHER is any mode this station never commands."""
 
-    __hash__ = str.__hash__  # Enum's own is Python: a tick asks thousands of times
+    __hash__ = str.__hash__  # Enum's own is written in Python, and a tick hashes thousands of times
 
     UNKNOWN = "unknown"
     READY = "ready"
@@ -46,7 +46,7 @@ class Landed(IntEnum):
 
 
 def freeze(array: Array | Bits, shape: tuple[int, ...], what: str) -> None:
-    """Make an array read-only, after checking its shape.
+    """Check an array's shape, and make the array read-only.
 
     Raises: ShapeError, naming `what`, when the shape differs.
     """
@@ -66,36 +66,35 @@ class StatusText:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Telemetry:
-    """What one link last heard from each of its vehicles. Owns its arrays.
+    """The newest telemetry of each vehicle of one link. Owns its arrays.
 
-    Never older values dressed as new: every group of values has its own time of arrival, ``-inf`` before
-    the first.
+    Every group of values has its own time of arrival, ``-inf`` before the first, so that old values cannot
+    pass
+    as new ones.
     """
 
     ids: tuple[VehicleId, ...]
     position_time_s: Array  # (n,) arrival of the newest global position
     heartbeat_time_s: Array  # (n,) arrival of the newest heartbeat
-    life_time_s: Array  # (n,) arrival of anything from its autopilot: every message is a sign of life
+    life_time_s: Array  # (n,) arrival of any message from its autopilot
     latitude_deg: Array  # (n,) WGS84, NaN before the first
     longitude_deg: Array  # (n,)
     altitude_amsl_m: Array  # (n,)
     velocity_ned_m_s: Array  # (n, 3)
     yaw_deg: Array  # (n,) clockwise from north
     battery_remaining: Array  # (n,) 0 to 1, NaN when unknown
-    armed: tuple[bool, ...]  # from the heartbeat
-    mode: tuple[Mode, ...]  # from the heartbeat
-    in_failsafe: tuple[bool, ...]  # from the heartbeat: the autopilot itself intervenes
+    armed: tuple[bool, ...]  # from HEARTBEAT
+    mode: tuple[Mode, ...]  # from HEARTBEAT
+    in_failsafe: tuple[bool, ...]  # from HEARTBEAT: the autopilot reports a failsafe
     landed: tuple[Landed, ...]
-    ready: tuple[bool, ...]  # the autopilot says that it can be armed
+    ready: tuple[bool, ...]  # the autopilot reports that it can be armed
     horizontal_accuracy_m: Array  # (n,) as its receiver reports, one sigma; NaN unknown, inf without a fix
     vertical_accuracy_m: Array  # (n,)
     reboot_count: tuple[int, ...]  # how often its boot clock has jumped back
-    position_resets: tuple[int, ...]  # how often its estimator said that its position jumped
+    position_resets: tuple[int, ...]  # how often its estimator reported a position reset
     fix_type: Array  # (n,) GPS_FIX_TYPE of its receiver, 3 and more with a height; NaN unknown
-    unhealthy_sensors: (
-        Bits  # (n,) of MAV_SYS_STATUS_SENSOR, those it flies by and calls unhealthy; -1 unknown
-    )
-    clock_base_s: Array  # (n,) what its own clock (Unix time) showed when the loop's was 0; NaN unknown
+    unhealthy_sensors: Bits  # (n,) of MAV_SYS_STATUS_SENSOR: sensors in use and unhealthy; -1 unknown
+    clock_base_s: Array  # (n,) its own clock (Unix time) when the loop's clock was 0; NaN unknown
     texts: tuple[tuple[StatusText, ...], ...]  # (n,) its last few status texts, the oldest first
 
     def __post_init__(self) -> None:
@@ -133,10 +132,10 @@ class Telemetry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FleetState:
-    """Where every vehicle is at one instant, in the show frame. Owns its arrays.
+    """State of every vehicle at one instant, in the show frame. Owns its arrays.
 
-    Positions are brought forward from their arrival to `time_s` with the reported velocity. Rows of
-    vehicles never heard are NaN.
+    Positions are brought forward from their arrival to `time_s` with the reported velocity. Rows of vehicles
+    without telemetry are NaN.
     """
 
     time_s: float
@@ -156,10 +155,10 @@ class FleetState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Traits:
-    """What distinguishes the vehicles from each other. Rows as in FleetState. Owns its arrays."""
+    """In what the vehicles differ from each other. Rows as in FleetState. Owns its arrays."""
 
-    charge: Array  # (n,) share of the sphere, above 0, 1 for equal ones
-    speed_max_m_s: Array  # (n,) in any direction; inf: only the fleet's limits hold
+    charge: Array  # (n,) share of the sphere, above 0; 1 for equal shares
+    speed_max_m_s: Array  # (n,) in any direction; inf: only the fleet's limits apply
     uncertainty_m: Array  # (n,) of the reported position, sideways; up and down in the floor's proportion
 
     def __post_init__(self) -> None:
@@ -169,13 +168,13 @@ class Traits:
 
     @staticmethod
     def alike(count: int, uncertainty_m: float = 0.0) -> "Traits":
-        """Equal shares, the fleet's limits, one uncertainty."""
+        """Equal shares, no speed limit but the fleet's, one uncertainty."""
         return Traits(np.ones(count), np.full(count, np.inf), np.full(count, uncertainty_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Setpoints:
-    """Velocity orders of one tick, in the show frame. A vehicle not listed is not commanded."""
+    """Velocity setpoints of one tick, in the show frame. A vehicle not listed is not commanded."""
 
     time_s: float
     ids: tuple[VehicleId, ...]
