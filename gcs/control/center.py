@@ -1,4 +1,4 @@
-"""The formation's centre and radius: begun with the first drone, moved, dropped after the last."""
+"""The formation's centre and radius: created with the first vehicle, moved, removed after the last."""
 
 from dataclasses import dataclass, replace
 
@@ -18,21 +18,23 @@ from gcs.model.state import Array, Mask
 class Lead:
     """What the formation follows from this tick on."""
 
-    center: Center | None  # None: nobody is in formation, nor expected back
+    center: Center | None  # None: no vehicle is in formation or expected back
     radius_m: float
-    engaged_time_s: Array  # (n,) when each joined, NaN outside
-    sides: dict[str, float]  # on which obstacles are passed, LEFT or RIGHT by name
+    engaged_time_s: Array  # (n,) when each vehicle joined, NaN outside the formation
+    sides: dict[str, float]  # the side on which each obstacle is passed, LEFT or RIGHT, by obstacle id
 
 
 def move_center(now: TickInputs, memory: Memory) -> Lead:
-    """Begin, move or drop the formation's centre and radius; note who joined and who left."""
+    """Create, move or remove the formation's centre and radius, and update the joining times."""
     engaged_s = _engaged(now.formed, memory.engaged_time_s, now.fleet.time_s)
     if len(now.rows) == 0:
         return _without_drones(now, memory, engaged_s)
     center, radius_m = memory.center, memory.radius_m
     if center is None:
         center, radius_m = _begun(now), now.plan.formation.radius_m
-    ahead = replace(center, position_m=center.position_m + now.dt_s * center.velocity_m_s)  # as the step ends
+    ahead = replace(
+        center, position_m=center.position_m + now.dt_s * center.velocity_m_s
+    )  # at the step's end
     sphere_m = max(radius_m, now.plan.formation.radius_m)
     desired_m_s, sides = _around_obstacles(now, center, ahead, radius_m, memory)
     held_m_s = _inside_fence(now, ahead, sphere_m, desired_m_s)
@@ -44,7 +46,7 @@ def move_center(now: TickInputs, memory: Memory) -> Lead:
 
 @kernel
 def _engaged(formed: Mask, before_s: Array, time_s: float) -> Array:
-    """(n,) when each joined the formation; those in formation (n,) that had not joined before do now."""
+    """(n,) time when each vehicle joined the formation: `before_s`, or `time_s` for those that join now."""
     engaged_s = np.full(len(formed), np.nan)
     for i in range(len(formed)):
         if formed[i]:
@@ -53,7 +55,7 @@ def _engaged(formed: Mask, before_s: Array, time_s: float) -> Array:
 
 
 def _without_drones(now: TickInputs, memory: Memory, engaged_s: Array) -> Lead:
-    """The centre stops while drones are expected back: a tick without telemetry does not end a formation."""
+    """Stop the centre while vehicles are expected back: a tick without telemetry does not end a formation."""
     expected = now.tasks.formation_waits or bool((now.tasks.task == Task.FORMATION).any())
     if memory.center is None or not expected:
         return Lead(None, memory.radius_m, engaged_s, {})
@@ -63,7 +65,7 @@ def _without_drones(now: TickInputs, memory: Memory, engaged_s: Array) -> Lead:
 
 
 def _begun(now: TickInputs) -> Center:
-    """A centre at rest amid the drones, at the height that the plan wants."""
+    """A centre at rest at the vehicles' mean position, at the plan's height."""
     above_m = now.position_m[now.rows].mean(axis=0)
     return Center.at_rest(np.array([above_m[0], above_m[1], -now.plan.formation.height_m]))
 
@@ -71,7 +73,7 @@ def _begun(now: TickInputs) -> Center:
 def _around_obstacles(
     now: TickInputs, center: Center, ahead: Center, radius_m: float, memory: Memory
 ) -> tuple[Array, dict[str, float]]:
-    """The velocity (3,) that target, orbit and height want, led past the obstacles, and the sides taken."""
+    """The velocity (3,) for target, orbit and height, led around the obstacles, and the sides taken."""
     fleet, plan, law, moves = now.fleet, now.plan, now.settings.law, now.tasks.center_moves
     fence_m, sphere_m = now.settings.safety.fence.distance_max_m, max(radius_m, plan.formation.radius_m)
     reach_m = target_reach_m(fence_m, plan.orbit.radius_m, sphere_m)
@@ -95,12 +97,12 @@ def _around_obstacles(
 
 
 def _inside_fence(now: TickInputs, ahead: Center, sphere_m: float, desired_m_s: Array) -> Array:
-    """As much of the velocity (3,) as lets the whole sphere stop inside the fence."""
+    """The part of the velocity (3,) with which the whole sphere can still stop inside the fence."""
     reach_m = now.settings.safety.fence.distance_max_m - sphere_m
     level_m_s = held_within(
         desired_m_s[:2],
         ahead.position_m[:2],
-        reach_m - CLEAR_OF_FENCE_M / 2,  # the orbit's own farthest point is farther in
+        reach_m - CLEAR_OF_FENCE_M / 2,  # the orbit itself ends farther inside
         now.settings.law.center_acceleration_max_m_s2 / 2,
     )
     return np.array([level_m_s[0], level_m_s[1], desired_m_s[2]])

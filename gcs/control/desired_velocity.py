@@ -1,4 +1,4 @@
-"""What law and goals want of every vehicle, before anything keeps them apart."""
+"""Velocities that the law and the goals require of every vehicle, before the safety filter."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from gcs.model.state import Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """Where the drones in formation are led, and how fast."""
+    """Slots of the vehicles in formation, and the velocities towards them."""
 
     place: Array  # (n, 3) as in Memory
     change: Array  # (n, 3) as in Memory
@@ -30,7 +30,7 @@ class Spread:
 
 
 def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
-    """Move the places on; the velocities that lead the drones in formation to theirs."""
+    """Move the slots on, and compute the velocities of the vehicles in formation towards theirs."""
     center, rows, law, limits = lead.center, now.rows, now.settings.law, now.settings.safety.limits
     nothing = np.zeros((len(rows), 3))
     if center is None or len(rows) == 0:
@@ -68,7 +68,7 @@ def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
 def _among_neighbours(
     now: TickInputs, lead: Lead, center: Center, sight: Sight, position_m: Array, direction: Array
 ) -> Array:
-    """(m, 3) velocities of the m drones in formation, each by what it sees for itself."""
+    """(m, 3) velocities of the m vehicles in formation, each from its own limited sight."""
     law = now.settings.law
     return sighted_velocity(
         position_m,
@@ -83,12 +83,12 @@ def _among_neighbours(
 
 
 def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
-    """(n, 3) velocities that law and goals want, obstacles avoided, within the speed limits.
+    """(n, 3) velocities that law and goals require, with obstacles avoided, within the speed limits.
 
     Args:
-        now: this tick.
+        now: inputs of this tick.
         lead: what the formation follows.
-        own_m_s: (m, 3) of the m drones in formation.
+        own_m_s: (m, 3) of the m vehicles in formation, without the centre's avoidance.
     """
     law, limits = now.settings.law, now.settings.safety.limits
     desired_m_s = np.zeros_like(now.position_m)
@@ -116,7 +116,7 @@ def _avoiding(
     sides: Mapping[str, float],
     sliding_m_s: Array,
 ) -> Array:
-    """(m, 3) velocities of those rows (m,), obstacles avoided; the other arguments as in `avoid_all`."""
+    """(m, 3) velocities of those rows (m,) with obstacles avoided; the other arguments as in `avoid_all`."""
     if not now.ellipses:
         return desired_m_s
     avoidance = now.settings.law.avoidance

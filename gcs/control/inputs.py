@@ -1,4 +1,4 @@
-"""What one tick is given, and what follows from that alone."""
+"""Inputs of one tick, and what follows from them alone."""
 
 from dataclasses import dataclass
 
@@ -13,33 +13,33 @@ from gcs.model.plan import Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
 
 LONGEST_STEP_S = 0.2
-"""After a longer pause the commanded centre does not catch up: what was not flown is not flown."""
+"""Longest step of the commanded centre. After a longer pause the centre does not catch up."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TickInputs:
-    """One tick's question. Rows as in FleetState."""
+    """Inputs of one tick. Rows as in FleetState."""
 
     fleet: FleetState
     tasks: Tasks
     plan: Plan
     traits: Traits
     settings: ControlSettings
-    dt_s: float  # since the tick before
-    position_m: Array  # (n, 3) and
-    velocity_m_s: Array  # (n, 3) the fleet's, not frozen: frozen arrays are another type to the kernels
+    dt_s: float  # since the previous tick
+    position_m: Array  # (n, 3)
+    velocity_m_s: Array  # (n, 3); both writable copies, because kernels compile frozen arrays as another type
     commanded: Mask  # (n,) has a task and fresh telemetry
-    formed: Mask  # (n,) of these in formation
-    rows: NDArray[np.intp]  # (m,) of those in formation
-    to_goal: Mask  # (n,) of the commanded on the way to a point of its own
-    ellipses: dict[str, Ellipse]  # the plan's obstacles, where they are now
+    formed: Mask  # (n,) commanded and in formation
+    rows: NDArray[np.intp]  # (m,) of the vehicles in formation
+    to_goal: Mask  # (n,) commanded and on the way to a goal of its own
+    ellipses: dict[str, Ellipse]  # the plan's obstacles at this time
 
     def of_formed(self, values: Array) -> Array:
-        """A copy of the rows of those in formation, (m,) or (m, 3) of (n,) or (n, 3)."""
+        """A copy of the rows in formation: (m,) or (m, 3) of (n,) or (n, 3)."""
         return values.copy() if len(self.rows) == len(self.formed) else values[self.rows]
 
     def for_all(self, formed: Array, others: float) -> Array:
-        """(n, 3) with (m, 3) in the rows of those in formation and one number everywhere else."""
+        """(n, 3) with `formed` (m, 3) in the rows in formation, and `others` in all other rows."""
         if len(self.rows) == len(self.formed):
             return formed
         everybody = np.full((len(self.formed), 3), others)
@@ -56,7 +56,7 @@ class TickInputs:
         *,
         before_s: float,
     ) -> "TickInputs":
-        """At `fleet.time_s`, when the last tick was at `before_s`."""
+        """Inputs at `fleet.time_s`, when the previous tick was at `before_s`."""
         position_m, velocity_m_s = np.array(fleet.position_m), np.array(fleet.velocity_m_s)
         task, age_s = np.array(tasks.task), np.array(fleet.age_s)
         commanded, formed, to_goal = _roles(
@@ -83,14 +83,14 @@ class TickInputs:
 def _roles(
     task: NDArray[np.int8], position_m: Array, velocity_m_s: Array, age_s: Array, age_max_s: float
 ) -> tuple[Mask, Mask, Mask]:
-    """(n,) who is commanded, of these who is in formation, and who goes to a point of its own.
+    """(n,) masks: commanded; commanded in formation; commanded to a goal of its own.
 
     Args:
         task: (n,) of Task.
-        position_m: (n, 3), not finite where it is not known.
-        velocity_m_s: (n, 3), likewise.
-        age_s: (n,) of what is known.
-        age_max_s: older telemetry commands nobody.
+        position_m: (n, 3), not finite where unknown.
+        velocity_m_s: (n, 3), not finite where unknown.
+        age_s: (n,) of the telemetry.
+        age_max_s: a vehicle with older telemetry is not commanded.
     """
     n = len(task)
     commanded, formed, to_goal = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
@@ -105,7 +105,7 @@ def _roles(
 
 
 def ellipses_of(plan: Plan, settings: ControlSettings, time_s: float) -> dict[str, Ellipse]:
-    """The plan's obstacles, where they are at `time_s`, as ellipses with the law's margins."""
+    """The plan's obstacles at `time_s`, as ellipses with the law's margins."""
     margin_m, headroom_m = settings.law.avoidance.margin_m, settings.law.avoidance.headroom_m
     return {
         box.id: Ellipse.around(box, margin_m=margin_m, headroom_m=headroom_m, time_s=time_s)

@@ -1,4 +1,4 @@
-"""Control over late links: the safety filter is given the delay, the fast inner loop is off. Pure.
+"""Control over late links: the safety filter uses the delay, the fast inner loop is off. Pure.
 
 The inner loop on the measured velocity (decision 0004) oscillates when its own effect is measured half a
 second late; the separation filter keeps the floor if it knows the delay. Decision 0024.
@@ -12,23 +12,23 @@ from gcs.control import ControlSettings
 from gcs.model.state import Array, Mask
 
 LATE_S: Final = 0.15
-"""Telemetry that arrives so much later than it could is late; the loop's gains stand about as much."""
+"""Telemetry this much later than possible is late; the loop's gains tolerate about this delay."""
 
 STEP_S: Final = 0.1
-"""The delay is reckoned with in steps, rounded up: settings do not change with every sample."""
+"""The delay is rounded up to steps of this length, so that settings do not change with every sample."""
 
 MOST_S: Final = 0.6
-"""The greatest delay given to the filter: beyond it no velocity would satisfy its bounds."""
+"""Greatest delay given to the filter: beyond it no velocity would satisfy its bounds."""
 
 SHARE: Final = 0.9
-"""The delay of the fleet is one that this share of its links does not pass."""
+"""Quantile of the vehicles' delays that is taken as the fleet's delay."""
 
 TRIM_SHARE: Final = 0.2
-"""Of the rate at which the trim learns."""
+"""Factor on the trim's learning rate while links are late."""
 
 
 def fleet_delay_s(late_s: Array, flying: Mask) -> float:
-    """One-way delay of the flying vehicles: 0 while links are on time, else in whole steps."""
+    """One-way delay of the flying vehicles: 0 while links are on time, else a multiple of `STEP_S`."""
     if not flying.any():
         return 0.0
     delay_s = float(np.quantile(late_s[flying], SHARE))
@@ -38,7 +38,7 @@ def fleet_delay_s(late_s: Array, flying: Mask) -> float:
 
 
 def for_late_links(control: ControlSettings, delay_s: float) -> ControlSettings:
-    """What the tick is set to at this delay, of telemetry and of setpoints alike."""
+    """Settings of the tick at this delay, which is assumed for telemetry and setpoints alike."""
     if delay_s <= control.safety.link_delay_s:
         return control
     safety = control.safety.model_copy(update={"link_delay_s": delay_s})

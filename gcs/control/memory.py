@@ -1,4 +1,4 @@
-"""What one tick hands to the next."""
+"""State that one tick passes to the next."""
 
 from dataclasses import dataclass
 
@@ -10,25 +10,25 @@ from gcs.model.state import Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
-    """All that one tick hands to the next. Rows as in FleetState. Owns its arrays."""
+    """State that one tick passes to the next. Rows as in FleetState. Owns its arrays."""
 
     time_s: float
     center: Center | None  # None until a formation flies
     radius_m: float
-    desired_m_s: Array  # (n, 3) velocity after safety, NaN where nothing was commanded
-    yaw_rad: Array  # (n,) commanded, NaN where nothing was
+    desired_m_s: Array  # (n, 3) velocity after the safety filter, NaN where not commanded
+    yaw_rad: Array  # (n,) commanded, NaN where not commanded
     held_yaw_rad: Array  # (n,) at engagement
     engaged_time_s: Array  # (n,) when it joined the formation, NaN outside
-    place: Array  # (n, 3) unit vectors from the centre to where each is led, NaN outside the formation
-    change: Array  # (n, 3) of the places in the last sweep
-    trim_m_s: Array  # (n, 3) what setpoints are off by, against wind, drag and the vehicle's own answer
-    expected_m_s: Array  # (n, 3) velocity beside the centre's that each should have, NaN: not commanded
+    place: Array  # (n, 3) slots: unit vectors from the centre, NaN outside the formation
+    change: Array  # (n, 3) of the slots in the last sweep
+    trim_m_s: Array  # (n, 3) correction of setpoints for wind, drag and the vehicle's own response
+    expected_m_s: Array  # (n, 3) velocity relative to the centre's that each should have, NaN: not commanded
     pace: float  # share of the orbit's speed that the vehicles can keep up with
     sides: dict[str, float]
 
     @staticmethod
     def fresh(count: int, time_s: float) -> "Memory":
-        """Nothing commanded yet."""
+        """The state before the first tick: nothing is commanded."""
         nothing, nowhere, still = np.full(count, np.nan), np.full((count, 3), np.nan), np.zeros((count, 3))
         return Memory(
             time_s=time_s,

@@ -1,4 +1,4 @@
-"""Setpoints that make the vehicles have the velocities allowed, and what their answer teaches."""
+"""Setpoints that make the vehicles fly the allowed velocities; the trim is learned from their response."""
 
 from dataclasses import dataclass
 from math import hypot
@@ -13,15 +13,15 @@ from gcs.model.state import Array
 from gcs.safety.filter import cap
 
 PRESSED = 0.65
-"""Share of the speed limit from which a vehicle's setpoint has little left to give."""
+"""Share of the speed limit from which a setpoint has little reserve left."""
 
 STANDING_M_S = 0.5
-"""A centre slower than this waits for nobody."""
+"""A centre slower than this does not reduce its pace for vehicles that fall behind."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapedSetpoints:
-    """What is sent, and what is remembered of it."""
+    """The setpoints, and what the next tick needs to know of them."""
 
     setpoint_m_s: Array  # (n, 3) within the limits
     trim_m_s: Array  # (n, 3) as in Memory
@@ -32,7 +32,7 @@ class ShapedSetpoints:
 def shape_setpoints(
     now: TickInputs, allowed_m_s: Array, center: Center | None, memory: Memory
 ) -> ShapedSetpoints:
-    """Inner loop, lead and trim over the velocities (n, 3) that safety allows."""
+    """Apply inner loop, lead and trim to the velocities (n, 3) that the safety filter allows."""
     settings, limits = now.settings, now.settings.safety.limits
     base_m_s, lead_m_s2 = _known_beforehand(now, center)
     requested_m_s = compensate(
@@ -69,9 +69,9 @@ def shape_setpoints(
 
 
 def _known_beforehand(now: TickInputs, center: Center | None) -> tuple[Array, Array]:
-    """(n, 3) velocity and acceleration that those in formation share with its centre."""
+    """(n, 3) velocity and acceleration that the vehicles in formation share with the centre."""
     believing = now.tasks.sight is not None and now.tasks.sight.belief is not None
-    if center is None or believing:  # nobody tells its neighbours of accelerations
+    if center is None or believing:  # neighbours do not send accelerations
         return np.zeros_like(now.position_m), np.zeros_like(now.position_m)
     return shared(now.formed, center.velocity_m_s), shared(now.formed, center.acceleration_m_s2)
 
@@ -84,7 +84,7 @@ def _pace(
     requested_m_s: Array,
     memory: Memory,
 ) -> float:
-    """Share of the orbit's speed that all can keep up with; a centre that stands waits for nobody."""
+    """Share of the orbit's speed that all vehicles can keep up with; not reduced while the centre stands."""
     if center is None:
         return 1.0
     behind_m_s = 0.0

@@ -1,4 +1,4 @@
-"""What every vehicle is to do in a tick."""
+"""What every vehicle has to do in a tick."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -13,26 +13,26 @@ from gcs.model.state import Array, Mask, freeze
 class Task(IntEnum):
     """What the tick does with a vehicle."""
 
-    NONE = 0  # nothing is sent
+    NONE = 0  # no setpoint is sent
     FORMATION = 1
-    GOAL = 2  # to a point of its own, through the same filter
+    GOAL = 2  # to a goal of its own, through the same filter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tasks:
-    """What every vehicle of the fleet is to do. Rows as in FleetState. Owns its arrays."""
+    """What every vehicle of the fleet has to do. Rows as in FleetState. Owns its arrays."""
 
     task: NDArray[np.int8]  # (n,) of Task
-    goal_m: Array  # (n, 3), show frame; only rows of GOAL count
+    goal_m: Array  # (n,) possibly in the air: other vehicles keep away
     airborne: Mask  # (n,) in the air, or possibly so: others keep away
-    descending: Mask  # (n,) on its way to the ground
+    descending: Mask  # (n,) descending to land
     segments_m: Array  # (m, 2, 3), paths that lost vehicles may take
     center_moves: bool = False  # False: the centre stays (assembling)
-    formation_waits: bool = False  # paused: centre and radius are kept although nobody follows them
+    formation_waits: bool = False  # paused: centre and radius are kept although no vehicle follows them
     follows_planned_path: Mask | None = (
-        None  # (n,) who flies a way found for all beforehand: no rules of the road
+        None  # (n,) follows a path planned for the whole fleet: no rules of the road
     )
-    sight: Sight | None = None  # (n) what each drone's own law sees; None: everything
+    sight: Sight | None = None  # (n) what each vehicle's own law sees; None: all vehicles
 
     def __post_init__(self) -> None:
         n = len(self.task)
@@ -41,7 +41,7 @@ class Tasks:
 
     @staticmethod
     def of_formation(count: int, *, center_moves: bool) -> "Tasks":
-        """All of `count` vehicles are in the air, in formation, and nobody was lost."""
+        """All `count` vehicles are airborne and in formation, and none was lost."""
         nobody = np.zeros(count, dtype=np.bool_)
         return Tasks(
             np.full(count, Task.FORMATION, dtype=np.int8),

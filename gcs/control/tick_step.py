@@ -1,4 +1,4 @@
-"""The tick itself: what each part decides, in their order, and the memory of it."""
+"""The tick: its parts in their order, and the state kept for the next tick."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -27,18 +27,18 @@ from gcs.safety.traffic import give_way, keep_right
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tick:
-    """What one tick decided."""
+    """Result of one tick."""
 
     setpoints: Setpoints
     memory: Memory
-    limited_by: tuple[str, ...]  # (n,) why the filter held a vehicle back, "" when it did not
-    position_m: Array  # (n, 3) as believed
+    limited_by: tuple[str, ...]  # (n,) why the filter limited a vehicle, "" when it did not
+    position_m: Array  # (n, 3) as estimated
     airborne: Mask  # (n,)
     floor: Floor
 
     @property
     def minimum_separation_m(self) -> float:
-        """As believed, of the pairs that count. Found out when asked: setpoints need not wait for it."""
+        """Smallest estimated separation of the pairs that count; computed on demand, never in the tick."""
         return minimum_separation(self.position_m, self.airborne, self.floor)[0]
 
 
@@ -49,10 +49,10 @@ def tick(
 
     Args:
         fleet: n vehicles.
-        tasks: what each is to do.
+        tasks: what each has to do.
         plan: formation, orbit, target, obstacles, yaw.
-        traits: what distinguishes them.
-        memory: of the tick before.
+        traits: in what the vehicles differ.
+        memory: of the previous tick.
         settings: gains and limits.
 
     Returns: setpoints for those vehicles only that have a task and fresh telemetry.
@@ -87,7 +87,7 @@ def tick(
 
 
 def _in_traffic(now: TickInputs, desired_m_s: Array) -> Array:
-    """(n, 3) wanted velocities, those on their way to a goal keeping right and giving way."""
+    """(n, 3) desired velocities; vehicles on the way to a goal keep right and give way."""
     if not now.to_goal.any():
         return desired_m_s
     safety, goal_m = now.settings.safety, now.tasks.goal_m
@@ -129,7 +129,7 @@ def _surroundings(now: TickInputs) -> Surroundings:
 
 
 def _yaw(now: TickInputs, memory: Memory) -> tuple[Array, Array]:
-    """Commanded yaw and yaw at engagement, (n,) each; NaN where nothing is commanded."""
+    """Commanded yaw and yaw at engagement, (n,) each; NaN where not commanded."""
     so_far_rad, held_rad = begun_yaw(
         now.commanded, memory.yaw_rad, memory.held_yaw_rad, np.array(now.fleet.yaw_rad)
     )
@@ -140,7 +140,7 @@ def _yaw(now: TickInputs, memory: Memory) -> tuple[Array, Array]:
 
 
 def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoints:
-    """Of the rows (n, 3) those that are commanded and know where they look."""
+    """Setpoints of the rows (n, 3) that are commanded and have a yaw."""
     fleet = now.fleet
     rows = np.flatnonzero(now.commanded & np.isfinite(yaw_rad))
     ids = fleet.ids if len(rows) == len(fleet.ids) else tuple(fleet.ids[row] for row in rows.tolist())
@@ -149,7 +149,7 @@ def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoint
 
 @cache
 def warm_up() -> None:
-    """Compile or load every kernel that a tick uses, so that nothing is compiled in the air."""
+    """Compile or load every kernel that a tick uses, so that nothing is compiled in flight."""
     safety_warm_up()
     formation_warm_up()
     n = 3
