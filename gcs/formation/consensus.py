@@ -1,6 +1,6 @@
-"""Agreeing on the formation's centre with one's neighbours, instead of being told (article, section 6).
+"""Agreement on the formation's centre between neighbours, without a central command (article, section 6).
 
-Row i of everything here depends on row i of its arguments alone: each drone could compute its own.
+Row i of every result depends on row i of the arguments alone: each vehicle could compute its own.
 """
 
 from dataclasses import dataclass
@@ -13,59 +13,63 @@ from gcs.model.state import Array, Mask
 
 
 class ConsensusSettings(Settings):
-    """How strongly a drone holds on to what it sees for itself."""
+    """Weight of a vehicle's own sighting against its neighbours' messages."""
 
-    sighting_rate_per_s: Positive = 0.1  # pull of the own sighting; the neighbours' is some 3 per second
+    sighting_rate_per_s: Positive = (
+        0.1  # pull of the own sighting; that of the neighbours is about 3 per second
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """Where each drone believes the centre to be and to go; NaN rows where it knows nothing. Show frame."""
+    """Each vehicle's estimate of the centre and its velocity; NaN rows where unknown. Show frame."""
 
     center_m: Array  # (n, 3)
     velocity_m_s: Array  # (n, 3)
 
     @staticmethod
     def describe(center_m: Array, velocity_m_s: Array, count: int) -> "Belief":
-        """All know the same: (3,) and (3,)."""
+        """The same belief for `count` vehicles: centre (3,) and velocity (3,)."""
         return Belief(np.tile(center_m, (count, 1)), np.tile(velocity_m_s, (count, 1)))
 
     @staticmethod
     def nothing(count: int) -> "Belief":
-        """Nobody knows anything yet."""
+        """No vehicle has an estimate yet."""
         return Belief(np.full((count, 3), np.nan), np.full((count, 3), np.nan))
 
     def only(self, rows: Mask) -> "Belief":
-        """Of the drones of `rows` (n,)."""
+        """The rows `rows` (n,)."""
         return Belief(self.center_m[rows], self.velocity_m_s[rows])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NeighbourMessages:
-    """What each drone's neighbours said they believe, at most k of them. Show frame."""
+    """Beliefs received from each vehicle's neighbours, at most k of them. Show frame."""
 
-    center_m: Array  # (n, k, 3), NaN where there is none
+    center_m: Array  # (n, k, 3), NaN where there is no neighbour
     velocity_m_s: Array  # (n, k, 3)
-    degree: Array  # (n, k) how many neighbours each of them hears
+    degree: Array  # (n, k) number of neighbours of each of them
 
 
 def agree(
     belief: Belief, received: NeighbourMessages, sighting: Belief, dt_s: float, settings: ConsensusSettings
 ) -> Belief:
-    """One round: go on with the believed velocity, mix with the neighbours, lean towards the own sighting.
+    """One round: dead-reckon the centre, mix with the neighbours, lean towards the own sighting.
 
-    Metropolis weights, ``1 / (1 + max(d_i, d_j))``, are the same for both of a pair, so that everybody counts
-    alike in what is agreed; nobody needs to know more than its neighbours. A message lost makes a pair's
-    exchange one-sided and moves the agreed value; leaning towards the sightings takes it back to their mean.
+    Metropolis weights, ``1 / (1 + max(d_i, d_j))``, are the same for both of a pair, so that every vehicle
+    counts
+    alike in the result, and each needs to know its neighbours only. A lost message makes a pair's exchange
+    one-sided and moves the agreed value; leaning towards the sightings takes it back to their mean.
 
     Args:
-        belief: of n drones. Who has none takes its own sighting, else its neighbours' mean.
+        belief: of n vehicles. A vehicle without one takes its own sighting, else its neighbours' mean.
         received: from their neighbours.
-        sighting: what each sees for itself, NaN rows for those who see nothing.
+        sighting: what each sees for itself, NaN rows for vehicles that see nothing.
         dt_s: since the last round.
         settings: rates.
 
     Returns: the beliefs `dt_s` later.
+
     Source: Xiao, Boyd, Lall 2005, "A scheme for robust distributed sensor fusion based on average consensus".
     """
     known: Mask = np.asarray(np.isfinite(received.center_m).all(axis=2))

@@ -1,4 +1,4 @@
-"""What is compiled of the law and no plain tick reaches, compiled or loaded before anybody flies."""
+"""Kernels of the law that a plain tick does not reach, compiled or loaded before the flight."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from gcs.formation.way import SHORTEST_WAY_M, Way, steer_center
 
 
 def warm_up() -> None:
-    """Run the kernels around obstacles and among neighbours once, with the types of flight."""
+    """Run the kernels for obstacles and neighbours once, with the types used in flight."""
     center_m, desired_m_s = np.array([0.0, 0.0, -20.0]), np.array([2.0, 0.0, 0.0])
     tower = {"tower": Ellipse(10.0, 0.0, 5.0, 5.0, top_height_m=30.0)}
     settings, way = AvoidanceSettings(), Way(None, SHORTEST_WAY_M)

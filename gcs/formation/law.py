@@ -1,7 +1,7 @@
-"""The flown law: the centre's motion, and each drone's way to its place on the sphere.
+"""The flown law: the centre's motion, and each vehicle's motion to its slot on the sphere.
 
-Nobody is assigned a place: the places are the drones' own directions, moved on by their mutual repulsion, and
-remembered from tick to tick. Gains are rates (1/s), independent of N and R. The article's terms are in
+No slot is assigned: the slots start in the vehicles' own directions, are moved on by their mutual repulsion,
+and are kept from tick to tick. Gains are rates (1/s), independent of N and R. The article's terms are in
 `sphere`, `repulsion`, `orbit` and `steering`; docs/decisions/0001 derives the gains.
 """
 
@@ -25,17 +25,17 @@ from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, VehicleId
 
 KEPT_OFFSETS = 32_768
-"""Of so many vehicles the kick need not be worked out again."""
+"""Number of vehicles of which the symmetry offset is cached."""
 
 
 class LawSettings(Settings):
-    """Rates and bounds of the law; docs/decisions/0001 says how they were found."""
+    """Rates and limits of the law; docs/decisions/0001 says how they were found."""
 
-    speed_m_s: Positive = 4.0  # bound of what draws a drone to its place
-    slot_rate_per_s: Positive = 1.0  # at which a drone's distance from its place decays
-    sweeps: Annotated[int, Field(ge=1, le=100)] = 4  # of the places' descent, every tick
-    pull: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0005  # of the places to the drones, each sweep
-    symmetry_rad: NotNegative = 0.03  # by which at most a new drone's place is off its own direction
+    speed_m_s: Positive = 4.0  # limit of the velocity towards the slot
+    slot_rate_per_s: Positive = 1.0  # at which a vehicle's distance from its slot decays
+    sweeps: Annotated[int, Field(ge=1, le=100)] = 4  # of the slots' descent, every tick
+    pull: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0005  # of the slots to the vehicles, each sweep
+    symmetry_rad: NotNegative = 0.03  # largest angle between a new vehicle's slot and its own direction
     goal_rate_per_s: Positive = 0.8
     center_speed_max_m_s: Positive = 4.0  # over the ground
     center_acceleration_max_m_s2: Positive = 1.0
@@ -46,9 +46,9 @@ class LawSettings(Settings):
 
 @lru_cache(maxsize=KEPT_OFFSETS)
 def symmetry_offset_of(name: VehicleId) -> tuple[float, float]:
-    """Two numbers within the unit circle, the same for the same drone every time.
+    """Two numbers within the unit circle, always the same for the same id.
 
-    A symmetric start sits on a saddle and stays there; these push it off.
+    A symmetric start is a saddle and would not change; these offsets break the symmetry.
     """
     digest = blake2b(name.encode(), digest_size=8).digest()
     size = sqrt(int.from_bytes(digest[:4], "big") / 2**32)
@@ -57,14 +57,14 @@ def symmetry_offset_of(name: VehicleId) -> tuple[float, float]:
 
 
 def symmetry_offsets(direction: Array, ids: Sequence[VehicleId], rows: NDArray[np.intp]) -> Array:
-    """Each drone's own small push, no longer than 1 and at right angles to its direction.
+    """Each vehicle's small offset, no longer than 1 and at right angles to its direction.
 
     Sideways and up or down as seen from the centre, so that it turns with the formation about the vertical.
 
     Args:
         direction: (n, 3) unit vectors from the centre.
         ids: of the fleet.
-        rows: (n,) which of them these are.
+        rows: (n,) rows of the fleet in `direction`.
 
     Returns: (n, 3).
     """
@@ -77,7 +77,7 @@ def symmetry_offsets(direction: Array, ids: Sequence[VehicleId], rows: NDArray[n
 
 
 def begun(direction: Array, ids: Sequence[VehicleId], rows: NDArray[np.intp], settings: LawSettings) -> Array:
-    """(n, 3) the first slots of joining vehicles: their own directions, as `symmetry_offsets`."""
+    """(n, 3) the first slots of joining vehicles: their own directions plus their symmetry offsets."""
     place: Array = direction + settings.symmetry_rad * symmetry_offsets(direction, ids, rows)
     place /= np.linalg.norm(place, axis=1, keepdims=True)
     return place
@@ -89,9 +89,9 @@ def desired_center_velocity(
     """(3,) velocity that takes the centre to its orbit round the target, and to its height.
 
     Args:
-        center: where it is.
+        center: its present state.
         plan: target, orbit and height.
-        time_s: for which the target is reckoned.
+        time_s: time of the target's position.
         settings: speeds and rates.
         pace: share of the orbit's speed that the vehicles can keep up with.
         reach_m: the target is followed no farther than this from the show's origin (`gcs.formation.orbit`).
@@ -117,9 +117,9 @@ def desired_center_velocity(
 
 @kernel
 def directions_from(position_m: Array, center_m: Array) -> tuple[Array, Array]:
-    """(n, 3) unit vectors from the centre (3,) to the drones (n, 3), and (n,) their distances.
+    """(n, 3) unit vectors from the centre (3,) to the vehicles (n, 3), and (n,) their distances.
 
-    A drone at the very centre is taken to be straight above it.
+    A vehicle at the centre itself counts as straight above it.
     """
     direction, distance_m = np.empty_like(position_m), np.empty(len(position_m))
     for i in range(len(position_m)):
@@ -145,20 +145,22 @@ def slot_velocity(
     rate_per_s: float,
     speed_max_m_s: float,
 ) -> Array:
-    """Each drone's way to its place: along the sphere and on to it, at the same time.
+    """Velocity of each vehicle towards its slot: along the sphere and onto it, at the same time.
 
-    Along the sphere instead of straight, because straight ways lead through the sphere, and so through each
-    other and through those that have arrived.
+    Along the sphere instead of straight, because straight paths lead through the sphere: they cross each
+    other
+    and pass through vehicles that have arrived.
 
     Args:
         direction: (n, 3) unit vectors from the centre.
         distance_m: (n,) from the centre.
-        place: (n, 3) unit vectors to the places.
+        place: (n, 3) unit vectors to the slots.
         radius_m: of the sphere.
         rate_per_s: how fast a small error decays.
         speed_max_m_s: no row is faster.
 
     Returns: (n, 3) in m/s, relative to the centre.
+
     Source: article, section 2.1, divided by ``2 r r_d`` near the shell, so that the gain is a rate; 2.2.
     """
     velocity = np.empty_like(direction)
@@ -186,7 +188,7 @@ def slot_velocity(
 
 
 def goal_velocity(position_m: Array, goal_m: Array, *, settings: LawSettings) -> Array:
-    """Straight to the goal, (n, 3) each: proportional near it, at the law's speed from afar."""
+    """Straight to the goal, (n, 3) each: proportional near it, at the law's speed far from it."""
     desired_m_s = settings.goal_rate_per_s * (goal_m - position_m)
     size_m_s = np.linalg.norm(desired_m_s, axis=1, keepdims=True)
     velocity: Array = desired_m_s * np.minimum(1.0, settings.speed_m_s / np.maximum(size_m_s, TINY))

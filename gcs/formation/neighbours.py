@@ -1,6 +1,6 @@
-"""The law of a drone that sees its neighbours only: its own inbox, and a centre it was told or believes in.
+"""The law of a vehicle that sees only its neighbours: their positions, and a commanded or agreed centre.
 
-Row i of everything here depends on row i of its arguments alone: each drone could compute its own.
+Row i of every result depends on row i of the arguments alone: each vehicle could compute its own.
 """
 
 from dataclasses import dataclass
@@ -15,31 +15,33 @@ from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, Mask, freeze
 
 AHEAD = 2.0
-"""How far beyond the place where it would rest among its neighbours at rest a drone heads.
+"""Factor by which a vehicle aims beyond the point where it would rest among neighbours at rest.
 
-Nobody can follow the repulsion ahead for all the others, as `gcs.formation.law` does, so soft modes settle
-along the plain force: the farther, the faster. Measured (N = 20 and 50, PX4's response, 10 % loss): settled
-after 36 to 60 s with 0.5, 13 to 25 s with 2; 3 is no faster, with 4 the stiff modes never come to rest.
+No vehicle can compute the repulsion ahead for all the others, as `gcs.formation.law` does, so soft modes
+settle
+along the plain force: the larger the factor, the faster. Measured (N = 20 and 50, PX4's response, 10 % loss):
+settled after 36 to 60 s with 0.5, 13 to 25 s with 2; 3 is no faster, with 4 the stiff modes never come to
+rest.
 """
 
 
 class NeighboursSettings(Settings):
-    """Rates of drones that see their neighbours only; docs/decisions/0001 has those of all others."""
+    """Rates of vehicles that see only their neighbours; docs/decisions/0001 has those of the flown law."""
 
     sphere_rate_per_s: Positive = 0.8  # at which the distance from the sphere decays
-    spreading_rate_per_s: Positive = 0.8  # at which a drone goes to its place among its neighbours
-    symmetry_speed_m_s: NotNegative = 0.3  # of the push that breaks symmetries when a drone joins
+    spreading_rate_per_s: Positive = 0.8  # at which a vehicle goes to its place among its neighbours
+    symmetry_speed_m_s: NotNegative = 0.3  # of the offset that breaks symmetries when a vehicle joins
     symmetry_decay_s: Positive = 4.0  # after which a third of it is left
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """What every drone sees: at most k neighbours, in any order. Show frame. Owns its arrays."""
+    """What every vehicle sees: at most k neighbours, in any order. Show frame. Owns its arrays."""
 
     inbox_m: Array  # (n, k, 3) neighbours' positions, NaN where there is none
     inbox_charge: Array  # (n, k) their charges; only those with a position count
-    range_m: float  # beyond it nobody is heard
-    belief: Belief | None = None  # each drone's own centre; None: all were told the commanded one
+    range_m: float  # neighbours farther away are not received
+    belief: Belief | None = None  # each vehicle's own centre; None: all use the commanded centre
 
     def __post_init__(self) -> None:
         n, k = self.inbox_charge.shape
@@ -47,7 +49,7 @@ class Sight:
         freeze(self.inbox_charge, (n, k), "inbox_charge")
 
     def only(self, rows: Mask) -> "Sight":
-        """What the drones of `rows` (n,) see."""
+        """What the vehicles of `rows` (n,) see."""
         belief = None if self.belief is None else self.belief.only(rows)
         return Sight(self.inbox_m[rows], self.inbox_charge[rows], self.range_m, belief)
 
@@ -56,7 +58,7 @@ class Sight:
 def step_aside(
     position_m: Array, center_m: Array, inbox_m: Array, inbox_charge: Array, range_m: float
 ) -> Array:
-    """The way along the unit sphere to where each drone would rest among its neighbours at rest.
+    """The step along the unit sphere to where each vehicle would rest among its neighbours at rest.
 
     The article's repulsion between directions, times ``1 - (d / range)^2``: it ends smoothly, because a
     repulsion that breaks off at the range has its rest where neighbours are just outside it (the nearest
@@ -65,14 +67,15 @@ def step_aside(
 
     Args:
         position_m: (n, 3).
-        center_m: (n, 3), each drone's own.
+        center_m: (n, 3), each vehicle's own.
         inbox_m: (n, k, 3), rows not finite do not count.
         inbox_charge: (n, k).
         range_m: where the repulsion ends.
 
-    Returns: (n, 3) in radians, at right angles to the drone's radius. 0 without neighbours, or without a
+    Returns: (n, 3) in radians, at right angles to the vehicle's radius. 0 without neighbours, or without a
         direction of its own.
-    Source: article, section 2.2; Newton's method for one drone.
+
+    Source: article, section 2.2; Newton's method for one vehicle.
     """
     aside = np.zeros((len(position_m), 3))
     here, away, push = np.empty(3), np.empty(3), np.empty(3)
@@ -88,7 +91,7 @@ def step_aside(
             share = np.sqrt(((position_m[i] - inbox_m[i, k]) ** 2).sum()) / range_m
             away[:] = inbox_m[i, k] - center_m[i]
             length = np.sqrt((away**2).sum())
-            if not (share < 1.0 and length > 1e-9):  # NaN is neither
+            if not (share < 1.0 and length > 1e-9):  # False for NaN
                 continue
             away[:] = here - away / length
             chord = np.sqrt((away**2).sum())
@@ -114,21 +117,22 @@ def sighted_velocity(
     speed_max_m_s: float,
     settings: NeighboursSettings,
 ) -> Array:
-    """Where each drone should go, from its own inbox alone: onto the sphere, and away from its neighbours.
+    """Velocity of each vehicle from its own inbox alone: onto the sphere, and away from its neighbours.
 
-    `gcs.formation.law` moves everybody's places on together; here nobody knows of all the others.
+    `gcs.formation.law` moves all slots together; here each vehicle knows its neighbours only.
 
     Args:
-        position_m: (n, 3), show frame; each drone knows its own.
+        position_m: (n, 3), show frame; each vehicle knows its own.
         symmetry_offset: (n, 3) no longer than 1, which break symmetry; they decay.
-        engaged_s: (n,) seconds since each drone joined.
+        engaged_s: (n,) seconds since each vehicle joined.
         sight: rows as `position_m`.
         center: commanded; counts only where no beliefs are given.
         radius_m: of the sphere now.
-        speed_max_m_s: bound of either part.
+        speed_max_m_s: limit of either part.
         settings: rates.
 
-    Returns: (n, 3) in m/s. Who knows of no centre rests.
+    Returns: (n, 3) in m/s. A vehicle without a centre rests.
+
     Source: article, section 2.3: "using only the position of the formation center and its neighbors".
     """
     reported = Belief.describe(center.position_m, center.velocity_m_s, len(position_m))

@@ -1,6 +1,6 @@
-"""Boxes to be flown around, as ellipses with a margin (article, section 4.1, corrected), one or many at once.
+"""Boxes to fly around, as ellipses with a margin (article, section 4.1, corrected), one or many at once.
 
-Everything but the height happens in the horizontal plane. An affine map turns each ellipse into the unit
+Everything but the height is computed in the horizontal plane. An affine map turns each ellipse into the unit
 circle, where tangents are simple; it keeps tangency, order along a line and sides.
 """
 
@@ -18,27 +18,29 @@ from gcs.model.state import Array, Mask
 
 
 class AvoidanceSettings(Settings):
-    """How wide and how early to go around."""
+    """Distances and rates of flying around obstacles."""
 
     margin_m: Positive = 2.0  # added to every side of the box: vehicle, position error, tracking error
-    headroom_m: NotNegative = 3.0  # this far above the top nobody need avoid
-    lookahead_m: Positive = 12.0  # from here on the tangent begins to count
-    near_m: Positive = 3.0  # from here on only the tangent counts, and the ellipse pushes
+    headroom_m: NotNegative = 3.0  # vehicles this far above the top need not avoid the box
+    lookahead_m: Positive = 12.0  # from this distance the tangent begins to count
+    near_m: Positive = 3.0  # from this distance only the tangent counts, and the ellipse pushes
     push_rate_per_s: Positive = 0.5  # of the outward push, per metre inside near_m
-    lead_out_m_s: Positive = 1.5  # bound of the push; speed at which one inside is led out
-    center_lookahead_m: Positive = 60.0  # so early the formation's centre goes around, in a wide arc
-    center_clearance: NotNegative = 1.0  # share of the sphere that its centre leads past; 0: itself only
+    lead_out_m_s: Positive = 1.5  # limit of the push; speed at which a vehicle inside is led out
+    center_lookahead_m: Positive = (
+        60.0  # distance from which the formation's centre goes around, in a wide arc
+    )
+    center_clearance: NotNegative = 1.0  # share of the sphere that its centre leads past; 0: the centre only
 
 
 @dataclass(frozen=True, slots=True)
 class Ellipse:
-    """The ellipse around a box grown by a margin, at one instant, and how high it reaches. Show frame."""
+    """The ellipse around a box grown by a margin, at one instant, and its height. Show frame."""
 
     x_m: float
     y_m: float
     semi_x_m: float
     semi_y_m: float
-    top_height_m: float  # nobody above this need avoid
+    top_height_m: float  # vehicles above this height need not avoid it
     velocity_x_m_s: float = 0.0
     velocity_y_m_s: float = 0.0
 
@@ -49,8 +51,9 @@ class Ellipse:
         """The tightest ellipse of the article, around the box grown by `margin_m` on every side.
 
         As printed (semi-axes sqrt(2) times the half-lengths) it passes through the corners; growing the box
-        first leaves at least `margin_m` to the box everywhere. A box that moves is taken where it is at
-        `time_s`, without it where it was last told to be.
+        first leaves at least `margin_m` to the box everywhere. A moving box is taken at its position at
+        `time_s`, or
+        at its last received position without `time_s`.
         """
         x_m, y_m = obstacle.position_m(obstacle.time_s if time_s is None else time_s)
         return Ellipse(
@@ -74,7 +77,7 @@ class Ellipse:
         return normalised
 
     def outward(self, position_m: Array) -> Array:
-        """(n, 2) unit normals, away from the ellipse; along x at its very centre."""
+        """(n, 2) unit normals, away from the ellipse; along x at its centre itself."""
         gradient = self.normalised(position_m) / self.semi_m
         length = np.linalg.norm(gradient, axis=1, keepdims=True)
         return np.where(length > TINY, gradient / np.maximum(length, TINY), (1.0, 0.0))
@@ -92,7 +95,7 @@ class Ellipse:
         return distance
 
     def contains(self, position_m: Array) -> Mask:
-        """(n,) True within the ellipse, whatever the height."""
+        """(n,) True inside the ellipse, whatever the height."""
         inside: Mask = (self.normalised(position_m) ** 2).sum(axis=1) < 1.0
         return inside
 
@@ -109,7 +112,6 @@ class Outlines:
 
     @staticmethod
     def of(ellipses: Mapping[str, Ellipse]) -> "Outlines":
-        """All of them, in their order."""
         rows = [
             (e.x_m, e.y_m, e.semi_x_m, e.semi_y_m, e.velocity_x_m_s, e.velocity_y_m_s, e.top_height_m)
             for e in ellipses.values()
@@ -129,18 +131,18 @@ class Outlines:
 
     @property
     def stand(self) -> Mask:
-        """(m,) True where one does not move."""
+        """(m,) True where an ellipse does not move."""
         stand: Mask = (self.velocity_m_s == 0.0).all(axis=1)
         return stand
 
     def only(self, rows: Mask) -> "Outlines":
-        """Those of `rows` (m,)."""
+        """The ellipses `rows` (m,)."""
         names = tuple(name for name, kept in zip(self.names, rows, strict=True) if kept)
         parts = (self.center_m[rows], self.semi_m[rows], self.velocity_m_s[rows], self.top_height_m[rows])
         return Outlines(names, *parts)
 
     def grown(self, by_m: Array) -> "Outlines":
-        """Both semi-axes longer by (m,)."""
+        """The ellipses with both semi-axes longer by `by_m` (m,)."""
         return replace(self, semi_m=self.semi_m + by_m[:, None])
 
     def nearest_m(self, position_m: Array) -> Array:

@@ -9,17 +9,17 @@ from gcs.model.plan import Direction
 from gcs.model.state import Array
 
 NEAR_M = 1e-3
-"""Closer to the target than this the field has no direction of its own; it then points along x."""
+"""Closer to the target than this the field has no direction of its own and points along x."""
 
 PACE_LEAST = 0.2
 PACE_REGAINED_PER_S = 0.01
 PACE_LOST_PER_M = 1.0
-GUST_M_S = 0.1  # so much behind is nothing
+GUST_M_S = 0.1  # a smaller lack of speed does not count
 PACE_LOST_MAX_PER_S = 0.15
 """See `next_pace`: 5 m/s round 30 m leave half of 1 m/s2 for braking."""
 
 CLEAR_OF_FENCE_M = 2.0
-"""Kept between the fence and the farthest point of the sphere on the farthest point of the orbit."""
+"""Distance kept between the fence and the farthest point of the sphere on the orbit's farthest point."""
 
 
 def target_reach_m(distance_max_m: float, orbit_radius_m: float, sphere_radius_m: float) -> float:
@@ -30,16 +30,18 @@ def target_reach_m(distance_max_m: float, orbit_radius_m: float, sphere_radius_m
 def followed_target(target_m: Array, velocity_m_s: Array, reach_m: float) -> tuple[Array, Array]:
     """The target itself, or its projection on the circle within which it can be followed.
 
-    Dead reckoning knows no fence: a target that nobody corrects goes on for ever, the formation does not.
+    Dead reckoning ignores the fence: a target that is not updated moves on without end; the formation must
+    not.
 
     Args:
         target_m: (2,) from the show's origin.
         velocity_m_s: (2,) of the target.
         reach_m: radius of that circle, 0 or more.
 
-    Returns: (2,) place and (2,) velocity of what is followed. Beyond the circle that is the velocity of the
-        projection: nothing of the target's outward motion, and of its motion round the origin as much as
-        the smaller circle leaves.
+    Returns: (2,) position and (2,) velocity of what is followed. Beyond the circle that is the velocity of
+    the
+        projection: without the target's outward motion, and with its motion round the origin scaled to the
+        smaller circle.
     """
     distance_m = hypot(target_m[0], target_m[1])
     if distance_m <= reach_m:
@@ -50,9 +52,9 @@ def followed_target(target_m: Array, velocity_m_s: Array, reach_m: float) -> tup
 
 
 def held_within(velocity_m_s: Array, position_m: Array, reach_m: float, braking_m_s2: float) -> Array:
-    """As much of the velocity as lets its owner stop within `reach_m` of the show's origin, (2,) each.
+    """The part of the velocity with which a point can still stop within `reach_m` of the origin, (2,) each.
 
-    Only the outward part is shortened. From beyond, nothing leads farther out.
+    Only the outward part is shortened. Beyond `reach_m` nothing leads farther out.
     """
     distance_m = max(hypot(position_m[0], position_m[1]), NEAR_M)
     outward = position_m / distance_m
@@ -67,17 +69,18 @@ def orbit_velocity(
 ) -> Array:
     """Velocity of the centre relative to the target that leads onto the orbit and round it.
 
-    The article prints the factor ``v_d / (rho^2 + r^2)``, whose speed is ``v_d rho``; the field it comes
-    from divides by rho too and has the speed v_d everywhere. That is what this is.
+    The article prints the factor ``v_d / (rho^2 + r^2)``, whose speed is ``v_d rho``; the field that it comes
+    from also divides by rho and has the speed v_d everywhere. This function returns the latter.
 
     Args:
         offset_m: (2,) centre minus target, show frame (x ahead, y right).
         radius_m: of the orbit; 0 leads to the target itself and stops there.
         speed_m_s: v_d, kept everywhere for a radius above 0.
         direction: seen from above. The article's signs are counter-clockwise in this frame.
-        braking_m_s2: for radius 0: how the approach slows down.
+        braking_m_s2: for radius 0: deceleration of the approach.
 
     Returns: (2,) in m/s.
+
     Source: article, section 3; Lawrence, Frew and Pisano 2008, "Lyapunov vector fields for autonomous
         unmanned aircraft flight control".
     """
@@ -96,14 +99,14 @@ def orbit_velocity(
 
 
 def next_pace(pace: float, behind_m_s: float, dt_s: float) -> float:
-    """Slow the orbit down while a vehicle at its limits falls behind; go back to full speed in peace.
+    """Slow the orbit down while a vehicle at its limits falls behind; return slowly to full speed.
 
-    In wind the airspeed of an orbit changes along it, and may be more than a vehicle has. The centre then
-    waits for the slowest. No faster than the centre can brake, so that it stays on its circle.
+    In wind the airspeed of an orbit changes along it, and may be more than a vehicle can fly. The centre then
+    waits for the slowest. The pace falls no faster than the centre can brake, so that it stays on its circle.
 
     Args:
         pace: share of the orbit's speed until now.
-        behind_m_s: by how much the slowest of those at their limits is too slow along the way, 0: nobody is.
+        behind_m_s: speed that the slowest vehicle at its limits lacks along the path, 0 when none lacks any.
         dt_s: of one tick.
 
     Returns: from 0.2 to 1.
@@ -115,13 +118,13 @@ def next_pace(pace: float, behind_m_s: float, dt_s: float) -> float:
 
 
 def within_ground_speed(target_m_s: Array, relative_m_s: Array, limit_m_s: float) -> Array:
-    """Target's velocity plus as much of the relative one as keeps the sum within the limit.
+    """The target's velocity plus as much of the relative velocity as keeps the sum within the limit.
 
     Args:
         target_m_s: (2,).
         relative_m_s: (2,).
-        limit_m_s: of the sum's length. A target faster than that cannot be followed: its velocity is
-            then scaled to the limit.
+        limit_m_s: of the sum's length. A faster target cannot be followed: its velocity is then scaled to the
+            limit.
 
     Returns: (2,) in m/s.
     """
@@ -145,14 +148,14 @@ class Center:
 
     @staticmethod
     def at_rest(position_m: Array) -> "Center":
-        """A centre that stands still at `position_m`, (3,)."""
+        """A centre at rest at `position_m`, (3,)."""
         return Center(np.array(position_m, dtype=np.float64), np.zeros(3), np.zeros(3))
 
 
 def advance_center(center: Center, desired_m_s: Array, dt_s: float, acceleration_max_m_s2: float) -> Center:
-    """Move the centre for `dt_s` towards the wanted velocity, (3,), no harder than the limit.
+    """Move the centre for `dt_s` towards the desired velocity, (3,), within the acceleration limit.
 
-    The acceleration that results is fed forward to every drone, so it must be one that they can follow.
+    The resulting acceleration is fed forward to every vehicle, so it must be one that they can follow.
     """
     change_m_s = desired_m_s - center.velocity_m_s
     size_m_s = hypot(*change_m_s.tolist())

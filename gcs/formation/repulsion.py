@@ -1,4 +1,4 @@
-"""Mutual repulsion, which spreads the drones evenly (article, section 2.2)."""
+"""Mutual repulsion, which spreads the vehicles evenly (article, section 2.2)."""
 
 from math import sqrt
 from typing import TypeAlias
@@ -21,34 +21,36 @@ MOMENTUM = 0.9
 """Share of the last sweep's change that the next begins with: soft modes settle ten times faster."""
 
 SWEEP_MAX_RAD = 0.05
-"""One sweep pushes nobody further: crowded starts push hard, and order must not be lost."""
+"""Largest push of one sweep: crowded starts push hard, and the order must not be lost."""
 
 CHANGE_MAX_RAD = 0.2
-"""Nor does momentum carry anybody further than this in one sweep."""
+"""Largest change by momentum in one sweep."""
 
 PAIRS_PER_TICK = 4_000_000
-"""So many pairs are summed in one tick, or those of one sweep: larger fleets make fewer sweeps."""
+"""Pairs summed in one tick, at least those of one sweep: larger fleets make fewer sweeps."""
 
 COINCIDENT = np.float32(1e-9)
-"""Added to squared distances, so that two drones in one direction, and a drone and itself, do not push."""
+"""Added to squared distances, so that vehicles in one direction, and a vehicle and itself, do not push."""
 
 
 MUTUAL_FROM = 2_000
-"""Larger fleets sum both pushes of a pair at once. Up to here that costs more than it spares."""
+"""Larger fleets sum both pushes of a pair at once. Below this size that costs more than it saves."""
 
 Flat: TypeAlias = NDArray[np.float32]
 
 
 def repulsion_force(position_m: Array, charge: Array, *, gain: float) -> Array:
-    """Push the drones apart like charges, exactly as the article writes it.
+    """Push the vehicles apart like charges, exactly as the article writes it.
 
     Args:
         position_m: (n, 3).
         charge: (n,) q_n.
         gain: k_r.
 
-    Returns: (n, 3) forces ``k_r q_n sum_i q_i r_ni / |r_ni|^3``; equal and opposite for each pair. Drones in
+    Returns: (n, 3) forces ``k_r q_n sum_i q_i r_ni / |r_ni|^3``; equal and opposite for each pair. Vehicles
+    in
         the same place do not push each other: there is no direction to push in.
+
     Source: article, section 2.2.
     """
     offset_m = position_m[:, None, :] - position_m[None, :, :]
@@ -71,8 +73,9 @@ def _set_unit(out: Array, base: Array, step: Array, share: float) -> None:
 def pushes(direction: Array, charge: Array) -> Array:
     """The article's repulsion of every pair, (n, 3), for (n, 3) unit vectors and (n,) charges.
 
-    Single precision: the shape needs no more, and it is several times as fast. All pairs of 10,000 cost less
-    than a grid of cells with its bookkeeping.
+    Single precision is enough for the shape and several times as fast. All pairs of 10,000 cost less than a
+    grid
+    of cells with its bookkeeping.
     """
     n = len(direction)
     place, push, single = np.empty((3, n), np.float32), np.zeros((3, n), np.float32), np.empty(n, np.float32)
@@ -91,7 +94,7 @@ def pushes(direction: Array, charge: Array) -> Array:
 
 @kernel
 def _push_all(place: Flat, charge: Flat, j: int, push: Flat) -> None:
-    """Add to (3, n) what j pushes everybody with. Nothing is summed here, so that it is vectorised."""
+    """Add to (3, n) the push of j on every vehicle. Without a sum in the loop, so that it is vectorised."""
     x, y, z, q = place[0, j], place[1, j], place[2, j], charge[j]
     for i in range(len(charge)):
         dx, dy, dz = place[0, i] - x, place[1, i] - y, place[2, i] - z
@@ -104,7 +107,7 @@ def _push_all(place: Flat, charge: Flat, j: int, push: Flat) -> None:
 
 @kernel_in_any_order
 def _push_mutually(place: Flat, charge: Flat, j: int, push: Flat) -> None:
-    """Add to (3, n) what j and those before it push each other with: half the roots, and sums besides."""
+    """Add to (3, n) the pushes between j and the vehicles before it: half the roots, but with sums."""
     x, y, z, q = place[0, j], place[1, j], place[2, j], charge[j]
     own_x, own_y, own_z = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for i in range(j):
@@ -127,20 +130,21 @@ def _push_mutually(place: Flat, charge: Flat, j: int, push: Flat) -> None:
 def sweep(
     direction: Array, change: Array, true_direction: Array, charge: Array, sweeps: int, pull: float
 ) -> tuple[Array, Array]:
-    """Descend the energy of the charges on the unit sphere some sweeps further.
+    """Descend the energy of the charges on the unit sphere by some sweeps.
 
-    Accelerated (Nesterov 1983), begun afresh whenever a sweep works against the change so far (O'Donoghue
+    Accelerated (Nesterov 1983), restarted whenever a sweep works against the change so far (O'Donoghue
     and Candes 2015). The step settles the stiffest mode.
 
     Args:
         direction: (n, 3) unit vectors.
         change: (n, 3) of the last sweep.
-        true_direction: (n, 3) unit vectors to where the drones really are.
+        true_direction: (n, 3) unit vectors to the vehicles' positions.
         charge: (n,) above 0.
         sweeps: how many.
-        pull: share of the way to the true direction that one sweep goes besides.
+        pull: share of the way to the true direction that each sweep adds.
 
     Returns: (n, 3) unit vectors, and (n, 3) the last sweep's change.
+
     Source: article, section 2.2, on the unit sphere (the Thomson problem).
     """
     n = len(direction)
@@ -176,5 +180,5 @@ def sweep(
 
 
 def sweeps_for(count: int, most: int) -> int:
-    """How many sweeps one tick makes: `most` up to 1,000 drones, 1 from 2,000 on."""
+    """Number of sweeps in one tick: `most` up to 1,000 vehicles, 1 from 2,000 on."""
     return max(1, min(most, PAIRS_PER_TICK // max(count, 1) ** 2))

@@ -1,4 +1,4 @@
-"""From the velocity a vehicle should have to the setpoint that makes it have it."""
+"""From the velocity that a vehicle should have to the setpoint that produces it."""
 
 import numpy as np
 
@@ -10,15 +10,15 @@ from gcs.model.state import Array, Mask
 def scale_to_limits(
     velocity_m_s: Array, *, horizontal_max_m_s: float, up_max_m_s: float, down_max_m_s: float
 ) -> Array:
-    """Shorten rows that break a limit until none is broken; a vector is scaled, never bent.
+    """Scale rows that exceed a limit until none does; the direction is kept.
 
-    PX4 clips each axis by itself, which turns the vector.
+    PX4 clips each axis by itself, which changes the direction.
 
     Args:
-        velocity_m_s: (n, 3), z down. Rows not finite stay so: `gcs.safety` makes them rest.
+        velocity_m_s: (n, 3), z down. Rows not finite stay not finite: `gcs.safety` makes them rest.
         horizontal_max_m_s: sideways.
         up_max_m_s: of climbing.
-        down_max_m_s: of sinking.
+        down_max_m_s: of descending.
 
     Returns: (n, 3) in m/s.
     """
@@ -56,10 +56,10 @@ def compensate(
     Args:
         desired_m_s: (n, 3) velocity the vehicle should have now.
         measured_m_s: (n, 3) velocity it has.
-        acceleration_m_s2: (n, 3) wanted acceleration.
-        gain: how much of the horizontal velocity error is added to the setpoint; 0 trusts the autopilot.
-        vertical_gain: likewise up and down, where PX4 answers three times as fast by itself.
-        lead_s: seconds by which the autopilot's answer lags.
+        acceleration_m_s2: (n, 3) desired acceleration.
+        gain: share of the horizontal velocity error added to the setpoint; 0 trusts the autopilot.
+        vertical_gain: the same up and down, where PX4 by itself responds three times as fast.
+        lead_s: lag of the autopilot's response, in seconds.
 
     Returns: (n, 3) setpoints in m/s, not yet within limits.
     """
@@ -75,14 +75,14 @@ def compensate(
 def limit_change(
     desired_m_s: Array, before_m_s: Array, measured_m_s: Array, acceleration_max_m_s2: float, dt_s: float
 ) -> Array:
-    """Follow the wanted velocity no harder than the acceleration limit.
+    """Follow the desired velocity within the acceleration limit.
 
     Args:
         desired_m_s: (n, 3).
-        before_m_s: (n, 3) of the tick before; NaN where nothing was commanded, then `measured_m_s` counts.
+        before_m_s: (n, 3) of the previous tick; NaN where not commanded, then `measured_m_s` counts.
         measured_m_s: (n, 3).
         acceleration_max_m_s2: of the change.
-        dt_s: since then.
+        dt_s: since the previous tick.
 
     Returns: (n, 3) in m/s.
     """
@@ -108,17 +108,18 @@ def shrink_relative(
     down_max_m_s: float,
     speed_max_m_s: Array,
 ) -> Array:
-    """What is common to all, plus as much of each one's own motion as the limits leave.
+    """The common velocity, plus as much of each vehicle's own motion as the limits leave.
 
     Args:
         base_m_s: (3,) velocity of the formation.
         relative_m_s: (n, 3) relative to it.
         horizontal_max_m_s: sideways.
         up_max_m_s: of climbing.
-        down_max_m_s: of sinking.
+        down_max_m_s: of descending.
         speed_max_m_s: (n,) of each vehicle, in any direction.
 
-    Returns: (n, 3) in m/s. Where the common part breaks a limit by itself, it is returned alone.
+    Returns: (n, 3) in m/s. Where the common part alone exceeds a limit, it is returned alone.
+
     Source: article, section 3: v_t + v_d.
     """
     total = np.empty_like(relative_m_s)
@@ -143,7 +144,7 @@ def shrink_relative(
 
 @kernel
 def _share(base_square: float, inner: float, square: float, limit: float) -> float:
-    """Largest s in [0, 1] with |base + s relative| within the limit; 0 when base alone is not."""
+    """Largest s in [0, 1] with |base + s relative| within the limit; 0 when base alone exceeds it."""
     room = limit * limit - base_square
     if square == 0.0:
         return 1.0
@@ -169,22 +170,22 @@ def correct_trim(
     vertical_rate_per_s: float,
     trim_max_m_s: float,
 ) -> tuple[Array, Array]:
-    """Learn what each vehicle's setpoint must be off by: against wind, drag and its own response.
+    """Learn each vehicle's setpoint correction for wind, drag and its own response.
 
     Args:
         trim_m_s: (n, 3) so far.
-        expected_m_s: (n, 3) velocity relative to the base that a vehicle which answers as measured would
+        expected_m_s: (n, 3) velocity relative to the base that a vehicle with the measured response would
             have now, NaN at first.
-        allowed_m_s: (n, 3) velocity it was told to have.
+        allowed_m_s: (n, 3) commanded velocity.
         measured_m_s: (n, 3).
-        base_m_s: (n, 3) part of what was told that is led for, and so expected without lag.
-        commanded: (n,) the others forget.
+        base_m_s: (n, 3) part of the commanded velocity that has a lead, and so is expected without lag.
+        commanded: (n,) the trim of all others is reset.
         requested_m_s: (n, 3) setpoints before limits.
-        setpoint_m_s: (n, 3) and after: where they differ, the trim does not grow.
+        setpoint_m_s: (n, 3) setpoints after limits: where the two differ, the trim does not grow.
         dt_s: since the last tick.
-        response_s: time constant of the answer.
+        response_s: time constant of the response.
         rate_per_s: of the correction, sideways.
-        vertical_rate_per_s: and up and down.
+        vertical_rate_per_s: of the correction, up and down.
         trim_max_m_s: in any direction.
 
     Returns: the next trim and expectation.
@@ -215,7 +216,7 @@ def correct_trim(
 
 @kernel
 def shared(formed: Mask, vector: Array) -> Array:
-    """(n, 3) with what is common to those in formation (n,), (3,), in their rows, and 0 in the others."""
+    """(n, 3) with the common vector (3,) in the rows in formation (n,), and 0 in the others."""
     everybody = np.zeros((len(formed), 3))
     for i in range(len(formed)):
         if formed[i]:
@@ -236,20 +237,20 @@ def most_lacking_m_s(
     horizontal_max_m_s: float,
     pressed: float,
 ) -> float:
-    """By how much the slowest of those with little left to give lacks speed along the formation's way.
+    """Largest lack of speed along the formation's direction, of the vehicles close to their limits.
 
     Args:
-        way: (3,) velocity of the formation, which moves.
-        base_m_s: (n, 3) part of each one's velocity that is led for.
-        expected_m_s: (n, 3) velocity relative to that which each should have.
+        way: (3,) velocity of the formation, not 0.
+        base_m_s: (n, 3) part of each velocity that has a lead.
+        expected_m_s: (n, 3) velocity relative to `base_m_s` that each should have.
         measured_m_s: (n, 3).
-        formed: (n,) who counts.
+        formed: (n,) in formation; the others do not count.
         requested_m_s: (n, 3) setpoints before limits.
         speed_max_m_s: (n,) of each vehicle.
         horizontal_max_m_s: of all.
-        pressed: share of its limit from which a setpoint has little left to give.
+        pressed: share of its limit from which a setpoint has little reserve left.
 
-    Returns: in m/s, 0 where nobody lacks any.
+    Returns: in m/s, 0 where no vehicle lacks any.
     """
     length_m_s = np.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
     most_m_s = 0.0

@@ -8,15 +8,16 @@ TINY = 1e-9
 
 
 def sphere_force(position_m: Array, center_m: Array, *, radius_m: float, gain: float) -> Array:
-    """Draw every drone onto the sphere, exactly as the article writes it.
+    """Draw every vehicle onto the sphere, exactly as the article writes it.
 
     Args:
-        position_m: (n, 3), any frame that `center_m` shares.
+        position_m: (n, 3), in the frame of `center_m`.
         center_m: (3,).
         radius_m: r_d.
         gain: k_s, in N/m^3 for a mass in kg.
 
     Returns: (n, 3) virtual forces ``-k_s (p - p_c) (|p - p_c|^2 - r_d^2)``; zero at the centre itself.
+
     Source: article, section 2.1.
     """
     offset_m = position_m - center_m
@@ -28,7 +29,7 @@ def sphere_force(position_m: Array, center_m: Array, *, radius_m: float, gain: f
 def sphere_velocity(
     position_m: Array, center_m: Array, *, radius_m: float, rate_per_s: float, speed_max_m_s: float
 ) -> Array:
-    """The same pull as a velocity: `rate_per_s` near the shell, bounded away from it.
+    """The same pull as a velocity: `rate_per_s` near the shell, limited away from it.
 
     Args:
         position_m: (n, 3), show frame.
@@ -37,7 +38,9 @@ def sphere_velocity(
         rate_per_s: how fast a small radial error decays.
         speed_max_m_s: no row is faster.
 
-    Returns: (n, 3) in m/s along the radius. A drone at the very centre is sent up, so that none is stuck.
+    Returns: (n, 3) in m/s along the radius. A vehicle at the centre itself is sent up, so that it is not
+    stuck.
+
     Source: article, section 2.1, divided by ``2 r r_d`` near the shell, so that the gain is a rate.
     """
     offset_m = position_m - center_m

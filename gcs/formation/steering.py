@@ -1,11 +1,11 @@
-"""Drones going around obstacles along their tangents (article, sections 4.2 and 4.3, corrected). Compiled.
+"""Flying around obstacles along their tangents (article, sections 4.2 and 4.3, corrected). Compiled.
 
-Whoever would meet an ellipse takes a tangent instead: of all tangents of all ellipses within reach the one
-that meets no other ellipse and changes the wanted velocity least, on the side already chosen if there is
+A vehicle that would meet an ellipse takes a tangent instead: of all tangents of all ellipses within reach the
+one that meets no other ellipse and changes the desired velocity least, on the side already chosen if there is
 one. Where ellipses overlap, the tangents between them are blocked by the other one, so only those of the
-common outline are left, and nobody is led into the notch.
+common outline remain, and no vehicle is led into the notch.
 
-An ellipse may move: what counts is the velocity relative to it, so a tangent leads past where it will be.
+An ellipse may move: the velocity relative to it counts, so a tangent leads past where it will be.
 The formation's centre does the same farther ahead: `gcs.formation.way`.
 """
 
@@ -23,16 +23,16 @@ from gcs.model.state import Array, Mask
 Index: TypeAlias = NDArray[np.intp]
 
 LEFT, RIGHT = -1.0, 1.0
-"""Sides on which to pass, as seen by the one who passes; y points right."""
+"""Sides on which to pass, seen in the direction of flight; y points right."""
 
 WRONG_SIDE_M_S = 1e3
-"""Passing on the other side than chosen costs more than any change of velocity."""
+"""Cost of passing on the side not chosen: more than any change of velocity."""
 
 BLOCKED_M_S = 1e6
-"""And meeting another obstacle costs more than that."""
+"""Cost of meeting another obstacle: more than the wrong side."""
 
 STANDING_M_S = 1e-6
-"""Slower than this, relative to an obstacle, nobody meets it."""
+"""A vehicle slower than this, relative to an obstacle, does not meet it."""
 
 
 @kernel
@@ -63,9 +63,9 @@ def tangent(x_m: float, y_m: float, semi_x_m: float, semi_y_m: float, side: floa
 def contact_m(
     x_m: float, y_m: float, semi_x_m: float, semi_y_m: float, vx_m_s: float, vy_m_s: float
 ) -> float:
-    """How far from (x, y), relative to the ellipse's centre, one meets it with that relative velocity.
+    """Distance from (x, y), relative to the ellipse's centre, to the contact with that relative velocity.
 
-    Infinity when not at all; 0 on or inside it, unless on the way out.
+    Infinity without contact; 0 on or inside the ellipse, unless on the way out.
     """
     speed_m_s = np.hypot(vx_m_s, vy_m_s)
     if speed_m_s < STANDING_M_S:
@@ -85,7 +85,7 @@ def contact_m(
 
 @kernel
 def contacts_m(place: Array, velocity: Array, center_m: Array, semi_m: Array, moving_m_s: Array) -> Array:
-    """(m,) `contact_m` from one place with one velocity, (2,) or more each, for every ellipse."""
+    """(m,) `contact_m` from one position with one velocity, (2,) or more each, for every ellipse."""
     ahead_m = np.empty(len(center_m))
     for j in range(len(center_m)):
         ahead_m[j] = contact_m(
@@ -105,8 +105,9 @@ def along_tangent(
 ) -> tuple[float, float]:
     """The velocity whose part relative to an obstacle `moving` (2,) points along the tangent.
 
-    As fast over the ground as the wanted velocity (2,) along the tangent, at least `keep_m_s`; and at least
-    what is wanted relative to the obstacle.
+    As fast over the ground as the desired velocity (2,) along the tangent, at least `keep_m_s`, and at least
+    the
+    desired speed relative to the obstacle.
     """
     over_ground = max(desired[0] * tangent_x + desired[1] * tangent_y, keep_m_s)
     drift = moving[0] * tangent_x + moving[1] * tangent_y
@@ -128,18 +129,7 @@ def first_contact(
     moving_m_s: Array,
     left_out: int,
 ) -> tuple[float, int]:
-    """How far (relative path) to the first ellipse met within its reach, and which; infinity, -1 for none.
-
-    Args:
-        place: (2,).
-        velocity: (2,) over the ground.
-        concerned: (m,) which ellipses count.
-        reach_m: (m,) what is farther does not count.
-        center_m: (m, 2).
-        semi_m: (m, 2).
-        moving_m_s: (m, 2) how they move.
-        left_out: index of one that does not count, or -1.
-    """
+    """Relative distance to the first ellipse met within its reach, and its index; infinity, -1 for none."""
     least_m, first = inf, -1
     for j in range(len(center_m)):
         if j != left_out and concerned[j]:
@@ -158,7 +148,7 @@ def first_contact(
 
 @kernel
 def turns(before: Array, after: Array, moving: Array) -> float:
-    """Above 0 where the second velocity, relative to an obstacle, is to the right of the first; (2,) each."""
+    """Positive if the second velocity, relative to an obstacle, is to the right of the first; (2,) each."""
     bx, by = before[0] - moving[0], before[1] - moving[1]
     cross: float = bx * (after[1] - moving[1]) - by * (after[0] - moving[0])
     return cross
@@ -168,7 +158,7 @@ def turns(before: Array, after: Array, moving: Array) -> float:
 def breaks_side(
     place: Array, velocity: Array, concerned: Mask, center_m: Array, moving_m_s: Array, side: Array
 ) -> bool:
-    """Whether that velocity (2,) passes an obstacle ahead on the other side than the one chosen for it."""
+    """Whether that velocity (2,) passes an obstacle ahead on the side not chosen for it."""
     for j in range(len(center_m)):
         if concerned[j] and side[j] != 0.0:
             vx, vy = velocity[0] - moving_m_s[j, 0], velocity[1] - moving_m_s[j, 1]
@@ -191,10 +181,10 @@ def best_tangent(
     side: Array,
     first: int,
 ) -> Array:
-    """The velocity (2,) that one takes instead of the wanted one (2,), which meets ellipse `first`.
+    """The velocity (2,) that replaces the desired one (2,), which meets ellipse `first`.
 
-    Of all tangents within reach one that meets no other ellipse; of those one that breaks no side; of those
-    the one that changes least. Other arguments as in `steer`, for one vehicle.
+    Of all tangents within reach one that meets no other ellipse; of those one that keeps the chosen sides; of
+    those the one that changes the velocity least. Other arguments as in `steer`, for one vehicle.
     """
     least, best, velocity = inf, desired.copy(), np.empty(2)
     for j in range(len(center_m)):
@@ -231,7 +221,7 @@ def steer(
     moving_m_s: Array,
     side: Array,
 ) -> tuple[Array, Array, Index]:
-    """Along the best tangent for everybody who would meet an ellipse.
+    """The best tangent for every vehicle that would meet an ellipse.
 
     A side once chosen for the ellipse met first is kept by turning that way only, even backwards; for those
     behind it, by not passing them on the other side.
@@ -241,14 +231,14 @@ def steer(
         desired_m_s: (n, 2).
         keep_m_s: (n,) speed to keep along a tangent.
         concerned: (n, m) True where a vehicle has to avoid an ellipse.
-        reach_m: (m,) how far ahead meeting it counts.
+        reach_m: (m,) distance from which a contact counts.
         center_m: (m, 2) of the ellipses.
         semi_m: (m, 2).
         moving_m_s: (m, 2).
-        side: (m,) LEFT, RIGHT, or 0 for whichever costs less.
+        side: (m,) LEFT, RIGHT, or 0 for the one that costs less.
 
-    Returns: (n, 2) velocities, (n,) how far ahead the wanted ones meet the first ellipse, inf: they do not,
-        and are returned as they are; and (n,) which that is, -1 for none.
+    Returns: (n, 2) velocities; (n,) distances at which the desired velocities meet the first ellipse, inf
+        without contact (the velocity is then unchanged); and (n,) the index of that ellipse, -1 for none.
     """
     turned_m_s = desired_m_s.copy()
     met_m, met = np.full(len(position_m), inf), np.full(len(position_m), -1)
@@ -278,7 +268,7 @@ def push(
     rate_per_s: float,
     lead_out_m_s: float,
 ) -> Array:
-    """Velocities (n, 2) with a push away from ellipses that are near; inside one, nothing leads farther in.
+    """Velocities (n, 2) with a push away from near ellipses; inside one, nothing leads farther in.
 
     Arguments as in `steer`; the push grows from `near_m` on by `rate_per_s`, up to `lead_out_m_s`.
     """
@@ -308,7 +298,7 @@ def push(
 
 
 def level(vectors: Array) -> Array:
-    """(n, 2) horizontal parts of (n, 3), as the kernels want them."""
+    """(n, 2) horizontal parts of (n, 3), in the memory order that the kernels need."""
     return np.array(vectors[:, :2], order="C")
 
 
@@ -343,19 +333,19 @@ def avoid_all(
     sliding_m_s: Array,
     settings: AvoidanceSettings,
 ) -> Array:
-    """Turn the velocities of those who would meet an ellipse along a tangent, and push those near one.
+    """Turn velocities that would meet an ellipse along a tangent, and push vehicles that are near one.
 
     Args:
         position_m: (n, 3), show frame, z down.
-        velocity_m_s: (n, 3), what the law wants.
+        velocity_m_s: (n, 3), desired by the law.
         ellipses: the obstacles, margin and headroom included.
         sides: LEFT or RIGHT where the formation has chosen; others are passed where it costs less.
-        sliding_m_s: (n,) speed to keep along the tangent even when the wanted velocity points straight at
-            the obstacle: that of the formation, so that nobody stays behind; 0 lets one wait there.
+        sliding_m_s: (n,) speed to keep along the tangent even when the desired velocity points straight at
+            the obstacle: that of the formation, so that no vehicle stays behind; 0 lets a vehicle wait there.
         settings: distances and rates.
 
-    Returns: (n, 3) in m/s; the vertical component is left as it is, and so is everything of those well
-        above the obstacles.
+    Returns: (n, 3) in m/s; the vertical component is unchanged, and so is every row well above the obstacles.
+
     Source: article, sections 4.2 and 4.3.
     """
     outlines = Outlines.of(ellipses)

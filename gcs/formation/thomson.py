@@ -4,7 +4,7 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
-import scipy  # whose parts are loaded when they are used: 30 MB, for which a flight has no use
+import scipy  # loads its parts on first use: 30 MB that a flight does not need
 
 from gcs.formation.sphere import TINY
 from gcs.model.errors import InvalidError
@@ -30,7 +30,7 @@ def nearest_m(position_m: Array) -> float:
 
 
 MANY: Final = 100
-"""With more, the shapes of all descents are alike to a ten-thousandth: one, from a spiral, will do."""
+"""Above this number the shapes of all descents agree within 1e-4: one descent, from a spiral, is enough."""
 
 
 def best_configuration(count: int, *, starts: int = 20, seed: int = 0) -> Array:

@@ -1,7 +1,7 @@
-"""The way of the formation's centre past obstacles: along tangents as its drones', but for the whole sphere.
+"""The path of the formation's centre past obstacles: along tangents, for the whole sphere.
 
-It looks farther ahead, and at ellipses grown by the sphere, so that nobody need leave the shape. The side on
-which it passes counts for all.
+It looks farther ahead than the vehicles do, and at ellipses grown by the sphere, so that no vehicle has to
+leave the shape. The side on which it passes counts for all vehicles.
 """
 
 from collections.abc import Mapping
@@ -17,13 +17,13 @@ from gcs.model.plan import Plan
 from gcs.model.state import Array, Mask
 
 FORESEEN_S = 8.0
-"""So long in advance a centre that stands still makes way for an obstacle that moves."""
+"""A centre at rest makes way for a moving obstacle this long in advance."""
 
 SLOWEST_M_S = 0.1
-"""The centre's time of arrival is reckoned with this speed at least."""
+"""The centre's time of arrival is computed with at least this speed."""
 
 SIDE_KEPT = 1.5
-"""Lookaheads from an obstacle within which a side is not forgotten."""
+"""A side is kept within this many lookaheads of an obstacle."""
 
 SHORTEST_WAY_M = 20.0
 """On an orbit smaller than this the centre looks farther ahead than its radius."""
@@ -31,14 +31,14 @@ SHORTEST_WAY_M = 20.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Way:
-    """What is known of the centre's way beforehand."""
+    """What is known beforehand of the centre's path."""
 
-    ends_m: Array | None  # (2,) where it comes to stay, if it does
-    straight_m: float  # so far ahead its wanted velocity stays about the same
+    ends_m: Array | None  # (2,) where it comes to rest, if it does
+    straight_m: float  # distance over which its desired velocity stays about the same
 
 
 def way_ahead(center_m: Array, plan: Plan, time_s: float, *, moves: bool, reach_m: float) -> Way:
-    """The way of a centre at (3,): to the target, round it, or nowhere while it may not move.
+    """The path of a centre at (3,): to the target, round it, or none while it may not move.
 
     Args:
         center_m: show frame.
@@ -72,8 +72,9 @@ def steer_center(
 ) -> tuple[Array, dict[str, float]]:
     """The velocity that leads the formation's centre, and with it the whole sphere, past every obstacle.
 
-    The ellipses are grown by as much of the sphere as is below their tops, so that nobody need leave the
-    shape. Where the centre is nearer already, or is to come nearer, they are grown less.
+    The ellipses are grown by as much of the sphere as is below their tops, so that no vehicle has to leave
+    the
+    shape. Where the centre is nearer already, or its destination is, they are grown less.
 
     Args:
         center_m: (3,) of the sphere, show frame.
@@ -83,7 +84,7 @@ def steer_center(
         sides: chosen so far: LEFT or RIGHT by name.
         settings: distances and rates.
         radius_m: of the sphere.
-        way: on which the centre is.
+        way: the centre's path.
 
     Returns: (3,) in m/s, and the sides that count from now on: one for the whole formation.
     """
@@ -92,11 +93,11 @@ def steer_center(
     outlines = Outlines.of(ellipses)
     tall = -center_m[2] - radius_m < outlines.top_height_m
     there_m = np.full(len(outlines), inf)
-    if way.ends_m is not None:  # of one that moves nobody knows where it will be then
+    if way.ends_m is not None:  # the future position of a moving obstacle is not known
         there_m = np.where(outlines.stand, outlines.nearest_m(way.ends_m[None]), inf)
     grown = _grown(outlines, center_m, there_m, radius_m, settings)
     reach_m = _reach_m(outlines, desired_m_s, way, settings)
-    waits = bool((there_m[tall] < 0.0).any())  # where it is nearest to what it cannot reach
+    waits = bool((there_m[tall] < 0.0).any())  # the destination is inside an obstacle
     keep_m_s = np.array([0.0 if waits else float(np.hypot(desired_m_s[0], desired_m_s[1]))])
     chosen_m_s, _, met = steer_past(
         grown, sides, level(center_m[None]), level(desired_m_s[None]), keep_m_s, tall[None], reach_m
@@ -117,7 +118,7 @@ def steer_center(
 
 
 def _sides_taken(outlines: Outlines, center_m: Array, velocity_m_s: Array, ahead: Mask) -> dict[str, float]:
-    """On which side a centre at (3,) passes those that are `ahead` (m,), with that velocity (2,)."""
+    """The side on which a centre at (3,) passes the ellipses `ahead` (m,), with that velocity (2,)."""
     offset_m, passing_m_s = center_m[:2] - outlines.center_m, velocity_m_s - outlines.velocity_m_s
     on_right = offset_m[:, 0] * passing_m_s[:, 1] > offset_m[:, 1] * passing_m_s[:, 0]
     return {outlines.names[j]: LEFT if on_right[j] else RIGHT for j in np.flatnonzero(ahead)}
@@ -126,7 +127,7 @@ def _sides_taken(outlines: Outlines, center_m: Array, velocity_m_s: Array, ahead
 def _grown(
     outlines: Outlines, center_m: Array, there_m: Array, radius_m: float, settings: AvoidanceSettings
 ) -> Outlines:
-    """The ellipses as the sphere's centre (3,) sees them: its section below each top goes past whole.
+    """The ellipses grown for the sphere's centre (3,), so that its section below each top passes whole.
 
     No farther than to the centre itself, nor than `there_m` (m,): its destination's distance to each.
     """
@@ -138,9 +139,9 @@ def _grown(
 
 
 def _reach_m(outlines: Outlines, desired_m_s: Array, way: Way, settings: AvoidanceSettings) -> Array:
-    """(m,) how far ahead of the centre each ellipse counts: as far as it goes straight, and its lookahead.
+    """(m,) distance ahead of the centre from which each ellipse counts: its straight path, and the lookahead.
 
-    One that moves counts for FORESEEN_S too when the centre arrives before, or stands.
+    A moving one also counts for FORESEEN_S when the centre arrives before, or stands.
     """
     speed_m_s = float(np.hypot(desired_m_s[0], desired_m_s[1]))
     relative_m_s = np.hypot(*(desired_m_s[:2] - outlines.velocity_m_s).T)

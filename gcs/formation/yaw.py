@@ -1,4 +1,4 @@
-"""Where the vehicles look. Never an accidental 0: unknown yaw is not commanded at all."""
+"""Yaw of the vehicles. Unknown yaw is never replaced by 0: it is not commanded at all."""
 
 import numpy as np
 
@@ -34,15 +34,16 @@ def desired_yaw_rad(yaw: Yaw, held_rad: Array, position_m: Array, target_m: Arra
 
 @kernel
 def begun_yaw(commanded: Mask, yaw_rad: Array, held_rad: Array, measured_rad: Array) -> tuple[Array, Array]:
-    """Where the commanded begin to look: where they were told to, or where they look at engagement.
+    """Yaw at the start of this tick and at engagement, of the commanded vehicles.
 
     Args:
         commanded: (n,).
-        yaw_rad: (n,) commanded by the tick before, NaN where nothing was.
-        held_rad: (n,) at engagement, likewise.
+        yaw_rad: (n,) commanded by the previous tick, NaN where not commanded.
+        held_rad: (n,) at engagement, NaN where not commanded.
         measured_rad: (n,).
 
-    Returns: (n,) yaw so far and (n,) yaw at engagement; NaN where nothing is commanded.
+    Returns: (n,) yaw so far and (n,) yaw at engagement; NaN where not commanded. A vehicle that was not
+        commanded before starts from its measured yaw.
     """
     so_far_rad, engaged_rad = np.full(len(yaw_rad), np.nan), np.full(len(yaw_rad), np.nan)
     for i in range(len(yaw_rad)):
@@ -55,7 +56,7 @@ def begun_yaw(commanded: Mask, yaw_rad: Array, held_rad: Array, measured_rad: Ar
 
 @kernel
 def turn_towards(yaw_rad: Array, desired_rad: Array, rate_max_rad_s: float, dt_s: float) -> Array:
-    """Go from `yaw_rad` (n,) to `desired_rad` (n,) the short way round, no faster than the rate."""
+    """Turn from `yaw_rad` (n,) to `desired_rad` (n,) the short way round, no faster than the rate."""
     turned_rad, most_rad = np.empty_like(yaw_rad), rate_max_rad_s * dt_s
     for i in range(len(yaw_rad)):
         step_rad = (desired_rad[i] - yaw_rad[i] + np.pi) % (2.0 * np.pi) - np.pi
