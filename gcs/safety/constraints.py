@@ -1,4 +1,4 @@
-"""What no velocity may do, as half-spaces: ``normal . (v_i - v_j) >= bound``."""
+"""Constraints on velocities, as half-spaces: ``normal . (v_i - v_j) >= bound``."""
 
 from dataclasses import dataclass
 
@@ -33,7 +33,7 @@ class Constraints:
         return len(self.reason)
 
     def slack_m_s(self, velocity_m_s: Array) -> Array:
-        """(k,) how far each is from being broken by velocities (n, 3); negative: broken."""
+        """(k,) distance of each constraint from being broken by velocities (n, 3); negative: broken."""
         relative = velocity_m_s[self.first] - np.where(
             (self.second == NOBODY)[:, None], 0.0, velocity_m_s[self.second]
         )
@@ -42,13 +42,11 @@ class Constraints:
 
     @staticmethod
     def none() -> "Constraints":
-        """No constraint at all."""
         nobody = np.zeros(0, dtype=np.intp)
         return Constraints(nobody, nobody, np.zeros((0, 3)), np.zeros(0), ())
 
     @staticmethod
     def joined(*parts: "Constraints") -> "Constraints":
-        """All of them in one."""
         parts = tuple(part for part in parts if len(part) > 0)
         if len(parts) < 2:
             return parts[0] if parts else Constraints.none()
@@ -62,18 +60,18 @@ class Constraints:
 
 
 class Braking(Settings):
-    """How surely a vehicle stops, from the recorded response (docs/decisions/0004)."""
+    """A vehicle's ability to stop, from the recorded response (docs/decisions/0004)."""
 
-    reaction_s: Positive = 0.8  # delay and build-up of the answer, as if nothing happened meanwhile
-    lead_s: NotNegative = 0.6  # between vehicles: the closing speed measured now goes on for so long
-    deceleration_m_s2: Positive = 2.0  # then, on the average of the stop
-    escape_rate_per_s: Positive = 1.5  # speed away from what one is already too close to, per metre
+    reaction_s: Positive = 0.8  # delay and build-up of the response, as if nothing happened meanwhile
+    lead_s: NotNegative = 0.6  # between vehicles: the measured closing speed continues for this time
+    deceleration_m_s2: Positive = 2.0  # after that, on the average of the stop
+    escape_rate_per_s: Positive = 1.5  # speed away from something already too close, per metre
 
     def over_link(self, delay_s: float) -> "Braking":
-        """The same when telemetry and setpoints each take `delay_s`: a round trip more before anything helps.
+        """The same when telemetry and setpoints each take `delay_s`: the reaction begins a round trip later.
 
-        Escaping is a loop through the link too; its time constant grows by two round trips, so that it
-        does not swing.
+        Escaping is also a loop through the link; its time constant grows by two round trips, so that it does
+        not oscillate.
         """
         if delay_s == 0.0:
             return self
@@ -85,9 +83,9 @@ class Braking(Settings):
         )
 
     def speed_m_s(self, gap_m: Array) -> Array:
-        """Fastest approach from which one stops within `gap_m` (any shape).
+        """Fastest approach from which a vehicle stops within `gap_m` (any shape).
 
-        Solves ``v t + v^2 / (2 a) = gap``. Negative for a negative gap: moving away is then demanded.
+        Solves ``v t + v^2 / (2 a) = gap``. Negative for a negative gap: moving away is then required.
         """
         a, t = self.deceleration_m_s2, self.reaction_s
         stop: Array = a * (np.sqrt(t * t + 2.0 * np.maximum(gap_m, 0.0) / a) - t)

@@ -1,4 +1,4 @@
-"""The filter as a whole: every constraint, the nearest velocities that keep them, and why."""
+"""The safety filter: all constraints, the nearest velocities that keep them, and the reasons."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,17 +24,17 @@ from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
 NOTICEABLE_M_S = 0.05
 
 SPARE_M_S = 0.5
-"""Pairs are looked for as if everybody could be led to a velocity that far from the wanted one."""
+"""Pairs are searched as if every velocity could change by this much from the desired one."""
 
 ATTEMPTS = 3
-"""At the last, everybody is looked at as if it could be led to any velocity within the limits."""
+"""In the last attempt, pairs are searched as if every vehicle could get any velocity within the limits."""
 
 FEW_STRAYS = 0.05
-"""Up to that share of the fleet, looking at everything in the way of those who were led farther is cheap."""
+"""Up to this share of strays, a check of all pairs of the vehicles that changed more is cheap."""
 
 
 class Limits(Settings):
-    """What no setpoint may exceed. A vector beyond is scaled, never bent."""
+    """Limits of every setpoint. A longer vector is scaled; its direction is kept."""
 
     horizontal_m_s: Positive = 8.0
     up_m_s: Positive = 2.5
@@ -47,7 +47,7 @@ class Limits(Settings):
 
 
 class SafetySettings(Settings):
-    """Everything the last word needs to know."""
+    """All settings of the safety filter."""
 
     limits: Limits = Limits()
     floor: Floor = Floor()
@@ -59,13 +59,13 @@ class SafetySettings(Settings):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """What is in the air besides the velocities to be filtered. n rows, show frame."""
+    """The fleet and the space around the velocities to be filtered. n rows, show frame."""
 
     position_m: Array  # (n, 3)
     velocity_m_s: Array  # (n, 3) measured
     commanded: Mask  # (n,)
     airborne: Mask  # (n,) in the air, or possibly so
-    descending: Mask  # (n,) on the way to the ground
+    descending: Mask  # (n,) descending to land
     segments_m: Array  # (m, 2, 3) paths that lost vehicles may take
     ellipses: Mapping[str, Ellipse]
     names: Sequence[str]
@@ -76,14 +76,14 @@ class Surroundings:
 def filter_velocities(
     desired_m_s: Array, surroundings: Surroundings, settings: SafetySettings
 ) -> tuple[Array, tuple[str, ...]]:
-    """Bring the wanted velocities within every limit and constraint.
+    """Bring the desired velocities within every limit and constraint.
 
     Args:
         desired_m_s: (n, 3), show frame; rows not finite become rest, rows not commanded are ignored.
         surroundings: the same n rows.
         settings: limits and margins.
 
-    Returns: (n, 3) in m/s, and for each row what it was restrained for, "" when it was not.
+    Returns: (n, 3) in m/s, and for each row why it was limited, "" when it was not.
     """
     here, limits = surroundings, settings.limits
     braking = settings.braking.over_link(settings.link_delay_s)
@@ -101,11 +101,11 @@ def filter_velocities(
         strays = changed_m_s > spare_m_s
         spare_m_s = np.maximum(spare_m_s, 1.5 * changed_m_s)
         if not strays.any():
-            break  # nobody was led to where nobody had looked
+            break  # every change is within the searched range
         if strays.sum() <= FEW_STRAYS * len(strays):
             overlooked = _pairs(position_m, desired_m_s, spare_m_s, here, settings, braking, strays)
             if not any_broken(allowed_m_s, *_joined(Constraints.none(), overlooked)):
-                break  # or nothing was in the way there
+                break  # or no constraint is broken beyond that range
     return allowed_m_s, _reasons(desired_m_s, changed_m_s, walls, pairs, joined, here.names)
 
 
@@ -118,7 +118,7 @@ def _pairs(
     braking: Braking,
     only: Mask | None = None,
 ) -> Pairs:
-    """Of all vehicles, or of those in `only` (n,); see `separation_constraints`."""
+    """Pairs of all vehicles, or of those in `only` (n,); see `separation_constraints`."""
     return separation_constraints(
         position_m,
         here.velocity_m_s,
@@ -135,7 +135,7 @@ def _pairs(
 
 @kernel
 def _later(position_m: Array, velocity_m_s: Array, delay_s: float) -> Array:
-    """(n, 3) positions `delay_s` later; who has no finite velocity stays."""
+    """(n, 3) positions `delay_s` later; a row without a finite velocity stays."""
     later_m = position_m.copy()
     for i in range(len(position_m)):
         for axis in range(3):
@@ -182,7 +182,7 @@ def _joined(walls: Constraints, pairs: Pairs) -> Joined:
 
 
 def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, braking: Braking) -> Constraints:
-    """All that concerns each vehicle alone: paths of lost vehicles, the fence, obstacles."""
+    """All constraints on single vehicles: paths of lost vehicles, the fence, obstacles."""
     fastest_m_s = settings.limits.fastest_m_s
     return Constraints.joined(
         keepout_constraints(
@@ -234,9 +234,9 @@ def _reasons(
     joined: Joined,
     names: Sequence[str],
 ) -> tuple[str, ...]:
-    """For each row that was changed noticeably: the constraint that the wanted velocity broke most.
+    """For each row that was changed noticeably: the constraint that the desired velocity broke most.
 
-    Who broke none was pushed by others: the constraint it came nearest to breaking.
+    A row that broke none was pushed by others: the constraint that it came nearest to breaking.
     """
     rows = np.flatnonzero(changed_m_s > NOTICEABLE_M_S)
     reasons = np.full(len(desired_m_s), "", dtype=object)
@@ -254,5 +254,5 @@ def _reasons(
 
 @lru_cache(maxsize=4)
 def _separation_from(names: tuple[str, ...]) -> NDArray[np.object_]:
-    """(n,) what is said of who was kept away from each."""
+    """(n,) the reason text for keeping away from each vehicle."""
     return np.array([f"separation from {name}" for name in names], dtype=object)

@@ -1,4 +1,4 @@
-"""Everything compiled that the filter uses, compiled or loaded before anybody flies."""
+"""All kernels of the filter, compiled or loaded before the flight."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from gcs.safety.traffic import give_way, keep_right
 
 
 def warm_up() -> None:
-    """Run every kernel once, with the types of flight; the first time after a change takes seconds."""
+    """Run every kernel once, with the types used in flight; the first run after a change takes seconds."""
     settings = SafetySettings()
     position_m = np.array([[0.0, 0.0, -20.0], [2.5, 0.0, -20.0], [40.0, 0.0, -20.0]])
     desired_m_s = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])

@@ -1,4 +1,4 @@
-"""Who is near whom; of many, without looking at all pairs: a grid of cells as wide as the farthest look."""
+"""Near pairs of vehicles. For large fleets a grid of cells as wide as the longest reach is used."""
 
 from typing import TypeAlias
 
@@ -11,16 +11,16 @@ from gcs.model.state import Array, Mask
 Rows: TypeAlias = NDArray[np.intp]
 
 SPREAD = 3.0
-"""Cells reach this many standard deviations from the mean; who is farther out is in the outermost ones."""
+"""Cells reach this many standard deviations from the mean; the outermost cells hold vehicles beyond."""
 
 CELLS_MAX = 64
 """Along each axis."""
 
 ROOM = 40
-"""Pairs for each vehicle that are first made room for; where there are more it is all looked for again."""
+"""Pairs per vehicle for which memory is allocated first; with more pairs the search is repeated."""
 
 FEW = 200
-"""Up to so many vehicles looking at every pair is faster than sorting them into cells."""
+"""Up to this many vehicles, comparing all pairs is faster than sorting them into cells."""
 
 
 @kernel
@@ -30,12 +30,12 @@ def near_pairs(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Ro
     Args:
         position_m: (n, 3), any frame.
         takes_part: (n,) the positions of these are finite.
-        radius_m: (n,) how far each one looks.
+        radius_m: (n,) radius of each one's search.
     """
     if len(position_m) <= FEW:
         return near_pairs_of(takes_part, position_m, takes_part, radius_m)
     rows, start, cells, across = _sorted_into_cells(position_m, takes_part, radius_m)
-    place_m, look_m = position_m[rows], radius_m[rows]  # side by side in memory, cell by cell
+    place_m, look_m = position_m[rows], radius_m[rows]  # contiguous in memory, cell by cell
     first, second = np.empty(ROOM * len(rows), np.intp), np.empty(ROOM * len(rows), np.intp)
     found = _write_pairs(rows, start, cells, across, place_m, look_m, first, second)
     if found > len(first):
@@ -46,7 +46,7 @@ def near_pairs(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Ro
 
 @kernel
 def near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
-    """As `near_pairs`, but only pairs of which at least one is in `some` (n,), by looking at all of them."""
+    """As `near_pairs`, but only pairs of which at least one is in `some` (n,), by comparing all pairs."""
     n, found = len(position_m), 0
     room = n * some.sum()
     first, second = np.empty(room, np.intp), np.empty(room, np.intp)
@@ -56,7 +56,7 @@ def near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Arr
         x_m, y_m, z_m, own_m = position_m[i, 0], position_m[i, 1], position_m[i, 2], radius_m[i]
         for j in range(n):
             if j <= i and some[j]:
-                continue  # has been looked at from j
+                continue  # already found from j
             dx, dy, dz = position_m[j, 0] - x_m, position_m[j, 1] - y_m, position_m[j, 2] - z_m
             reach_m = own_m + radius_m[j]
             if takes_part[j] and dx * dx + dy * dy + dz * dz < reach_m * reach_m:
@@ -76,7 +76,7 @@ def _write_pairs(
     first: Rows,
     second: Rows,
 ) -> int:
-    """Write the near pairs into `first` and `second` as far as there is room. Returns: how many there are."""
+    """Write the near pairs into `first` and `second` while there is room. Returns: their number."""
     found, room = 0, len(first)
     for a in range(len(rows)):
         x_m, y_m, z_m, own_m = place_m[a, 0], place_m[a, 1], place_m[a, 2], look_m[a]
@@ -98,7 +98,7 @@ def _write_pairs(
 def _sorted_into_cells(
     position_m: Array, takes_part: Mask, radius_m: Array
 ) -> tuple[Rows, Rows, NDArray[np.int64], int]:
-    """Rows that take part, cell by cell; where each cell begins; each one's cell (k, 3); cells an axis."""
+    """Participating rows, cell by cell; start of each cell; cell of each row (k, 3); cells per axis."""
     members = np.flatnonzero(takes_part)
     count = len(members)
     low_m, wide_m = _middle(position_m, members)
@@ -130,7 +130,7 @@ def _sorted_into_cells(
 
 @kernel
 def _middle(position_m: Array, members: Rows) -> tuple[Array, float]:
-    """Low corner (3,) and edge of the cube in which most of them are."""
+    """Low corner (3,) and edge of the cube that contains most of them."""
     count = max(len(members), 1)
     mean_m, largest_m2 = np.zeros(3), 0.0
     for axis in range(3):

@@ -11,35 +11,35 @@ from gcs.safety.constraints import NOBODY, Constraints
 from gcs.safety.neighbours import Rows
 
 NEARLY_M_S = 1e-6
-"""A constraint broken by less than this does not take part; a row changed by less rests."""
+"""A constraint broken by less than this does not take part; a row changed by less counts as at rest."""
 
 TOLERANCE_M_S = 1e-3
-"""What the projection may leave broken before rows are shrunk."""
+"""Violation that the projection may leave before rows are shortened."""
 
 SETTLED_M_S = 1e-4
 """The sweeps end when none of them changes a velocity by more."""
 
 SWEEPS = 100
-"""At most, over the constraints in hand. What they leave undone, the shrinking afterwards does."""
+"""Most sweeps over the active constraints. Shortening resolves what they leave."""
 
 ROUNDS = 4
-"""How often constraints that were broken on the way are taken in hand too."""
+"""Most rounds in which constraints broken by the sweeps become active."""
 
 SHRINKS = 60
-"""By the factors needed; after that, rows that still approach come to rest."""
+"""Most shortenings by the required factors; after that, rows that still approach come to rest."""
 
 VISITS = 4_000_000
-"""Of constraints by the sweeps, and by the shrinking: where many contradict each other, a tick must end."""
+"""Most visits of constraints, by the sweeps and by shortening: a tick must end even with contradictions."""
 
 FEWEST = 8
-"""Sweeps and shrinkings there are always."""
+"""Least number of sweeps and shortenings."""
 
 
 def project(desired_m_s: Array, constraints: Constraints) -> Array:
     """Change the velocities as little as possible (least squares) so that all constraints hold.
 
     Hildreth's method, forwards and backwards in turn, until it settles: the nearest point is unique, so the
-    order of the constraints does not matter. Only constraints that are broken, or were on the way, take part.
+    order of the constraints does not matter. Only constraints that are or were broken take part.
 
     Args:
         desired_m_s: (n, 3), finite.
@@ -83,7 +83,7 @@ def along_m_s(velocity_m_s: Array, i: int, normal: Array, k: int) -> float:
 
 @kernel
 def slack_m_s(velocity_m_s: Array, i: int, j: int, normal: Array, bound_m_s: Array, k: int) -> float:
-    """How far constraint k, of rows i and j (or NOBODY), is from being broken; negative: broken."""
+    """Distance of constraint k, of rows i and j (or NOBODY), from being broken; negative: broken."""
     slack: float = along_m_s(velocity_m_s, i, normal, k) - bound_m_s[k]
     if j != NOBODY:
         slack -= along_m_s(velocity_m_s, j, normal, k)
@@ -94,8 +94,10 @@ def slack_m_s(velocity_m_s: Array, i: int, j: int, normal: Array, bound_m_s: Arr
 def nearest(desired_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Array:
     """As `project`, on arrays: rows (k,), (k,), normals (k, 3), bounds (k,).
 
-    The constraints in hand lie side by side in memory. Most rows come to rest within a few sweeps, where only
-    few constraints touch each other; a sweep passes over those whose rows rest, which would not change.
+    The active constraints are contiguous in memory. Most rows come to rest within a few sweeps, where only
+    few
+    constraints touch each other; a sweep skips constraints whose rows are at rest, because they would not
+    change.
     """
     velocity_m_s = desired_m_s.copy()
     taken = np.zeros(len(first), np.bool_)
@@ -137,10 +139,10 @@ def _sweep(
 
     Args:
         velocity_m_s: (n, 3), changed.
-        force_m_s: (k,) by how much each constraint pushes, changed.
+        force_m_s: (k,) push of each constraint, changed.
         moved_in: (n,) the last sweep that moved each row, changed.
         sweep: the number of this one; every other one goes backwards.
-        in_hand: the constraints.
+        in_hand: the active constraints.
 
     Returns: the largest change of a velocity.
     """
@@ -173,7 +175,6 @@ def _sweep(
 
 @kernel
 def _add(velocity_m_s: Array, i: int, x_m_s: float, y_m_s: float, z_m_s: float) -> None:
-    """Change row i, in place."""
     velocity_m_s[i, 0] += x_m_s
     velocity_m_s[i, 1] += y_m_s
     velocity_m_s[i, 2] += z_m_s
@@ -230,9 +231,9 @@ def _demand(factor: Array, i: int, j: int, approach_m_s: float, other_m_s: float
 
 @kernel
 def tightest(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Rows:
-    """(n,) for each row the constraint on it that velocities (n, 3) break most, or come nearest to breaking.
+    """(n,) for each row the constraint that velocities (n, 3) break most, or come nearest to breaking.
 
-    NOBODY where there is none.
+    NOBODY for a row without constraints.
     """
     least_m_s, which = np.full(len(velocity_m_s), np.inf), np.full(len(velocity_m_s), NOBODY)
     for k in range(len(first)):

@@ -15,13 +15,15 @@ TINY = 1e-9
 
 
 class Floor(Settings):
-    """No pair may be inside: semi-axes of the ellipsoid, centre to centre, and what is kept on top of it."""
+    """The minimum-separation ellipsoid (semi-axes, centre to centre) that no pair may enter, and margins."""
 
     horizontal_m: Positive = 2.0
     vertical_m: Positive = 3.0
-    margin_m: NotNegative = 0.3  # added horizontally, in proportion vertically: half for each one's tracking
-    uncertainty_m: NotNegative = 0.35  # of each vehicle's position, where it is not known better
-    vertical_uncertainty: Positive = 2.0  # times that up and down (recorded: 0.41 m against 0.19 m)
+    margin_m: NotNegative = (
+        0.3  # added horizontally, in proportion vertically: half of it for each vehicle's tracking
+    )
+    uncertainty_m: NotNegative = 0.35  # of each vehicle's position, where none is reported
+    vertical_uncertainty: Positive = 2.0  # factor for up and down (recorded: 0.41 m against 0.19 m)
     pad_height_m: NotNegative = 2.0  # pairs that are both below this height on their pads are exempt
 
     @property
@@ -30,7 +32,7 @@ class Floor(Settings):
         return np.array([1.0, 1.0, self.horizontal_m / self.vertical_m])
 
     def kept_m(self, uncertainty_m: float) -> tuple[float, float]:
-        """Semi-axes, sideways and up, with margin, for a pair whose uncertainties add up to that."""
+        """Semi-axes, sideways and up, with margin, for a pair with this sum of uncertainties."""
         stretch = self.vertical_m / self.horizontal_m
         return (
             self.horizontal_m + self.margin_m + uncertainty_m,
@@ -45,11 +47,11 @@ class Floor(Settings):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """k constraints between vehicles, as `Constraints`, without words. Owns its arrays."""
+    """k constraints between vehicles, as `Constraints`, without reasons. Owns its arrays."""
 
     first: Rows  # (k,) row i, commanded
-    second: Rows  # (k,) row j where it is commanded too, or NOBODY
-    other: Rows  # (k,) row j in any case
+    second: Rows  # (k,) row j if it is commanded, else NOBODY
+    other: Rows  # (k,) row j
     normal: Array  # (k, 3)
     bound_m_s: Array  # (k,)
 
@@ -77,8 +79,11 @@ def scaled_distance_m(position_m: Array, first: Rows, second: Rows, floor: Floor
 
 
 def minimum_separation(position_m: Array, airborne: Mask, floor: Floor) -> tuple[float, int]:
-    """Smallest true distance of the pairs that count (inf without any), and how many are inside the floor."""
-    position_m, airborne = np.array(position_m), np.array(airborne)  # frozen arrays are another type to numba
+    """Smallest true distance of the pairs that count (inf without any), and the number inside the floor."""
+    position_m, airborne = (
+        np.array(position_m),
+        np.array(airborne),
+    )  # numba compiles frozen arrays as another type
     semi_axes = floor.horizontal_m, floor.vertical_m, floor.pad_height_m
     least_m, inside = _closest(position_m, airborne, *semi_axes)
     return least_m, inside
@@ -88,14 +93,16 @@ def minimum_separation(position_m: Array, airborne: Mask, floor: Floor) -> tuple
 def _closest(
     position_m: Array, airborne: Mask, horizontal_m: float, vertical_m: float, pad_height_m: float
 ) -> tuple[float, int]:
-    """As `minimum_separation`: of the pairs that are near, looking twice as far until one of them counts."""
+    """As `minimum_separation`: of the near pairs; the search radius doubles until one of them counts."""
     known, extent_m = np.empty(len(position_m), np.bool_), 0.0
     for i in range(len(position_m)):
         widest_m = max(abs(position_m[i, 0]), abs(position_m[i, 1]), abs(position_m[i, 2]))
         known[i] = np.isfinite(position_m[i, 0] + position_m[i, 1] + position_m[i, 2])
         if known[i]:
             extent_m = max(extent_m, widest_m)
-    look_m = 2.0 * max(horizontal_m, vertical_m)  # formations are hardly wider: mostly once is enough
+    look_m = 2.0 * max(
+        horizontal_m, vertical_m
+    )  # vehicles of a formation are hardly farther apart: mostly one search is enough
     farthest_m = 2.0 * np.sqrt(3.0) * extent_m + look_m
     while True:
         first, second = near_pairs(position_m, known, np.full(len(position_m), look_m / 2.0))
@@ -117,7 +124,7 @@ def _closest_of(
     vertical_m: float,
     pad_height_m: float,
 ) -> tuple[float, int]:
-    """Of those pairs (k,) that count: the smallest distance, and how many are inside the floor."""
+    """Of those pairs (k,) that count: the smallest distance, and the number inside the floor."""
     least_m2, inside = np.inf, 0
     for k in range(len(first)):
         i, j = first[k], second[k]
@@ -149,25 +156,29 @@ def separation_constraints(
     spare_m_s: Array,
     only: Mask | None = None,
 ) -> Pairs:
-    """Bound the closing speed of every pair that could come too close, by what can still be braked.
+    """Bound the closing speed of every pair that could come too close to the speed that can still be braked.
 
-    Where both are commanded they share the duty, as the projection finds cheapest; where one is not (held
-    by its autopilot, flown by a pilot), the other yields all the way to its measured velocity.
+    Where both are commanded, both are restrained, as the projection finds cheapest. Where one is not (held by
+    its
+    autopilot, flown by a pilot), the other gives way completely to its measured velocity.
 
     Args:
         position_m: (n, 3), show frame; NaN rows take no part.
-        velocity_m_s: (n, 3) measured. What of it closes the gap goes on for ``braking.lead_s``.
+        velocity_m_s: (n, 3) measured. Its closing part continues for ``braking.lead_s``.
         commanded: (n,) True where this tick sends a setpoint.
         airborne: (n,) True where a vehicle is in the air or may be.
         floor: ellipsoid and margin.
-        braking: how surely vehicles stop.
+        braking: how vehicles stop.
         uncertainty_m: (n,) of the positions, sideways; added to the margin.
-        course_m_s: (n, 3) velocities wanted of the commanded ones.
-        spare_m_s: (n,) by how much each one's velocity may come to differ from that. Pairs whose constraint
-            no such velocities break are left out.
-        only: (n,) pairs without one of these are left out too.
+        course_m_s: (n, 3) desired velocities of the commanded vehicles.
+        spare_m_s: (n,) by how much each velocity may come to differ from that. Pairs whose constraint no such
+            velocities break are left out.
+        only: (n,) pairs without one of these are also left out.
     """
-    position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)  # frozen: another type to numba
+    position_m, uncertainty_m = (
+        np.array(position_m),
+        np.array(uncertainty_m),
+    )  # numba compiles frozen arrays as another type
     commanded, airborne = np.array(commanded), np.array(airborne)
     wide_m, tall_m = floor.kept_m(0.0)
     known, measured_m_s, course_m_s, spare_m_s, look_m = _looks(
@@ -221,9 +232,9 @@ def _looks(
     floor: tuple[float, float, float],
     braking: tuple[float, float, float],
 ) -> tuple[Mask, Array, Array, Array, Array]:
-    """Who is known, how each moves, is wanted to and may come to, and how far each must look around.
+    """Which vehicles are known, their measured and desired velocities, and each one's search radius.
 
-    Returns: (n,) known, (n, 3) measured, (n, 3) course, (n,) spare, (n,) half the distance to look at, m.
+    Returns: (n,) known, (n, 3) measured, (n, 3) course, (n,) spare, (n,) half the distance to search, m.
     """
     wide_m, tall_m, taller = floor
     reaction_s, lead_s, deceleration_m_s2 = braking
@@ -236,14 +247,15 @@ def _looks(
         for k in range(3):
             known[i] &= np.isfinite(position_m[i, k])
             if not np.isfinite(measured[i, k]):
-                measured[i, k] = 0.0  # unknown: at least keep away
+                measured[i, k] = 0.0  # unknown: others at least keep away
             if not commanded[i]:
                 course[i, k] = measured[i, k]
-            mean[k] += course[i, k] / n  # what all share brings nobody near
+            mean[k] += course[i, k] / n  # the common velocity brings no pair closer
         spare[i] = spare_m_s[i] if commanded[i] else 0.0
         wider_m, taller_m = wide_m + 2.0 * uncertainty_m[i], tall_m + 2.0 * taller * uncertainty_m[i]
         flat = max(flat, taller_m / wider_m, wider_m / taller_m)
-    # Along the gradient the gap may look shorter than the way to the ellipsoid: Kantorovich's inequality.
+    # Along the gradient the gap may look shorter than the distance to the ellipsoid: Kantorovich's
+    # inequality.
     longer = (1.0 + flat**2) / (2.0 * flat)
     for i in range(n):
         drift2, stray2 = 0.0, 0.0
@@ -289,7 +301,9 @@ def _bounds(
             continue
         unsure_m = uncertainty_m[i] + uncertainty_m[j]
         pair_wide_m, pair_tall_m = wide_m + unsure_m, tall_m + taller * unsure_m
-        if not (airborne[i] and airborne[j]):  # who stands on the ground has no tracking that needs a margin
+        if not (
+            airborne[i] and airborne[j]
+        ):  # a vehicle on the ground has no tracking error and needs no margin
             pair_wide_m, pair_tall_m = pair_wide_m - own_wide_m, pair_tall_m - own_tall_m
         gap_m, x, y, z = _gap(position_m, i, j, pair_wide_m, pair_tall_m)
         desired_m_s = spare_m_s[i] + spare_m_s[j] - _along(course_m_s, i, j, x, y, z)
@@ -310,7 +324,7 @@ def _bounds(
 
 @kernel
 def _along(velocity_m_s: Array, i: int, j: int, x: float, y: float, z: float) -> float:
-    """How fast i moves away from j along (x, y, z)."""
+    """Speed of i away from j along (x, y, z)."""
     away_m_s: float = (
         x * (velocity_m_s[i, 0] - velocity_m_s[j, 0])
         + y * (velocity_m_s[i, 1] - velocity_m_s[j, 1])
@@ -323,7 +337,7 @@ def _along(velocity_m_s: Array, i: int, j: int, x: float, y: float, z: float) ->
 def _gap(
     position_m: Array, i: int, j: int, wide_m: float, tall_m: float
 ) -> tuple[float, float, float, float]:
-    """True metres from i to the ellipsoid about j, along the unit normal that follows."""
+    """Distance in true metres from i to the ellipsoid about j, along the unit normal that follows."""
     flat = wide_m / tall_m
     x, y = position_m[i, 0] - position_m[j, 0], position_m[i, 1] - position_m[j, 1]
     z = (position_m[i, 2] - position_m[j, 2]) * flat
@@ -345,16 +359,17 @@ def keepout_constraints(
     uncertainty_m: Array,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
-    """Keep the commanded vehicles away from what lost vehicles may sweep.
+    """Keep the commanded vehicles away from the space that lost vehicles may sweep.
 
     Args:
         position_m: (n, 3), show frame.
         commanded: (n,).
         segments_m: (m, 2, 3) straight pieces of the paths that lost vehicles may take.
         floor: as between vehicles.
-        braking: how surely vehicles stop.
-        uncertainty_m: (n,) of the positions; that of the lost is the floor's own.
-        fastest_m_s: as in `separation_constraints`; what twice that could not reach is left out.
+        braking: how vehicles stop.
+        uncertainty_m: (n,) of the positions; that of lost vehicles is the floor's own.
+        fastest_m_s: as in `separation_constraints`; constraints that twice this speed cannot break are left
+        out.
     """
     if len(segments_m) == 0 or not commanded.any():
         return Constraints.none()
@@ -379,7 +394,7 @@ def _true_bound(slope: Array, scaled_gap_m: Array, braking: Braking) -> tuple[Ar
     """Unit normals (k, 3) and bounds (k,) in true metres a second.
 
     `slope` (k, 3) is the gradient of the scaled distance; the gap in true metres along it is the scaled
-    gap over its length.
+    gap divided by its length.
     """
     length = np.linalg.norm(slope, axis=1)
     return slope / length[:, None], -braking.speed_m_s(scaled_gap_m / length)

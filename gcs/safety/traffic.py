@@ -1,11 +1,4 @@
-"""Rules of the road for vehicles that fly to places of their own: keep right; let pass who is nearly there.
-
-A filter that only restrains ends in a jam where many ways cross: everybody is right to brake, and nobody
-moves. Looking ahead along the whole way costs less. Whoever would meet others keeps to the right of its
-straight way, so that opposite traffic parts, and a crowd whose ways all cross in one point goes round that
-point, all the same way round. And where two meet, who has much farther to go gives way: if both did by
-halves, as the filter has it, one with a few metres to its place would be pushed along by whoever comes by.
-"""
+"""Rules of the road for vehicles with goals of their own: keep right; the one nearer to its goal goes first."""
 
 from math import radians
 from typing import Annotated, Self
@@ -20,24 +13,26 @@ from gcs.model.state import Array, Mask
 from gcs.safety.neighbours import Rows, near_pairs
 
 STANDING_M_S = 0.2
-"""Who wants less than this stands where it is."""
+"""A vehicle with a lower desired speed counts as standing."""
 
 STRAIGHT_UP_M = 1e-6
-"""A way that leads less far to the side has no right; it takes one by whether it leads up or down."""
+"""A path with less horizontal extent has no right side; its side depends on whether it leads up or down."""
 
 
 MUCH_NEARER = 0.5
-"""Who has less than this share of another's time left is let pass. Between equals the filter decides."""
+"""A vehicle with less than this share of another's time left has right of way; else the filter decides."""
 
 
 class Traffic(Settings):
-    """How far vehicles keep to the right of their straight way, and from where on they give way."""
+    """How far vehicles keep to the right of their straight path, and from which distance they give way."""
 
     angle_max_deg: Annotated[float, Field(ge=0.0, le=60.0)] = 45.0  # 0: always straight on
-    passing_m: Positive = 8.0  # closer than this, sideways, is a meeting
-    crowd: Positive = 4.0  # so many meetings bring two thirds of the greatest angle
-    horizon_s: NotNegative = 10.0  # for how long the others are expected to go on, if they have no goal
-    give_way_m: NotNegative = 10.0  # nearer than this they begin to, at `give_way_fully_m` they do; 0: never
+    passing_m: Positive = 8.0  # a closer approach, sideways, is a meeting
+    crowd: Positive = 4.0  # this many meetings produce two thirds of the greatest angle
+    horizon_s: NotNegative = 10.0  # for how long vehicles without a goal are expected to go on
+    give_way_m: NotNegative = (
+        10.0  # giving way begins at this distance and is complete at `give_way_fully_m`; 0: never
+    )
     give_way_fully_m: NotNegative = 6.0
 
     @model_validator(mode="after")
@@ -62,20 +57,21 @@ def keep_right(
     flatness: float,
     settings: Traffic,
 ) -> Array:
-    """Turn those on their way to a goal to the right, the more others they would meet on it.
+    """Turn vehicles on their way to a goal to the right, the more vehicles they would meet.
 
-    It looks along the straight ways to their ends, so that the crowd is seen before it is there, and needs
-    no memory: where the way is free again, it is flown straight.
+    It looks along the straight paths to their ends, so that a crowd is seen before it forms. It needs no
+    memory:
+    where the path is free again, it is flown straight.
 
     Args:
-        desired_m_s: (n, 3), show frame: straight to the goal, or what else is wanted.
+        desired_m_s: (n, 3), show frame: straight to the goal, or another desired velocity.
         position_m: (n, 3), show frame; NaN rows take no part.
-        velocity_m_s: (n, 3) measured: those who are not commanded go on with it.
+        velocity_m_s: (n, 3) measured: vehicles that are not commanded continue with it.
         goal_m: (n, 3); only rows of `to_goal` count.
-        to_goal: (n,) who may be turned. On the way down to a pad one may not.
+        to_goal: (n,) vehicles that may be turned. A vehicle descending to a pad may not.
         commanded: (n,).
-        airborne: (n,) who is met at all.
-        flatness: how much less a metre up and down counts than one sideways.
+        airborne: (n,) vehicles that can be met.
+        flatness: weight of a metre up and down, relative to one sideways.
         settings: angle and look-ahead.
 
     Returns: (n, 3) in m/s, each row as fast as before or, where it leads up or down, little faster.
@@ -103,18 +99,19 @@ def keep_right(
 def give_way(
     desired_m_s: Array, position_m: Array, goal_m: Array, *, to_goal: Mask, flatness: float, settings: Traffic
 ) -> Array:
-    """Take from those with far to go what brings them nearer to somebody close by who is nearly there.
+    """Remove from vehicles with far to go the approach to a close vehicle that is nearly at its goal.
 
-    Seen from who is let pass the other no longer comes nearer: it stops, backs off or slides by. Each gives
-    way to one at a time, the one on whom it closes in the most. It needs no memory either.
+    Seen from the vehicle with right of way, the other no longer comes nearer: it stops, backs off or slides
+    past.
+    Each vehicle gives way to one at a time, the one on which it closes in the most. It needs no memory.
 
     Args:
         desired_m_s: (n, 3), show frame.
         position_m: (n, 3), show frame; NaN rows take no part.
         goal_m: (n, 3); only rows of `to_goal` count.
-        to_goal: (n,) who gives way, and to whom way is given.
-        flatness: how much less a metre up and down counts than one sideways.
-        settings: from where on.
+        to_goal: (n,) vehicles that give way or get right of way.
+        flatness: weight of a metre up and down, relative to one sideways.
+        settings: the distances.
 
     Returns: (n, 3) in m/s.
     """
@@ -136,7 +133,7 @@ def give_way(
 
 
 def _to_the_right(velocity_m_s: Array, way_m: Array, angle_rad: Array) -> Array:
-    """(n, 3) turned by (n,) towards the right-hand side of the ways (n, 3), seen from above."""
+    """(n, 3) turned by (n,) towards the right-hand side of the paths (n, 3), seen from above."""
     speed_m_s = np.linalg.norm(velocity_m_s, axis=1)
     aside_m = np.hypot(way_m[:, 0], way_m[:, 1])
     upright = aside_m < STRAIGHT_UP_M
@@ -152,15 +149,15 @@ def _to_the_right(velocity_m_s: Array, way_m: Array, angle_rad: Array) -> Array:
 def count_meetings(
     members: Rows, turned: Mask, position_m: Array, course_m_s: Array, lasts_s: Array, passing_m: float
 ) -> Array:
-    """(n,) how many others each would meet, going straight on: each counts 1 head-on, 0 at `passing_m`.
+    """(n,) meetings of each vehicle, all going straight on: each counts 1 head-on, 0 at `passing_m`.
 
     Args:
         members: (k,) rows that take part.
-        turned: (n,) for whom it is counted.
+        turned: (n,) rows for which meetings are counted.
         position_m: (n, 3), in a metric in which the floor is a sphere.
-        course_m_s: (n, 3), likewise.
+        course_m_s: (n, 3), in the same metric.
         lasts_s: (n,) how long each goes on.
-        passing_m: the distance that is none of anybody's concern.
+        passing_m: distance from which on a pass does not count.
     """
     meetings = np.zeros(len(position_m))
     for a in range(len(members)):
@@ -191,15 +188,15 @@ def count_meetings(
 def approach_given_up(
     desired_m_s: Array, position_m: Array, left_s: Array, takes_part: Mask, fully_m: float, begins_m: float
 ) -> Array:
-    """(n, 3) what each has to take from its wanted velocity to give way.
+    """(n, 3) what each has to subtract from its desired velocity to give way.
 
     Args:
         desired_m_s: (n, 3), in a metric in which the floor is a sphere.
-        position_m: (n, 3), likewise.
+        position_m: (n, 3), in the same metric.
         left_s: (n,) how long each still has to go.
-        takes_part: (n,) everything else of these is finite.
-        fully_m: from this distance on the approach is given up wholly.
-        begins_m: and from this one on in part.
+        takes_part: (n,) all other values of these rows are finite.
+        fully_m: up to this distance the whole approach is given up.
+        begins_m: up to this distance a part of it.
     """
     given_up_m_s = np.zeros_like(desired_m_s)
     most_m_s = np.zeros(len(desired_m_s))

@@ -13,7 +13,7 @@ from gcs.safety.neighbours import Rows
 
 
 class Fence(Settings):
-    """Where vehicles may be: heights above the show's origin, and distance from it over the ground."""
+    """The volume that no vehicle may leave: heights above the show's origin, and distance over the ground."""
 
     height_min_m: Positive = 3.0
     height_max_m: Positive = 100.0
@@ -29,16 +29,16 @@ def fence_constraints(
     *,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
-    """Bound the speed towards the fence by what can still be braked.
+    """Bound the speed towards the fence to the speed that can still be braked.
 
     Args:
         position_m: (n, 3), show frame.
         commanded: (n,).
-        descending: (n,) True where a vehicle is on its way to the ground and may go below the least height.
-        fence: where they may be.
-        braking: how surely they stop.
-        fastest_m_s: nobody may fly faster, in any direction. Where twice that could still be braked, there
-            is no constraint: no velocity within the limits breaks it.
+        descending: (n,) True where a vehicle descends to land and may go below the least height.
+        fence: its limits.
+        braking: how vehicles stop.
+        fastest_m_s: greatest speed of any vehicle, in any direction. Where twice this speed could still be
+            braked, there is no constraint: no velocity within the limits breaks it.
     """
     rows, sides, normal, bound_m_s = _fence_rows(
         np.array(position_m),
@@ -111,16 +111,16 @@ def obstacle_constraints(
     """Bound the speed towards each box grown by its margin and headroom, relative to the box itself.
 
     The law goes around the ellipse; the wall is the box inside it, which is convex: one half-space along the
-    shortest way to it, over its top and past its edges too. Who is inside is led out where that is nearest,
-    and does not sink meanwhile.
+    shortest way to it, also over its top and past its edges. A vehicle inside is led out the nearest way, and
+    does not descend meanwhile.
 
     Args:
         position_m: (n, 3), show frame.
         commanded: (n,).
         ellipses: by obstacle id; margin and headroom included.
-        braking: how surely vehicles stop.
-        fastest_m_s: nobody may fly faster, in any direction. Where twice that could still be braked, there
-            is no constraint: no velocity within the limits breaks it.
+        braking: how vehicles stop.
+        fastest_m_s: greatest speed of any vehicle, in any direction. Where twice this speed could still be
+            braked, there is no constraint: no velocity within the limits breaks it.
     """
     if not ellipses:
         return Constraints.none()
@@ -160,9 +160,9 @@ def obstacle_constraints(
 def nearest_way_out(
     position_m: Array, center_m: Array, half_length_m: Array, top_height_m: Array
 ) -> tuple[Array, Array]:
-    """Unit vectors (n, m, 3) away from boxes on the ground, and how far outside everybody is, (n, m).
+    """Unit vectors (n, m, 3) away from boxes on the ground, and the distance of each vehicle outside, (n, m).
 
-    Inside, the way out is through the nearest side or the top, and the distance negative.
+    Inside, the way out is through the nearest side or the top, and the distance is negative.
 
     Args:
         position_m: (n, 3), show frame.
