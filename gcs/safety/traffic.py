@@ -1,4 +1,4 @@
-"""Rules of the road for vehicles with goals of their own: keep right; the one nearer to its goal goes first."""
+"""Rules of the road for vehicles with goals of their own: keep right; the one nearer its goal goes first."""
 
 from math import radians
 from typing import Annotated, Self
